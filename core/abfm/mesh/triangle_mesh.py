@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import copy
+from collections.abc import Callable, Iterable
 from functools import cached_property, wraps
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from abfm.errors import FunctionError
+from abfm.mesh.checks import check
+from abfm.mesh.topology import BoolArray, FloatArray, IntArray, connected, next_corner
+
 Result = TypeVar("Result")
+Array = TypeVar("Array", bound=np.ndarray[Any, Any])
 
 
 def per_mesh(build: Callable[[TriangleMesh], Result]) -> Callable[[TriangleMesh], Result]:
@@ -31,19 +34,88 @@ def per_mesh(build: Callable[[TriangleMesh], Result]) -> Callable[[TriangleMesh]
 class TriangleMesh:
     """An oriented, connected, edge-manifold triangle mesh, with or without boundary.
 
+    Refused: no vertices or faces, wrong shapes or types, coordinates that are not finite or overflow, indices out of
+    range, degenerate or duplicate faces, edges with more than two faces, one-sided surfaces, several components.
+    Repaired, with a message: faces that disagree on a side are turned over (outward where the surface is closed,
+    otherwise to the side that most faces have), vertices that no face uses are dropped. Pinched vertices are
+    only reported.
+
     Parameters
     ----------
     vertices : (V, 3) array of float
+        Copied.
     faces : (F, 3) array of int
+        Vertices of each triangle, counted from 0. Copied.
+    largest_component : bool
+        Of several components keep the one with the largest area, with a message, instead of refusing the mesh.
+    messages : iterable of str
+        What was already done to the input, put before the messages of the checks.
+
+    Attributes
+    ----------
+    vertices : (V, 3) array of float
+    faces : (F, 3) array of int
+    vertex_ids : (V,) array of int
+        Row of the input, or of the file, that each vertex came from; ascending.
+    face_ids : (F,) array of int
+        The same for faces.
+    file_vertex_count : int
+        Number of vertices of the input.
+    messages : tuple of str
+        What was repaired or is worth a warning; one line each.
+    edges : (E, 2) array of int
+        Vertex pairs, smaller index first.
+    face_edges : (F, 3) array of int
+        Index of the edge opposite each corner.
+    cache : dict
+        What :func:`per_mesh` keeps.
+
+    Raises
+    ------
+    MeshError
+        Naming the defect, how often it occurs, an example as the input counts, and what to do.
     """
 
-    def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        self.vertices: FloatArray = np.array(vertices, dtype=np.float64)
-        self.faces: IntArray = np.array(faces, dtype=np.int64)
-        self.vertex_ids: IntArray = np.arange(len(self.vertices))
-        self.file_vertex_count = len(self.vertices)
-        self.messages: tuple[str, ...] = ()
-        self.cache: dict[Any, Any] = {}
+    vertices: FloatArray
+    faces: IntArray
+    vertex_ids: IntArray
+    face_ids: IntArray
+    file_vertex_count: int
+    messages: tuple[str, ...]
+    edges: IntArray
+    face_edges: IntArray
+    cache: dict[Any, Any]
+    _slots: IntArray
+    _fans: IntArray
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        largest_component: bool = False,
+        messages: Iterable[str] = (),
+    ) -> None:
+        draft, connectivity = check(vertices, faces, largest_component)
+        self.__dict__.update(
+            vertices=_frozen(draft.vertices),
+            faces=_frozen(draft.faces),
+            vertex_ids=_frozen(draft.vertex_ids),
+            face_ids=_frozen(draft.face_ids),
+            file_vertex_count=draft.input_vertex_count,
+            messages=(*messages, *draft.messages),
+            edges=_frozen(connectivity.edges),
+            face_edges=_frozen(connectivity.face_edges),
+            cache={},
+            _slots=_frozen(connectivity.slots),
+            _fans=_frozen(connectivity.fans),
+        )
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"a TriangleMesh does not change: make a new one instead of setting {name}")
+
+    def __repr__(self) -> str:
+        return f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
     @cached_property
     def length_scale(self) -> float:
@@ -57,35 +129,90 @@ class TriangleMesh:
         return _normalized(self)
 
     @cached_property
-    def _edge_data(self) -> tuple[IntArray, IntArray]:
-        f = self.faces
-        half = np.stack([f[:, [1, 2]], f[:, [2, 0]], f[:, [0, 1]]], axis=1).reshape(-1, 2)
-        edges, inverse = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True)
-        return edges, inverse.reshape(-1, 3)
-
-    @property
-    def edges(self) -> IntArray:
-        """(E, 2) vertex pairs, smaller index first."""
-        return self._edge_data[0]
-
-    @property
-    def face_edges(self) -> IntArray:
-        """(F, 3) index of the edge opposite each corner."""
-        return self._edge_data[1]
+    def edge_faces(self) -> IntArray:
+        """(E, 2) faces of each edge, smaller index first; the second is -1 on the boundary."""
+        return _frozen(self._slots // 3)
 
     @cached_property
     def is_boundary_edge(self) -> BoolArray:
         """(E,) True where an edge has one face."""
-        return np.bincount(self.face_edges.ravel(), minlength=len(self.edges)) == 1
+        return _frozen(self._slots[:, 1] < 0)
 
     @cached_property
     def is_boundary_vertex(self) -> BoolArray:
         """(V,) True where a vertex lies on the boundary."""
         mask = np.zeros(len(self.vertices), dtype=bool)
-        mask[self.edges[self.is_boundary_edge].ravel()] = True
-        return mask
+        mask[self.edges[self.is_boundary_edge]] = True
+        return _frozen(mask)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the surface has no boundary."""
+        return not self.is_boundary_edge.any()
+
+    @property
+    def euler_characteristic(self) -> int:
+        """V - E + F."""
+        return len(self.vertices) - len(self.edges) + len(self.faces)
+
+    @cached_property
+    def boundary_loop_count(self) -> int:
+        """Number of closed loops that make up the boundary; loops that touch at a pinched vertex count separately."""
+        start = next_corner(self._slots[self.is_boundary_edge, 0])
+        ends = np.stack([self._fans.ravel()[start], self._fans.ravel()[next_corner(start)]], axis=1)
+        loops = connected(self._fans.max() + 1, ends)
+        return len(np.unique(loops[ends]))
+
+    @cached_property
+    def genus(self) -> int:
+        """Number of handles, from ``V - E + F = 2 - 2 genus - loops``; pinched vertices count as cut apart."""
+        pieces = connected(len(self.faces), self.edge_faces[~self.is_boundary_edge]).max() + 1
+        characteristic = self._fans.max() + 1 - len(self.edges) + len(self.faces)
+        return int(2 * pieces - self.boundary_loop_count - characteristic) // 2
+
+    def local_vertex(self, index: int) -> int:
+        """Row in ``vertices`` of the vertex that the file calls ``index``, counted from 0.
+
+        Raises
+        ------
+        FunctionError
+            If the file has no such vertex, or it was dropped.
+        """
+        if not 0 <= index < self.file_vertex_count:
+            raise FunctionError(
+                f"there is no vertex {index}: the mesh has {self.file_vertex_count} vertices, "
+                f"numbered 0 to {self.file_vertex_count - 1}"
+            )
+        position = int(np.searchsorted(self.vertex_ids, index))
+        if position == len(self.vertices) or self.vertex_ids[position] != index:
+            raise FunctionError(f"vertex {index} was dropped, as no kept face uses it: choose another")
+        return position
+
+    def restrict(self, values: Array) -> Array:
+        """Rows of ``values`` that belong to the kept vertices: (file_vertex_count, ...) or (V, ...) to (V, ...).
+
+        Raises
+        ------
+        FunctionError
+            If ``values`` has neither length.
+        """
+        if len(values) == self.file_vertex_count:
+            return values[self.vertex_ids]  # type: ignore[return-value]
+        if len(values) == len(self.vertices):
+            return values
+        expected = f"{self.file_vertex_count} vertices"
+        if len(self.vertices) != self.file_vertex_count:
+            expected += f" ({len(self.vertices)} of them kept)"
+        raise FunctionError(f"{len(values)} values were given for a mesh of {expected}: give one per vertex")
+
+
+def _frozen(array: Array) -> Array:
+    array.flags.writeable = False
+    return array
 
 
 @per_mesh
 def _normalized(mesh: TriangleMesh) -> TriangleMesh:
-    return TriangleMesh(mesh.vertices / mesh.length_scale, mesh.faces)
+    scaled = copy.copy(mesh)
+    scaled.__dict__.update(vertices=_frozen(mesh.vertices / mesh.length_scale), length_scale=1.0, cache={})
+    return scaled

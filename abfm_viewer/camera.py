@@ -1,0 +1,76 @@
+"""Where to look from: a direction that shows the functions, and a distance that fills the picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.operators import face_areas, face_normals
+from abfm_viewer.opengl import ps
+
+FIELD_OF_VIEW = 18.0
+"""Vertical angle in degrees: narrow, so that shapes are hardly distorted."""
+_ELEVATIONS = np.radians([0, 12, 25, -12])
+_AZIMUTHS = np.radians(np.arange(0, 360, 10))
+
+
+@dataclass(frozen=True)
+class View:
+    """Two unit vectors (3,): from the mesh to the viewer, and up in the picture; they are perpendicular."""
+
+    direction: FloatArray
+    up: FloatArray
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A view from a position (3,) to a target (3,); `aspect` is width over height of what is to be seen."""
+
+    view: View
+    position: FloatArray
+    target: FloatArray
+    aspect: float
+
+    def place(self) -> None:
+        """Make polyscope look through this camera."""
+        ps.set_vertical_fov_degrees(FIELD_OF_VIEW)
+        ps.look_at_dir(self.position, self.target, self.view.up)
+
+
+def best_view(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> View:
+    """Look from where much surface is seen, and of every function (V,) its remarkable part; `up` is x, y or z.
+
+    A function's remarkable part is where it differs from its median; hiding behind another part is not considered.
+    """
+    axes = np.roll(np.eye(3), "xyz".index(up) - 1, axis=0)
+    azimuth, elevation = (grid.ravel() for grid in np.meshgrid(_AZIMUTHS, _ELEVATIONS))
+    around = np.stack([np.sin(azimuth), np.zeros(len(azimuth)), np.cos(azimuth)], axis=1) @ axes
+    directions = np.cos(elevation)[:, None] * around + np.sin(elevation)[:, None] * axes[1]
+    ups = np.cos(elevation)[:, None] * axes[1] - np.sin(elevation)[:, None] * around
+    facing = np.maximum(face_normals(mesh) @ directions.T, 0) * face_areas(mesh)[:, None]
+    surface = _share(facing, np.ones(len(mesh.faces)))
+    shares = [_share(facing, np.abs(f - np.median(f))[mesh.faces].mean(axis=1)) for f in functions]
+    best = np.argmax(np.min([surface, *shares], axis=0) + 0.2 * surface)
+    return View(directions[best], ups[best])
+
+
+def _share(facing: FloatArray, weights: FloatArray) -> FloatArray:
+    """For each direction how much of a weight on faces is seen, relative to the best direction."""
+    seen: FloatArray = weights @ facing
+    return seen / max(float(seen.max()), 1e-300)
+
+
+def fitted(vertices: FloatArray, view: View, aspect: float | None = None, margin: float = 0.04) -> Camera:
+    """Nearest camera of a view that sees all vertices (V, 3); without an aspect, the shape's own is taken."""
+    axes = np.stack([np.cross(view.up, view.direction), view.up, view.direction])
+    x, y, z = axes @ vertices.T
+    middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])
+    half_width, half_height = np.abs(x - middle[0]), np.abs(y - middle[1])
+    if aspect is None:
+        aspect = float(half_width.max() / half_height.max())
+    extent = np.maximum(half_width / aspect, half_height) * (1 + 2 * margin)
+    distance = float((z - middle[2] + extent / np.tan(np.radians(FIELD_OF_VIEW / 2))).max())
+    target = middle @ axes
+    return Camera(view, target + distance * view.direction, target, aspect)

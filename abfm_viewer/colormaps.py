@@ -1,0 +1,91 @@
+"""The two colour maps of every picture: one for functions with a zero in the middle, one for the others.
+
+Both keep the surface readable under a light: the value that most of a surface has is a light grey, and lightness falls
+steadily away from it, so that the pictures also work in print and for colour-blind readers.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.interpolate import PchipInterpolator
+
+FloatArray = NDArray[np.float64]
+
+# Colours in Oklab (lightness, green to red, blue to yellow), evenly spaced along the map.
+_STOPS = {
+    "abfm sequential": [
+        (0.93, 0.000, 0.004),
+        (0.84, 0.045, 0.085),
+        (0.70, 0.130, 0.110),
+        (0.55, 0.170, 0.090),
+        (0.36, 0.122, 0.052),
+    ],
+    "abfm diverging": [
+        (0.36, -0.010, -0.150),
+        (0.62, -0.035, -0.125),
+        (0.93, 0.000, 0.002),
+        (0.66, 0.150, 0.080),
+        (0.38, 0.130, 0.058),
+    ],
+}
+_TO_LMS = np.array([[1, 0.3963377774, 0.2158037573], [1, -0.1055613458, -0.0638541728], [1, -0.0894841775, -1.2914855480]])
+_TO_RGB = np.array(
+    [
+        [4.0767416621, -3.3077115913, 0.2309699292],
+        [-1.2684380046, 2.6097574011, -0.3413193965],
+        [-0.0041960863, -0.7034186147, 1.7076147010],
+    ]
+)
+
+
+@dataclass(frozen=True)
+class ColorRange:
+    """A colour map's name and the values at its two ends."""
+
+    colormap: str
+    low: float
+    high: float
+
+
+def color_range(*functions: FloatArray) -> ColorRange:
+    """One range for several functions: symmetric about 0 when they take both signs, else from least to greatest."""
+    low = min(float(function.min()) for function in functions)
+    high = max(float(function.max()) for function in functions)
+    largest = max(-low, high)
+    if min(-low, high) > 0.05 * largest:
+        return ColorRange("abfm diverging", -largest, largest)
+    if high - low <= 1e-12 * max(largest, 1e-300):
+        return ColorRange("abfm sequential", low - 0.5, high + 0.5)
+    return ColorRange("abfm sequential", low, high)
+
+
+def table(colormap: str, size: int = 256) -> FloatArray:
+    """The colours of a map from its low to its high end, (size, 3) sRGB in 0 to 1."""
+    linear = _linear_table(colormap, size)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def _linear_table(colormap: str, size: int) -> FloatArray:
+    stops = np.array(_STOPS[colormap])
+    oklab = PchipInterpolator(np.linspace(0, 1, len(stops)), stops)(np.linspace(0, 1, size))
+    return np.clip((oklab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0, 1)
+
+
+@contextmanager
+def image_files() -> Iterator[dict[str, str]]:
+    """Paths of image files of all maps, by name, for polyscope; they last as long as the context.
+
+    Their values are linear light, because polyscope applies the display's gamma after shading.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        paths = {name: f"{folder}/{number}.png" for number, name in enumerate(_STOPS)}
+        for name, path in paths.items():
+            Image.fromarray(np.round(255 * _linear_table(name, 1024)[None]).astype(np.uint8)).save(path)
+        yield paths

@@ -1,0 +1,57 @@
+"""The one door to polyscope: every other file takes `ps` from here.
+
+Where the machine cannot draw, importing this file or starting polyscope raises a `DrawingError` of one clear line;
+polyscope itself would crash without libEGL, and could not be imported without libX11.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+
+from abfm_viewer import colormaps, material
+from abfm_viewer.errors import DrawingError
+
+WINDOW = "openGL3_glfw"
+OFFSCREEN = "openGL3_egl" if sys.platform == "linux" else "auto"
+
+if sys.platform == "linux":
+    try:
+        for _library in ("libX11.so.6", "libGL.so.1", "libEGL.so.1"):
+            ctypes.CDLL(_library)
+    except OSError as _error:
+        raise DrawingError(f"cannot draw without OpenGL ({_error}); type: sudo apt-get install libegl1 libgl1") from None
+
+import polyscope as ps  # noqa: E402
+
+__all__ = ["OFFSCREEN", "WINDOW", "ps", "start"]
+
+
+def start(backend: str, width: int, height: int, title: str = "abfm") -> None:
+    """Start polyscope with a backend of its own naming, or only change the size in pixels of what it draws.
+
+    Raises
+    ------
+    DrawingError
+        Without a screen for a window, or where OpenGL does not start.
+    """
+    ps.set_window_size(width, height)
+    if ps.is_initialized():
+        return
+    if backend == WINDOW and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
+        raise DrawingError("no screen to open a window on; without one use `abfm match` and `abfm render`")
+    ps.set_verbosity(0)
+    ps.set_use_prefs_file(False)
+    ps.set_program_name(title)
+    try:
+        ps.init(backend)
+    except RuntimeError as error:
+        ps.init("openGL_mock")  # polyscope fails once more when Python exits unless something is running
+        reason = str(error).replace("[polyscope]", "").replace("[EXCEPTION]", "").replace("ERROR:", "").strip()
+        raise DrawingError(f"OpenGL did not start ({reason}); check the screen and the graphics driver") from None
+    with colormaps.image_files() as files:
+        for name, path in files.items():
+            ps.load_color_map(name, path)
+    with material.image_files() as pictures:
+        ps.load_blendable_material(material.NAME, filenames=pictures)

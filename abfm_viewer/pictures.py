@@ -1,0 +1,81 @@
+"""Still pictures of a match, drawn off the screen: from source to target on one colour range and one camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from PIL import Image
+
+from abfm.matching import Match
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm_viewer import material, opengl, sheet
+from abfm_viewer.camera import Camera, best_view, fitted
+from abfm_viewer.colormaps import ColorRange, color_range
+from abfm_viewer.opengl import ps
+
+_BLUE, _BLACK, _RED, _GREY = "#2455c3", "#111111", "#c62828", "#c9c9c9"
+
+
+def match_picture(
+    match: Match,
+    times: Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    channel: int = 0,
+    up: str = "y",
+) -> Image.Image:
+    """Source (blue frame), the source on its way, at tau (black frame), and target (red frame).
+
+    Parameters
+    ----------
+    times
+        When to show the source besides 0 and tau, in order; by default at a quarter, half and three quarters of tau.
+    size
+        Width and height in pixels; by default a wide sheet that fits the shape.
+    channel
+        Which of several pairs of functions to show.
+    up
+        The axis that points upwards: x, y or z.
+
+    Raises
+    ------
+    DrawingError
+        Where the machine cannot draw.
+    """
+    tau = match.parameters.tau
+    moments = sorted({*(tau * np.array([0.25, 0.5, 0.75]) if times is None else times), tau})
+    source, target = _channel(match.source, channel), _channel(match.target, channel)
+    advected = [_channel(match.advect(time), channel) for time in moments]
+    colors = color_range(source, target)
+
+    camera = fitted(match.mesh.vertices, best_view(match.mesh, source, target, up=up))
+    layout = sheet.grid(len(moments) + 2, camera.aspect, size)
+    pictures = surface_pictures(match.mesh, [source, *advected, target], colors, camera, layout)
+    tiles = [sheet.Tile(next(pictures), "source", _BLUE, bold=True)]
+    for time in moments:
+        matched = time == tau
+        label = f"t = {time:.4g}" + (", matched" if matched else "")
+        tiles.append(sheet.Tile(next(pictures), label, _BLACK if matched else _GREY, bold=matched))
+    tiles.append(sheet.Tile(next(pictures), "target", _RED, bold=True))
+    return sheet.compose(layout, tiles, colors)
+
+
+def _channel(function: FloatArray, channel: int) -> FloatArray:
+    return function.reshape(len(function), -1)[:, channel]
+
+
+def surface_pictures(
+    mesh: TriangleMesh, functions: Sequence[FloatArray], colors: ColorRange, camera: Camera, layout: sheet.Grid
+) -> Iterator[Image.Image]:
+    """Draw functions (V,) on a mesh, one transparent picture of the layout's tile size after the other."""
+    opengl.start(opengl.OFFSCREEN, layout.tile_width, layout.tile_height)
+    ps.remove_all_structures()
+    ps.set_ground_plane_mode("none")
+    ps.set_SSAA_factor(4)
+    surface = ps.register_surface_mesh("surface", mesh.vertices, mesh.faces, smooth_shade=True, material=material.NAME)
+    camera.place()
+    for function in functions:
+        surface.add_scalar_quantity(
+            "function", function, enabled=True, cmap=colors.colormap, vminmax=(colors.low, colors.high)
+        )
+        yield Image.fromarray(np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=True)))

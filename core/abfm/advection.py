@@ -1,0 +1,167 @@
+"""Advection of functions along one field or several in a row, exponential or linearised, with adjoint and time spans."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm import kernels
+from abfm.derivative_pattern import derivative_pattern
+from abfm.exponential import AdvectionError, ExponentialFlow, Segment, Trajectory, Workspace
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.vector_fields import to_frame
+
+
+class LinearizedFlow:
+    """``id - t D_v`` of one field: the first two terms of the exponential (Eq. 5)."""
+
+    def __init__(self, mesh: TriangleMesh, v: FloatArray, workspace: Workspace) -> None:
+        self.pattern = derivative_pattern(mesh)
+        self.values = self.pattern.values(v)
+
+    def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
+        """One step of length ``t`` from ``f`` (V,)."""
+        return Trajectory(t, [Segment(f, 1, None)], f - t * self._product(self.values, f))
+
+    def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Adjoint of `forward`: adds the derivative by ``v`` to ``gradient`` (F, 2), returns the derivative by ``f``.
+
+        This is Eq. 8: ``-t D̄_f^T mu``, and ``(id - t D_v)^T mu``.
+        """
+        rows = np.repeat(np.arange(len(mu)), np.diff(self.pattern.indptr))
+        entries = -trajectory.step * mu[rows] * trajectory.segments[0].start[self.pattern.indices]
+        self.pattern.add_chain_rule(entries, gradient)
+        return mu - trajectory.step * self._product(self.values[self.pattern.transpose], mu)
+
+    def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
+        """Partial steps from ``f`` to several times (T,) -> (T, V)."""
+        return f - times[:, None] * self._product(self.values, f)
+
+    def _product(self, values: FloatArray, f: FloatArray) -> FloatArray:
+        out = np.empty_like(f)
+        kernels.csr_product(self.pattern.indptr, self.pattern.indices, values, f, out)
+        return out
+
+
+class Flow:
+    """Composition of the flows of N fields, each over ``tau / N``.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    fields : (N, F, 2) array
+        Frame coefficients, in the mesh's units.
+    tau : float
+        End time.
+    linearized : bool
+        ``id - t D_v`` per field instead of ``exp(-t D_v)``.
+    workspace : Workspace, optional
+        Memory of an earlier flow on the same mesh to use again.
+    """
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        fields: FloatArray,
+        tau: float,
+        linearized: bool = False,
+        workspace: Workspace | None = None,
+    ) -> None:
+        self.workspace = Workspace(mesh) if workspace is None else workspace
+        kind = LinearizedFlow if linearized else ExponentialFlow
+        self.parts = [kind(mesh, np.ascontiguousarray(v), self.workspace) for v in fields]
+        self.step = tau / len(fields)
+
+    def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:
+        """Advect ``f`` (V,) to time tau: one trajectory per field; the last one's ``end`` is the result."""
+        self.workspace.release()
+        trajectories: list[Trajectory] = []
+        for part in self.parts:
+            trajectories.append(part.forward(f, self.step, keep))
+            f = trajectories[-1].end
+        return trajectories
+
+    def backward(self, trajectories: list[Trajectory], mu: FloatArray, gradient: FloatArray) -> None:
+        """Add the derivative by the fields to ``gradient`` (N, F, 2), for the derivative ``mu`` (V,) by the result."""
+        for j in reversed(range(len(self.parts))):
+            mu = self.parts[j].backward(trajectories[j], mu, gradient[j])
+
+    def at(self, f: FloatArray, times: FloatArray) -> FloatArray:
+        """Function ``f`` (V,) carried to each of the times (T,) -> (T, V).
+
+        Beyond tau the last field goes on. A negative time ``-t`` undoes the flow to ``t``: the same steps with the sign
+        changed, in reverse order (exact for exponentials, not for linearised steps).
+        """
+        times = np.asarray(times, dtype=np.float64)
+        out = np.empty((len(times), len(f)))
+        order = np.argsort(np.abs(times), kind="stable")
+        ahead, back = order[times[order] >= 0], order[times[order] < 0]
+        if len(ahead):
+            out[ahead] = self._ahead(f, times[ahead])
+        if len(back):
+            out[back] = self._back(f, times[back])
+        return out
+
+    def _ahead(self, f: FloatArray, times: FloatArray) -> FloatArray:
+        out = np.empty((len(times), len(f)))
+        part = self.parts[0]
+        if isinstance(part, ExponentialFlow) and len(self.parts) == 1:
+            return part.span(f, times)
+        owner = np.maximum(np.ceil(times / self.step * (1 - 1e-12)) - 1, 0)
+        for j in range(int(owner[-1]) + 1):
+            part = self.parts[min(j, len(self.parts) - 1)]
+            inside = np.flatnonzero(owner == j)
+            if len(inside):
+                out[inside] = part.span(f, times[inside] - j * self.step)
+            if j < owner[-1]:
+                f = part.forward(f, self.step).end
+        return out
+
+    def _back(self, f: FloatArray, times: FloatArray) -> FloatArray:
+        if isinstance(self.parts[0], ExponentialFlow) and len(self.parts) == 1:
+            return self.parts[0].span(f, times)
+        out = np.empty((len(times), len(f)))
+        for row, t in enumerate(-times):
+            last = max(int(np.ceil(t / self.step * (1 - 1e-12))) - 1, 0)
+            state = f
+            for j in range(last, -1, -1):
+                length = t - last * self.step if j == last else self.step
+                state = self.parts[min(j, len(self.parts) - 1)].forward(state, -length).end
+            out[row] = state
+        return out
+
+
+def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> FloatArray:
+    """Function carried along a field for a time: ``exp(-t D_v) f`` (Eq. 4).
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    velocity : (F, 3) array
+        Tangent vectors, in the mesh's length unit per unit of time.
+    f : (V,) or (V, C) array
+    t : float
+        Time of either sign.
+
+    Returns
+    -------
+    Array of the same shape as ``f``.
+
+    Raises
+    ------
+    AdvectionError
+        If the arrays do not fit the mesh or are not finite, or if the flow is too long or overflows.
+    """
+    field, functions = np.asarray(velocity, dtype=np.float64), np.asarray(f, dtype=np.float64)
+    if field.shape != (len(mesh.faces), 3):
+        raise AdvectionError(f"velocity has shape {field.shape}; expected {(len(mesh.faces), 3)}, a vector per face")
+    if functions.ndim not in (1, 2) or len(functions) != len(mesh.vertices):
+        raise AdvectionError(f"f has shape {functions.shape}; expected ({len(mesh.vertices)},) or with channels")
+    if not (np.isfinite(field).all() and np.isfinite(functions).all() and np.isfinite(t)):
+        raise AdvectionError("velocity, f and t must be finite")
+    flow = ExponentialFlow(mesh, to_frame(mesh, field), Workspace(mesh))
+    columns = np.ascontiguousarray(functions.reshape(len(functions), -1).T)
+    carried = np.stack([flow.forward(column, float(t)).end for column in columns], axis=1)
+    if not np.isfinite(carried).all():
+        raise AdvectionError("the advected function overflows: the discrete flow is unstable over this time")
+    return carried.reshape(functions.shape)

@@ -1,0 +1,36 @@
+"""The meshes that are shipped with the package (sources and licences: ``assets/README.md``)."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from pathlib import Path
+
+from abfm.errors import MeshError
+
+
+def asset_names() -> list[str]:
+    """File names of the shipped meshes and vertex permutations, sorted."""
+    folder = _folder()
+    return sorted(file.name for file in folder.iterdir() if file.suffix != ".md") if folder.is_dir() else []
+
+
+def asset_path(name: str) -> Path:
+    """Path of a shipped file, for example ``asset_path("human_A.off")``.
+
+    Raises
+    ------
+    MeshError
+        If there is no such file; suggests the nearest name.
+    """
+    names = asset_names()
+    if name not in names:
+        nearest = get_close_matches(name, names, n=1, cutoff=0.4)
+        suggestion = f"did you mean {nearest[0]}? " if nearest else ""
+        raise MeshError(f"no mesh called {name} is shipped: {suggestion}known are {', '.join(names) or 'none'}")
+    return _folder() / name
+
+
+def _folder() -> Path:
+    """Package data in an installed wheel, the repository's folder in an editable install."""
+    here = Path(__file__).resolve().parent
+    return here / "assets" if (here / "assets").is_dir() else here.parents[1] / "assets"

@@ -1,0 +1,29 @@
+"""Functions as the solver keeps them: one row per channel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.errors import FunctionError
+from abfm.mesh import FloatArray, TriangleMesh
+
+
+def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
+    """Check a function (V,) or (V, C) and return its channels as rows (C, V).
+
+    Raises
+    ------
+    FunctionError
+        If the length is not the number of vertices (of the file or of the mesh) or a value is not finite.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind not in "biuf":
+        raise FunctionError(f"{name} has values of type {array.dtype}; expected real numbers")
+    if array.ndim not in (1, 2) or array.size == 0:
+        raise FunctionError(f"{name} has shape {array.shape}; expected (vertices,) or (vertices, channels)")
+    array = mesh.restrict(array).astype(np.float64)
+    bad = np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))
+    if len(bad):
+        raise FunctionError(f"{name} has {len(bad)} vertices with values that are not finite, the first at {bad[0]}")
+    return np.ascontiguousarray(array.reshape(len(array), -1).T)

@@ -1,0 +1,213 @@
+"""The action of ``exp(-t D_v)`` on functions, and its adjoint.
+
+The exponential is a Chebyshev series on the imaginary axis, where the spectrum of ``D_v`` lies up to small real parts:
+``exp(-t D) f = sum_k c_k J_k(t rho) phi_k`` with Bessel functions ``J_k``, ``c_0 = 1``, ``c_k = 2``, ``phi_0 = f``,
+``phi_1 = -(D / rho) f`` and ``phi_(k+1) = -2 (D / rho) phi_k + phi_(k-1)``. A long time is split into equal segments.
+The derivative is that of the sum as computed, so it is exact whatever the truncation.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import jv
+
+from abfm import kernels
+from abfm.derivative_pattern import derivative_pattern
+from abfm.errors import AbfmError
+from abfm.mesh import FloatArray, TriangleMesh
+
+TOLERANCE = 1e-10
+"""Truncation of the series, relative to ``max |f|``, per segment."""
+_GROWTH_LIMIT = 1e5  # terms this much larger than the function lose five digits: split the time instead
+_PRODUCT_LIMIT = 1e6
+_SHORTEST = 2.0  # products per segment below which splitting cannot help
+_SLOWEST = 1e-100  # a zero field still needs a positive rho for its derivative
+_MEMORY = 50_000_000  # numbers
+
+
+class AdvectionError(AbfmError):
+    """A field so fast, or a time so long, that the advection cannot be computed in reasonable time or range."""
+
+
+class Workspace:
+    """Memory for the terms of series, kept between evaluations: about 400 MB at most, touched only as far as used."""
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        size = len(mesh.vertices)
+        self.longest_segment = float(np.clip(_MEMORY / size, 60.0, 1000.0))
+        self.block = len(_bessel_coefficients(self.longest_segment))
+        self.terms = np.empty((np.clip(_MEMORY // size, 2 * self.block, 8 * self.block), size))
+        self.rolling = np.empty((3, size))
+        self.used = self.block
+
+    def take(self, rows: int) -> FloatArray | None:
+        """Rows to keep until `release`, or None where there is no room; the first block is for scratch."""
+        return self.terms[self.used : self.used + rows] if self.used + rows <= len(self.terms) else None
+
+    def release(self) -> None:
+        """Forget all kept terms."""
+        self.used = self.block
+
+
+def _bessel_coefficients(x: float) -> FloatArray:
+    """``c_k J_k(x)`` up to far below rounding, with room for terms that grow."""
+    orders = np.arange(int(x + 14 * np.cbrt(x)) + 40)
+    coefficients = 2 * jv(orders, x)
+    coefficients[0] /= 2
+    return np.asarray(coefficients)
+
+
+@dataclass
+class Segment:
+    """One series of a trajectory: where it started, how many terms it summed, and the terms if they were kept."""
+
+    start: FloatArray
+    count: int
+    terms: FloatArray | None
+
+
+@dataclass
+class Trajectory:
+    """What the adjoint of an advection needs: equal segments of time ``step``, and the final function."""
+
+    step: float
+    segments: list[Segment]
+    end: FloatArray
+
+
+class ExponentialFlow:
+    """``exp(-t D_v)`` of one field.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    v : (F, 2) array
+        Frame coefficients of the field, in the mesh's units.
+    workspace : Workspace
+    """
+
+    def __init__(self, mesh: TriangleMesh, v: FloatArray, workspace: Workspace) -> None:
+        self.pattern = derivative_pattern(mesh)
+        self.workspace = workspace
+        self.values = self.pattern.values(v)
+        bound = kernels.perron_bound(self.pattern.indptr, self.pattern.indices, self.values, 4)
+        if not np.isfinite(bound):
+            raise AdvectionError("the field has values that are not finite: give one finite vector per face")
+        # Rounded up to a grid, so that the scheme, and with it the exactness of its derivative, is locally constant.
+        self.rho = float(2.0 ** (np.ceil(16 * np.log2(max(bound, _SLOWEST))) / 16))
+
+    def transposed(self) -> ExponentialFlow:
+        """The action of ``exp(-t D_v^T)``."""
+        flow = copy(self)
+        flow.values = self.values[self.pattern.transpose]
+        return flow
+
+    def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
+        """Advect ``f`` (V,) over time ``t`` of either sign; ``keep`` the terms that fit, for `backward`.
+
+        The result is not finite where the flow itself overflows.
+        """
+        x = abs(t) * self.rho
+        if x > _PRODUCT_LIMIT:
+            raise AdvectionError(
+                f"advection over this time needs about {x:.0e} products with D_v (at most {_PRODUCT_LIMIT:.0e}): "
+                "shorten the time or slow the field"
+            )
+        count = max(1, int(np.ceil(x / self.workspace.longest_segment)))
+        kept = self.workspace.used
+        while (trajectory := self._attempt(f, t / count, count, keep)) is None:
+            self.workspace.used = kept
+            count *= 2
+        return trajectory
+
+    def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
+        """All segments; None where the terms of one outgrow the function so far that a shorter step is needed."""
+        coefficients = _bessel_coefficients(abs(step) * self.rho)
+        segments, state = [], f
+        for _ in range(count):
+            terms = self.workspace.take(len(coefficients)) if keep else None
+            buffer = self.workspace.rolling if terms is None else terms
+            end, used, growth = self._series(state, step, coefficients, buffer)
+            if (used == 0 or growth > _GROWTH_LIMIT) and abs(step) * self.rho > _SHORTEST:
+                return None
+            if used == 0:
+                return Trajectory(step, segments, np.full_like(f, np.inf))
+            if terms is not None:
+                self.workspace.used += used
+            segments.append(Segment(state, used, terms))
+            state = end
+        return Trajectory(step, segments, state)
+
+    def _series(
+        self, f: FloatArray, step: float, coefficients: FloatArray, terms: FloatArray
+    ) -> tuple[FloatArray, int, float]:
+        end = np.empty_like(f)
+        x = abs(step) * self.rho
+        used, growth = kernels.chebyshev_forward(
+            self.pattern.indptr,
+            self.pattern.indices,
+            self.values,
+            self._scale(step),
+            f,
+            coefficients,
+            int(np.ceil(x)),
+            TOLERANCE,
+            terms,
+            end,
+        )
+        return end, used, growth
+
+    def _scale(self, step: float) -> float:
+        return -float(np.sign(step)) / self.rho
+
+    def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Adjoint of `forward`: adds the derivative by ``v`` to ``gradient`` (F, 2), returns the derivative by ``f``.
+
+        ``mu`` (V,) is the derivative by ``trajectory.end``.
+        """
+        coefficients = _bessel_coefficients(abs(trajectory.step) * self.rho)
+        transposed = self.values[self.pattern.transpose]
+        entries = np.zeros_like(transposed)
+        for segment in reversed(trajectory.segments):
+            terms = segment.terms
+            if terms is None:
+                terms = self.workspace.terms
+                self._series(segment.start, trajectory.step, coefficients, terms)
+            mu = kernels.chebyshev_backward(
+                self.pattern.indptr,
+                self.pattern.indices,
+                transposed,
+                self._scale(trajectory.step),
+                terms,
+                coefficients,
+                segment.count,
+                mu,
+                entries,
+            )
+        self.pattern.add_chain_rule(entries[self.pattern.transpose], gradient)
+        return mu
+
+    def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
+        """``exp(-t D_v) f`` at several times (T,) -> (T, V), of one sign and ordered away from zero.
+
+        One series serves all times of a segment: only its coefficients change.
+        """
+        self.workspace.release()
+        trajectory = self.forward(f, float(times[-1]))
+        step = trajectory.step
+        out = np.repeat(trajectory.end[None], len(times), axis=0)
+        owner = np.minimum(np.ceil(times / step) - 1, len(trajectory.segments) - 1) if step else np.zeros(len(times))
+        coefficients = _bessel_coefficients(abs(step) * self.rho)
+        for index, segment in enumerate(trajectory.segments):
+            inside = np.flatnonzero((owner == index) & (times != times[-1]))
+            if len(inside):
+                terms = self.workspace.terms
+                self._series(segment.start, step, coefficients, terms)
+                local = np.abs(times[inside] - index * step) * self.rho
+                series = 2 * jv(np.arange(segment.count), local[:, None])
+                series[:, 0] /= 2
+                out[inside] = series @ terms[: segment.count]
+        return out

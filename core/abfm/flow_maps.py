@@ -1,0 +1,196 @@
+"""Flow maps: where a flow takes every vertex, and how much it distorts the surface on the way.
+
+Advection by ``exp(-t D_v)`` moves functions, not points. Applied to the three coordinate functions it gives, at each
+vertex, the place in space that the vertex's value came from; on a mesh that place lies near the surface, not on it, so
+`project_onto_surface` makes it a point of the surface. With ``-t`` the same reads where each vertex goes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import igl
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.errors import AbfmError
+from abfm.mesh import BoolArray, FloatArray, IntArray, TriangleMesh, per_mesh
+from abfm.operators import face_normals, hat_gradients
+
+POINTS_PER_QUERY = 8192  # igl keeps the GIL for a whole query: about 15 ms each, so that a window stays alive
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """P points on a mesh.
+
+    Attributes
+    ----------
+    faces : (P,) array of int
+        The face that holds each point.
+    barycentric : (P, 3) array
+        Weights of the face's three corners, non-negative, summing to 1.
+    positions : (P, 3) array
+        The points in space, in the mesh's units.
+    distances : (P,) array
+        How far each given point was from the surface, in the mesh's units.
+    """
+
+    faces: IntArray
+    barycentric: FloatArray
+    positions: FloatArray
+    distances: FloatArray
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """What a piecewise linear map does to each of F faces; see `distortion`.
+
+    Attributes
+    ----------
+    singular_values : (F, 2) array
+        Largest and smallest stretch ``s_1 >= s_2 >= 0``.
+    area : (F,) array
+        ``s_1 s_2``: mapped area over area. 1 where the map keeps area.
+    conformal : (F,) array
+        ``s_1 / s_2 >= 1``: quasi-conformal factor. 1 where the map keeps angles; inf where a face collapses.
+    flipped : (F,) array of bool
+        True where the mapped face looks against the surface that it landed on.
+    """
+
+    singular_values: FloatArray
+    area: FloatArray
+    conformal: FloatArray
+    flipped: BoolArray
+
+
+def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:
+    """Find the closest point of the surface to each point.
+
+    Exact up to rounding. Where several faces are equally close the choice is fixed, so that the same input gives the
+    same output. The search tree is built once per mesh.
+
+    Parameters
+    ----------
+    points : (P, 3) array
+        Points in space, in the mesh's units.
+
+    Raises
+    ------
+    AbfmError
+        If the points are not (P, 3) or not finite.
+    """
+    given = _finite_points(points)
+    faces = np.empty(len(given), dtype=np.int64)
+    barycentric = np.empty((len(given), 3))
+    for start in range(0, len(given), POINTS_PER_QUERY):
+        chunk = slice(start, start + POINTS_PER_QUERY)
+        _, faces[chunk], closest = _search_tree(mesh).squared_distance(mesh.vertices, mesh.faces, given[chunk])
+        barycentric[chunk] = _barycentric(closest, mesh.vertices[mesh.faces[faces[chunk]]])
+    positions = np.einsum("pc,pcx->px", barycentric, mesh.vertices[mesh.faces[faces]])
+    return SurfacePoints(faces, barycentric, positions, np.linalg.norm(given - positions, axis=1))
+
+
+def pull_back(mesh: TriangleMesh, points: SurfacePoints, h: ArrayLike) -> FloatArray:
+    """Evaluate a vertex function at points of the surface (linear inside each face).
+
+    With ``points`` the flow map of every vertex this is ``h`` composed with the map, as point-to-point maps transfer
+    functions; with ``h`` the positions of a second map it is the composition of both.
+
+    Parameters
+    ----------
+    h : (V,) or (V, C) array
+
+    Returns
+    -------
+    (P,) or (P, C) array
+    """
+    at_corners = np.asarray(h, dtype=np.float64)[mesh.faces[points.faces]]
+    values: FloatArray = np.einsum("pc,pc...->p...", points.barycentric, at_corners)
+    return values
+
+
+def map_vertices_to_nearest(mesh: TriangleMesh, points: SurfacePoints) -> IntArray:
+    """Round each point to the nearest corner of its face, (P,) vertex indices: a vertex-to-vertex map.
+
+    Only the face's own corners are considered, so that a point on one side of a thin part stays on that side.
+    """
+    corners = mesh.faces[points.faces]
+    squared = ((mesh.vertices[corners] - points.positions[:, None]) ** 2).sum(axis=2)
+    return np.take_along_axis(corners, squared.argmin(axis=1)[:, None], axis=1)[:, 0]
+
+
+def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike) -> Distortion:
+    """Measure the distortion of the map that is linear on faces and takes each vertex to its mapped position.
+
+    The Jacobian of a face, ``J = sum_i x_i (grad phi_i)^T`` with ``x_i`` the mapped corners, has the singular values
+    ``s_1 >= s_2``. Area and angles are those of the flat mapped triangle in space, whose corners lie on the surface.
+    A face counts as flipped where its mapped normal makes an obtuse angle with the surface's normal at the point
+    closest to its mapped centroid; a collapsed face does not count.
+
+    Parameters
+    ----------
+    mapped_positions : (V, 3) array
+        Where the map takes each vertex, in the mesh's units; for a flow map the ``positions`` of its `SurfacePoints`.
+
+    Raises
+    ------
+    AbfmError
+        If the positions are not (V, 3) or not finite.
+    """
+    mapped = _finite_points(mapped_positions)
+    if len(mapped) != len(mesh.vertices):
+        raise AbfmError(f"{len(mapped)} mapped positions for {len(mesh.vertices)} vertices: give one row per vertex")
+    corners = mapped[mesh.faces]
+    landed = project_onto_surface(mesh, corners.mean(axis=1))
+    jacobian = np.einsum("fcx,fck->fxk", corners - corners[:, :1], hat_gradients(mesh))
+    first, second = jacobian[..., 0], jacobian[..., 1]
+    normal = np.cross(first, second)
+    area = np.linalg.norm(normal, axis=1)
+    a, b, c = (first * first).sum(axis=1), (first * second).sum(axis=1), (second * second).sum(axis=1)
+    largest = np.sqrt(0.5 * (a + c + np.hypot(a - c, 2 * b)))
+    smallest = np.minimum(np.divide(area, largest, out=np.zeros_like(area), where=largest > 0), largest)
+    conformal = np.divide(largest, smallest, out=np.full_like(area, np.inf), where=smallest > 0)
+    flipped = (normal * face_normals(mesh)[landed.faces]).sum(axis=1) < 0
+    return Distortion(np.stack([largest, smallest], axis=1), area, conformal, flipped)
+
+
+@per_mesh
+def _search_tree(mesh: TriangleMesh) -> igl.AABB:
+    tree = igl.AABB()
+    tree.init(mesh.vertices, mesh.faces)
+    return tree
+
+
+def _finite_points(points: ArrayLike) -> FloatArray:
+    given = np.asarray(points, dtype=np.float64)
+    if given.ndim != 2 or given.shape[1] != 3:
+        raise AbfmError(f"points have shape {given.shape}; expected (P, 3): give one row x, y, z per point")
+    bad = np.flatnonzero(~np.isfinite(given).all(axis=1))
+    if len(bad):
+        raise AbfmError(
+            f"{len(bad)} of {len(given)} points are not finite (first: row {bad[0]}); expected finite coordinates: "
+            "if they come from a flow, use a shorter time"
+        )
+    return given
+
+
+def _barycentric(points: FloatArray, corners: FloatArray) -> FloatArray:
+    """Barycentric weights (P, 3) of points (P, 3) that lie on the triangles ``corners`` (P, 3, 3), up to rounding.
+
+    The best of four candidates, the three sides and the inside, by how close each really comes: on a needle or a cap
+    the weights of the inside lose their digits, those of the sides never do.
+    """
+    sides = np.roll(corners, -1, axis=1) - corners
+    offsets = points[:, None] - corners
+    along = np.clip((offsets * sides).sum(axis=2) / (sides * sides).sum(axis=2), 0, 1)[..., None]
+    on_sides = (1 - along) * np.eye(3) + along * np.roll(np.eye(3), 1, axis=1)
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    inside = np.roll((np.cross(sides, offsets) * normals[:, None]).sum(axis=2), -1, axis=1)
+    inside /= (normals * normals).sum(axis=1)[:, None]
+    inside /= inside.sum(axis=1)[:, None]
+    candidates = np.concatenate([on_sides, inside[:, None]], axis=1)
+    gaps = np.linalg.norm(candidates @ corners - points[:, None], axis=2)
+    gaps[(inside < 0).any(axis=1), 3] = np.inf
+    closest: FloatArray = candidates[np.arange(len(points)), gaps.argmin(axis=1)]
+    return closest

@@ -1,0 +1,142 @@
+"""Functions given by a formula in x, y and z."""
+
+from __future__ import annotations
+
+import ast
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from simpleeval import FunctionNotDefined, InvalidExpression, NameNotDefined, SimpleEval
+
+from abfm.errors import FunctionError
+from abfm.functions.family import Family, Kind, did_you_mean, parameter, shown
+from abfm.mesh import FloatArray, TriangleMesh
+
+LONGEST = 1000  # characters: bounds the time and the depth of any expression
+
+CONSTANTS = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
+COORDINATES = ("x", "y", "z")
+
+
+def _comparison(compare: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    return lambda a, b: np.where(compare(a, b), 1.0, 0.0)
+
+
+OPERATORS = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
+    ast.Div: np.true_divide,
+    ast.Mod: np.mod,
+    ast.Pow: np.power,
+    ast.UAdd: np.positive,
+    ast.USub: np.negative,
+    ast.Lt: _comparison(np.less),
+    ast.LtE: _comparison(np.less_equal),
+    ast.Gt: _comparison(np.greater),
+    ast.GtE: _comparison(np.greater_equal),
+    ast.Eq: _comparison(np.equal),
+    ast.NotEq: _comparison(np.not_equal),
+}
+
+
+def _of(count: int, compute: Callable[..., Any]) -> Callable[..., Any]:
+    """Take exactly that many arguments: one more would be NumPy's ``out``."""
+
+    def call(*arguments: Any) -> Any:
+        if len(arguments) != count:
+            raise InvalidExpression(f"{compute.__name__} takes {count} argument(s), {len(arguments)} given")
+        return compute(*arguments)
+
+    return call
+
+
+FUNCTIONS = {
+    **{
+        name: _of(1, getattr(np, name))
+        for name in (
+            *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
+            *("exp", "log", "sqrt", "abs", "sign", "floor", "ceil"),
+        )
+    },
+    "arctan2": _of(2, np.arctan2),
+    "hypot": _of(2, np.hypot),
+    "min": _of(2, np.minimum),
+    "max": _of(2, np.maximum),
+    "where": _of(3, lambda condition, a, b: np.where(condition != 0, a, b)),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expression(Family):
+    """Value of a formula in the coordinates x, y, z (the mesh's units of length) at each vertex, as in sin(10*x)*z.
+
+    Numbers, ``pi``, ``e``, ``+ - * / % **``, comparisons (1 where true, 0 elsewhere), parentheses and the functions sin,
+    cos, tan, arcsin, arccos, arctan, arctan2, sinh, cosh, tanh, exp, log, sqrt, abs, sign, floor, ceil, hypot, min(a, b),
+    max(a, b) and where(condition, a, b). In a spec it extends to the end of the text, or of the parentheses around it.
+    Nothing else is evaluated: simpleeval walks the formula with these operators and functions only.
+    """
+
+    family: ClassVar[str] = "expression"
+    positional: ClassVar[str | None] = "formula"
+    formula: str = parameter(Kind("a formula", lambda text: " ".join(text.split())), "formula in x, y and z")
+
+    def check(self) -> None:
+        _value(self.formula, np.full((2, 3), 0.5))
+
+    def __str__(self) -> str:
+        return f"{self.family}:{self.formula}"
+
+    def evaluate(self, mesh: TriangleMesh) -> FloatArray:
+        return _value(self.formula, mesh.vertices)
+
+
+def _value(formula: str, points: FloatArray) -> FloatArray:
+    """Values at points (n, 3), (n,); they may be infinite or NaN."""
+    evaluator = SimpleEval(
+        operators=OPERATORS, functions=FUNCTIONS, names={**CONSTANTS, **dict(zip(COORDINATES, points.T, strict=True))}
+    )
+    available = (ast.Name, ast.BinOp, ast.UnaryOp, ast.Compare, ast.Call)
+    evaluator.nodes = {node: evaluator.nodes[node] for node in available} | {ast.Constant: _number}
+    try:
+        with np.errstate(all="ignore"):
+            value = np.asarray(evaluator.eval(formula, _parse(formula)), dtype=np.float64)
+    except (NameNotDefined, FunctionNotDefined) as error:
+        name = error.name if isinstance(error, NameNotDefined) else error.func_name
+        known = [*COORDINATES, *CONSTANTS, *FUNCTIONS]
+        raise _refusal(formula, f"{shown(name)} is not known{did_you_mean(name, known)}") from None
+    except (InvalidExpression, TypeError, ValueError, OverflowError, RecursionError, KeyError) as error:
+        raise _refusal(formula, str(error)) from None
+    return np.broadcast_to(value, len(points))
+
+
+def _parse(formula: str) -> ast.expr:
+    if len(formula) > LONGEST:
+        raise InvalidExpression(f"it has {len(formula)} characters, at most {LONGEST} are allowed")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tree = ast.parse(formula, mode="eval").body
+    except (SyntaxError, MemoryError) as error:
+        raise InvalidExpression(error.msg if isinstance(error, SyntaxError) else "it is nested too deeply") from None
+    if any(isinstance(node, ast.Compare) and len(node.ops) > 1 for node in ast.walk(tree)):
+        raise InvalidExpression("write (0 < x) * (x < 1) for 0 < x < 1")
+    return tree
+
+
+def _number(node: ast.Constant) -> np.float64:
+    if type(node.value) not in (int, float):
+        raise InvalidExpression(f"{node.value!r} is not a real number")
+    return np.float64(node.value)  # not int: 9**9**9 ends at once, as infinity
+
+
+def _refusal(formula: str, reason: str) -> FunctionError:
+    advice = (
+        "it ends with the text: put parentheses around it to add another function"
+        if ":" in formula
+        else "it may use x, y, z, pi, e, numbers, + - * / % **, comparisons, and functions such as sin, exp, sqrt, abs, where"
+    )
+    return FunctionError(f"expression: {shown(formula)} cannot be evaluated: {' '.join(reason.split())}; {advice}")

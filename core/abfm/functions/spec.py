@@ -1,0 +1,218 @@
+"""Functions as text: ``family:key=value,...``, sums with ``+``, parentheses, and compositions with a vertex map.
+
+::
+
+    spec     = term { "+" term }
+    term     = family [ ":" argument { "," argument } ]
+             | "expression:" formula            up to the end of the spec or of the parentheses around it
+             | "permuted:" path "(" spec ")"
+             | "(" spec ")"
+    argument = key "=" value | value            the key may be left out before a family's one positional value
+
+Blanks around signs are free. A comma separates arguments where ``key=`` follows, a plus separates terms where a family or
+a parenthesis follows, so ``vertex=1,5``, ``1e+3`` and most file names need no quotes; a value in double quotes may hold
+anything (a double quote inside is doubled).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from abfm.errors import FunctionError
+from abfm.functions.coordinate import Coordinate
+from abfm.functions.curvature import Curvature
+from abfm.functions.eigenfunction import Eigenfunction
+from abfm.functions.expression import Expression
+from abfm.functions.family import Family, Spec, did_you_mean, shown
+from abfm.functions.gaussian import Gaussian
+from abfm.functions.geodesic import Geodesic
+from abfm.functions.heat_kernel_signature import HeatKernelSignature
+from abfm.functions.indicator import Indicator
+from abfm.functions.permuted import Permuted
+from abfm.functions.shape_diameter import ShapeDiameter
+from abfm.functions.values_file import ValuesFile
+from abfm.functions.wave_kernel_signature import WaveKernelSignature
+from abfm.mesh import FloatArray, TriangleMesh
+
+LONGEST, DEEPEST = 10_000, 50
+
+_FAMILIES: dict[str, type[Family]] = {
+    cls.family: cls
+    for cls in (
+        *(Gaussian, Eigenfunction, HeatKernelSignature, WaveKernelSignature, Curvature, Coordinate, Geodesic),
+        *(ShapeDiameter, Indicator, ValuesFile, Expression, Permuted),
+    )
+}
+
+_NAME = re.compile(r"[A-Za-z][\w-]*", re.ASCII)
+_BLANK = re.compile(r"\s*")
+_QUOTED = re.compile(r'"(?:[^"]|"")*"')
+_NEXT_TERM = re.compile(r"\+\s*(\(|[A-Za-z][\w-]*\s*([:+)]|$))", re.ASCII)
+_NEXT_ARGUMENT = re.compile(r",\s*[A-Za-z_][\w-]*\s*=", re.ASCII)
+_KEY_AND_VALUE = re.compile(r"([A-Za-z_][\w-]*)\s*=\s*(.*)", re.ASCII | re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Sum(Spec):
+    """Sum of functions; their units should agree."""
+
+    terms: tuple[Spec, ...]
+
+    def __str__(self) -> str:
+        return " + ".join(f"({term})" if isinstance(term, Expression) else str(term) for term in self.terms)
+
+    def evaluate(self, mesh: TriangleMesh) -> FloatArray:
+        total = self.terms[0].evaluate(mesh).copy()
+        for term in self.terms[1:]:
+            total += term.evaluate(mesh)
+        return total
+
+
+def families() -> tuple[type[Family], ...]:
+    """All families, each with ``family`` (its name), ``summary()``, ``parameters()`` and ``positional``."""
+    return tuple(_FAMILIES.values())
+
+
+def parse(text: str) -> Spec:
+    """Read the text form of a function; nothing about a mesh is checked yet.
+
+    Raises
+    ------
+    FunctionError
+        If the text is no spec: what was found, what was expected, and the nearest known name.
+    """
+    if len(text) > LONGEST:
+        raise FunctionError(f"function {shown(text)} has {len(text)} characters; at most {LONGEST} are allowed")
+    parser = _Parser(text)
+    spec = parser.spec(depth=0)
+    if parser.position < len(text):
+        parser.fail("'+' or the end")
+    return spec
+
+
+class _Parser:
+    """Recursive descent over the text; ``position`` is where the next character is read."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.position = 0
+
+    def fail(self, expected: str) -> None:
+        found = shown(self.text[self.position :]) if self.position < len(self.text) else "nothing more"
+        raise FunctionError(f"function {shown(self.text)}: expected {expected}, found {found}")
+
+    def take(self, pattern: re.Pattern[str] | str) -> str:
+        """Skip blanks, then consume what matches here; empty if nothing does."""
+        self.position = _BLANK.match(self.text, self.position).end()  # type: ignore[union-attr]
+        match = re.compile(pattern).match(self.text, self.position)
+        if match is None:
+            return ""
+        self.position = match.end()
+        return match.group()
+
+    def spec(self, depth: int) -> Spec:
+        if depth > DEEPEST:
+            self.fail(f"at most {DEEPEST} parentheses inside each other")
+        terms = [self.term(depth)]
+        while self.take(r"\+"):
+            terms.append(self.term(depth))
+        flat = tuple(part for term in terms for part in (term.terms if isinstance(term, Sum) else (term,)))
+        return flat[0] if len(flat) == 1 else Sum(flat)
+
+    def term(self, depth: int) -> Spec:
+        if self.take(r"\("):
+            inner = self.spec(depth + 1)
+            self.close()
+            return inner
+        name = self.take(_NAME)
+        if not name:
+            self.fail(f"a family ({', '.join(_FAMILIES)})")
+        if name not in _FAMILIES:
+            known = ", ".join(_FAMILIES)
+            raise FunctionError(f"unknown function family {shown(name)}{did_you_mean(name, _FAMILIES)}; families are {known}")
+        cls = _FAMILIES[name]
+        if not self.take(":"):
+            if not re.compile(r"[+)]|$").match(self.text, self.position):
+                self.fail(f"':' after {name}")
+            return _build(cls, [])
+        if cls is Expression:
+            return Expression(formula=self.formula())
+        if cls is Permuted:
+            return self.permuted(depth)
+        return _build(cls, self.arguments())
+
+    def close(self) -> None:
+        if not self.take(r"\)"):
+            self.fail("')'")
+
+    def permuted(self, depth: int) -> Permuted:
+        path = _unquoted(self.take(_QUOTED) or self.take(r"[^(]*"))
+        if not self.take(r"\("):
+            self.fail("'(' and the function to compose, as in permuted:map.txt(gaussian:vertex=1)")
+        inner = self.spec(depth + 1)
+        self.close()
+        return Permuted(path=path, function=inner)
+
+    def formula(self) -> str:
+        """Everything up to the end or to a closing parenthesis that the formula did not open."""
+        start, depth = self.position, 0
+        while self.position < len(self.text):
+            sign = self.text[self.position]
+            depth += (sign == "(") - (sign == ")")
+            if depth < 0:
+                break
+            self.position += 1
+        return self.text[start : self.position]
+
+    def arguments(self) -> list[str]:
+        """Texts between separating commas, up to the end of the term."""
+        found, start, depth = [], self.position, 0
+        while self.position < len(self.text):
+            sign = self.text[self.position]
+            if sign == '"':
+                if not (quoted := _QUOTED.match(self.text, self.position)):
+                    self.fail("a closing double quote")
+                    break
+                self.position = quoted.end()
+                continue
+            depth += (sign == "(") - (sign == ")")
+            if depth < 0 or (depth == 0 and _NEXT_TERM.match(self.text, self.position)):
+                break
+            if depth == 0 and _NEXT_ARGUMENT.match(self.text, self.position):
+                found.append(self.text[start : self.position])
+                start = self.position + 1
+            self.position += 1
+        found.append(self.text[start : self.position])
+        return [argument.strip() for argument in found]
+
+
+def _build(cls: type[Family], arguments: list[str]) -> Family:
+    keys = [p.name for p in cls.parameters()]
+    values: dict[str, str] = {}
+    for place, argument in enumerate(arguments):
+        match = _KEY_AND_VALUE.fullmatch(argument)
+        if match:
+            key, value = match.groups()
+        elif place == 0 and cls.positional:
+            key, value = cls.positional, argument
+        elif argument or place:
+            raise FunctionError(f"{cls.family}: {shown(argument)} is not key=value; keys are {', '.join(keys) or 'none'}")
+        else:
+            continue
+        if key not in keys:
+            raise FunctionError(
+                f"{cls.family}: unknown key {shown(key)}{did_you_mean(key, keys)}; keys are {', '.join(keys) or 'none'}"
+            )
+        if key in values:
+            raise FunctionError(f"{cls.family}: {key}= is given twice")
+        values[key] = _unquoted(value)
+    for p in cls.parameters():
+        if p.required and p.name not in values:
+            form = f"{cls.family}:..." if p.name == cls.positional else f"{p.name}="
+            raise FunctionError(f"{cls.family}: {p.name} is missing; give {p.kind.name}, as {form}")
+    return cls(**values)
+
+
+def _unquoted(text: str) -> str:
+    return text[1:-1].replace('""', '"') if _QUOTED.fullmatch(text) else text.strip()

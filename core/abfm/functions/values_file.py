@@ -1,0 +1,121 @@
+"""Functions read from a file: one value per vertex of the mesh file."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from abfm.errors import FunctionError
+from abfm.functions.family import PATH, WORD, Family, did_you_mean, parameter, shown
+from abfm.mesh import FloatArray, TriangleMesh
+
+SUFFIXES = (".npy", ".csv", ".txt", ".gii")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValuesFile(Family):
+    """Values from a file, .npy, .csv, .txt or .gii, one per vertex as the mesh file counts them, in the file's own unit.
+
+    See :func:`read_column` for the formats.
+    """
+
+    family: ClassVar[str] = "file"
+    positional: ClassVar[str | None] = "path"
+    path: str = parameter(PATH, ".npy, .csv, .txt or .gii")
+    column: str | None = parameter(WORD, "column by its name or number, counted from 0", default=None)
+
+    def evaluate(self, mesh: TriangleMesh) -> FloatArray:
+        return np.asarray(mesh.restrict(read_column(self.path, self.column)), dtype=np.float64)
+
+
+def read_column(path: str, column: str | None = None) -> FloatArray:
+    """Read one column of numbers, (n,).
+
+    .npy holds an array (n,) or (n, c), no pickle. .csv and .txt hold lines of numbers separated by commas, semicolons,
+    tabs or blanks, with or without a line of names on top; empty lines and lines starting with ``#`` are skipped. .gii is
+    GIFTI, whose data arrays are the columns; it needs nibabel (``pip install 'abfm[gifti]'``).
+
+    Parameters
+    ----------
+    column : str, optional
+        Name, or number counted from 0; must be given where there are several columns.
+
+    Raises
+    ------
+    FunctionError
+        If the file cannot be read, is no table of numbers, or has no such column.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise FunctionError(f"file {shown(path)}: the name must end in {', '.join(SUFFIXES)}")
+    read = {".npy": _read_npy, ".gii": _read_gifti}.get(suffix, _read_text)
+    try:
+        names, table = read(Path(path).expanduser())
+    except (OSError, RuntimeError) as error:  # RuntimeError: no home folder for ~name
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise FunctionError(f"file {shown(path)} cannot be read: {reason}") from error
+    except (ValueError, MemoryError) as error:
+        raise FunctionError(f"file {shown(path)} is not a table of numbers: {' '.join(str(error).split())}") from error
+    return table[:, _position(path, names, table.shape[1], column)]
+
+
+def _position(path: str, names: list[str], count: int, column: str | None) -> int:
+    if column is None and count == 1:
+        return 0
+    if column in names:
+        return names.index(column)
+    if column is not None and column.isdecimal() and int(column) < count:
+        return int(column)
+    available = f"column= 0 to {count - 1}" + (f" or one of {', '.join(names[:8])}" if names else "")
+    asked = "" if column is None else f"no {shown(column)}{did_you_mean(column, names)}; "
+    raise FunctionError(f"file {shown(path)} has {count} column(s), {asked}choose {available}")
+
+
+def _as_table(values: np.ndarray) -> FloatArray:
+    if values.dtype.kind not in "biuf" or values.ndim not in (1, 2):
+        raise ValueError(f"an array of {values.dtype} with shape {values.shape}; real numbers (n,) or (n, c) expected")
+    return values.reshape(len(values), -1).astype(np.float64)
+
+
+def _read_npy(path: Path) -> tuple[list[str], FloatArray]:
+    with path.open("rb") as file:
+        return [], _as_table(np.lib.format.read_array(file, allow_pickle=False))
+
+
+def _read_gifti(path: Path) -> tuple[list[str], FloatArray]:
+    try:
+        import nibabel
+    except ImportError as error:
+        raise FunctionError("GIFTI files need nibabel: pip install 'abfm[gifti]'") from error
+    try:
+        columns = [array.data for array in nibabel.load(path).darrays]
+    except OSError:
+        raise
+    except Exception as error:  # whatever a broken file makes of the XML, base64 and zlib readers
+        raise ValueError(error) from error
+    if not columns:
+        raise ValueError("it holds no data array")
+    return [], _as_table(np.column_stack(columns))
+
+
+def _read_text(path: Path) -> tuple[list[str], FloatArray]:
+    lines = [line for line in path.read_text("utf-8-sig").splitlines() if line.strip() and not line.startswith("#")]
+    if not lines:
+        raise ValueError("it is empty")
+    delimiter = next((sign for sign in ";,\t" if sign in lines[0]), None)
+    first = lines[0].split() if delimiter is None else next(csv.reader(lines[:1], delimiter=delimiter))
+    names = [] if all(map(_is_number, first)) else [name.strip() for name in first]
+    table = np.loadtxt(lines[1:] if names else lines, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
+    return names, table
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

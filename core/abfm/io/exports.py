@@ -1,0 +1,135 @@
+"""Meshes with data for other programs (ParaView, MeshLab), and the energy as a table."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from plyfile import PlyData, PlyElement
+from pyevtk.hl import unstructuredGridToVTK
+from pyevtk.vtk import VtkTriangle
+
+from abfm.errors import ResultError
+from abfm.io.atomic import write_atomically
+from abfm.mesh import TriangleMesh
+
+Data = Mapping[str, ArrayLike]
+
+
+def export_ply(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data) -> None:
+    """Write a binary PLY file with the data as extra properties, everything in double precision.
+
+    MeshLab and trimesh read the properties of vertices and faces as custom attributes; ParaView takes only the shape
+    from a PLY file (for the data: `export_vtu`). An array of C columns becomes the properties ``name_0`` to
+    ``name_{C-1}``.
+
+    Parameters
+    ----------
+    point_data : mapping of names to (V,) or (V, C) arrays
+    cell_data : mapping of names to (F,) or (F, C) arrays
+
+    Raises
+    ------
+    ResultError
+        If a name or a shape does not fit, or the file cannot be written.
+    """
+    positions = dict(zip("xyz", mesh.vertices.T, strict=True))
+    corners = {"vertex_indices": mesh.faces.astype(np.int32)}
+    elements = [
+        _element("vertex", positions | _columns(point_data, len(mesh.vertices), taken=list(positions))),
+        _element("face", corners | _columns(cell_data, len(mesh.faces), taken=list(corners))),
+    ]
+    with write_atomically(path) as temporary:
+        PlyData(elements, byte_order="<").write(str(temporary))
+
+
+def export_vtu(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data) -> None:
+    """Write a binary VTK unstructured grid with point and cell data, everything in double precision.
+
+    ParaView, VTK and PyVista read it. An array of three columns becomes a vector, one of C other columns the scalars
+    ``name_0`` to ``name_{C-1}``.
+
+    Parameters
+    ----------
+    path : path
+        Ends in ``.vtu``, by which the readers know the format.
+    point_data : mapping of names to (V,) or (V, C) arrays
+    cell_data : mapping of names to (F,) or (F, C) arrays
+
+    Raises
+    ------
+    ResultError
+        If a name or a shape does not fit, or the file cannot be written.
+    """
+    if not str(path).endswith(".vtu"):
+        raise ResultError(f"cannot write {path}: the name of a VTK unstructured grid must end in .vtu; add it")
+    points = _columns(point_data, len(mesh.vertices), vectors=True)
+    cells = _columns(cell_data, len(mesh.faces), vectors=True)
+    with write_atomically(path) as temporary:
+        unstructuredGridToVTK(
+            str(temporary).removesuffix(".vtu"),  # pyevtk adds it
+            *np.ascontiguousarray(mesh.vertices.T),
+            connectivity=mesh.faces.ravel(),
+            offsets=3 * np.arange(1, len(mesh.faces) + 1),
+            cell_types=np.full(len(mesh.faces), VtkTriangle.tid, dtype=np.uint8),
+            pointData=points,
+            cellData=cells,
+        )
+
+
+def export_energy_csv(path: str | os.PathLike[str], energy_history: ArrayLike, stages: ArrayLike) -> None:
+    """Write one line per iteration: its number, its cooling stage, and the three energies in solver units.
+
+    Parameters
+    ----------
+    energy_history : (I, 3) array
+        Total, regularity and mismatch.
+    stages : (I,) array of int
+
+    Raises
+    ------
+    ResultError
+        If the file cannot be written.
+    """
+    rows = zip(np.asarray(stages).tolist(), np.asarray(energy_history).tolist(), strict=True)
+    with write_atomically(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["iteration", "stage", "total", "regularity", "mismatch"])
+        writer.writerows([iteration, stage, *energies] for iteration, (stage, energies) in enumerate(rows))
+
+
+def _columns(data: Data, count: int, taken: Sequence[str] = (), vectors: bool = False) -> dict[str, Any]:
+    """The data as float64 columns (count,); with ``vectors``, arrays of three columns stay together as tuples."""
+    columns: dict[str, Any] = {}
+    for name, given in data.items():
+        values = np.asarray(given, dtype=np.float64)
+        if values.ndim not in (1, 2) or len(values) != count or values.size == 0:
+            raise ResultError(f"data {name!r} has shape {values.shape}; expected ({count},) or ({count}, C)")
+        split = np.ascontiguousarray(values.reshape(count, -1).T)
+        if values.ndim == 1:
+            named: dict[str, Any] = {name: split[0]}
+        elif vectors and len(split) == 3:
+            named = {name: tuple(split)}
+        else:
+            named = {f"{name}_{k}": column for k, column in enumerate(split)}
+        for new in named:
+            if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", new) or new in columns or new in taken:
+                raise ResultError(
+                    f"data cannot be named {new!r} here; use letters, digits and _ . - for a name not taken"
+                )
+        columns |= named
+    return columns
+
+
+def _element(name: str, columns: Mapping[str, NDArray[Any]]) -> PlyElement:
+    """A PLY element with the columns as properties; a column (n, k) is a list property of fixed length k."""
+    dtype = [(key, column.dtype, column.shape[1:]) for key, column in columns.items()]
+    records = np.empty(len(next(iter(columns.values()))), dtype)
+    for key, column in columns.items():
+        records[key] = column
+    return PlyElement.describe(records, name, len_types={"vertex_indices": "u1"})

@@ -1,0 +1,165 @@
+"""The result of a match: the field, and everything that its flow can carry."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.advection import Flow
+from abfm.errors import AbfmError, ParameterError, ResultError
+from abfm.exponential import AdvectionError
+from abfm.flow_maps import Distortion, SurfacePoints, distortion, project_onto_surface
+from abfm.channels import channels
+from abfm.io import load_arrays, save_arrays
+from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.parameters import Parameters
+from abfm.vector_fields import to_frame
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """A field whose flow carries the source towards the target.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+    source, target, advected : (V, C) arrays
+        The functions, and the source carried to tau.
+    parameters : Parameters
+    velocity : (N, F, 3) array
+        Tangent fields, in the input's length unit per unit of time.
+    energy_history : (iterations + 1, 3) array
+        Total, regularity and mismatch, in the solver's units (unit area), each with its own stage's sigma.
+    stages : (iterations + 1,) array of int
+        Cooling stage of each row.
+    mismatch : float
+        ``||f_tau - g|| / ||g||`` in L2 on the surface.
+    stop_reason : str
+        "converged", "iteration limit", "line search failed" or "cancelled".
+    mask : (V,) array or None
+    weights : (C,) array
+    channels_given : bool
+        Source and target came as (V, C); else as (V,), and `advect` answers so.
+    """
+
+    mesh: TriangleMesh
+    source: FloatArray
+    target: FloatArray
+    parameters: Parameters
+    velocity: FloatArray
+    advected: FloatArray
+    energy_history: FloatArray
+    stages: IntArray
+    mismatch: float
+    stop_reason: str
+    mask: FloatArray | None
+    weights: FloatArray
+    channels_given: bool
+
+    def advect(self, t: ArrayLike) -> FloatArray:
+        """The source carried to time ``t``, in the shape it was given; beyond tau the flow goes on.
+
+        An array of times (T,) gives (T, ...), much faster than one by one.
+        """
+        return self.push(self.source if self.channels_given else self.source[:, 0], t)
+
+    def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
+        """Any function (V,) or (V, C) carried along the same flow to time ``t``; a negative time undoes the flow.
+
+        Linearised steps are undone by the same steps with the sign changed, in reverse order, which is not an exact
+        inverse. An array of times (T,) gives (T, ...).
+
+        Raises
+        ------
+        FunctionError
+            If ``h`` does not fit the mesh.
+        AdvectionError
+            If the flow overflows or is too long.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        if times.ndim != 1 or not np.isfinite(times).all():
+            raise ParameterError(f"t is {t!r}; expected a finite time or a list of them")
+        rows = channels(self.mesh, h, "h")
+        carried = np.stack([self._flow.at(row, times) for row in rows], axis=-1)
+        if not np.isfinite(carried).all():
+            raise AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
+        carried = carried.reshape(len(times), *np.shape(h))
+        return carried if np.ndim(t) else carried[0]
+
+    def point_map(self, t: float | None = None) -> SurfacePoints:
+        """Where each vertex's value came from at time ``t`` (tau by default), as points on the surface.
+
+        The flow carries the coordinate functions; the closest point of the surface to what arrives is the answer. A
+        negative time gives the inverse map: where each vertex goes.
+        """
+        time = self.parameters.tau if t is None else t
+        return project_onto_surface(self.mesh, self.push(self.mesh.vertices, time))
+
+    def distortion(self, t: float | None = None) -> Distortion:
+        """Per-face distortion of the map that takes each vertex to where it is at time ``t`` (tau by default)."""
+        time = self.parameters.tau if t is None else t
+        return distortion(self.mesh, self.point_map(-time).positions)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a result file (``.npz``, no pickles), whole or not at all.
+
+        Raises
+        ------
+        ResultError
+            If it cannot be written.
+        """
+        save_arrays(
+            path,
+            {
+                "vertices": self.mesh.vertices,
+                "faces": self.mesh.faces,
+                "vertex_ids": self.mesh.vertex_ids,
+                "file_vertex_count": self.mesh.file_vertex_count,
+                "parameters": json.dumps(self.parameters.to_dict()),
+                **{name: getattr(self, name) for name in _STORED},
+                **({} if self.mask is None else {"mask": self.mask}),
+            },
+        )
+
+    @cached_property
+    def _flow(self) -> Flow:
+        """Time does not depend on the units, so the flow may be computed in those of the mesh."""
+        linearized = self.parameters.method == "linearised"
+        return Flow(self.mesh, to_frame(self.mesh, self.velocity), self.parameters.tau, linearized)
+
+
+def load_match(path: str | os.PathLike[str]) -> Match:
+    """Read a result file that `Match.save` wrote.
+
+    Raises
+    ------
+    ResultError
+        If the file is missing, damaged, or not a result.
+    """
+    arrays = load_arrays(path)
+    try:
+        vertices = np.full((int(arrays["file_vertex_count"]), 3), np.nan)  # those that no face uses are dropped again
+        vertices[arrays["vertex_ids"]] = arrays["vertices"]
+        mesh = TriangleMesh(vertices, arrays["vertex_ids"][arrays["faces"]])
+        parameters = Parameters.from_dict(json.loads(str(arrays["parameters"])))
+    except AbfmError as error:
+        raise ResultError(f"{path}: {error}") from error
+    if parameters.segments != len(arrays["velocity"]):
+        raise ResultError(f"{path}: {len(arrays['velocity'])} fields, but parameters say {parameters.segments}")
+    return Match(
+        mesh=mesh,
+        parameters=parameters,
+        mask=arrays.get("mask"),
+        **{name: arrays[name][()] if arrays[name].ndim == 0 else arrays[name] for name in _STORED},
+    )
+
+
+_STORED = (
+    "source", "target", "velocity", "advected", "energy_history", "stages", "mismatch", "stop_reason", "weights",
+    "channels_given",
+)  # fmt: skip

@@ -1,0 +1,246 @@
+"""What a mesh must be before anything is computed on it, and the repairs that are safe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from abfm.errors import MeshError
+from abfm.mesh.orientation import faces_to_flip
+from abfm.mesh.topology import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    corner_fans,
+    edge_slots,
+    edges_of_faces,
+    vertex_components,
+)
+
+SMALLEST, LARGEST = 1e-60, 1e60  # squared areas of such sizes neither underflow nor overflow
+FLATNESS = 1e-12  # height over longest edge at which a face has no usable gradient
+CLEANING = "in MeshLab for example with Filters > Cleaning and Repairing"
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A mesh on its way through the checks, with the rows of the input that its vertices and faces came from."""
+
+    vertices: FloatArray
+    faces: IntArray
+    vertex_ids: IntArray
+    face_ids: IntArray
+    input_vertex_count: int
+    messages: tuple[str, ...] = ()
+
+    def noting(self, message: str) -> Draft:
+        return replace(self, messages=(*self.messages, message))
+
+    def without_unreferenced_vertices(self) -> Draft:
+        used = np.zeros(len(self.vertices), dtype=bool)
+        used[self.faces] = True
+        renumbered = np.cumsum(used) - 1
+        return replace(
+            self, vertices=self.vertices[used], faces=renumbered[self.faces], vertex_ids=self.vertex_ids[used]
+        )
+
+    def corners(self, face: int) -> str:
+        """The vertices of a face, as the input counts."""
+        return ", ".join(str(vertex) for vertex in self.vertex_ids[self.faces[face]])
+
+
+class Connectivity(NamedTuple):
+    """See :mod:`abfm.mesh.topology`."""
+
+    edges: IntArray
+    face_edges: IntArray
+    slots: IntArray
+    fans: IntArray
+
+
+def check(vertices: ArrayLike, faces: ArrayLike, largest_component: bool) -> tuple[Draft, Connectivity]:
+    """Refuse, repair or accept a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
+    points = _vertex_array(vertices)
+    triangles = _face_array(faces, len(points))
+    draft = Draft(points, triangles, np.arange(len(points)), np.arange(len(triangles)), len(points))
+    draft = _drop_unreferenced(draft)
+    _refuse_unusable_coordinates(draft)
+    draft = _one_component(draft, largest_component)
+    _refuse_degenerate_faces(draft)
+    edges, face_edges = edges_of_faces(draft.faces, len(draft.vertices))
+    _refuse_duplicate_faces(draft, face_edges)
+    _refuse_non_manifold_edges(draft, edges, face_edges)
+    slots = edge_slots(face_edges, len(edges))
+    flip = faces_to_flip(draft.vertices, draft.faces, draft.face_ids, slots)
+    if flip.any():
+        draft = replace(draft, faces=_flipped(draft.faces, flip))
+        draft = draft.noting(
+            f"{_count(flip.sum(), 'face was', 'faces were')} turned over so that all agree on a side "
+            f"(for example face {draft.face_ids[np.argmax(flip)]})"
+        )
+        face_edges = _flipped(face_edges, flip)
+        slots = edge_slots(face_edges, len(edges))
+    fans = corner_fans(slots, len(draft.faces))
+    draft = _warn_of_pinched_vertices(draft, fans)
+    return draft, Connectivity(edges, face_edges, slots, fans)
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"1 {one}" if number == 1 else f"{number} {many}"
+
+
+def _flipped(corner_values: IntArray, flip: BoolArray) -> IntArray:
+    return np.where(flip[:, None], corner_values[:, [0, 2, 1]], corner_values)
+
+
+def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
+    """Rows of three real numbers, or a MeshError."""
+    try:
+        array = np.asarray(rows)
+    except ValueError as error:
+        raise MeshError(f"the rows of {name} differ in length: give an array of shape {meaning}") from error
+    if array.size == 0:
+        raise MeshError(f"the mesh has no {name}: a surface needs vertices and triangles (a point cloud has none)")
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iuf":
+        raise MeshError(f"{name} has shape {array.shape} and type {array.dtype}: give an array of shape {meaning}")
+    return array
+
+
+def _vertex_array(vertices: ArrayLike) -> FloatArray:
+    return np.array(_number_array(vertices, "vertices", "(V, 3), coordinates as numbers"), dtype=np.float64)
+
+
+def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
+    array = _number_array(faces, "faces", "(F, 3), vertex indices counted from 0 (split larger polygons)")
+    fractional = np.any(array != np.floor(array), axis=1)
+    if fractional.any():
+        face = np.argmax(fractional)
+        raise MeshError(
+            f"{_count(fractional.sum(), 'face has', 'faces have')} indices that are no whole numbers "
+            f"(face {face}: {array[face].tolist()}): give vertex indices counted from 0"
+        )
+    outside = (array < 0) | (array >= vertex_count)
+    if outside.any():
+        face, corner = np.argwhere(outside)[0]
+        raise MeshError(
+            f"{_count(outside.any(axis=1).sum(), 'face names', 'faces name')} a vertex that does not exist (face "
+            f"{face}, counting from 0, names vertex {array[face, corner]:.0f} of {vertex_count} numbered from 0): "
+            "correct the indices, or complete the vertices"
+        )
+    return array.astype(np.int64)
+
+
+def _drop_unreferenced(draft: Draft) -> Draft:
+    kept = draft.without_unreferenced_vertices()
+    dropped = np.setdiff1d(draft.vertex_ids, kept.vertex_ids, assume_unique=True)
+    if len(dropped) == 0:
+        return draft
+    return kept.noting(
+        f"{_count(len(dropped), 'vertex that no face uses was', 'vertices that no face uses were')} dropped "
+        f"(for example vertex {dropped[0]})"
+    )
+
+
+def _refuse_unusable_coordinates(draft: Draft) -> None:
+    bad = ~np.isfinite(draft.vertices).all(axis=1)
+    if bad.any():
+        vertex = np.argmax(bad)
+        raise MeshError(
+            f"{_count(bad.sum(), 'vertex has', 'vertices have')} coordinates that are not finite (vertex "
+            f"{draft.vertex_ids[vertex]}, counting from 0: {draft.vertices[vertex].tolist()}): correct or remove them"
+        )
+    reach = np.abs(draft.vertices).max()
+    size = (draft.vertices.max(axis=0) - draft.vertices.min(axis=0)).max()
+    if reach > LARGEST or 0 < size < SMALLEST:
+        vertex = np.abs(draft.vertices).max(axis=1).argmax()
+        raise MeshError(
+            f"the mesh is {size:.3g} wide and reaches {reach:.3g} (vertex {draft.vertex_ids[vertex]}), where areas "
+            f"over- or underflow: rescale it to between {SMALLEST:g} and {LARGEST:g}"
+        )
+
+
+def _one_component(draft: Draft, largest_component: bool) -> Draft:
+    component = vertex_components(draft.faces, len(draft.vertices))[draft.faces[:, 0]]
+    count = component.max() + 1
+    if count == 1:
+        return draft
+    a, b, c = np.moveaxis(draft.vertices[draft.faces], 1, 0)
+    area = np.bincount(component, np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    largest = component == np.argmax(area)
+    if not largest_component:
+        stray = np.argmin(largest)
+        repeated = len(draft.vertices) - len(np.unique(draft.vertices, axis=0))
+        seams = f"; {repeated} vertices repeat the position of another, so merging them may join it" if repeated else ""
+        raise MeshError(
+            f"the surface has {count} components that do not touch (the largest has {largest.sum()} of "
+            f"{len(largest)} faces; face {draft.face_ids[stray]}, counting from 0, is outside it){seams}: keep only "
+            "the largest with --largest-component (in Python: largest_component=True), or join them"
+        )
+    kept = replace(draft, faces=draft.faces[largest], face_ids=draft.face_ids[largest]).without_unreferenced_vertices()
+    return kept.noting(
+        f"kept the largest of {count} components: {len(kept.vertices)} of {len(draft.vertices)} vertices, "
+        f"{len(kept.faces)} of {len(draft.faces)} faces"
+    )
+
+
+def _refuse_degenerate_faces(draft: Draft) -> None:
+    a, b, c = draft.faces.T
+    repeats = (a == b) | (b == c) | (c == a)
+    if repeats.any():
+        face = int(np.argmax(repeats))
+        raise MeshError(
+            f"{_count(repeats.sum(), 'face is degenerate: it uses', 'faces are degenerate: they use')} a vertex twice "
+            f"(face {draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)}): remove them, {CLEANING}"
+        )
+    corners = draft.vertices[draft.faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    twice_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    rounding = 4 * np.finfo(np.float64).eps * np.abs(corners).max(axis=(1, 2))
+    flat = twice_area <= (FLATNESS * longest + rounding) * longest
+    if flat.any():
+        face = int(np.argmax(flat))
+        raise MeshError(
+            f"{_count(flat.sum(), 'face is degenerate: it has', 'faces are degenerate: they have')} no area (face "
+            f"{draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)}): remove or collapse them, "
+            f"{CLEANING}"
+        )
+
+
+def _refuse_duplicate_faces(draft: Draft, face_edges: IntArray) -> None:
+    order = np.lexsort(np.sort(face_edges, axis=1).T)
+    in_order = np.sort(face_edges, axis=1)[order]
+    again = np.append(False, (in_order[1:] == in_order[:-1]).all(axis=1))
+    if again.any():
+        position = np.argmax(again)
+        first, second = np.sort(draft.face_ids[order[position - 1 : position + 1]])
+        raise MeshError(
+            f"{_count(again.sum(), 'face repeats', 'faces repeat')} the vertices of another (faces {first} and "
+            f"{second}, counting from 0: vertices {draft.corners(order[position])}): remove the copies, {CLEANING}"
+        )
+
+
+def _refuse_non_manifold_edges(draft: Draft, edges: IntArray, face_edges: IntArray) -> None:
+    uses = np.bincount(face_edges.ravel())
+    if uses.max() > 2:
+        edge = np.argmax(uses > 2)
+        start, end = draft.vertex_ids[edges[edge]]
+        faces = draft.face_ids[np.flatnonzero((face_edges == edge).any(axis=1))]
+        raise MeshError(
+            f"{_count(int(np.sum(uses > 2)), 'edge has', 'edges have')} more than two faces (vertices {start} and "
+            f"{end}, counting from 0: faces {', '.join(map(str, faces[:4]))}): remove the extra sheets, {CLEANING}"
+        )
+
+
+def _warn_of_pinched_vertices(draft: Draft, fans: IntArray) -> Draft:
+    vertex_of_fan = np.zeros(fans.max() + 1, dtype=np.int64)
+    vertex_of_fan[fans] = draft.faces
+    pinched = np.bincount(vertex_of_fan) > 1
+    if not pinched.any():
+        return draft
+    return draft.noting(
+        f"warning: {_count(pinched.sum(), 'vertex is', 'vertices are')} pinched, joining parts that share no edge "
+        f"(for example vertex {draft.vertex_ids[np.argmax(pinched)]}): nothing flows across it"
+    )

@@ -1,0 +1,86 @@
+"""Reading mesh files."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+from abfm.errors import MeshError
+from abfm.mesh.readers.contents import FileContents
+from abfm.mesh.readers.gifti import read_gifti
+from abfm.mesh.readers.obj import read_obj
+from abfm.mesh.readers.off import read_off
+from abfm.mesh.readers.ply import read_ply
+from abfm.mesh.readers.scenes import read_gltf, read_stl
+from abfm.mesh.triangle_mesh import TriangleMesh
+
+READERS: dict[str, Callable[[Path], FileContents]] = {
+    ".obj": read_obj,
+    ".off": read_off,
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".gii": read_gifti,
+    ".gii.gz": read_gifti,
+}
+
+
+def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> TriangleMesh:
+    """Read a triangle mesh from a file: obj, off, ply, stl, glb, gltf or gii.
+
+    Vertices keep the file's order and count, unused ones included in the count; only STL and glTF, which repeat
+    vertices, are merged by position, with a message. Polygons are split into triangles.
+
+    Parameters
+    ----------
+    path : path
+        The ending of its name says the format.
+    largest_component : bool
+        Of several components keep the one with the largest area, with a message, instead of refusing the mesh.
+
+    Returns
+    -------
+    TriangleMesh
+        Its ``messages`` say what was repaired.
+
+    Raises
+    ------
+    MeshError
+        If there is no such file, it cannot be read, or its mesh cannot be used; one line that begins with the
+        file's name.
+    """
+    file = Path(path)
+    reader = next((reader for ending, reader in READERS.items() if file.name.lower().endswith(ending)), None)
+    if reader is None:
+        raise MeshError(f"{path}: the format is not known from the name's ending; known are {', '.join(READERS)}")
+    try:
+        contents = _read(file, reader)
+        return TriangleMesh(
+            contents.vertices, contents.faces, largest_component=largest_component, messages=contents.messages
+        )
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from error
+
+
+def _read(file: Path, reader: Callable[[Path], FileContents]) -> FileContents:
+    """Contents of the file, or a MeshError: readers, other people's among them, may raise anything on a bad file."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if file.stat().st_size == 0:
+                raise ValueError("the file is empty")
+            return reader(file)
+    except FileNotFoundError as error:
+        raise MeshError("there is no such file" if not file.exists() else _reason(error)) from error
+    except IsADirectoryError as error:
+        raise MeshError("this is a folder, not a mesh file") from error
+    except Exception as error:
+        raise MeshError(f"cannot be read: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """First line of what an error says, or its type."""
+    return next(iter(str(error).splitlines()), type(error).__name__)

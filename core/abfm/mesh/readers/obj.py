@@ -1,0 +1,38 @@
+"""Wavefront OBJ: one vertex per ``v`` line, whatever texture coordinates and normals the faces also name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from abfm.mesh.readers.contents import FileContents, split_polygons
+
+
+def read_obj(path: Path) -> FileContents:
+    """Vertices and faces of an OBJ file; groups, materials, textures and normals are passed over.
+
+    Raises
+    ------
+    ValueError
+        Saying what is wrong with the text.
+    """
+    text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\\\n", " ")
+    rows: list[list[str]] = []
+    polygons: list[list[int]] = []
+    for line in text.splitlines():
+        keyword, *words = line.partition("#")[0].split() or [""]
+        if keyword == "v":
+            rows.append(words[:3])
+        elif keyword == "f":
+            polygons.append([_vertex(word, len(rows)) for word in words])
+    vertices = np.array(rows, dtype=np.float64).reshape(len(rows), -1)
+    return split_polygons(vertices, polygons)
+
+
+def _vertex(word: str, count: int) -> int:
+    """Index from 0 of the vertex in ``vertex/texture/normal``: counted from 1, or back from the last one so far."""
+    index = int(word.partition("/")[0])
+    if index == 0:
+        raise ValueError("a face names vertex 0, but OBJ counts vertices from 1")
+    return index - 1 if index > 0 else count + index

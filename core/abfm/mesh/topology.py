@@ -1,0 +1,63 @@
+"""How the faces of a mesh hang together: edges, neighbours, components, fans.
+
+A *slot* is one corner of one face, flat index ``3 f + k``; it also stands for the edge opposite to that corner.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+
+
+def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
+    """Edges (E, 2) as vertex pairs, smaller index first, sorted; and the edge opposite each corner, (F, 3)."""
+    start, end = faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]
+    keys = np.minimum(start, end) * vertex_count + np.maximum(start, end)
+    unique, inverse = np.unique(keys, return_inverse=True)
+    return np.stack(np.divmod(unique, vertex_count), axis=1), inverse.reshape(-1, 3)
+
+
+def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
+    """Slots (E, 2) of every edge of a manifold mesh, smaller first; the second is -1 on the boundary."""
+    order = np.argsort(face_edges, axis=None, kind="stable")
+    uses = np.bincount(face_edges.ravel(), minlength=edge_count)
+    first = np.cumsum(uses) - uses
+    last = order[first + uses - 1]
+    return np.stack([order[first], np.where(uses == 2, last, -1)], axis=1)
+
+
+def next_corner(slots: IntArray) -> IntArray:
+    """The slot of the following corner in the same face: where the slot's edge starts (where it ends: twice)."""
+    return slots - slots % 3 + (slots + 1) % 3
+
+
+def connected(count: int, pairs: IntArray) -> IntArray:
+    """Component label of ``count`` nodes joined by ``pairs`` (n, 2); labels rise in order of first appearance."""
+    graph = sparse.csr_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+def vertex_components(faces: IntArray, vertex_count: int) -> IntArray:
+    """Component of every vertex, (V,), where faces that share a vertex belong together."""
+    return connected(vertex_count, np.concatenate([faces[:, :2], faces[:, 1:]]))
+
+
+def corner_fans(slots: IntArray, face_count: int) -> IntArray:
+    """Fan of every corner, (F, 3): the corners at one vertex that are linked through shared edges.
+
+    ``slots`` are the :func:`edge_slots` of a consistently oriented mesh. A manifold vertex has one fan, a pinched one
+    several: the fans are the vertices that the surface has when it is cut apart at its pinched vertices.
+    """
+    inner = slots[slots[:, 1] >= 0]
+    start = next_corner(inner)
+    end = next_corner(start)
+    links = np.concatenate([np.stack([start[:, 0], end[:, 1]], axis=1), np.stack([end[:, 0], start[:, 1]], axis=1)])
+    return connected(3 * face_count, links).reshape(-1, 3)

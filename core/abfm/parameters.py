@@ -1,0 +1,108 @@
+"""What a user can set about a match, checked when it is made."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal
+
+from abfm.errors import ParameterError
+
+Method = Literal["nonlinear", "linearised"]
+Gradient = Literal["adjoint", "bracket"]
+Preconditioner = Literal["hodge", "none"]
+
+CHOICES = {
+    "method": ("nonlinear", "linearised"),
+    "gradient": ("adjoint", "bracket"),
+    "preconditioner": ("hodge", "none"),
+}
+
+
+def _parameter(default: Any, symbol: str, help: str, minimum: float | None = None, open: bool = False) -> Any:
+    metadata = {"symbol": symbol, "help": help, "minimum": minimum, "open": open}
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Parameters of a match; lengths and areas are those of the mesh scaled to unit area.
+
+    Every field's metadata has its ``symbol`` in the paper, a ``help`` text and its ``minimum`` (excluded if ``open``).
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of range, not a number, or not one of the choices.
+    """
+
+    tau: float = _parameter(1.0, "τ", "end time of the flow; larger deformations may need more", 0, True)
+    alpha: float = _parameter(0.01, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
+    beta: float = _parameter(1e-3, "β", "smoothness of the mismatch: weight of its gradient; helps functions far apart", 0)
+    sigma: float = _parameter(1e-3, "σ", "weight of the match against the smoothness: smaller matches closer", 0, True)
+    method: Method = _parameter("nonlinear", "", "exponential flow, or the first two terms of the exponential")
+    segments: int = _parameter(0, "N", "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)", 0)
+    gradient: Gradient = _parameter("adjoint", "", "exact derivative of the discrete energy, or the paper's by brackets")
+    substeps: int = _parameter(10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1)
+    quadrature: int = _parameter(10, "k", "intervals of the time integral in the bracket gradient", 1)
+    iterations: int = _parameter(150, "", "iterations at most, over all cooling stages together", 0)
+    cooling_stages: int = _parameter(3, "*", "stages of sigma, the last one at its value; 1 for no cooling", 1)
+    cooling_factor: float = _parameter(10.0, "*", "sigma is divided by this from stage to stage", 1, True)
+    stage_iterations: int = _parameter(
+        0, "*", "iterations at most of each stage before the last; 0 shares half of all among them", 0
+    )
+    preconditioner: Preconditioner = _parameter(
+        "hodge", "", "exact inverse of the field's norm, or none (the paper's plain L-BFGS)"
+    )
+    memory: int = _parameter(10, "", "pairs that L-BFGS remembers", 1)
+    max_displacement: float = _parameter(
+        0.1, "", "most that one iteration may change tau |v|, as a fraction of sqrt(area)", 0, True
+    )
+    tolerance: float = _parameter(1e-4, "", "converged when the gradient's norm is this fraction of its first one", 0)
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if entry.name in CHOICES:
+                if value not in CHOICES[entry.name]:
+                    expected = " or ".join(repr(choice) for choice in CHOICES[entry.name])
+                    raise ParameterError(f"{entry.name} is {value!r}; expected {expected}")
+                continue
+            _check_number(entry.name, value, entry.type == "int", entry.metadata["minimum"], entry.metadata["open"])
+        if self.segments == 0:
+            object.__setattr__(self, "segments", 1 if self.method == "nonlinear" else 10)
+
+    def stage_sigmas(self) -> list[float]:
+        """The value of sigma in each cooling stage."""
+        return [self.sigma * self.cooling_factor**left for left in reversed(range(self.cooling_stages))]
+
+    def stage_limits(self) -> list[int]:
+        """Iterations at most in each cooling stage; the last one has also what earlier ones leave over."""
+        early = self.cooling_stages - 1
+        share = self.stage_iterations or (self.iterations // 2 // early if early else 0)
+        return [share] * early + [self.iterations]
+
+    def to_dict(self) -> dict[str, Any]:
+        """All fields as plain numbers and strings."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Parameters:
+        """Inverse of `to_dict`; unknown names are refused."""
+        known = {entry.name for entry in fields(cls)}
+        unknown = sorted(set(values) - known)
+        if unknown:
+            raise ParameterError(f"unknown parameter {unknown[0]!r}; expected one of {', '.join(sorted(known))}")
+        return cls(**values)
+
+
+def _check_number(name: str, value: Any, whole: bool, minimum: float, open: bool) -> None:
+    kind = "a whole number" if whole else "a number"
+    bound = f"{'above' if open else 'at least'} {minimum:g}"
+    try:
+        right_type = not isinstance(value, bool) and (int(value) == value if whole else float(value) == value)
+        fits = right_type and math.isfinite(value) and (value > minimum if open else value >= minimum)
+    except (TypeError, ValueError, OverflowError):
+        fits = False
+    if not fits:
+        raise ParameterError(f"{name} is {value!r}; expected {kind} {bound}")

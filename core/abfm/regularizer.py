@@ -1,0 +1,80 @@
+"""The norm ``||v||_alpha`` of fields (section 3) and its exact inverse.
+
+``R = G_F D_alpha = M + alpha M (A G_1^-1 A^T + B G_0^-1 B^T) M`` with ``M = G_F``, the gradients ``A`` of edge and ``B`` of
+(rotated) vertex functions, and their masses. Because ``A^T M B = 0``, the Woodbury identity splits into two scalar
+problems, ``R^-1 = M^-1 - alpha A (G_1 + alpha A^T M A)^-1 A^T - alpha B (G_0 + alpha B^T M B)^-1 B^T``.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from abfm import kernels
+from abfm.cholesky import Solve, factor
+from abfm.mesh import FloatArray, TriangleMesh, per_mesh
+from abfm.operators import Matrix, edge_areas, face_areas, field_mass, hodge_gradients, vertex_areas
+
+
+@per_mesh
+def _stacked(mesh: TriangleMesh) -> tuple[Matrix, Matrix, FloatArray]:
+    """``[A B]``, its transpose (both sorted CSR), and the masses of edge and inner vertex functions."""
+    both = sparse.hstack(hodge_gradients(mesh), format="csr")
+    masses = np.concatenate([edge_areas(mesh), vertex_areas(mesh)[~mesh.is_boundary_vertex]])
+    return Matrix(both), Matrix(both.T.tocsr()), masses
+
+
+class Regularizer:
+    """``R = G_F D_alpha`` on frame coefficients (F, 2): apply, and apply the inverse.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    alpha : float
+        Weight of the Hodge Laplacian, in units of the mesh's area; not negative.
+    """
+
+    def __init__(self, mesh: TriangleMesh, alpha: float) -> None:
+        self.mesh = mesh
+        self.alpha = alpha
+        self.mass = np.repeat(face_areas(mesh), 2)
+        self.gradients, self.transposed, self.masses = _stacked(mesh)
+
+    @cached_property
+    def _solvers(self) -> list[Solve]:
+        mass = field_mass(self.mesh)
+        return [
+            factor(Matrix(sparse.diags_array(areas) + self.alpha * gradient.T @ mass @ gradient))
+            for gradient, areas in zip(hodge_gradients(self.mesh), self._split(self.masses), strict=True)
+        ]
+
+    def _split(self, stacked: FloatArray) -> list[FloatArray]:
+        return np.split(stacked, [len(self.mesh.edges)])
+
+    def apply(self, v: FloatArray) -> FloatArray:
+        """``R v``."""
+        momentum = self.mass * v.ravel()
+        if self.alpha > 0:
+            derivatives = kernels.product(self.transposed, momentum) / self.masses
+            momentum += self.alpha * self.mass * kernels.product(self.gradients, derivatives)
+        return momentum.reshape(v.shape)
+
+    def inverse(self, momentum: FloatArray) -> FloatArray:
+        """``R^-1 m``: two scalar solves, factored at the first call."""
+        flat = momentum.ravel()
+        v = flat / self.mass
+        if self.alpha > 0:
+            sources = self._split(kernels.product(self.transposed, flat))
+            potentials = [solve(source) for solve, source in zip(self._solvers, sources, strict=True)]
+            v -= self.alpha * kernels.product(self.gradients, np.concatenate(potentials))
+        return v.reshape(momentum.shape)
+
+
+def regularizer(mesh: TriangleMesh, alpha: float) -> Regularizer:
+    """The mesh's regulariser; the latest one is kept, so that only a new ``alpha`` factors again."""
+    latest = mesh.cache.get("regularizer")
+    if latest is None or latest.alpha != alpha:
+        latest = mesh.cache["regularizer"] = Regularizer(mesh, alpha)
+    return latest

@@ -1,0 +1,34 @@
+"""Meshes that come with the package."""
+
+import numpy as np
+import pytest
+
+from abfm.assets import asset_names, asset_path
+from abfm.errors import MeshError
+from abfm.mesh import load_mesh
+
+
+def test_names_lead_to_files_with_a_source_and_licence():
+    readme = (asset_path("eight.off").parent / "README.md").read_text(encoding="utf-8")
+    assert "human_A.off" in asset_names()
+    for name in asset_names():
+        assert asset_path(name).stat().st_size > 0
+        assert f"`{name}`" in readme
+
+
+def test_unknown_name_suggests_the_nearest():
+    with pytest.raises(MeshError, match=r"no mesh called human_a\.off .* did you mean human_[AB]\.off"):
+        asset_path("human_a.off")
+    with pytest.raises(MeshError, match=r"shipped: known are eight\.off, "):
+        asset_path("zzzzzzzz")
+    with pytest.raises(MeshError, match="no mesh called"):
+        asset_path("../pyproject.toml")
+
+
+def test_human_symmetry_is_an_involution_that_maps_faces_to_faces():
+    opposite = np.loadtxt(asset_path("human.symperm.txt"), dtype=int)
+    mesh = load_mesh(asset_path("human_A.off"))
+    np.testing.assert_array_equal(opposite[opposite], np.arange(len(mesh.vertices)))
+    faces = {tuple(sorted(face)) for face in mesh.faces.tolist()}
+    assert {tuple(sorted(face)) for face in opposite[mesh.faces].tolist()} == faces
+    np.testing.assert_array_equal(load_mesh(asset_path("human_B.off")).faces, mesh.faces)

@@ -1,0 +1,212 @@
+"""What a mesh must be: every defect is named, counted, shown by an example and comes with advice."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from abfm.errors import FunctionError, MeshError
+from abfm.mesh import TriangleMesh
+from tests.shapes import disc, icosphere, moebius_arrays, square, tetrahedron, torus
+
+TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+SHEET = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+
+
+def side_by_side(*meshes):
+    """Vertices and faces of several meshes, moved apart along x."""
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
+    vertices = [mesh.vertices + [10.0 * k, 0, 0] for k, mesh in enumerate(meshes)]
+    return np.concatenate(vertices), np.concatenate([m.faces + s for m, s in zip(meshes, starts, strict=True)])
+
+
+def with_vertex(vertex, row):
+    sphere = icosphere(1)
+    vertices = sphere.vertices.copy()
+    vertices[vertex] = row
+    return vertices, sphere.faces
+
+
+def with_faces(*rows):
+    sphere = icosphere(1)
+    return sphere.vertices, np.concatenate([sphere.faces, rows])
+
+
+REFUSED = {
+    "no vertices": (np.zeros((0, 3)), np.zeros((0, 3), int), "no vertices"),
+    "no faces": (TRIANGLE, np.zeros((0, 3), int), "no faces"),
+    "flat vertices": (TRIANGLE[:, :2], [[0, 1, 2]], r"vertices has shape \(3, 2\).*\(V, 3\)"),
+    "ragged vertices": ([[0, 0, 0], [1, 0]], [[0, 1, 2]], "rows of vertices differ in length"),
+    "words as vertices": ([["a", "b", "c"]] * 3, [[0, 1, 2]], "vertices has shape .* type <U1"),
+    "complex vertices": (TRIANGLE * 1j, [[0, 1, 2]], "type complex128"),
+    "quads": (SHEET, [[0, 1, 3, 2]], r"faces has shape \(1, 4\).*split larger polygons"),
+    "ragged faces": (SHEET, [[0, 1, 2], [0, 1, 2, 3]], "rows of faces differ in length"),
+    "truth values as faces": (TRIANGLE, [[False, True, True]], "type bool"),
+    "fractional index": (SHEET, [[0, 1, 3], [0, 2, 1.5]], r"1 face has .* no whole numbers \(face 1: \[0.0, 2.0, 1.5\]\)"),
+    "nan index": (TRIANGLE, [[0, 1, np.nan]], "no whole numbers"),
+    "infinite index": (TRIANGLE, [[0, 1, np.inf]], "names vertex inf of 3"),
+    "index too large": (TRIANGLE, [[0, 1, 2], [1, 2, 3]], "1 face names .* face 1, .* names vertex 3 of 3 numbered from 0"),
+    "negative index": (TRIANGLE, [[0, 1, -1]], "names vertex -1 of 3"),
+    "nan": (*with_vertex(7, np.nan), r"1 vertex has .* not finite \(vertex 7, .*\[nan, nan, nan\]"),
+    "infinity": (*with_vertex(0, [0, np.inf, 0]), r"not finite \(vertex 0, .*\[0.0, inf, 0.0\]"),
+    "overflow": (*with_vertex(3, [1e200, 0, 0]), r"reaches 1e\+200 \(vertex 3\).*rescale"),
+    "underflow": (icosphere(1).vertices * 1e-90, icosphere(1).faces, "2e-90 wide.*rescale"),
+    "vertex used twice": (*with_faces([3, 4, 3], [9, 9, 9]), "2 faces are degenerate.*face 80, .*vertices 3, 4, 3"),
+    "line": (np.array([[0, 0, 0], [0.1, 0, 0], [0.3, 0, 0]]), [[0, 1, 2]], "1 face is degenerate: it has no area"),
+    "point": (np.ones((3, 3)), [[0, 1, 2]], "no area"),
+    "line far away": (TRIANGLE * [1, 1e-12, 1] + 1e6, [[0, 1, 2]], "no area"),
+    "same face": (*with_faces(icosphere(1).faces[5]), "1 face repeats .*faces 5 and 80"),
+    "same face turned": (SHEET, [[0, 1, 2], [3, 2, 1], [1, 0, 2]], r"faces 0 and 2, counting from 0: vertices 1, 0, 2"),
+    "edge with three faces": (np.vstack([SHEET, [[0, 0, 1]]]), [[0, 1, 2], [1, 3, 2], [2, 1, 4]],
+                              r"1 edge has more than two faces \(vertices 1 and 2, .* faces 0, 1, 2\)"),
+    "Moebius strip": (*moebius_arrays(20), "not orientable.*40 of 40 faces"),
+    "two spheres": (*side_by_side(icosphere(0), icosphere(1)),
+                    r"2 components.*80 of 100 faces; face 0, .*--largest-component .*largest_component=True"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("vertices", "faces", "message"), REFUSED.values(), ids=REFUSED)
+def test_refused(vertices, faces, message):
+    with pytest.raises(MeshError, match=message) as caught:
+        TriangleMesh(vertices, faces)
+    assert "\n" not in str(caught.value)
+    assert ": " in str(caught.value)  # the advice
+
+
+def test_examples_count_as_the_input_does():
+    """Neither dropped vertices nor a dropped component shift the indices that an error names."""
+    sphere, small = icosphere(1), tetrahedron()
+    vertices, faces = side_by_side(small, sphere)
+    faces = np.concatenate([faces, [[9, 9, 9]]]) + 2
+    vertices = np.concatenate([np.zeros((2, 3)), vertices])
+    with pytest.raises(MeshError, match="face 84, counting from 0: vertices 11, 11, 11"):
+        TriangleMesh(vertices, faces, largest_component=True)
+
+
+def test_separate_faces_at_equal_positions_are_explained():
+    sphere = icosphere(0)
+    with pytest.raises(MeshError, match="20 components.*48 vertices repeat the position of another.*merging"):
+        TriangleMesh(sphere.vertices[sphere.faces].reshape(-1, 3), np.arange(60).reshape(-1, 3))
+
+
+def test_largest_component_is_largest_by_area():
+    many_small_faces = TriangleMesh(icosphere(2).vertices * 0.1, icosphere(2).faces)
+    vertices, faces = side_by_side(many_small_faces, icosphere(0), tetrahedron())
+    mesh = TriangleMesh(vertices, faces, largest_component=True)
+    assert mesh.vertices.tolist() == vertices[-4:].tolist()
+    assert mesh.vertex_ids.tolist() == [174, 175, 176, 177]
+    assert mesh.face_ids.tolist() == [340, 341, 342, 343]
+    assert mesh.messages == ("kept the largest of 3 components: 4 of 178 vertices, 4 of 344 faces",)
+
+
+def test_unreferenced_vertices_are_dropped_even_if_not_finite():
+    sphere = icosphere(1)
+    vertices = np.insert(sphere.vertices, [0, 5, 42], [[np.nan, 0, 0], [1e300, 0, 0], [7, 7, 7]], axis=0)
+    kept = np.delete(np.arange(45), [0, 6, 44])
+    mesh = TriangleMesh(vertices, kept[sphere.faces])
+    assert mesh.vertices.tolist() == sphere.vertices.tolist()
+    assert mesh.faces.tolist() == sphere.faces.tolist()
+    assert mesh.vertex_ids.tolist() == kept.tolist()
+    assert mesh.file_vertex_count == 45
+    assert mesh.messages == ("3 vertices that no face uses were dropped (for example vertex 0)",)
+
+
+def test_local_vertex_and_restrict_count_as_the_file_does():
+    sphere = icosphere(1)
+    vertices = np.insert(sphere.vertices, 5, np.nan, axis=0)
+    mesh = TriangleMesh(vertices, sphere.faces + (sphere.faces >= 5))
+    assert [mesh.local_vertex(index) for index in (0, 4, 6, 42)] == [0, 4, 5, 41]
+    with pytest.raises(FunctionError, match="vertex 5 was dropped"):
+        mesh.local_vertex(5)
+    for outside in (-1, 43):
+        with pytest.raises(FunctionError, match=f"no vertex {outside}: .* 43 vertices, numbered 0 to 42"):
+            mesh.local_vertex(outside)
+    assert mesh.restrict(np.arange(43)).tolist() == [*range(5), *range(6, 43)]
+    assert mesh.restrict(np.ones((43, 2))).shape == (42, 2)
+    assert mesh.restrict(np.arange(42)).tolist() == list(range(42))
+    with pytest.raises(FunctionError, match=r"7 values .* 43 vertices \(42 of them kept\)"):
+        mesh.restrict(np.ones(7))
+    with pytest.raises(FunctionError, match="7 values .* 42 vertices:"):
+        sphere.restrict(np.ones(7))
+
+
+def test_last_vertex_dropped():
+    mesh = TriangleMesh(np.vstack([TRIANGLE, [[0, 0, 9]]]), [[0, 1, 2]])
+    with pytest.raises(FunctionError, match="vertex 3 was dropped"):
+        mesh.local_vertex(3)
+
+
+def test_pinched_vertex_is_reported():
+    """Two discs that share their centre."""
+    flat, lower = disc(2), disc(2).vertices - [0, 0, 1]
+    faces = np.concatenate([flat.faces, np.where(flat.faces == 0, 0, flat.faces + 18)])
+    mesh = TriangleMesh(np.concatenate([flat.vertices, lower[1:]]), faces)
+    assert re.match(r"warning: 1 vertex is pinched.*vertex 0\)", mesh.messages[0])
+    assert mesh.boundary_loop_count == 2
+    assert mesh.genus == 0
+
+
+def test_pinched_boundary_vertex_is_reported():
+    mesh = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], [[0, 1, 2], [0, 3, 4]])
+    assert "1 vertex is pinched" in mesh.messages[0]
+    assert mesh.boundary_loop_count == 2
+
+
+def test_arrays_are_copied_and_locked():
+    vertices, faces = TRIANGLE.copy(), np.array([[0, 1, 2]])
+    mesh = TriangleMesh(vertices, faces)
+    vertices[:], faces[:] = 0, 0
+    assert mesh.vertices.tolist() == TRIANGLE.tolist()
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+    for name in ("vertices", "faces", "vertex_ids", "edges", "face_edges", "edge_faces", "is_boundary_vertex"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(mesh, name)[0] = 0
+    with pytest.raises(AttributeError, match="setting vertices"):
+        mesh.vertices = TRIANGLE
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.int32, np.uint64, np.float32, list])
+def test_index_types(kind):
+    faces = icosphere(0).faces
+    given = faces.tolist() if kind is list else faces.astype(kind)
+    assert TriangleMesh(icosphere(0).vertices.astype(np.float32), given).faces.tolist() == faces.tolist()
+
+
+def test_normalized_keeps_everything_but_the_size():
+    vertices, faces = side_by_side(square(4), tetrahedron())
+    mesh = TriangleMesh(vertices, faces, largest_component=True, messages=["read from a file"])
+    unit = mesh.normalized()
+    assert unit is mesh.normalized()
+    np.testing.assert_allclose(unit.vertices * mesh.length_scale, mesh.vertices, rtol=1e-14)
+    corners = unit.vertices[unit.faces]
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    assert area == pytest.approx(1, rel=1e-14)
+    assert unit.length_scale == 1
+    for name in ("faces", "vertex_ids", "face_ids", "messages", "file_vertex_count", "edges", "face_edges"):
+        assert getattr(unit, name) is getattr(mesh, name)
+    assert unit.cache == {}
+    assert mesh.messages[0] == "read from a file"
+    with pytest.raises(ValueError, match="read-only"):
+        unit.vertices[0] = 0
+
+
+@given(power=st.integers(-55, 55))
+def test_acceptance_does_not_depend_on_the_unit(power):
+    """A needle of aspect 1e-9 is accepted, one of 1e-13 is refused, in any unit of length."""
+    for height, usable in ((1e-9, True), (1e-13, False)):
+        vertices = TRIANGLE * [1, height, 1] * 10.0**power
+        if usable:
+            assert TriangleMesh(vertices, [[0, 1, 2]]).messages == ()
+        else:
+            with pytest.raises(MeshError, match="no area"):
+                TriangleMesh(vertices, [[0, 1, 2]])
+
+
+def test_torus_with_doubled_sheet_is_not_manifold_everywhere():
+    mesh = torus(5, 4)
+    again = np.concatenate([mesh.faces, mesh.faces + len(mesh.vertices)])
+    glued = np.where(again == len(mesh.vertices) + 3, 3, again)
+    inflated = np.concatenate([mesh.vertices, mesh.vertices * 2])
+    assert "pinched" in TriangleMesh(inflated, glued).messages[-1]

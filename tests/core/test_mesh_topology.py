@@ -1,0 +1,85 @@
+"""Edges, boundaries, Euler characteristic and genus against what geometry says."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from abfm.assets import asset_path
+from abfm.mesh import TriangleMesh, load_mesh
+from tests.shapes import disc, ellipsoid, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
+
+SHAPES = {  # mesh, genus, boundary loops, boundary edges
+    "sphere": (icosphere(2), 0, 0, 0),
+    "ellipsoid": (ellipsoid(1, 1, 2, 3), 0, 0, 0),
+    "tetrahedron": (tetrahedron(), 0, 0, 0),
+    "torus": (torus(7, 5), 1, 0, 0),
+    "square": (square(5), 0, 1, 20),
+    "disc": (disc(3), 0, 1, 18),
+    "hemisphere": (hemisphere(4), 0, 1, 24),
+    "cylinder": (open_cylinder(9, 4), 0, 2, 18),
+    "triangle": (TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), 0, 1, 3),
+}
+
+
+@pytest.mark.parametrize(("mesh", "genus", "loops", "edges"), SHAPES.values(), ids=SHAPES)
+def test_genus_boundary_and_euler_characteristic(mesh, genus, loops, edges):
+    assert mesh.messages == ()
+    assert mesh.genus == genus
+    assert mesh.boundary_loop_count == loops
+    assert mesh.is_boundary_edge.sum() == mesh.is_boundary_vertex.sum() == edges
+    assert mesh.is_closed == (edges == 0)
+    assert mesh.euler_characteristic == 2 - 2 * genus - loops
+
+
+@pytest.mark.parametrize(("name", "genus"), [("eight.off", 2), ("human_A.off", 0), ("fandisk.off", 0)])
+def test_shipped_meshes_are_clean_and_closed(name, genus):
+    mesh = load_mesh(asset_path(name))
+    assert mesh.messages == ()
+    assert mesh.is_closed
+    assert mesh.genus == genus
+
+
+def test_two_tori_joined_at_a_vertex_have_genus_two():
+    one = torus(6, 5)
+    again = np.where(one.faces == 0, 0, one.faces + len(one.vertices) - 1)
+    vertices = np.concatenate([one.vertices, one.vertices[1:] + [0, 0, 3]])
+    assert TriangleMesh(vertices, np.concatenate([one.faces, again])).genus == 2
+
+
+@pytest.mark.parametrize(("mesh", "genus", "loops", "edges"), SHAPES.values(), ids=SHAPES)
+def test_edges_lie_opposite_their_corners_and_between_their_faces(mesh, genus, loops, edges):
+    assert np.all(mesh.edges[:, 0] < mesh.edges[:, 1])
+    for corner in range(3):
+        others = np.delete(mesh.faces, corner, axis=1)
+        np.testing.assert_array_equal(np.sort(others, axis=1), mesh.edges[mesh.face_edges[:, corner]])
+    for edge, faces in enumerate(mesh.edge_faces):
+        owners = np.flatnonzero((mesh.face_edges == edge).any(axis=1))
+        assert faces.tolist() == ([*owners, -1] if len(owners) == 1 else owners.tolist())
+
+
+@given(st.randoms(use_true_random=False))
+def test_renumbering_changes_nothing_that_has_no_numbers(random):
+    mesh = open_cylinder(5, 3)
+    new_vertex = np.array(random.sample(range(len(mesh.vertices)), len(mesh.vertices)))
+    face_order = random.sample(range(len(mesh.faces)), len(mesh.faces))
+    vertices = np.empty_like(mesh.vertices)
+    vertices[new_vertex] = mesh.vertices
+    other = TriangleMesh(vertices, new_vertex[mesh.faces][face_order])
+    assert other.messages == ()
+    np.testing.assert_array_equal(other.faces, new_vertex[mesh.faces][face_order])
+    edge = {tuple(ends): row for row, ends in enumerate(other.edges.tolist())}
+    renamed = [edge[tuple(ends)] for ends in np.sort(new_vertex[mesh.edges], axis=1).tolist()]
+    assert sorted(renamed) == list(range(len(other.edges)))
+    np.testing.assert_array_equal(other.is_boundary_edge[renamed], mesh.is_boundary_edge)
+    np.testing.assert_array_equal(other.is_boundary_vertex[new_vertex], mesh.is_boundary_vertex)
+    assert (other.genus, other.boundary_loop_count) == (0, 2)
+    assert other.length_scale == pytest.approx(mesh.length_scale, rel=1e-14)
+
+
+def test_area_of_shapes_tends_to_the_exact_one():
+    assert square(7).length_scale == pytest.approx(1, rel=1e-14)
+    errors = [abs(hemisphere(n).length_scale ** 2 / (2 * np.pi) - 1) for n in (8, 16)]
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
+    errors = [abs(torus(2 * n, n).length_scale ** 2 / (4 * np.pi**2 * 0.4) - 1) for n in (16, 32)]
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
