@@ -35,7 +35,9 @@ _STOPS = {
         (0.38, 0.130, 0.058),
     ],
 }
-_TO_LMS = np.array([[1, 0.3963377774, 0.2158037573], [1, -0.1055613458, -0.0638541728], [1, -0.0894841775, -1.2914855480]])
+_TO_LMS = np.array(
+    [[1, 0.3963377774, 0.2158037573], [1, -0.1055613458, -0.0638541728], [1, -0.0894841775, -1.2914855480]]
+)
 _TO_RGB = np.array(
     [
         [4.0767416621, -3.3077115913, 0.2309699292],
@@ -69,13 +71,15 @@ def color_range(*functions: FloatArray) -> ColorRange:
 def table(colormap: str, size: int = 256) -> FloatArray:
     """The colours of a map from its low to its high end, (size, 3) sRGB in 0 to 1."""
     linear = _linear_table(colormap, size)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    encoded: FloatArray = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return encoded
 
 
 def _linear_table(colormap: str, size: int) -> FloatArray:
     stops = np.array(_STOPS[colormap])
     oklab = PchipInterpolator(np.linspace(0, 1, len(stops)), stops)(np.linspace(0, 1, size))
-    return np.clip((oklab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0, 1)
+    linear: FloatArray = np.clip((oklab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0, 1)
+    return linear
 
 
 @contextmanager

@@ -9,26 +9,30 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from typing import Literal
 
 from abfm_viewer import colormaps, material
 from abfm_viewer.errors import DrawingError
 
-WINDOW = "openGL3_glfw"
-OFFSCREEN = "openGL3_egl" if sys.platform == "linux" else "auto"
+Backend = Literal["auto", "openGL3_glfw", "openGL3_egl", "openGL_mock"]
+WINDOW: Backend = "openGL3_glfw"
+OFFSCREEN: Backend = "openGL3_egl" if sys.platform == "linux" else "auto"
 
 if sys.platform == "linux":
     try:
         for _library in ("libX11.so.6", "libGL.so.1", "libEGL.so.1"):
             ctypes.CDLL(_library)
     except OSError as _error:
-        raise DrawingError(f"cannot draw without OpenGL ({_error}); type: sudo apt-get install libegl1 libgl1") from None
+        raise DrawingError(
+            f"cannot draw without OpenGL ({_error}); type: sudo apt-get install libegl1 libgl1"
+        ) from None
 
 import polyscope as ps  # noqa: E402
 
-__all__ = ["OFFSCREEN", "WINDOW", "ps", "start"]
+__all__ = ["OFFSCREEN", "WINDOW", "Backend", "ps", "start"]
 
 
-def start(backend: str, width: int, height: int, title: str = "abfm") -> None:
+def start(backend: Backend, width: int, height: int, title: str = "abfm") -> None:
     """Start polyscope with a backend of its own naming, or only change the size in pixels of what it draws.
 
     Raises

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from PIL import Image
 
-from abfm.matching import Match
+from abfm import Match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm_viewer import material, opengl, sheet
 from abfm_viewer.camera import Camera, best_view, fitted

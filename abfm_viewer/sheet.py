@@ -80,7 +80,9 @@ def compose(layout: Grid, tiles: list[Tile], colors: ColorRange) -> Image.Image:
         x, y = layout.corner(index)
         right, bottom = x + layout.tile_width, y + layout.tile_height
         sheet.paste(tile.picture, (x, y), tile.picture)
-        draw.rectangle((x, y, right, bottom), outline=tile.frame, width=max(1, round(layout.unit * (5 if tile.bold else 1.5))))
+        draw.rectangle(
+            (x, y, right, bottom), outline=tile.frame, width=max(1, round(layout.unit * (5 if tile.bold else 1.5)))
+        )
         ink = tile.frame if tile.bold else _INK
         draw.text(((x + right) / 2, bottom + layout.unit * _LABEL / 2), tile.label, fill=ink, font=font, anchor="mm")
     _draw_color_bar(draw, layout, colors)
@@ -91,7 +93,7 @@ def _draw_color_bar(draw: ImageDraw.ImageDraw, layout: Grid, colors: ColorRange)
     font = ImageFont.load_default(0.85 * _FONT * layout.unit)
     _, top = layout.corner(0)
     bottom = layout.corner(layout.columns * (layout.rows - 1))[1] + layout.tile_height
-    middle, half = (top + bottom) / 2, min((bottom - top) / 2, layout.unit * 220)
+    middle, half = (top + bottom) / 2, min((bottom - top) / 2, layout.unit * 280)
     low_y, high_y = round(middle + half), round(middle - half)
     right_column, _ = layout.corner(layout.columns - 1)
     left = round(right_column + layout.tile_width + layout.unit * 1.6 * _GAP)

@@ -4,6 +4,7 @@ from abfm.advection import advect
 from abfm.energy import MatchingEnergy
 from abfm.errors import AbfmError, FunctionError, MeshError, ParameterError, ResultError
 from abfm.exponential import AdvectionError
+from abfm.functions import function
 from abfm.match import Match, load_match
 from abfm.matching import Control, Iteration, match
 from abfm.mesh import TriangleMesh, load_mesh
@@ -23,6 +24,7 @@ __all__ = [
     "ResultError",
     "TriangleMesh",
     "advect",
+    "function",
     "load_match",
     "load_mesh",
     "match",

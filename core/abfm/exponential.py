@@ -199,7 +199,7 @@ class ExponentialFlow:
         trajectory = self.forward(f, float(times[-1]))
         step = trajectory.step
         out = np.repeat(trajectory.end[None], len(times), axis=0)
-        owner = np.minimum(np.ceil(times / step) - 1, len(trajectory.segments) - 1) if step else np.zeros(len(times))
+        owner = np.clip(np.ceil(times / step) - 1, 0, len(trajectory.segments) - 1) if step else np.zeros(len(times))
         coefficients = _bessel_coefficients(abs(step) * self.rho)
         for index, segment in enumerate(trajectory.segments):
             inside = np.flatnonzero((owner == index) & (times != times[-1]))

@@ -13,8 +13,9 @@ import igl
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.channels import channels
 from abfm.errors import AbfmError
-from abfm.mesh import BoolArray, FloatArray, IntArray, TriangleMesh, per_mesh
+from abfm.mesh import BoolArray, FloatArray, IntArray, TriangleMesh
 from abfm.operators import face_normals, hat_gradients
 
 POINTS_PER_QUERY = 8192  # igl keeps the GIL for a whole query: about 15 ms each, so that a window stays alive
@@ -67,8 +68,8 @@ class Distortion:
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:
     """Find the closest point of the surface to each point.
 
-    Exact up to rounding. Where several faces are equally close the choice is fixed, so that the same input gives the
-    same output. The search tree is built once per mesh.
+    Distances are exact up to rounding. Where several faces are equally close the choice is fixed, so that the same
+    input gives the same output.
 
     Parameters
     ----------
@@ -81,11 +82,13 @@ def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints
         If the points are not (P, 3) or not finite.
     """
     given = _finite_points(points)
+    tree = igl.AABB()
+    tree.init(mesh.vertices, mesh.faces)
     faces = np.empty(len(given), dtype=np.int64)
     barycentric = np.empty((len(given), 3))
     for start in range(0, len(given), POINTS_PER_QUERY):
         chunk = slice(start, start + POINTS_PER_QUERY)
-        _, faces[chunk], closest = _search_tree(mesh).squared_distance(mesh.vertices, mesh.faces, given[chunk])
+        _, faces[chunk], closest = tree.squared_distance(mesh.vertices, mesh.faces, given[chunk])
         barycentric[chunk] = _barycentric(closest, mesh.vertices[mesh.faces[faces[chunk]]])
     positions = np.einsum("pc,pcx->px", barycentric, mesh.vertices[mesh.faces[faces]])
     return SurfacePoints(faces, barycentric, positions, np.linalg.norm(given - positions, axis=1))
@@ -104,10 +107,15 @@ def pull_back(mesh: TriangleMesh, points: SurfacePoints, h: ArrayLike) -> FloatA
     Returns
     -------
     (P,) or (P, C) array
+
+    Raises
+    ------
+    FunctionError
+        If ``h`` does not fit the mesh.
     """
-    at_corners = np.asarray(h, dtype=np.float64)[mesh.faces[points.faces]]
-    values: FloatArray = np.einsum("pc,pc...->p...", points.barycentric, at_corners)
-    return values
+    at_corners = channels(mesh, h, "h")[:, mesh.faces[points.faces]]
+    values: FloatArray = np.einsum("pc,kpc->pk", points.barycentric, at_corners)
+    return values.reshape(-1, *np.shape(h)[1:])
 
 
 def map_vertices_to_nearest(mesh: TriangleMesh, points: SurfacePoints) -> IntArray:
@@ -126,7 +134,8 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike) -> Distortion:
     The Jacobian of a face, ``J = sum_i x_i (grad phi_i)^T`` with ``x_i`` the mapped corners, has the singular values
     ``s_1 >= s_2``. Area and angles are those of the flat mapped triangle in space, whose corners lie on the surface.
     A face counts as flipped where its mapped normal makes an obtuse angle with the surface's normal at the point
-    closest to its mapped centroid; a collapsed face does not count.
+    closest to its mapped centroid; a collapsed face does not count. For flow maps the error is of first order in the
+    edge length, that of the map itself of second.
 
     Parameters
     ----------
@@ -153,13 +162,6 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike) -> Distortion:
     conformal = np.divide(largest, smallest, out=np.full_like(area, np.inf), where=smallest > 0)
     flipped = (normal * face_normals(mesh)[landed.faces]).sum(axis=1) < 0
     return Distortion(np.stack([largest, smallest], axis=1), area, conformal, flipped)
-
-
-@per_mesh
-def _search_tree(mesh: TriangleMesh) -> igl.AABB:
-    tree = igl.AABB()
-    tree.init(mesh.vertices, mesh.faces)
-    return tree
 
 
 def _finite_points(points: ArrayLike) -> FloatArray:

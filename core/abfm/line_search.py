@@ -9,8 +9,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 DECREASE = 1e-4
-import os
-CURVATURE = float(os.environ.get('CURV','0.9'))
+CURVATURE = 0.9
 _MOST_TRIALS = 25
 
 

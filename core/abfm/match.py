@@ -155,7 +155,7 @@ def load_match(path: str | os.PathLike[str]) -> Match:
         mesh=mesh,
         parameters=parameters,
         mask=arrays.get("mask"),
-        **{name: arrays[name][()] if arrays[name].ndim == 0 else arrays[name] for name in _STORED},
+        **{name: arrays[name] if arrays[name].ndim else arrays[name].item() for name in _STORED},
     )
 
 

@@ -178,20 +178,19 @@ class _Solver:
         try:
             for stage, (sigma, limit) in enumerate(zip(p.stage_sigmas(), p.stage_limits(), strict=True)):
                 search = self._search(sigma)
-                fresh = search.init(x if state is None else state.x)
+                current = search.init(x if state is None else state.x)
                 if state is None:
-                    _check_start(fresh.point, start is not None)
-                    self._record(fresh, stage, sigma)
-                state = fresh
-                reason = "iteration limit"
-                for _ in range(min(limit, p.iterations - len(self.history) + 1)):
-                    fresh = search.step(state)
-                    reason = search.stop_reason(fresh) or "iteration limit"
-                    if not fresh.failed:
-                        state = fresh
+                    _check_start(current.point, start is not None)
+                    self._record(current, stage, sigma)
+                state = current
+                left = min(limit, p.iterations - len(self.history) + 1)
+                while (ended := search.stop_reason(current)) is None and left > 0:
+                    current = search.step(current)
+                    left -= 1
+                    if not current.failed:
+                        state = current
                         self._record(state, stage, sigma)
-                    if reason != "iteration limit":
-                        break
+                reason = ended or "iteration limit"
         except Cancelled:
             reason = "cancelled"
         assert state is not None  # the first evaluation cannot be cancelled

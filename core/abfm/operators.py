@@ -108,14 +108,6 @@ def averaging(mesh: TriangleMesh) -> Matrix:
 
 
 @per_mesh
-def face_averaging(mesh: TriangleMesh) -> Matrix:
-    """``I_F^V`` from vertices to faces, (F, V): the mean of the three corners."""
-    count = len(mesh.faces)
-    entries = (np.repeat(np.arange(count), 3), mesh.faces.ravel())
-    return Matrix((np.full(3 * count, 1 / 3), entries), shape=(count, len(mesh.vertices)))
-
-
-@per_mesh
 def divergence(mesh: TriangleMesh) -> Matrix:
     """``div = -G_V^-1 grad^T G_F``: fields to vertex functions, (V, 2F) [BKP*10, chapter 3].
 
@@ -191,13 +183,14 @@ def function_norm_matrix(mesh: TriangleMesh, beta: float, weight: ArrayLike | No
     Parameters
     ----------
     weight : (V,) array, optional
-        Non-negative weight ``w`` of the mismatch: ``int w (f^2 + beta |grad f|^2)``.
+        Non-negative weight ``w`` of the mismatch: ``int w (f^2 + beta |grad f|^2)``. A face has the least weight of its
+        corners, so that values where ``w`` is zero do not matter at all.
     """
     areas = vertex_areas(mesh)
     if weight is None:
         return Matrix(sparse.diags_array(areas) + beta * cotangent_laplacian(mesh))
     w = np.asarray(weight, dtype=np.float64)
-    face_weight = sparse.diags_array(np.repeat(face_averaging(mesh) @ w, 2))
+    face_weight = sparse.diags_array(np.repeat(w[mesh.faces].min(axis=1), 2))
     stiffness = gradient(mesh).T @ face_weight @ field_mass(mesh) @ gradient(mesh)
     return Matrix(sparse.diags_array(areas * w) + beta * stiffness)
 

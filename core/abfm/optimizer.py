@@ -32,8 +32,12 @@ class State(Generic[Point]):
         The iterate; it never has a higher energy than the one before.
     point : Point
         Evaluation at ``x``.
+    preconditioned : array
+        ``H_0 g`` for the gradient ``g`` at ``x``.
     pairs : tuple of (s, y, 1 / <s, y>)
         Latest steps and changes of gradient, oldest first.
+    scale : float
+        Factor of ``H_0`` in the next direction.
     gradient_norm : float
         ``sqrt(<g, H_0 g>)``, the norm dual to the preconditioner's.
     first_norm : float
@@ -48,7 +52,9 @@ class State(Generic[Point]):
 
     x: FloatArray
     point: Point
+    preconditioned: FloatArray
     pairs: tuple[tuple[FloatArray, FloatArray, float], ...]
+    scale: float
     gradient_norm: float
     first_norm: float
     length: float = 0.0
@@ -96,8 +102,9 @@ class LBFGS(Generic[Point]):
     def init(self, x: FloatArray) -> State[Point]:
         """Evaluate at the first iterate."""
         point = self.evaluate(x)
-        norm = self._norm(point.gradient)
-        return State(x, point, (), norm, norm)
+        preconditioned = self._precondition(point.gradient)
+        norm = float(np.sqrt(_inner(point.gradient, preconditioned)))
+        return State(x, point, preconditioned, (), 1.0, norm, norm)
 
     def step(self, state: State[Point]) -> State[Point]:
         """One iteration. If the search fails along the quasi-Newton direction, the memory is dropped and tried again."""
@@ -115,22 +122,16 @@ class LBFGS(Generic[Point]):
 
         full = self.size(direction)
         longest = self.longest / full if full > 0 else 1.0
-        first = 1.0 if state.pairs or self.precondition else min(1.0, 1.0 / float(np.abs(direction).sum()))
+        first = 1.0
+        if self.precondition and state.pairs:
+            first = min(1.0, 2 * state.length)
+        elif not state.pairs and not self.precondition:
+            first = min(1.0, 1.0 / float(np.abs(direction).sum()))
         origin = Trial(0.0, state.point.energy, slope, state.point)
         trial = strong_wolfe(along, origin, first, longest)
         if trial is None:
             return self._without_memory(state, evaluations)
-        x = state.x + trial.length * direction
-        return State(
-            x,
-            trial.point,
-            self._remember(state, x, trial.point),
-            self._norm(trial.point.gradient),
-            state.first_norm,
-            trial.length,
-            state.iteration + 1,
-            state.evaluations + evaluations,
-        )
+        return self._accept(state, trial, direction, evaluations)
 
     def stop_reason(self, state: State[Point]) -> str | None:
         """Why to stop at this iterate, or None to go on."""
@@ -141,39 +142,56 @@ class LBFGS(Generic[Point]):
         return None
 
     def _without_memory(self, state: State[Point], evaluations: int) -> State[Point]:
-        forgetful = replace(state, pairs=(), evaluations=state.evaluations + evaluations)
+        forgetful = replace(state, pairs=(), scale=1.0, evaluations=state.evaluations + evaluations)
         return self.step(forgetful) if state.pairs else replace(forgetful, failed=True)
 
-    def _remember(self, state: State[Point], x: FloatArray, point: Point) -> tuple[tuple[FloatArray, FloatArray, float], ...]:
-        s, y = x - state.x, point.gradient - state.point.gradient
+    def _accept(
+        self, state: State[Point], trial: Trial[Point], direction: FloatArray, evaluations: int
+    ) -> State[Point]:
+        """The next iterate; the pair is kept only if the energy bends upwards along the step.
+
+        A preconditioner is scaled by the root of the usual ``<s, y> / <y, H_0 y>``. The mismatch bends the energy far
+        more than the norm that ``H_0`` inverts, but only along few directions: unscaled, every step is cut to 1e-5 of
+        itself in the search; with the full factor, directions not yet seen are starved, and thin parts converge slower.
+        """
+        gradient = trial.point.gradient
+        preconditioned = self._precondition(gradient)
+        s, y = trial.length * direction, gradient - state.point.gradient
         curvature = _inner(s, y)
-        if curvature <= 1e-12 * np.sqrt(_inner(s, s) * _inner(y, y)):
-            return state.pairs
-        return (*state.pairs, (s, y, 1 / curvature))[-self.memory :]
+        pairs, scale = state.pairs, state.scale
+        if curvature > 1e-12 * np.sqrt(_inner(s, s) * _inner(y, y)):
+            pairs = (*pairs, (s, y, 1 / curvature))[-self.memory :]
+            scale = curvature / _inner(y, preconditioned - state.preconditioned)
+            scale = float(np.sqrt(scale)) if self.precondition else scale
+        return State(
+            state.x + s,
+            trial.point,
+            preconditioned,
+            pairs,
+            scale,
+            float(np.sqrt(_inner(gradient, preconditioned))),
+            state.first_norm,
+            trial.length,
+            state.iteration + 1,
+            state.evaluations + evaluations,
+        )
 
     def _inverse_hessian(self, state: State[Point]) -> FloatArray:
         """Two-loop recursion, algorithm 7.4."""
+        if not state.pairs:
+            return state.preconditioned
         q = state.point.gradient.copy()
         weights = []
         for s, y, rho in reversed(state.pairs):
             weights.append(rho * _inner(s, q))
             q -= weights[-1] * y
-        if self.precondition:
-            q = self.precondition(q)
-        if state.pairs:
-            _, y, rho = state.pairs[-1]
-            import os
-            mode=os.environ.get("GAM","short")
-            if mode=="short": q /= rho * _inner(y, self.precondition(y) if self.precondition else y)
-            elif mode=="none": pass
-            elif mode=="geo":
-                sh=1/(rho*_inner(y, self.precondition(y))); q*=np.sqrt(sh)
+        q = state.scale * self._precondition(q)
         for (s, y, rho), weight in zip(state.pairs, reversed(weights), strict=True):
             q += (weight - rho * _inner(y, q)) * s
         return q
 
-    def _norm(self, gradient: FloatArray) -> float:
-        return float(np.sqrt(_inner(gradient, self.precondition(gradient) if self.precondition else gradient)))
+    def _precondition(self, gradient: FloatArray) -> FloatArray:
+        return self.precondition(gradient) if self.precondition else gradient
 
 
 def _inner(a: FloatArray, b: FloatArray) -> float:

@@ -54,7 +54,7 @@ class Parameters:
     preconditioner: Preconditioner = _parameter(
         "hodge", "", "exact inverse of the field's norm, or none (the paper's plain L-BFGS)"
     )
-    memory: int = _parameter(10, "", "pairs that L-BFGS remembers", 1)
+    memory: int = _parameter(20, "", "pairs that L-BFGS remembers", 1)
     max_displacement: float = _parameter(
         0.1, "", "most that one iteration may change tau |v|, as a fraction of sqrt(area)", 0, True
     )

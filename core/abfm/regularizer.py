@@ -15,7 +15,7 @@ from scipy import sparse
 from abfm import kernels
 from abfm.cholesky import Solve, factor
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
-from abfm.operators import Matrix, edge_areas, face_areas, field_mass, hodge_gradients, vertex_areas
+from abfm.operators import Matrix, edge_areas, face_areas, hodge_gradients, vertex_areas
 
 
 @per_mesh
@@ -37,21 +37,21 @@ class Regularizer:
     """
 
     def __init__(self, mesh: TriangleMesh, alpha: float) -> None:
-        self.mesh = mesh
         self.alpha = alpha
         self.mass = np.repeat(face_areas(mesh), 2)
+        self._pair = hodge_gradients(mesh)  # not the mesh, which keeps this object: a cycle would outlive both
         self.gradients, self.transposed, self.masses = _stacked(mesh)
 
     @cached_property
     def _solvers(self) -> list[Solve]:
-        mass = field_mass(self.mesh)
+        mass = sparse.diags_array(self.mass)
         return [
             factor(Matrix(sparse.diags_array(areas) + self.alpha * gradient.T @ mass @ gradient))
-            for gradient, areas in zip(hodge_gradients(self.mesh), self._split(self.masses), strict=True)
+            for gradient, areas in zip(self._pair, self._split(self.masses), strict=True)
         ]
 
     def _split(self, stacked: FloatArray) -> list[FloatArray]:
-        return np.split(stacked, [len(self.mesh.edges)])
+        return np.split(stacked, [self._pair[0].shape[1]])
 
     def apply(self, v: FloatArray) -> FloatArray:
         """``R v``."""

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import Matrix, averaging, face_averaging, face_frames, gradient
+from abfm.operators import Matrix, averaging, face_frames, gradient
 
 
 def to_ambient(mesh: TriangleMesh, coefficients: FloatArray) -> FloatArray:
@@ -56,7 +56,3 @@ def lie_bracket(mesh: TriangleMesh, v: FloatArray) -> Matrix:
         slope = (gradient(mesh) @ (averaging(mesh) @ components[:, x])).reshape(-1, 2)
         bracket = bracket + spread[x].T @ (derivative @ spread[x] - pointwise_inner(slope))
     return Matrix(bracket)
-
-
-def helmholtz_hodge(mesh: TriangleMesh, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    raise NotImplementedError(face_averaging)

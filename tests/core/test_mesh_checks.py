@@ -18,7 +18,7 @@ SHEET = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
 def side_by_side(*meshes):
     """Vertices and faces of several meshes, moved apart along x."""
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
-    vertices = [mesh.vertices + [10.0 * k, 0, 0] for k, mesh in enumerate(meshes)]
+    vertices = [mesh.vertices + np.array([10.0 * k, 0, 0]) for k, mesh in enumerate(meshes)]
     return np.concatenate(vertices), np.concatenate([m.faces + s for m, s in zip(meshes, starts, strict=True)])
 
 
@@ -44,10 +44,10 @@ REFUSED = {
     "quads": (SHEET, [[0, 1, 3, 2]], r"faces has shape \(1, 4\).*split larger polygons"),
     "ragged faces": (SHEET, [[0, 1, 2], [0, 1, 2, 3]], "rows of faces differ in length"),
     "truth values as faces": (TRIANGLE, [[False, True, True]], "type bool"),
-    "fractional index": (SHEET, [[0, 1, 3], [0, 2, 1.5]], r"1 face has .* no whole numbers \(face 1: \[0.0, 2.0, 1.5\]\)"),
+    "fractional index": (SHEET, [[0, 1, 3], [0, 2, 1.5]], r"1 face has .* no whole .* \(face 1: \[0.0, 2.0, 1.5\]\)"),
     "nan index": (TRIANGLE, [[0, 1, np.nan]], "no whole numbers"),
     "infinite index": (TRIANGLE, [[0, 1, np.inf]], "names vertex inf of 3"),
-    "index too large": (TRIANGLE, [[0, 1, 2], [1, 2, 3]], "1 face names .* face 1, .* names vertex 3 of 3 numbered from 0"),
+    "index too large": (TRIANGLE, [[0, 1, 2], [1, 2, 3]], "1 face names .*face 1, .* vertex 3 of 3 numbered from 0"),
     "negative index": (TRIANGLE, [[0, 1, -1]], "names vertex -1 of 3"),
     "nan": (*with_vertex(7, np.nan), r"1 vertex has .* not finite \(vertex 7, .*\[nan, nan, nan\]"),
     "infinity": (*with_vertex(0, [0, np.inf, 0]), r"not finite \(vertex 0, .*\[0.0, inf, 0.0\]"),
@@ -77,8 +77,7 @@ def test_refused(vertices, faces, message):
 
 def test_examples_count_as_the_input_does():
     """Neither dropped vertices nor a dropped component shift the indices that an error names."""
-    sphere, small = icosphere(1), tetrahedron()
-    vertices, faces = side_by_side(small, sphere)
+    vertices, faces = side_by_side(tetrahedron(), icosphere(1, radius=3))
     faces = np.concatenate([faces, [[9, 9, 9]]]) + 2
     vertices = np.concatenate([np.zeros((2, 3)), vertices])
     with pytest.raises(MeshError, match="face 84, counting from 0: vertices 11, 11, 11"):
@@ -87,7 +86,7 @@ def test_examples_count_as_the_input_does():
 
 def test_separate_faces_at_equal_positions_are_explained():
     sphere = icosphere(0)
-    with pytest.raises(MeshError, match="20 components.*48 vertices repeat the position of another.*merging"):
+    with pytest.raises(MeshError, match=r"20 components.*48 vertices repeat the position of another.*merging"):
         TriangleMesh(sphere.vertices[sphere.faces].reshape(-1, 3), np.arange(60).reshape(-1, 3))
 
 
@@ -128,7 +127,7 @@ def test_local_vertex_and_restrict_count_as_the_file_does():
     assert mesh.restrict(np.arange(42)).tolist() == list(range(42))
     with pytest.raises(FunctionError, match=r"7 values .* 43 vertices \(42 of them kept\)"):
         mesh.restrict(np.ones(7))
-    with pytest.raises(FunctionError, match="7 values .* 42 vertices:"):
+    with pytest.raises(FunctionError, match=r"7 values .* 42 vertices:"):
         sphere.restrict(np.ones(7))
 
 

@@ -43,7 +43,7 @@ def test_shipped_meshes_are_clean_and_closed(name, genus):
 def test_two_tori_joined_at_a_vertex_have_genus_two():
     one = torus(6, 5)
     again = np.where(one.faces == 0, 0, one.faces + len(one.vertices) - 1)
-    vertices = np.concatenate([one.vertices, one.vertices[1:] + [0, 0, 3]])
+    vertices = np.concatenate([one.vertices, one.vertices[1:] + np.array([0, 0, 3])])
     assert TriangleMesh(vertices, np.concatenate([one.faces, again])).genus == 2
 
 

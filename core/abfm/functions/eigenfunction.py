@@ -15,7 +15,7 @@ from abfm.functions.family import INDEX, Family, parameter
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.operators import cotangent_laplacian, vertex_areas
 
-SMALLEST_BLOCK, LARGEST_BLOCK = 32, 1024
+BLOCKS = (32, 64, *range(128, 1025, 128))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,8 @@ class Eigenfunction(Family):
         if self.index == 0:
             return np.ones(len(mesh.vertices))
         f = eigenbasis(mesh.normalized(), self.index + 1)[1][:, self.index]
-        return f / np.abs(f).max()
+        largest: float = np.abs(f).max()
+        return f / largest
 
 
 def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
@@ -46,8 +47,8 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
     symmetry), the first vertex with at least half of the largest absolute value is positive.
 
     The same mesh gives the same bits whatever was computed before: pairs are computed, and cached, in blocks of 32, 64,
-    128, ... and k only cuts the smallest block that holds it. Eigenspaces of several dimensions get an arbitrary basis,
-    which may differ between blocks.
+    128, 256, 384, ... and k only cuts the smallest block that holds it. Eigenspaces of several dimensions get an
+    arbitrary basis, which may differ between blocks.
 
     Raises
     ------
@@ -55,14 +56,10 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
         If k is below 1, above 1024 or above the number of vertices, or if the solver does not converge.
     """
     count = len(mesh.vertices)
-    if not 1 <= k <= min(count, LARGEST_BLOCK):
-        raise FunctionError(
-            f"{k} eigenfunctions asked for (numbers 0 to {k - 1}), but this mesh of {count} vertices has "
-            f"{min(count, LARGEST_BLOCK)} that can be computed"
-        )
-    size = SMALLEST_BLOCK
-    while size < k:
-        size *= 2
+    most = min(count, BLOCKS[-1])
+    if not 1 <= k <= most:
+        raise FunctionError(f"{k} eigenfunctions asked for; on a mesh of {count} vertices it can be 1 to {most}")
+    size = next(block for block in BLOCKS if block >= k)
     key = (__name__, "eigenbasis", size)
     if key not in mesh.cache:
         mesh.cache[key] = _block(mesh, min(size, count))
@@ -97,7 +94,7 @@ def _shift_invert(operator: sparse.csr_array, size: int, shift: float) -> tuple[
     try:
         values, vectors = eigsh(operator, k=size, sigma=-shift, OPinv=inverse, v0=start, rng=0)
     except ArpackError as error:
-        raise FunctionError(f"the eigenfunctions of this mesh did not converge ({error}); are its faces very thin?") from error
+        raise FunctionError(f"eigenfunctions: no convergence on this mesh ({error}); remesh its thin faces") from error
     return values, vectors
 
 

@@ -9,7 +9,14 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from simpleeval import FunctionNotDefined, InvalidExpression, NameNotDefined, SimpleEval
+from simpleeval import (
+    FeatureNotAvailable,
+    FunctionNotDefined,
+    InvalidExpression,
+    NameNotDefined,
+    OperatorNotDefined,
+    SimpleEval,
+)
 
 from abfm.errors import FunctionError
 from abfm.functions.family import Family, Kind, did_you_mean, parameter, shown
@@ -48,7 +55,7 @@ def _of(count: int, compute: Callable[..., Any]) -> Callable[..., Any]:
 
     def call(*arguments: Any) -> Any:
         if len(arguments) != count:
-            raise InvalidExpression(f"{compute.__name__} takes {count} argument(s), {len(arguments)} given")
+            raise InvalidExpression(f"a function that takes {count} argument(s) got {len(arguments)}")
         return compute(*arguments)
 
     return call
@@ -74,10 +81,10 @@ FUNCTIONS = {
 class Expression(Family):
     """Value of a formula in the coordinates x, y, z (the mesh's units of length) at each vertex, as in sin(10*x)*z.
 
-    Numbers, ``pi``, ``e``, ``+ - * / % **``, comparisons (1 where true, 0 elsewhere), parentheses and the functions sin,
-    cos, tan, arcsin, arccos, arctan, arctan2, sinh, cosh, tanh, exp, log, sqrt, abs, sign, floor, ceil, hypot, min(a, b),
-    max(a, b) and where(condition, a, b). In a spec it extends to the end of the text, or of the parentheses around it.
-    Nothing else is evaluated: simpleeval walks the formula with these operators and functions only.
+    It may use numbers, ``pi``, ``e``, ``+ - * / % **``, comparisons (1 where true, 0 elsewhere), parentheses and the
+    functions sin, cos, tan, arcsin, arccos, arctan, arctan2, sinh, cosh, tanh, exp, log, sqrt, abs, sign, floor, ceil,
+    hypot, min(a, b), max(a, b) and where(condition, a, b). In a spec it extends to the end of the text, or of the
+    parentheses around it. Nothing else is evaluated: simpleeval walks the formula with these operators and functions.
     """
 
     family: ClassVar[str] = "expression"
@@ -108,6 +115,8 @@ def _value(formula: str, points: FloatArray) -> FloatArray:
         name = error.name if isinstance(error, NameNotDefined) else error.func_name
         known = [*COORDINATES, *CONSTANTS, *FUNCTIONS]
         raise _refusal(formula, f"{shown(name)} is not known{did_you_mean(name, known)}") from None
+    except (FeatureNotAvailable, OperatorNotDefined):
+        raise _refusal(formula, "it is more than arithmetic") from None
     except (InvalidExpression, TypeError, ValueError, OverflowError, RecursionError, KeyError) as error:
         raise _refusal(formula, str(error)) from None
     return np.broadcast_to(value, len(points))
@@ -128,7 +137,7 @@ def _parse(formula: str) -> ast.expr:
 
 
 def _number(node: ast.Constant) -> np.float64:
-    if type(node.value) not in (int, float):
+    if not isinstance(node.value, int | float) or isinstance(node.value, bool):
         raise InvalidExpression(f"{node.value!r} is not a real number")
     return np.float64(node.value)  # not int: 9**9**9 ends at once, as infinity
 
@@ -137,6 +146,6 @@ def _refusal(formula: str, reason: str) -> FunctionError:
     advice = (
         "it ends with the text: put parentheses around it to add another function"
         if ":" in formula
-        else "it may use x, y, z, pi, e, numbers, + - * / % **, comparisons, and functions such as sin, exp, sqrt, abs, where"
+        else "it may use x, y, z, pi, e, numbers, + - * / % **, comparisons and functions such as sin, exp, abs, where"
     )
     return FunctionError(f"expression: {shown(formula)} cannot be evaluated: {' '.join(reason.split())}; {advice}")

@@ -97,7 +97,7 @@ def _read(family: str, p: Parameter, value: Any) -> Any:
     try:
         return p.kind.read(text)
     except (ValueError, OverflowError):
-        unit = f" ({p.unit})" if p.unit else ""
+        unit = f" (unit: {p.unit})" if p.unit else ""
         hint = did_you_mean(text, p.kind.choices)
         raise FunctionError(f"{family}: {p.name} must be {p.kind.name}{unit}, not {shown(text)}{hint}") from None
 
@@ -120,9 +120,9 @@ def shown(text: str) -> str:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """``"; did you mean ...?"``, or nothing where no known word is near."""
+    """``" (did you mean ...?)"``, or nothing where no known word is near."""
     close = get_close_matches(word.strip().lower(), list(known), n=1)
-    return f"; did you mean {close[0]!r}?" if close else ""
+    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 def _number(text: str) -> float:

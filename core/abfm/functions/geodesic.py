@@ -31,9 +31,9 @@ class Geodesic(AroundPoints):
 def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
     """Distance along the surface to the nearest source, (V,), in the mesh's units; exactly 0 at the sources.
 
-    The heat method's error shrinks with the square root of the edge length or better: on the unit sphere 0.029 at
-    2,562 vertices, 0.019 at 10,242. The robust Laplacian is what keeps it right on uneven meshes: where the edge lengths
-    differ by a factor of 73, plain cotangent weights were wrong by half the size of the surface.
+    Largest error on the unit sphere: 0.051 at 642 vertices, 0.029 at 2,562, 0.019 at 10,242. The robust Laplacian is
+    what keeps it right on uneven meshes: on a human with edge lengths from 1 to 73 it was off by 0.03 sqrt(area), plain
+    cotangent weights by 0.73.
 
     Parameters
     ----------
@@ -54,8 +54,11 @@ def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
         solver = _heat_solver(mesh.normalized())
         distances = [_from_source(solver, int(source)) for source in np.atleast_1d(sources)]
     except RuntimeError as error:
-        raise FunctionError(f"no geodesic distance on this mesh ({error}); try metric=euclidean or repair it") from error
-    return mesh.length_scale * np.min(distances, axis=0)
+        raise FunctionError(
+            f"no geodesic distance on this mesh: {error}; for a gaussian try metric=euclidean"
+        ) from error
+    nearest: FloatArray = np.min(distances, axis=0)
+    return mesh.length_scale * nearest
 
 
 @per_mesh
@@ -65,4 +68,5 @@ def _heat_solver(mesh: TriangleMesh) -> Any:
 
 def _from_source(solver: Any, source: int) -> FloatArray:
     distance: FloatArray = solver.compute_distance(source)
-    return np.maximum(distance - distance[source], 0)
+    offset: FloatArray = distance - distance[source]
+    return np.maximum(offset, 0)

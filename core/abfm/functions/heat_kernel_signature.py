@@ -36,4 +36,5 @@ class HeatKernelSignature(Family):
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         values, functions = eigenbasis(mesh.normalized(), min(self.eigenpairs, len(mesh.vertices)))
         weights = np.exp(-values * self.time)
-        return functions**2 @ (weights / weights.sum())
+        signature: FloatArray = functions**2 @ (weights / weights.sum())
+        return signature

@@ -35,7 +35,7 @@ class Indicator(AroundPoints):
         is_half_space = self.axis is not None or has_bound
         if is_disc == is_half_space:
             raise FunctionError(
-                "indicator: give either a disc (vertex=, or x=, y= and z=; radius=) or a half-space (axis=; above= or below=)"
+                "indicator: give either a disc (vertex= or x=,y=,z=; radius=) or a half-space (axis=; above= or below=)"
             )
         if is_disc:
             super().check()

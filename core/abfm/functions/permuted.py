@@ -9,7 +9,7 @@ import numpy as np
 
 from abfm.errors import FunctionError
 from abfm.functions.family import PATH, Family, Spec, parameter, quoted, shown
-from abfm.functions.values_file import read_column
+from abfm.functions.values_file import read_vertex_values
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 
 
@@ -40,7 +40,7 @@ def vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
     FunctionError
         If the file has the wrong length, or an entry is no vertex number or names a vertex that no face uses.
     """
-    target = np.asarray(mesh.restrict(read_column(path)))
+    target = read_vertex_values(mesh, path)
     count = mesh.file_vertex_count
     local = np.full(count + 1, -1)
     local[mesh.vertex_ids] = np.arange(len(mesh.vertices))
@@ -49,7 +49,7 @@ def vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
     wrong = np.flatnonzero(index < 0)
     if len(wrong):
         raise FunctionError(
-            f"map {shown(path)}: {len(wrong)} of {len(target)} entries are not numbers of vertices in use, 0 to {count - 1} "
-            f"(vertex {mesh.vertex_ids[wrong[0]]} has {target[wrong[0]]:g}); the mesh file counts from 0"
+            f"map {shown(path)}: {len(wrong)} of {len(target)} entries are not numbers of vertices in use, "
+            f"0 to {count - 1} (vertex {mesh.vertex_ids[wrong[0]]} has {target[wrong[0]]:g}); they count from 0"
         )
     return index

@@ -5,24 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import igl
 import numpy as np
 
 from abfm.errors import FunctionError
 from abfm.functions.curvature import vertex_normals
 from abfm.functions.extension import extend
 from abfm.functions.family import Family
-from abfm.functions.ray_casting import first_hits
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
 from abfm.operators import face_normals
 
 RAYS = 30
 HALF_ANGLE = np.pi / 3
-CHUNK = 4096  # vertices between two chances to interrupt
+SIDE = 1e4  # igl overlooks triangles below a fixed size: cast rays on the mesh scaled to an area of SIDE^2
+START = 1e-6 * SIDE  # where rays start, so that they do not meet the faces at their vertex
+CHUNK = 512  # vertices per call of igl, which keeps the GIL: about 20 ms
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeDiameter(Family):
-    """Shape diameter: thickness of the body under each vertex, in the mesh's units of length.
+    """Thickness of the body under each vertex (shape diameter function), in the mesh's units of length.
 
     See :func:`shape_diameter`. Needs a surface with an inside, its faces oriented outward.
     """
@@ -37,16 +39,16 @@ class ShapeDiameter(Family):
 def shape_diameter(mesh: TriangleMesh) -> FloatArray:
     """Mean length of rays sent inward in a cone, (V,), in the mesh's units.
 
-    As published: 30 rays in a cone of 120 degrees about the inward normal; hits on a face that looks the same way as the
-    vertex are false and dropped; of the rest, the lengths within one standard deviation of their median are averaged
-    with weights inverse to the angle from the axis. Here the rays are a fixed spiral, even in solid angle and turned to
-    the longest edge at the vertex, so the result is reproducible and moves with the mesh. Vertices from which no ray
-    meets the inside take the mean of their neighbours. Not smoothed, no logarithm.
+    As published: 30 rays in a cone of 120 degrees about the inward normal; hits on a face whose normal is within 90
+    degrees of the vertex's are dropped; of the rest, the lengths within one standard deviation of their median are
+    averaged with weights inverse to the angle from the axis. Here the rays are a fixed spiral, even in solid angle and
+    turned to the longest edge at the vertex, so the result is reproducible and moves with the mesh. Vertices from which
+    no ray counts take the mean of their neighbours. Not smoothed, no logarithm. On a sphere of radius R it is 1.72 R.
 
     Raises
     ------
     FunctionError
-        If no ray from any vertex meets the inside, as on a flat sheet.
+        If no ray from any vertex counts, as on a flat sheet.
 
     References
     ----------
@@ -56,17 +58,22 @@ def shape_diameter(mesh: TriangleMesh) -> FloatArray:
     angles, cone = _cone()
     normals = vertex_normals(mesh)
     frames = _frames(mesh, normals)
-    facing = face_normals(mesh)
+    vertices = mesh.vertices * (SIDE / mesh.length_scale)
+    tree = igl.AABB()
+    tree.init(vertices, mesh.faces)
     diameter = np.empty(len(normals))
     for start in range(0, len(normals), CHUNK):
-        part = np.arange(start, min(start + CHUNK, len(normals)))
-        lengths, faces = first_hits(mesh, part, np.einsum("rk,vkx->vrx", cone, frames[part]))
-        is_false = (faces < 0) | (np.einsum("vrx,vx->vr", facing[faces], normals[part]) > 0)
-        diameter[part] = _robust_mean(np.where(is_false, np.nan, lengths), 1 / angles)
+        part = slice(start, start + CHUNK)
+        rays = np.einsum("rk,vkx->vrx", cone, frames[part])
+        origins = vertices[part, None] + START * rays
+        hit, length, _ = tree.intersect_ray_first(vertices, mesh.faces, origins.reshape(-1, 3), rays.reshape(-1, 3))
+        hit, length = hit.reshape(-1, RAYS), length.reshape(-1, RAYS) + START
+        is_false = (hit < 0) | (np.einsum("vrx,vx->vr", face_normals(mesh)[hit], normals[part]) > 0)
+        diameter[part] = _robust_mean(np.where(is_false, np.nan, length), 1 / angles)
     known = np.isfinite(diameter)
     if not known.any():
-        raise FunctionError("shape-diameter: no ray meets an opposite side; the surface has no inside, or its faces point inward")
-    return extend(mesh, diameter, known)
+        raise FunctionError("shape-diameter: no ray meets an opposite side: is the surface flat, or its faces inward?")
+    return extend(mesh, diameter * (mesh.length_scale / SIDE), known)
 
 
 def _cone() -> tuple[FloatArray, FloatArray]:
@@ -85,7 +92,7 @@ def _frames(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
     along = np.empty_like(normals)
     along[mesh.edges[longest_last].ravel()] = outgoing  # of repeated indices the last one stays
     second = np.cross(along, normals)
-    second /= np.linalg.norm(second, axis=1, keepdims=True)
+    second /= np.maximum(np.linalg.norm(second, axis=1, keepdims=True), np.finfo(float).tiny)
     return np.stack([np.cross(normals, second), second, -normals], axis=1)
 
 

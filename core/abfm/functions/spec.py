@@ -9,9 +9,9 @@
              | "(" spec ")"
     argument = key "=" value | value            the key may be left out before a family's one positional value
 
-Blanks around signs are free. A comma separates arguments where ``key=`` follows, a plus separates terms where a family or
-a parenthesis follows, so ``vertex=1,5``, ``1e+3`` and most file names need no quotes; a value in double quotes may hold
-anything (a double quote inside is doubled).
+Blanks around signs are free. A comma separates arguments where ``key=`` follows, a plus separates terms where a family
+or a parenthesis follows, so ``vertex=1,5``, ``1e+3`` and most file names need no quotes; a value in double quotes may
+hold anything (a double quote inside is doubled).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _FAMILIES: dict[str, type[Family]] = {
 _NAME = re.compile(r"[A-Za-z][\w-]*", re.ASCII)
 _BLANK = re.compile(r"\s*")
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
-_NEXT_TERM = re.compile(r"\+\s*(\(|[A-Za-z][\w-]*\s*([:+)]|$))", re.ASCII)
+_NEXT_TERM = re.compile(r"\+\s*(\(|$|[A-Za-z][\w-]*\s*([:+)]|$))", re.ASCII)
 _NEXT_ARGUMENT = re.compile(r",\s*[A-Za-z_][\w-]*\s*=", re.ASCII)
 _KEY_AND_VALUE = re.compile(r"([A-Za-z_][\w-]*)\s*=\s*(.*)", re.ASCII | re.DOTALL)
 
@@ -129,8 +129,8 @@ class _Parser:
         if not name:
             self.fail(f"a family ({', '.join(_FAMILIES)})")
         if name not in _FAMILIES:
-            known = ", ".join(_FAMILIES)
-            raise FunctionError(f"unknown function family {shown(name)}{did_you_mean(name, _FAMILIES)}; families are {known}")
+            hint = did_you_mean(name, _FAMILIES)
+            raise FunctionError(f"unknown function family {shown(name)}{hint}; families are {', '.join(_FAMILIES)}")
         cls = _FAMILIES[name]
         if not self.take(":"):
             if not re.compile(r"[+)]|$").match(self.text, self.position):
@@ -189,6 +189,7 @@ class _Parser:
 
 def _build(cls: type[Family], arguments: list[str]) -> Family:
     keys = [p.name for p in cls.parameters()]
+    expected = f"keys are {', '.join(keys)}" if keys else "it takes no parameters"
     values: dict[str, str] = {}
     for place, argument in enumerate(arguments):
         match = _KEY_AND_VALUE.fullmatch(argument)
@@ -197,13 +198,11 @@ def _build(cls: type[Family], arguments: list[str]) -> Family:
         elif place == 0 and cls.positional:
             key, value = cls.positional, argument
         elif argument or place:
-            raise FunctionError(f"{cls.family}: {shown(argument)} is not key=value; keys are {', '.join(keys) or 'none'}")
+            raise FunctionError(f"{cls.family}: {shown(argument)} is not key=value; {expected}")
         else:
             continue
         if key not in keys:
-            raise FunctionError(
-                f"{cls.family}: unknown key {shown(key)}{did_you_mean(key, keys)}; keys are {', '.join(keys) or 'none'}"
-            )
+            raise FunctionError(f"{cls.family}: unknown key {shown(key)}{did_you_mean(key, keys)}; {expected}")
         if key in values:
             raise FunctionError(f"{cls.family}: {key}= is given twice")
         values[key] = _unquoted(value)

@@ -18,7 +18,7 @@ SUFFIXES = (".npy", ".csv", ".txt", ".gii")
 
 @dataclass(frozen=True, kw_only=True)
 class ValuesFile(Family):
-    """Values from a file, .npy, .csv, .txt or .gii, one per vertex as the mesh file counts them, in the file's own unit.
+    """Values from a .npy, .csv, .txt or .gii file, in its own unit: one per vertex, as the mesh file counts them.
 
     See :func:`read_column` for the formats.
     """
@@ -29,15 +29,24 @@ class ValuesFile(Family):
     column: str | None = parameter(WORD, "column by its name or number, counted from 0", default=None)
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
-        return np.asarray(mesh.restrict(read_column(self.path, self.column)), dtype=np.float64)
+        return read_vertex_values(mesh, self.path, self.column)
+
+
+def read_vertex_values(mesh: TriangleMesh, path: str, column: str | None = None) -> FloatArray:
+    """:func:`read_column`, then the values of the vertices that the mesh kept, (V,)."""
+    values = read_column(path, column)
+    try:
+        return mesh.restrict(values)
+    except FunctionError as error:
+        raise FunctionError(f"file {shown(path)}: {error}") from None
 
 
 def read_column(path: str, column: str | None = None) -> FloatArray:
     """Read one column of numbers, (n,).
 
     .npy holds an array (n,) or (n, c), no pickle. .csv and .txt hold lines of numbers separated by commas, semicolons,
-    tabs or blanks, with or without a line of names on top; empty lines and lines starting with ``#`` are skipped. .gii is
-    GIFTI, whose data arrays are the columns; it needs nibabel (``pip install 'abfm[gifti]'``).
+    tabs or blanks, with or without a line of names on top; empty lines and lines starting with ``#`` are skipped. .gii
+    is GIFTI, whose data arrays are the columns; it needs nibabel (``pip install 'abfm[gifti]'``).
 
     Parameters
     ----------
@@ -70,9 +79,9 @@ def _position(path: str, names: list[str], count: int, column: str | None) -> in
         return names.index(column)
     if column is not None and column.isdecimal() and int(column) < count:
         return int(column)
-    available = f"column= 0 to {count - 1}" + (f" or one of {', '.join(names[:8])}" if names else "")
-    asked = "" if column is None else f"no {shown(column)}{did_you_mean(column, names)}; "
-    raise FunctionError(f"file {shown(path)} has {count} column(s), {asked}choose {available}")
+    available = f"column=0 to {count - 1}" + (f" or one of {', '.join(names[:8])}" if names else "")
+    asked = "" if column is None else f", none called {shown(column)}{did_you_mean(column, names)}"
+    raise FunctionError(f"file {shown(path)} has {count} columns{asked}; choose {available}")
 
 
 def _as_table(values: np.ndarray) -> FloatArray:
@@ -88,11 +97,13 @@ def _read_npy(path: Path) -> tuple[list[str], FloatArray]:
 
 def _read_gifti(path: Path) -> tuple[list[str], FloatArray]:
     try:
-        import nibabel
+        from nibabel import load
+        from nibabel.gifti.gifti import GiftiImage
     except ImportError as error:
         raise FunctionError("GIFTI files need nibabel: pip install 'abfm[gifti]'") from error
     try:
-        columns = [array.data for array in nibabel.load(path).darrays]
+        image = load(path)
+        columns = [array.data for array in image.darrays] if isinstance(image, GiftiImage) else []
     except OSError:
         raise
     except Exception as error:  # whatever a broken file makes of the XML, base64 and zlib readers
@@ -109,7 +120,10 @@ def _read_text(path: Path) -> tuple[list[str], FloatArray]:
     delimiter = next((sign for sign in ";,\t" if sign in lines[0]), None)
     first = lines[0].split() if delimiter is None else next(csv.reader(lines[:1], delimiter=delimiter))
     names = [] if all(map(_is_number, first)) else [name.strip() for name in first]
-    table = np.loadtxt(lines[1:] if names else lines, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
+    rows = lines[1:] if names else lines
+    if not rows:
+        raise ValueError(f"it has only the line {lines[0]!r}")
+    table = np.loadtxt(rows, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
     return names, table
 
 

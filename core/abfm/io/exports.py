@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from plyfile import PlyData, PlyElement
 from pyevtk.hl import unstructuredGridToVTK
 from pyevtk.vtk import VtkTriangle
 
@@ -24,9 +23,9 @@ Data = Mapping[str, ArrayLike]
 def export_ply(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data) -> None:
     """Write a binary PLY file with the data as extra properties, everything in double precision.
 
-    MeshLab and trimesh read the properties of vertices and faces as custom attributes; ParaView takes only the shape
-    from a PLY file (for the data: `export_vtu`). An array of C columns becomes the properties ``name_0`` to
-    ``name_{C-1}``.
+    What becomes of them is up to the reader: trimesh returns them all, MeshLab shows point data named
+    ``quality``, ParaView takes only the shape from a PLY file (for the data: `export_vtu`). An array of C columns
+    becomes the properties ``name_0`` to ``name_{C-1}``.
 
     Parameters
     ----------
@@ -39,13 +38,21 @@ def export_ply(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Dat
         If a name or a shape does not fit, or the file cannot be written.
     """
     positions = dict(zip("xyz", mesh.vertices.T, strict=True))
-    corners = {"vertex_indices": mesh.faces.astype(np.int32)}
-    elements = [
-        _element("vertex", positions | _columns(point_data, len(mesh.vertices), taken=list(positions))),
-        _element("face", corners | _columns(cell_data, len(mesh.faces), taken=list(corners))),
+    vertex = positions | _columns(point_data, len(mesh.vertices), taken=list(positions))
+    face = _columns(cell_data, len(mesh.faces), taken=["vertex_indices"])
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(mesh.vertices)}",
+        *(f"property double {name}" for name in vertex),
+        f"element face {len(mesh.faces)}",
+        "property list uchar int vertex_indices",
+        *(f"property double {name}" for name in face),
+        "end_header\n",
     ]
+    corners = {"count": np.full(len(mesh.faces), 3, dtype="u1"), "vertex_indices": mesh.faces.astype("<i4")}
     with write_atomically(path) as temporary:
-        PlyData(elements, byte_order="<").write(str(temporary))
+        temporary.write_bytes("\n".join(header).encode("ascii") + _records(vertex) + _records(corners | face))
 
 
 def export_vtu(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data) -> None:
@@ -126,10 +133,10 @@ def _columns(data: Data, count: int, taken: Sequence[str] = (), vectors: bool = 
     return columns
 
 
-def _element(name: str, columns: Mapping[str, NDArray[Any]]) -> PlyElement:
-    """A PLY element with the columns as properties; a column (n, k) is a list property of fixed length k."""
-    dtype = [(key, column.dtype, column.shape[1:]) for key, column in columns.items()]
+def _records(columns: Mapping[str, NDArray[Any]]) -> bytes:
+    """Columns (n,) or (n, k) row by row, packed, little endian."""
+    dtype = [(name, column.dtype.newbyteorder("<"), column.shape[1:]) for name, column in columns.items()]
     records = np.empty(len(next(iter(columns.values()))), dtype)
-    for key, column in columns.items():
-        records[key] = column
-    return PlyElement.describe(records, name, len_types={"vertex_indices": "u1"})
+    for name, column in columns.items():
+        records[name] = column
+    return records.tobytes()

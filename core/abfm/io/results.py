@@ -42,8 +42,8 @@ ENTRIES = {
     "vertex_ids": Entry("integer", ("V",)),
     "file_vertex_count": Entry("integer", ()),
     "channels_given": Entry("boolean", ()),  # False: f and g were (V,), and come back so
-    "weights": Entry("real", ("C",)),
     "mask": Entry("real", ("V",), required=False),
+    "weights": Entry("real", ("C",)),  # the last one is required: damage to a zip's directory can hide the last entry
 }
 KINDS: dict[str, tuple[str, Any]] = {
     "real": ("fiu", np.float64),

@@ -103,7 +103,7 @@ def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
     except ValueError as error:
         raise MeshError(f"the rows of {name} differ in length: give an array of shape {meaning}") from error
     if array.size == 0:
-        raise MeshError(f"the mesh has no {name}: a surface needs vertices and triangles (a point cloud has none)")
+        raise MeshError(f"the mesh has no {name}: a surface of vertices and triangles is needed (not a point cloud)")
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iuf":
         raise MeshError(f"{name} has shape {array.shape} and type {array.dtype}: give an array of shape {meaning}")
     return array

@@ -10,10 +10,11 @@ from pathlib import Path
 from abfm.errors import MeshError
 from abfm.mesh.readers.contents import FileContents
 from abfm.mesh.readers.gifti import read_gifti
+from abfm.mesh.readers.gltf import read_gltf
 from abfm.mesh.readers.obj import read_obj
 from abfm.mesh.readers.off import read_off
 from abfm.mesh.readers.ply import read_ply
-from abfm.mesh.readers.scenes import read_gltf, read_stl
+from abfm.mesh.readers.stl import read_stl
 from abfm.mesh.triangle_mesh import TriangleMesh
 
 READERS: dict[str, Callable[[Path], FileContents]] = {
@@ -53,11 +54,11 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
         file's name.
     """
     file = Path(path)
-    reader = next((reader for ending, reader in READERS.items() if file.name.lower().endswith(ending)), None)
-    if reader is None:
+    ending = next((ending for ending in READERS if file.name.lower().endswith(ending)), None)
+    if ending is None:
         raise MeshError(f"{path}: the format is not known from the name's ending; known are {', '.join(READERS)}")
     try:
-        contents = _read(file, reader)
+        contents = _read(file, ending)
         return TriangleMesh(
             contents.vertices, contents.faces, largest_component=largest_component, messages=contents.messages
         )
@@ -65,20 +66,21 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
         raise MeshError(f"{path}: {error}") from error
 
 
-def _read(file: Path, reader: Callable[[Path], FileContents]) -> FileContents:
+def _read(file: Path, ending: str) -> FileContents:
     """Contents of the file, or a MeshError: readers, other people's among them, may raise anything on a bad file."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             if file.stat().st_size == 0:
                 raise ValueError("the file is empty")
-            return reader(file)
+            return READERS[ending](file)
     except FileNotFoundError as error:
-        raise MeshError("there is no such file" if not file.exists() else _reason(error)) from error
+        missing = f"a file that it names is missing: {_reason(error)}" if file.exists() else "there is no such file"
+        raise MeshError(missing) from error
     except IsADirectoryError as error:
         raise MeshError("this is a folder, not a mesh file") from error
     except Exception as error:
-        raise MeshError(f"cannot be read: {_reason(error)}") from error
+        raise MeshError(f"cannot be read as {ending}: {_reason(error)}") from error
 
 
 def _reason(error: Exception) -> str:

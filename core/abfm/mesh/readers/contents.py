@@ -1,4 +1,4 @@
-"""What every reader returns, and the two repairs that formats make necessary."""
+"""What every reader returns, and what the formats make necessary to get there."""
 
 from __future__ import annotations
 
@@ -18,6 +18,20 @@ class FileContents(NamedTuple):
     messages: tuple[str, ...] = ()
 
 
+def coordinates(rows: Sequence[Sequence[str]]) -> FloatArray:
+    """Vertices (V, 3) from the words of their lines.
+
+    Raises
+    ------
+    ValueError
+        If a line has fewer than three words, or one is no number.
+    """
+    short = next((row for row, words in enumerate(rows) if len(words) < 3), None)
+    if short is not None:
+        raise ValueError(f"vertex {short}, counting from 0, has {len(rows[short])} coordinates instead of 3")
+    return np.array([words[:3] for words in rows], dtype=np.float64)
+
+
 def split_polygons(vertices: FloatArray, polygons: Sequence[Sequence[int]]) -> FileContents:
     """Contents with every polygon of more than three corners split into a fan around its first corner.
 
@@ -32,7 +46,7 @@ def split_polygons(vertices: FloatArray, polygons: Sequence[Sequence[int]]) -> F
     if sizes.min() < 3:
         raise ValueError(f"face {np.argmin(sizes)}, counting from 0, has {sizes.min()} corners instead of 3 or more")
     triangles = [(polygon[0], polygon[k], polygon[k + 1]) for polygon in polygons for k in range(1, len(polygon) - 1)]
-    message = f"{np.sum(sizes > 3)} polygons with more than three corners were split into triangles"
+    message = f"polygons with more than three corners were split into triangles: {np.sum(sizes > 3)}"
     return FileContents(vertices, np.array(triangles, dtype=np.int64), (message,))
 
 

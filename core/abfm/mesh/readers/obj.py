@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from abfm.mesh.readers.contents import FileContents, split_polygons
+from abfm.mesh.readers.contents import FileContents, coordinates, split_polygons
 
 
 def read_obj(path: Path) -> FileContents:
@@ -23,11 +21,10 @@ def read_obj(path: Path) -> FileContents:
     for line in text.splitlines():
         keyword, *words = line.partition("#")[0].split() or [""]
         if keyword == "v":
-            rows.append(words[:3])
+            rows.append(words)
         elif keyword == "f":
             polygons.append([_vertex(word, len(rows)) for word in words])
-    vertices = np.array(rows, dtype=np.float64).reshape(len(rows), -1)
-    return split_polygons(vertices, polygons)
+    return split_polygons(coordinates(rows), polygons)
 
 
 def _vertex(word: str, count: int) -> int:

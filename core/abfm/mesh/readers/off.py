@@ -5,9 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
-
-from abfm.mesh.readers.contents import FileContents, split_polygons
+from abfm.mesh.readers.contents import FileContents, coordinates, split_polygons
 
 HEADER = re.compile(r"(?:ST)?C?N?OFF\b", re.IGNORECASE)
 
@@ -34,9 +32,8 @@ def read_off(path: Path) -> FileContents:
             f"{vertex_count} vertices and {face_count} faces are announced, but {len(rows) - 1} lines follow: "
             "the file is cut off"
         )
-    vertices = np.array([words[:3] for words in rows[1 : 1 + vertex_count]], dtype=np.float64)
     polygons = [_polygon(words) for words in rows[1 + vertex_count : 1 + vertex_count + face_count]]
-    return split_polygons(vertices, polygons)
+    return split_polygons(coordinates(rows[1 : 1 + vertex_count]), polygons)
 
 
 def _polygon(words: list[str]) -> list[int]:

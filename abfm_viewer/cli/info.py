@@ -1,0 +1,82 @@
+"""`abfm info`: what a mesh is and what the solver would object to."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+import numpy as np
+
+from abfm import MeshError, TriangleMesh, load_mesh
+from abfm_viewer.cli import options
+
+SUMMARY = "what a mesh is and what the solver would object to"
+DESCRIPTION = """\
+Say what a mesh is, what was repaired, and what the solver would object to (then the exit status is 2).
+
+Example:
+  abfm info spot.obj
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    options.add_mesh(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the report."""
+    try:
+        mesh = load_mesh(arguments.mesh, largest_component=arguments.largest_component)
+    except MeshError as error:
+        if arguments.json:
+            print(json.dumps({"mesh": arguments.mesh, "usable": False, "objection": str(error)}))
+        raise
+    facts = describe(mesh)
+    if arguments.json:
+        print(json.dumps({"mesh": arguments.mesh, "usable": True, **facts}))
+    else:
+        print(arguments.mesh)
+        print("\n".join(_lines(facts)))
+    return 0
+
+
+def describe(mesh: TriangleMesh) -> dict[str, Any]:
+    """Counts, topology and sizes of a mesh; lengths are in the file's unit."""
+    ends = mesh.vertices[mesh.edges]
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return {
+        "vertices": len(mesh.vertices),
+        "faces": len(mesh.faces),
+        "edges": len(mesh.edges),
+        "genus": mesh.genus,
+        "boundary_loops": mesh.boundary_loop_count,
+        "area": mesh.length_scale**2,
+        "length_scale": mesh.length_scale,
+        "bounding_box": [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()],
+        "edge_lengths": {"shortest": lengths.min(), "median": float(np.median(lengths)), "longest": lengths.max()},
+        "edge_ratio": lengths.max() / lengths.min(),
+        "messages": list(mesh.messages),
+    }
+
+
+def _lines(facts: dict[str, Any]) -> list[str]:
+    box = [" ".join(f"{value:.4g}" for value in corner) for corner in facts["bounding_box"]]
+    lengths = facts["edge_lengths"]
+    loops = facts["boundary_loops"]
+    rows = {
+        "vertices": f"{facts['vertices']:,}",
+        "faces": f"{facts['faces']:,}",
+        "edges": f"{facts['edges']:,}",
+        "genus": facts["genus"],
+        "boundary": f"{loops} loop{'s' if loops > 1 else ''}" if loops else "none (closed)",
+        "area": f"{facts['area']:.6g}",
+        "length scale": f"{facts['length_scale']:.6g}   (square root of the area: the unit of Gaussian widths)",
+        "bounding box": f"{box[0]}  to  {box[1]}",
+        "edge lengths": f"{lengths['shortest']:.4g} to {lengths['longest']:.4g}, median {lengths['median']:.4g}",
+        "edge ratio": f"{facts['edge_ratio']:.4g}   (longest to shortest)",
+    }
+    lines = [f"  {name:<14}{value}" for name, value in rows.items()]
+    return lines + [f"  note: {message}" for message in facts["messages"]] + ["  the solver has no objection"]

@@ -1,0 +1,121 @@
+"""`abfm match`: the main job."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from abfm import ResultError, TriangleMesh, load_match
+from abfm.functions import families, function
+from abfm.functions.family import quoted
+from abfm.mesh import FloatArray
+from abfm_viewer.cli import options, outputs
+from abfm_viewer.cli.solving import solve
+from abfm_viewer.exit_status import UsageError
+
+SUMMARY = "find the field whose flow carries a source function to a target"
+DESCRIPTION = f"""\
+Find the vector field whose flow carries a source function to a target function, and write the result.
+
+Examples:
+  abfm match spot.obj --source gaussian:vertex=12 --target gaussian:vertex=900,width=0.15 --out match.npz
+  abfm match spot.obj --source eigenfunction:7 --target eigenfunction:8 --tau 2 --out match.npz --out match.vtu
+  abfm match spot.obj --channel coordinate:x file:x.npy 1 --channel coordinate:y file:y.npy 1 --out match.npz
+
+A function (SPEC) is family:key=value,... and several may be added with +. Families:
+  {", ".join(family.family for family in families())}
+For example gaussian:vertex=12,width=0.1 or expression:sin(10*x)*z; the README has them all.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    options.add_mesh(parser)
+    functions = parser.add_argument_group("functions")
+    functions.add_argument("--source", metavar="SPEC", help="function to carry along the flow")
+    functions.add_argument("--target", metavar="SPEC", help="function that it should become")
+    functions.add_argument(
+        "--channel",
+        nargs=3,
+        action="append",
+        default=[],
+        metavar=("SRC", "DST", "WEIGHT"),
+        help="one more source and target for the same flow, with the weight of its mismatch; repeatable",
+    )
+    functions.add_argument(
+        "--mask", metavar="SPEC", help="weight of the mismatch at each vertex, not negative: a function or its file"
+    )
+    functions.add_argument("--start", metavar="RESULT.npz", help="start from the field of an earlier result")
+    options.add_parameters(parser)
+    output = parser.add_argument_group("output")
+    output.add_argument(
+        "--out",
+        type=Path,
+        action="append",
+        required=True,
+        metavar="FILE",
+        help="result .npz, or .ply or .vtu for other programs, or .csv with the energy; repeatable",
+    )
+    output.add_argument("--json", action="store_true", help="print one JSON object about the result")
+    output.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Match and write; 130 when a signal stopped it."""
+    for path in arguments.out:
+        outputs.check(path, outputs.WRITERS)
+    parameters = options.parameters(arguments)
+    pairs, weights = _pairs(arguments)
+    mesh = options.mesh(arguments)
+    outcome = solve(
+        mesh,
+        _channels(mesh, [source for source, _ in pairs]),
+        _channels(mesh, [target for _, target in pairs]),
+        parameters,
+        arguments.out,
+        arguments.quiet,
+        weights=weights,
+        mask=_mask(mesh, arguments.mask),
+        start=_start(mesh, arguments.start),
+    )
+    if arguments.json:
+        print(json.dumps({"mesh": arguments.mesh, **outcome.to_dict()}))
+    else:
+        print(outcome.summary())
+    return outcome.status
+
+
+def _pairs(arguments: argparse.Namespace) -> tuple[list[tuple[str, str]], list[float]]:
+    """Specs of sources and targets, and their weights."""
+    if (arguments.source is None) != (arguments.target is None):
+        raise UsageError("--source and --target need each other")
+    triples = [(arguments.source, arguments.target, "1"), *arguments.channel][arguments.source is None :]
+    if not triples:
+        raise UsageError("give --source and --target; see abfm match --help")
+    try:
+        return [(source, target) for source, target, _ in triples], [float(weight) for *_, weight in triples]
+    except ValueError as error:
+        raise UsageError(f"--channel: {error}; its third word is a number, the weight") from None
+
+
+def _channels(mesh: TriangleMesh, specs: list[str]) -> FloatArray:
+    functions = [function(mesh, spec) for spec in specs]
+    return np.stack(functions, axis=1) if len(functions) > 1 else functions[0]
+
+
+def _mask(mesh: TriangleMesh, given: str | None) -> FloatArray | None:
+    if given is None:
+        return None
+    return function(mesh, f"file:{quoted(given)}" if Path(given).is_file() else given)
+
+
+def _start(mesh: TriangleMesh, path: str | None) -> FloatArray | None:
+    if path is None:
+        return None
+    earlier = load_match(path)
+    if not np.array_equal(earlier.mesh.faces, mesh.faces):
+        raise ResultError(f"--start {path} is a result on another mesh; give one on a mesh with the same faces")
+    return earlier.velocity

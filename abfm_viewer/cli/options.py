@@ -1,0 +1,57 @@
+"""Options that several commands share, and what they give: the parameters' own, sizes, the mesh."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import fields
+
+from abfm import Parameters, TriangleMesh, load_mesh
+from abfm.parameters import CHOICES
+
+
+def add_parameters(parser: argparse.ArgumentParser) -> None:
+    """One option for every parameter, with the help text and the paper's symbol from its definition."""
+    group = parser.add_argument_group("parameters (symbols of the paper in brackets)")
+    for entry in fields(Parameters):
+        symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
+        choices = CHOICES.get(entry.name)
+        group.add_argument(
+            "--" + entry.name.replace("_", "-"),
+            type={"int": int, "float": float}.get(str(entry.type), str),
+            choices=choices,
+            metavar="{" + ",".join(choices) + "}" if choices else {"int": "INT"}.get(str(entry.type), "X"),
+            default=entry.default,
+            help=f"{entry.metadata['help']}{symbol} (default: {entry.default})".replace("%", "%%"),
+        )
+
+
+def parameters(arguments: argparse.Namespace) -> Parameters:
+    """The parameters that a command line asks for."""
+    return Parameters(**{entry.name: getattr(arguments, entry.name) for entry in fields(Parameters)})
+
+
+def add_mesh(parser: argparse.ArgumentParser) -> None:
+    """The mesh file and what to do with several components."""
+    parser.add_argument("mesh", metavar="MESH", help="triangle mesh: obj, off, ply, stl, glb, gltf or gii")
+    parser.add_argument(
+        "--largest-component", action="store_true", help="of several components use the one with the largest area"
+    )
+
+
+def mesh(arguments: argparse.Namespace) -> TriangleMesh:
+    """Read the mesh and say on stderr what was repaired."""
+    loaded = load_mesh(arguments.mesh, largest_component=arguments.largest_component)
+    for message in loaded.messages:
+        print(f"note: {message}", file=sys.stderr)
+    return loaded
+
+
+def size(text: str) -> tuple[int, int]:
+    """A picture's size: ``1600x900``."""
+    width, cross, height = text.partition("x")
+    if not cross or not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size such as 1600x900")
+    if not (320 <= int(width) <= 16384 and 240 <= int(height) <= 16384):
+        raise argparse.ArgumentTypeError(f"{text!r} is out of range: from 320x240 to 16384x16384")
+    return int(width), int(height)

@@ -1,0 +1,73 @@
+"""Output files: refused before hours of work, and written by their suffix."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Collection
+from pathlib import Path
+
+from PIL import Image
+
+from abfm import Match, ResultError
+from abfm.io import export_energy_csv, export_ply, export_vtu, write_atomically
+from abfm.mesh import FloatArray
+
+
+def check(path: Path, suffixes: Collection[str]) -> None:
+    """Refuse a path that could not be written.
+
+    Raises
+    ------
+    ResultError
+        If the suffix is not one of those given, the folder does not exist, or something is in the way.
+    """
+    if path.suffix not in suffixes:
+        raise ResultError(f"cannot write {path}: its name must end in {', '.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise ResultError(f"cannot write {path}: there is no folder {path.parent}; make it first")
+    if path.is_dir():
+        raise ResultError(f"cannot write {path}: it is a folder; name a file")
+    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+        raise ResultError(f"cannot write {path}: no permission; choose another place")
+
+
+def _ply(path: Path, match: Match) -> None:
+    export_ply(path, match.mesh, _point_data(match), _cell_data(match))
+
+
+def _vtu(path: Path, match: Match) -> None:
+    export_vtu(path, match.mesh, _point_data(match), _cell_data(match))
+
+
+def _csv(path: Path, match: Match) -> None:
+    export_energy_csv(path, match.energy_history, match.stages)
+
+
+WRITERS: dict[str, Callable[[Path, Match], None]] = {
+    ".npz": lambda path, match: match.save(path),
+    ".ply": _ply,
+    ".vtu": _vtu,
+    ".csv": _csv,
+}
+
+
+def write(path: Path, match: Match) -> None:
+    """Write a match as the file's suffix says."""
+    WRITERS[path.suffix](path, match)
+
+
+def write_picture(path: Path, picture: Image.Image) -> None:
+    """Write a PNG file, whole or not at all."""
+    with write_atomically(path) as temporary:
+        picture.save(temporary)
+
+
+def _point_data(match: Match) -> dict[str, FloatArray]:
+    functions = {"source": match.source, "target": match.target, "advected": match.advected}
+    return {name: f if f.shape[1] > 1 else f[:, 0] for name, f in functions.items()}
+
+
+def _cell_data(match: Match) -> dict[str, FloatArray]:
+    if len(match.velocity) == 1:
+        return {"velocity": match.velocity[0]}
+    return {f"velocity_segment_{number}": field for number, field in enumerate(match.velocity)}

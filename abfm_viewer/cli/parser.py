@@ -1,0 +1,36 @@
+"""An argument parser whose errors are one line with the nearest right word."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import NoReturn
+
+from abfm_viewer.exit_status import UsageError
+
+
+class Parser(argparse.ArgumentParser):
+    """Raises `UsageError` instead of printing the whole usage and leaving."""
+
+    def __init__(self, **settings: object) -> None:
+        super().__init__(allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **settings)  # type: ignore[arg-type]
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse the command line."""
+        raise UsageError(f"{message}; see {self.prog} --help")
+
+    def parse_whole(self, words: list[str]) -> argparse.Namespace:
+        """Parse a command line of which every word must be understood; its `parser` is the one in charge."""
+        arguments, unknown = self.parse_known_args(words)
+        if unknown:
+            command: Parser = arguments.parser
+            name = unknown[0].partition("=")[0]
+            command.error(f"{unknown[0]!r} is not understood{did_you_mean(name, command._option_string_actions)}")
+        return arguments
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """A question with the nearest known word, or nothing."""
+    nearest = get_close_matches(word, list(known), n=1)
+    return f" (did you mean {nearest[0]!r}?)" if nearest else ""

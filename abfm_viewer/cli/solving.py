@@ -1,0 +1,73 @@
+"""Running a match from the command line: progress, Ctrl-C, output files and what is said at the end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import abfm
+from abfm import Control, Match, TriangleMesh
+from abfm_viewer.cli import outputs
+from abfm_viewer.cli.interrupt import cancelled_by_signals
+from abfm_viewer.cli.progress import progress
+from abfm_viewer.exit_status import INTERRUPTED
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A match that was computed and written."""
+
+    match: Match
+    seconds: float
+    outputs: Sequence[Path]
+
+    @property
+    def status(self) -> int:
+        """Exit status: 130 when a signal stopped the match."""
+        return INTERRUPTED if self.match.stop_reason == "cancelled" else 0
+
+    @property
+    def iterations(self) -> int:
+        """Number of steps taken."""
+        return len(self.match.energy_history) - 1
+
+    def summary(self) -> str:
+        """One line for a person."""
+        return (
+            f"mismatch {self.match.mismatch:.4f} after {self.iterations} iterations in {self.seconds:.1f} s "
+            f"({self.match.stop_reason}); wrote {', '.join(map(str, self.outputs))}"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same and more for a program."""
+        total, regularity, mismatch_energy = self.match.energy_history[-1].tolist()
+        return {
+            "mismatch": float(self.match.mismatch),
+            "energy": {"total": total, "regularity": regularity, "mismatch": mismatch_energy},
+            "iterations": self.iterations,
+            "stop_reason": self.match.stop_reason,
+            "seconds": self.seconds,
+            "vertices": len(self.match.mesh.vertices),
+            "faces": len(self.match.mesh.faces),
+            "messages": list(self.match.mesh.messages),
+            "parameters": self.match.parameters.to_dict(),
+            "outputs": [str(path) for path in self.outputs],
+        }
+
+
+def solve(
+    mesh: TriangleMesh, f: Any, g: Any, parameters: abfm.Parameters, outs: Sequence[Path], quiet: bool, **settings: Any
+) -> Outcome:
+    """Match with progress on stderr and write the result, also after a signal; `settings` go to `abfm.match`."""
+    control = Control()
+    start = time.perf_counter()
+    with cancelled_by_signals(control):
+        with progress(parameters.iterations, quiet) as report:
+            match = abfm.match(mesh, f, g, parameters, on_iteration=report, control=control, **settings)
+        seconds = time.perf_counter() - start
+        for path in outs:
+            outputs.write(path, match)
+    return Outcome(match, seconds, outs)

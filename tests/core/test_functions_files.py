@@ -1,0 +1,157 @@
+"""Values and vertex maps from files, counted as the mesh file counts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import nibabel
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from abfm.errors import FunctionError
+from abfm.functions import function
+from abfm.mesh import FloatArray, TriangleMesh
+from tests.shapes import icosphere
+
+MESH = icosphere(1)
+COUNT = len(MESH.vertices)
+VALUES = np.random.default_rng(5).standard_normal(COUNT)
+
+
+def with_unused_vertices() -> TriangleMesh:
+    """MESH whose file had one more vertex in front and one behind number 9, used by no face."""
+    vertices = np.insert(MESH.vertices, [0, 10], 0.0, axis=0)
+    return TriangleMesh(vertices, np.where(MESH.faces < 10, MESH.faces + 1, MESH.faces + 2))
+
+
+def write_gifti(path: Path, columns: list[FloatArray]) -> None:
+    arrays = [nibabel.gifti.GiftiDataArray(column.astype(np.float32), intent="NIFTI_INTENT_SHAPE") for column in columns]
+    nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), path)
+
+
+def write_text(path: Path, header: str, delimiter: str, columns: list[FloatArray]) -> None:
+    np.savetxt(path, np.column_stack(columns), delimiter=delimiter, header=header, comments="", fmt="%.17g")
+
+
+def test_one_column_from_every_format(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", VALUES)
+    write_text(tmp_path / "a.txt", "", " ", [VALUES])
+    write_text(tmp_path / "a.csv", "thickness", ",", [VALUES])
+    for name in ("a.npy", "a.txt", "a.csv"):
+        assert_array_equal(function(MESH, f"file:{tmp_path / name}"), VALUES)
+    write_gifti(tmp_path / "a.gii", [VALUES])
+    assert_array_equal(function(MESH, f"file:{tmp_path / 'a.gii'}"), VALUES.astype(np.float32))
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
+def test_columns_by_name_and_by_number(tmp_path: Path, delimiter: str) -> None:
+    path = tmp_path / "table, (1) + more.csv"
+    write_text(path, delimiter.join(["index", '"depth"']), delimiter, [np.arange(COUNT), VALUES])
+    for column in ("1", "depth" if delimiter != " " else '"""depth"""'):
+        assert_array_equal(function(MESH, f'file:"{path}",column={column}'), VALUES)
+    with pytest.raises(FunctionError, match="2 columns; choose column=0 to 1 or one of index"):
+        function(MESH, f'file:"{path}"')
+    with pytest.raises(FunctionError, match=r"none called 'dept'.*did you mean"):
+        function(MESH, f'file:"{path}",column=dept')
+    with pytest.raises(FunctionError, match="none called '2'"):
+        function(MESH, f'file:"{path}",column=2')
+
+
+def test_columns_of_arrays_and_gifti(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.column_stack([VALUES, 2 * VALUES]).astype(">f4"))
+    write_gifti(tmp_path / "a.gii", [VALUES, 2 * VALUES])
+    for name in ("a.npy", "a.gii"):
+        assert_array_equal(function(MESH, f"file:{tmp_path / name},column=1"), (2 * VALUES).astype(np.float32))
+
+
+def test_comments_and_empty_lines_are_skipped(tmp_path: Path) -> None:
+    lines = ["# made by hand", "", *map(repr, VALUES.tolist()), ""]
+    (tmp_path / "a.txt").write_text("\r\n".join(lines))
+    assert_array_equal(function(MESH, f"file:{tmp_path / 'a.txt'}"), VALUES)
+
+
+def test_files_count_as_the_mesh_file_does_after_repairs(tmp_path: Path) -> None:
+    mesh = with_unused_vertices()
+    in_file = np.insert(VALUES, [0, 10], np.nan)
+    np.save(tmp_path / "a.npy", in_file)
+    assert_array_equal(function(mesh, f"file:{tmp_path / 'a.npy'}"), VALUES)
+    in_file[12] = np.inf
+    np.save(tmp_path / "a.npy", in_file)
+    with pytest.raises(FunctionError, match=f"1 of {COUNT} vertices, for example inf at vertex 12"):
+        function(mesh, f"file:{tmp_path / 'a.npy'}")
+
+
+def test_a_map_composes(tmp_path: Path) -> None:
+    target = np.random.default_rng(0).integers(0, COUNT, COUNT)
+    np.savetxt(tmp_path / "map.txt", target, fmt="%d")
+    np.save(tmp_path / "map.npy", target)
+    for name in ("map.txt", "map.npy"):
+        composed = function(MESH, f"permuted:{tmp_path / name}(coordinate:x + expression:y*(z+1))")
+        x, y, z = MESH.vertices.T
+        assert_array_equal(composed, (x + y * (z + 1))[target])
+
+
+def test_a_map_counts_as_the_mesh_file_does_after_repairs(tmp_path: Path) -> None:
+    mesh = with_unused_vertices()
+    target = np.random.default_rng(0).permutation(COUNT)
+    in_file = np.full(COUNT + 2, -1)
+    in_file[mesh.vertex_ids] = mesh.vertex_ids[target]
+    np.savetxt(tmp_path / "map.txt", in_file, fmt="%d")
+    assert_array_equal(function(mesh, f"permuted:{tmp_path / 'map.txt'}(coordinate:z)"), mesh.vertices[target, 2])
+    in_file[3] = 0
+    np.savetxt(tmp_path / "map.txt", in_file, fmt="%d")
+    with pytest.raises(FunctionError, match=rf"1 of {COUNT} entries .* \(vertex 3 has 0\)"):
+        function(mesh, f"permuted:{tmp_path / 'map.txt'}(coordinate:z)")
+
+
+@pytest.mark.parametrize("bad", [-1, COUNT, 0.5, np.nan, np.inf, 1e300])
+def test_wrong_map_entries_are_counted_with_an_example(tmp_path: Path, bad: float) -> None:
+    target = np.arange(COUNT, dtype=np.float64)
+    target[[4, 6]] = bad
+    np.save(tmp_path / "map.npy", target)
+    with pytest.raises(FunctionError, match=rf"2 of {COUNT} entries are not numbers of vertices .* \(vertex 4 has"):
+        function(MESH, f"permuted:{tmp_path / 'map.npy'}(hks)")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.npy", b"PK\x03\x04", "not a table of numbers"),
+        ("a.npy", b"\x93NUMPY\x01\x00", "not a table of numbers"),
+        ("a.npy", b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (10**15,), }", "not a table"),
+        ("a.csv", b"", "it is empty"),
+        ("a.csv", b"a,b\n", "it has only the line 'a,b'"),
+        ("a.csv", b"1,2\n3,x\n", "could not convert string 'x'"),
+        ("a.csv", b"1,2\n3\n", "number of columns changed"),
+        ("a.txt", b"\xff\xfe\xff", "not a table of numbers"),
+        ("a.txt", b"1\n2\n", f"2 values were given for a mesh of {COUNT} vertices"),
+        ("a.gii", b"<GIFTI", "not a table of numbers"),
+        ("a.gii", b"", "not a table of numbers"),
+        ("a.xyz", b"1", "must end in .npy, .csv, .txt, .gii"),
+    ],
+)
+def test_broken_files_are_refused_by_name(tmp_path: Path, name: str, content: bytes, message: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(FunctionError) as error:
+        function(MESH, f"file:{tmp_path / name}")
+    assert message in str(error.value)
+    assert name in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_arrays_that_are_no_columns_of_real_numbers_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "object.npy", np.array([{}], dtype=object), allow_pickle=True)
+    np.save(tmp_path / "complex.npy", np.ones(COUNT, dtype=complex))
+    np.save(tmp_path / "cube.npy", np.ones((COUNT, 1, 1)))
+    np.save(tmp_path / "scalar.npy", np.float64(1))
+    for name in ("object", "complex", "cube", "scalar"):
+        with pytest.raises(FunctionError, match="not a table of numbers"):
+            function(MESH, f"file:{tmp_path / name}.npy")
+
+
+@pytest.mark.parametrize("path", ["missing.npy", "~no_such_user/a.npy", "x" * 300 + ".npy", "missing/a.txt", "missing.gii"])
+def test_files_that_cannot_be_read_say_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FunctionError, match=r"cannot be read: \w"):
+        function(MESH, f"file:{path}")

@@ -1,0 +1,226 @@
+"""The text form of functions: what it means, its round trip, and the errors that mend it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from abfm.errors import FunctionError
+from abfm.functions import Spec, Sum, families, function, parse
+from abfm.functions.coordinate import Coordinate
+from abfm.functions.curvature import Curvature
+from abfm.functions.eigenfunction import Eigenfunction
+from abfm.functions.expression import Expression
+from abfm.functions.gaussian import Gaussian
+from abfm.functions.geodesic import Geodesic
+from abfm.functions.heat_kernel_signature import HeatKernelSignature
+from abfm.functions.indicator import Indicator
+from abfm.functions.permuted import Permuted
+from abfm.functions.shape_diameter import ShapeDiameter
+from abfm.functions.values_file import ValuesFile
+from abfm.functions.wave_kernel_signature import WaveKernelSignature
+from tests.shapes import icosphere
+
+MEANINGS = {
+    "gaussian:vertex=12,width=0.1": Gaussian(vertex=(12,), width=0.1),
+    "gaussian:x=1,y=-2e-3,z=.5,metric=euclidean,height=-2": Gaussian(
+        x=1.0, y=-0.002, z=0.5, metric="euclidean", height=-2.0
+    ),
+    "  gaussian : vertex = 1 , width = 1e+2 ": Gaussian(vertex=(1,), width=100.0),
+    "eigenfunction:7": Eigenfunction(index=7),
+    "eigenfunction:index=7": Eigenfunction(index=7),
+    "hks": HeatKernelSignature(),
+    "hks:time=0.5,eigenpairs=50": HeatKernelSignature(time=0.5, eigenpairs=50),
+    "wks:energy=3,width=0.2": WaveKernelSignature(energy=3.0, width=0.2),
+    "curvature:mean": Curvature(kind="mean"),
+    "coordinate:y": Coordinate(axis="y"),
+    "geodesic:vertex=1,5, 9": Geodesic(vertex=(1, 5, 9)),
+    "shape-diameter": ShapeDiameter(),
+    "indicator:vertex=3,radius=0.2": Indicator(vertex=(3,), radius=0.2),
+    "indicator:axis=x,above=0.2,below=1": Indicator(axis="x", above=0.2, below=1.0),
+    "file:values.npy": ValuesFile(path="values.npy"),
+    "file:C:\\data\\a b.csv,column=thickness": ValuesFile(path="C:\\data\\a b.csv", column="thickness"),
+    "file:a+b,c (1).txt": ValuesFile(path="a+b,c (1).txt"),
+    'file:"a + hks, column=2 ""x"".csv"': ValuesFile(path='a + hks, column=2 "x".csv'),
+    "expression:sin(10*x)*z": Expression(formula="sin(10*x)*z"),
+    "expression:max(x, y) + (z)": Expression(formula="max(x, y) + (z)"),
+    "permuted:perm.txt(gaussian:vertex=1)": Permuted(path="perm.txt", function=Gaussian(vertex=(1,))),
+    "permuted:a b.txt(expression:(x+1)*y)": Permuted(path="a b.txt", function=Expression(formula="(x+1)*y")),
+    'permuted:"p(1).txt"(permuted:q.npy(hks))': Permuted(
+        path="p(1).txt", function=Permuted(path="q.npy", function=HeatKernelSignature())
+    ),
+    "gaussian:vertex=1,width=0.1 + gaussian:vertex=9": Sum((Gaussian(vertex=(1,), width=0.1), Gaussian(vertex=(9,)))),
+    "hks+wks": Sum((HeatKernelSignature(), WaveKernelSignature())),
+    "((hks) + (wks + coordinate:x))": Sum((HeatKernelSignature(), WaveKernelSignature(), Coordinate(axis="x"))),
+    "(expression:x+y)+hks": Sum((Expression(formula="x+y"), HeatKernelSignature())),
+    "hks + expression:x + y": Sum((HeatKernelSignature(), Expression(formula="x + y"))),
+    "permuted:p.txt(hks + expression:x+y) + wks": Sum(
+        (
+            Permuted(path="p.txt", function=Sum((HeatKernelSignature(), Expression(formula="x+y")))),
+            WaveKernelSignature(),
+        )
+    ),
+}
+
+ERRORS = {
+    "": "expected a family",
+    "gausian:vertex=1": "'gausian' (did you mean 'gaussian'?)",
+    "Shape_Diameter": "did you mean 'shape-diameter'?",
+    "gaussian vertex=1": "expected ':' after gaussian",
+    "gaussian:vertex=1 +": "expected a family",
+    "gaussian:vertex=1 + foo": "unknown function family 'foo'",
+    "gaussian:12": "'12' is not key=value; keys are vertex, x, y, z, width, height, metric",
+    "gaussian:vertex=1,widht=2": "unknown key 'widht' (did you mean 'width'?)",
+    "gaussian:vertex=1,vertex=2": "vertex= is given twice",
+    "gaussian:vertex=-1": "vertex must be one vertex number or several with commas, counted from 0, not '-1'",
+    "gaussian:vertex=1.5": "not '1.5'",
+    "gaussian:vertex=99999999999999999999": "not '99999999999999999999'",
+    "gaussian:vertex=1,width=0": "width must be a number above 0 (unit: fraction of sqrt(area)), not '0'",
+    "gaussian:vertex=1,width=nan": "not 'nan'",
+    "gaussian:vertex=1,height=inf": "height must be a finite number, not 'inf'",
+    "gaussian:vertex=1,metric=geodsic": "metric must be geodesic or euclidean, not 'geodsic' (did you mean 'geodesic'?)",
+    "gaussian": "give vertex=, or all of x=, y= and z=",
+    "gaussian:x=1,y=2": "give vertex=, or all of x=, y= and z=",
+    "gaussian:vertex=1,x=0,y=0,z=0": "not both",
+    "eigenfunction": "index is missing; give a whole number, 0 or more",
+    "eigenfunction:-1": "not '-1'",
+    "hks:time=0": "time must be a number above 0 (unit: area)",
+    "hks:eigenpairs=0": "eigenpairs must be a whole number, 1 or more",
+    "wks:eigenpairs=1": "2 or more",
+    "curvature:gausian": "kind must be gaussian or mean, not 'gausian' (did you mean 'gaussian'?)",
+    "coordinate:w": "axis must be x, y or z",
+    "shape-diameter:rays=3": "unknown key 'rays'; it takes no parameters",
+    "indicator": "either a disc",
+    "indicator:vertex=1": "a disc needs radius=",
+    "indicator:radius=1": "give vertex=",
+    "indicator:axis=x": "above= or below=",
+    "indicator:vertex=1,radius=1,axis=x,above=0": "either a disc",
+    "file:": "path must be the name of a file",
+    'file:"a.npy': "expected a closing double quote",
+    "permuted:p.txt": "expected '('",
+    "permuted:p.txt(hks": "expected ')', found nothing more",
+    "(hks": "expected ')'",
+    "hks)": "expected '+' or the end, found ')'",
+    "hks hks": "expected ':' after hks, found 'hks'",
+    "expression:x + gaussian:vertex=1": "put parentheses around it",
+    "(" * 60 + "hks": "at most 50 parentheses",
+    "hks + " * 2000 + "hks": "at most 10000",
+}
+
+
+@pytest.mark.parametrize("text", MEANINGS)
+def test_text_means_the_spec_and_the_spec_writes_text_that_means_the_same(text: str) -> None:
+    assert parse(text) == MEANINGS[text]
+    assert parse(str(MEANINGS[text])) == MEANINGS[text]
+
+
+@pytest.mark.parametrize("text", ERRORS)
+def test_errors_name_what_was_given_and_what_was_expected_in_one_line(text: str) -> None:
+    with pytest.raises(FunctionError) as error:
+        parse(text)
+    assert ERRORS[text] in str(error.value)
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 300
+
+
+def test_specs_made_in_python_are_checked_like_text() -> None:
+    with pytest.raises(FunctionError, match="width must be a number above 0"):
+        Gaussian(vertex=(1,), width=-1.0)
+    assert Gaussian(vertex=3, width="0.5") == Gaussian(vertex=(3,), width=0.5)  # type: ignore[arg-type]
+
+
+def test_families_describe_themselves() -> None:
+    described = {cls.family: cls for cls in families()}
+    expected = "gaussian eigenfunction hks wks curvature coordinate geodesic shape-diameter indicator file expression permuted"
+    assert sorted(described) == sorted(expected.split())
+    assert all(cls.summary() and all(p.summary for p in cls.parameters()) for cls in described.values())
+    width = next(p for p in described["gaussian"].parameters() if p.name == "width")
+    assert (width.default, width.required, width.unit) == (0.1, False, "fraction of sqrt(area)")
+    metric = next(p for p in described["gaussian"].parameters() if p.name == "metric")
+    assert metric.kind.choices == ("geodesic", "euclidean")
+    (index,) = described["eigenfunction"].parameters()
+    assert index.required
+    assert described["eigenfunction"].positional == "index"
+
+
+def test_a_sum_adds_any_families() -> None:
+    mesh = icosphere(2)
+    total = function(mesh, "coordinate:z + (expression:x*y) + eigenfunction:0")
+    x, y, z = mesh.vertices.T
+    assert_allclose(total, z + x * y + 1, atol=1e-15)
+    assert_array_equal(mesh.vertices, icosphere(2).vertices)
+
+
+@pytest.mark.parametrize("text", ["coordinate:x", "eigenfunction:0", "expression:2", "curvature:mean", "shape-diameter"])
+def test_results_are_new_writable_contiguous_arrays(text: str) -> None:
+    mesh = icosphere(1)
+    f = function(mesh, parse(text))
+    assert f.dtype == np.float64
+    assert f.shape == (len(mesh.vertices),)
+    assert f.flags.c_contiguous
+    f[:] = 7.0
+    assert not np.any(function(mesh, text) == 7.0)
+
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+positives = st.floats(min_value=0, exclude_min=True, allow_infinity=False)
+indices = st.integers(0, 2**31 - 1)
+names = st.text(min_size=1).filter(lambda s: s == s.strip() and "\0" not in s)
+points = st.one_of(
+    st.fixed_dictionaries({"vertex": st.lists(indices, min_size=1, max_size=3).map(tuple)}),
+    st.fixed_dictionaries({"x": numbers, "y": numbers, "z": numbers}),
+)
+terms: st.SearchStrategy[Spec] = st.one_of(
+    st.builds(
+        lambda p, **others: Gaussian(**p, **others),
+        points,
+        width=positives,
+        height=numbers,
+        metric=st.sampled_from(["geodesic", "euclidean"]),
+    ),
+    st.builds(lambda p: Geodesic(**p), points),
+    st.builds(lambda p, radius: Indicator(**p, radius=radius), points, positives),
+    st.builds(Indicator, axis=st.sampled_from("xyz"), above=numbers, below=st.none() | numbers),
+    st.builds(Eigenfunction, index=indices),
+    st.builds(HeatKernelSignature, time=positives, eigenpairs=st.integers(1, 2000)),
+    st.builds(WaveKernelSignature, energy=numbers, width=st.none() | positives, eigenpairs=st.integers(2, 2000)),
+    st.builds(ValuesFile, path=names, column=st.none() | names),
+    st.builds(Expression, formula=st.sampled_from(["x", "sin(10*x)*z", "(x + 1) * -y", "where(x > 0, min(x, y), 1e-3)"])),
+    st.just(ShapeDiameter()),
+)
+specs = st.recursive(
+    terms,
+    lambda inner: st.one_of(
+        st.builds(Permuted, path=names, function=inner),
+        st.lists(inner.filter(lambda s: not isinstance(s, Sum)), min_size=2, max_size=3).map(lambda t: Sum(tuple(t))),
+    ),
+    max_leaves=4,
+)
+
+
+@given(specs)
+def test_any_spec_survives_its_text_form(spec: Spec) -> None:
+    assert parse(str(spec)) == spec
+
+
+@given(st.text() | st.lists(st.sampled_from([*MEANINGS, "(", ")", "+", ",", "=", '"', "vertex=1"])).map("".join))
+def test_any_text_parses_or_raises_function_error(text: str) -> None:
+    try:
+        spec = parse(text)
+    except FunctionError as error:
+        assert "\n" not in str(error)
+    else:
+        assert parse(str(spec)) == spec
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['"' * 9999, "file:" + '"' * 9993, "gaussian:" + "x=1," * 2400, "file:" + "+a" * 4900, "(hks+" * 49],
+    ids=lambda text: text[:12],
+)
+def test_long_hostile_texts_end_in_function_errors(text: str) -> None:
+    with pytest.raises(FunctionError):
+        parse(text)

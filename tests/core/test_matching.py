@@ -1,0 +1,254 @@
+"""Matching from end to end: what it reaches, how it stops, what it keeps."""
+
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse.linalg import expm_multiply
+
+import abfm
+from abfm.assets import asset_path
+from abfm.operators import face_normals, l2_norm
+from abfm.vector_fields import directional_derivative, to_frame
+from tests.core.fields import bump, wavy_field
+from tests.shapes import hemisphere, icosphere, torus
+
+SPHERE = icosphere(3, radius=5.0)
+FEW = abfm.Parameters(iterations=12)
+
+
+def pair(mesh, a=0, b=60, width=0.15):
+    return bump(mesh, mesh.vertices[a], width), bump(mesh, mesh.vertices[b], width)
+
+
+def assert_never_rises_within_a_stage(match):
+    for stage in np.unique(match.stages):
+        energies = match.energy_history[match.stages == stage, 0]
+        assert (np.diff(energies) <= 0).all()
+
+
+@pytest.mark.parametrize("name", ["human_A.off", "eight.off"])
+def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name):
+    mesh = abfm.load_mesh(asset_path(name))
+    distance = abfm.function(mesh, "geodesic:vertex=7")
+    target = int(np.argmin(np.abs(distance - distance.max() / 4)))
+    f = abfm.function(mesh, "gaussian:vertex=7,width=0.1")
+    g = abfm.function(mesh, f"gaussian:vertex={target},width=0.1")
+    match = abfm.match(mesh, f, g)
+    assert match.mismatch <= 0.05
+    assert len(match.energy_history) <= 151
+    assert_never_rises_within_a_stage(match)
+
+
+@pytest.mark.parametrize("mesh", [SPHERE, hemisphere(12), torus(30, 12)], ids=["sphere", "hemisphere", "torus"])
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"segments": 3}, {"method": "linearised"}, {"gradient": "bracket", "substeps": 20}, {"alpha": 0.0}],
+    ids=lambda changes: ",".join(map(str, changes.values())) or "default",
+)
+def test_every_method_lowers_the_mismatch(mesh, changes):
+    f, g = pair(mesh, 0, 20, 0.25)
+    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=30, sigma=0.01, **changes))
+    assert match.mismatch < 0.3 * l2_norm(mesh, f - g) / l2_norm(mesh, g)
+    assert_never_rises_within_a_stage(match)
+
+
+def test_plain_lbfgs_is_available_and_slower():
+    f, g = pair(SPHERE)
+    plain, preconditioned = (
+        abfm.match(SPHERE, f, g, abfm.Parameters(iterations=20, cooling_stages=1, alpha=1.0, preconditioner=kind))
+        for kind in ("none", "hodge")
+    )
+    assert plain.energy_history[-1, 0] < plain.energy_history[0, 0]
+    assert preconditioned.energy_history[-1, 0] < 0.5 * plain.energy_history[-1, 0]
+
+
+def test_the_result_is_what_it_says():
+    f, g = pair(SPHERE)
+    match = abfm.match(SPHERE, f, g, FEW)
+    assert match.velocity.shape == (1, len(SPHERE.faces), 3)
+    assert np.abs(np.einsum("nfx,fx->nf", match.velocity, face_normals(SPHERE))).max() < 1e-12
+    D = directional_derivative(SPHERE, to_frame(SPHERE, match.velocity[0]))
+    expected = expm_multiply(-match.parameters.tau * D, f)
+    assert np.linalg.norm(match.advected[:, 0] - expected) <= 1e-7 * np.linalg.norm(expected)
+    assert match.advect(1.0) == pytest.approx(expected, abs=1e-7)
+    assert match.mismatch == pytest.approx(l2_norm(SPHERE, expected - g) / l2_norm(SPHERE, g), rel=1e-6)
+    value, _ = abfm.MatchingEnergy(SPHERE, f, g, FEW)(match.velocity / SPHERE.length_scale)
+    assert value == pytest.approx(match.energy_history[-1, 0], rel=1e-9)
+    assert match.stop_reason == "iteration limit"
+    assert len(match.energy_history) == len(match.stages) == 13
+
+
+def test_units_change_only_the_velocity():
+    f, g = pair(SPHERE)
+    large = abfm.TriangleMesh(SPHERE.vertices * 64, SPHERE.faces)
+    here, there = abfm.match(SPHERE, f, g, FEW), abfm.match(large, f, g, FEW)
+    assert there.velocity == pytest.approx(64 * here.velocity, rel=1e-6, abs=1e-6)
+    assert there.energy_history == pytest.approx(here.energy_history, rel=1e-6)
+
+
+def test_same_input_same_bits_with_other_work_beside_it():
+    f, g = pair(SPHERE)
+    alone = abfm.match(SPHERE, f, g, FEW)
+    others = [threading.Thread(target=abfm.match, args=(SPHERE, g, f, FEW)) for _ in range(2)]
+    for thread in others:
+        thread.start()
+    fresh = abfm.TriangleMesh(SPHERE.vertices, SPHERE.faces)
+    beside = abfm.match(fresh, f, g, FEW)
+    for thread in others:
+        thread.join()
+    assert np.array_equal(alone.velocity, beside.velocity)
+    assert np.array_equal(alone.energy_history, beside.energy_history)
+    assert np.array_equal(alone.advected, beside.advected)
+
+
+def test_several_channels_and_weights():
+    f = np.stack([*pair(SPHERE, 0, 60)], axis=1)
+    g = np.stack([*pair(SPHERE, 20, 80)], axis=1)
+    match = abfm.match(SPHERE, f, g, FEW, weights=[1.0, 0.5])
+    assert match.advected.shape == f.shape
+    assert match.advect([0.0, 0.5]).shape == (2, *f.shape)
+    assert match.advect(0.0) == pytest.approx(f, abs=1e-9)
+
+
+def test_mask_frees_what_it_hides():
+    """Where the mask is zero the target may be anything."""
+    f, g = pair(SPHERE)
+    hidden = SPHERE.vertices[:, 2] > 0
+    changed = np.where(hidden, 7.0, g)
+    results = [abfm.match(SPHERE, f, target, FEW, mask=~hidden).velocity for target in (g, changed)]
+    assert results[0] == pytest.approx(results[1], abs=1e-9)
+
+
+def test_equal_functions_need_no_field():
+    f, _ = pair(SPHERE)
+    match = abfm.match(SPHERE, f, f)
+    assert match.stop_reason == "converged"
+    assert match.mismatch == 0
+    assert not match.velocity.any()
+
+
+@pytest.mark.parametrize("f", [np.zeros(642), np.ones(642)], ids=["zeros", "ones"])
+def test_constant_functions_end_in_words(f):
+    match = abfm.match(SPHERE, f, pair(SPHERE)[1])
+    assert match.stop_reason in {"converged", "line search failed"}
+    assert np.isfinite(match.mismatch)
+
+
+def test_callback_sees_every_row_of_the_history():
+    f, g = pair(SPHERE)
+    seen = []
+    match = abfm.match(SPHERE, f, g, FEW, on_iteration=seen.append)
+    assert [item.iteration for item in seen] == list(range(13))
+    assert np.array_equal([[item.energy, item.regularity, item.mismatch_energy] for item in seen], match.energy_history)
+    assert np.array_equal(seen[-1].velocity, match.velocity)
+    assert seen[-1].mismatch == match.mismatch
+    assert seen[-1].evaluations >= 13
+
+
+def test_cancel_keeps_the_best_so_far():
+    f, g = pair(SPHERE)
+    control = abfm.Control()
+    match = abfm.match(
+        SPHERE, f, g, on_iteration=lambda item: control.cancel() if item.iteration == 5 else None, control=control
+    )
+    assert match.stop_reason == "cancelled"
+    assert len(match.energy_history) == 6
+    whole = []
+    abfm.match(SPHERE, f, g, on_iteration=whole.append)
+    assert np.array_equal(match.velocity, whole[5].velocity)
+
+
+def test_cancelled_before_it_began_gives_the_start():
+    f, g = pair(SPHERE)
+    control = abfm.Control()
+    control.cancel()
+    match = abfm.match(SPHERE, f, g, control=control)
+    assert match.stop_reason == "cancelled"
+    assert not match.velocity.any()
+
+
+def test_pause_holds_and_resume_continues_to_the_same_result():
+    f, g = pair(SPHERE)
+    control, reached, results = abfm.Control(), threading.Event(), []
+
+    def on_iteration(item):
+        if item.iteration == 4:
+            control.pause()
+            reached.set()
+
+    def solve():
+        results.append(abfm.match(SPHERE, f, g, FEW, on_iteration=on_iteration, control=control))
+
+    thread = threading.Thread(target=solve)
+    thread.start()
+    assert reached.wait(30)
+    thread.join(0.3)
+    assert thread.is_alive()
+    control.resume()
+    thread.join(30)
+    assert np.array_equal(results[0].velocity, abfm.match(SPHERE, f, g, FEW).velocity)
+
+
+def test_warm_start_goes_on_from_the_field():
+    f, g = pair(SPHERE)
+    p = abfm.Parameters(iterations=10, cooling_stages=1, sigma=0.01)
+    first = abfm.match(SPHERE, f, g, p)
+    second = abfm.match(SPHERE, f, g, p, start=first.velocity)
+    assert second.energy_history[0, 0] == pytest.approx(first.energy_history[-1, 0], rel=1e-9)
+    assert second.energy_history[-1, 0] < first.energy_history[-1, 0]
+    moved = abfm.match(SPHERE, f, pair(SPHERE, 0, 61)[1], p, start=first.velocity)
+    assert moved.mismatch < 1
+
+
+def test_a_start_that_overflows_is_refused_in_words():
+    f, g = pair(SPHERE)
+    with pytest.raises(abfm.ParameterError, match="start"):
+        abfm.match(SPHERE, f, g, start=1e9 * wavy_field(SPHERE, 0))
+    with pytest.raises(abfm.ParameterError, match="velocity has shape"):
+        abfm.match(SPHERE, f, g, start=np.zeros((2, 3)))
+
+
+def test_functions_that_overflow_are_refused_in_words():
+    f, g = pair(SPHERE)
+    with pytest.raises(abfm.FunctionError, match="scale"):
+        abfm.match(SPHERE, 1e200 * f, 1e200 * g)
+
+
+@settings(max_examples=15, deadline=None)
+@given(exponent=st.floats(-6, 8), alpha=st.floats(-8, 6), sigma=st.floats(-6, 3), tau=st.floats(-3, 2))
+def test_wild_parameters_end_finite_and_no_worse(exponent, alpha, sigma, tau):
+    f, g = (10.0**exponent * h for h in pair(SPHERE))
+    p = abfm.Parameters(iterations=8, alpha=10**alpha, sigma=10**sigma, tau=10**tau)
+    match = abfm.match(SPHERE, f, g, p)
+    assert np.isfinite(match.velocity).all()
+    assert np.isfinite(match.energy_history).all()
+    assert_never_rises_within_a_stage(match)
+
+
+def test_save_and_load(tmp_path):
+    mesh = abfm.TriangleMesh(np.vstack([[9, 9, 9], SPHERE.vertices]), SPHERE.faces + 1)
+    f, g = pair(mesh)
+    match = abfm.match(mesh, f, g, FEW, mask=np.linspace(0, 1, 642))
+    match.save(tmp_path / "m.npz")
+    loaded = abfm.load_match(tmp_path / "m.npz")
+    for name in ("source", "target", "advected", "velocity", "energy_history", "stages", "mask", "weights"):
+        assert np.array_equal(getattr(loaded, name), getattr(match, name))
+    assert (loaded.mismatch, loaded.stop_reason, loaded.parameters) == (match.mismatch, match.stop_reason, FEW)
+    assert loaded.mesh.local_vertex(1) == 0
+    assert np.array_equal(loaded.advect(0.3), match.advect(0.3))
+
+
+def test_inverse_and_point_map():
+    f, g = pair(SPHERE, 0, 60, 0.3)
+    match = abfm.match(SPHERE, f, g, abfm.Parameters(iterations=20, alpha=1.0))
+    there = match.push(match.push(f, 1.0), -1.0)
+    assert there == pytest.approx(f, abs=1e-6)
+    origin = match.point_map()
+    assert np.linalg.norm(origin.positions, axis=1) == pytest.approx(5.0, rel=0.03)
+    pulled = np.einsum("pk,pk->p", origin.barycentric, f[SPHERE.faces[origin.faces]])
+    assert l2_norm(SPHERE, pulled - match.advect(1.0)) < 0.1 * l2_norm(SPHERE, g)
+    assert np.median(match.distortion().conformal) < 2
+    assert match.distortion(0.0).area == pytest.approx(1.0)

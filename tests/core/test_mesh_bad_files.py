@@ -1,0 +1,151 @@
+"""Mesh files that cannot be used: one line that says why, and never another exception."""
+
+import sys
+
+import nibabel
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from abfm.errors import MeshError
+from abfm.mesh import load_mesh
+from tests.mesh_writers import STL_WRITERS, WRITERS, exported, off_text, ply_bytes, write
+from tests.shapes import icosphere, tetrahedron
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("meshes")
+
+
+CUT_OFF_PLY = ply_bytes(tetrahedron().vertices, tetrahedron().faces.tolist())[:-12]
+CUT_OFF_BINARY_PLY = ply_bytes(tetrahedron().vertices, tetrahedron().faces.tolist(), "binary_little_endian")[:-1]
+BAD_FILES = {
+    "empty.obj": (b"", "the file is empty"),
+    "words.obj": (b"hello\nworld", "no vertices"),
+    "points.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no faces.*point cloud"),
+    "zero.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "vertex 0, but OBJ counts vertices from 1"),
+    "beyond.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "names vertex 3 of 3"),
+    "line.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\n", "face 1, counting from 0, has 2 corners"),
+    "short.obj": (b"v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "vertex 1, counting from 0, has 2 coordinates instead of 3"),
+    "letters.obj": (b"v 0 0 0\nv 1 O 0\nv 0 1 0\nf 1 2 3\n", "could not convert string to float: .*O"),
+    "header.off": (b"PLY\n3 1 0\n", "first line is not OFF"),
+    "counts.off": (b"OFF\n", "numbers of vertices and faces are missing"),
+    "cut.off": (off_text(tetrahedron().vertices, tetrahedron().faces)[:-10].encode(), "4 faces .* cut off"),
+    "corners.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n", "announces 4 corners, but its line has 3"),
+    "huge.off": (b"OFF\n99999999999999999999 1 0\n0 0 0\n", "cut off"),
+    "cut.ply": (CUT_OFF_PLY, "cut off"),
+    "cut_binary.ply": (CUT_OFF_BINARY_PLY, "cut off"),
+    "header.ply": (b"ply\nformat ascii 1.0\n", "does not begin with a PLY header"),
+    "format.ply": (b"ply\nformat utf 1.0\nend_header\n", "its format is utf"),
+    "type.ply": (b"ply\nformat ascii 1.0\nelement vertex 3\nproperty real x\nend_header\n", "a line .*property real x"),
+    "no_z.ply": (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nend_header\n0 0\n",
+                 "it has no property z"),
+    "points.ply": (trimesh.PointCloud(np.eye(3)).export(file_type="ply"), "no faces.*point cloud"),
+    "words.stl": (b"hello world", "neither a complete text file nor as long as its binary header says"),
+    "cut.stl": (exported(icosphere(0).vertices, icosphere(0).faces, "stl")[:-7], "may be cut off"),
+    "cut_text.stl": (exported(icosphere(0).vertices, icosphere(0).faces, "stl_ascii")[:-70], "may be cut off"),
+    "corners.stl": (b"solid\nvertex 0 0 0\nvertex 1 0 0\nendsolid", "2 corners do not make whole triangles"),
+    "nothing.stl": (b"solid\nendsolid", "no vertices"),
+    "no_triangles.stl": (bytes(84), "no vertices"),
+    "no_scene.glb": (b"glTF" + bytes(80), r"cannot be read as \.glb"),
+    "words.glb": (b"hello world", "cannot be read"),
+    "cut.glb": (exported(icosphere(0).vertices, icosphere(0).faces, "glb")[:-70], "cannot be read"),
+    "points.glb": (trimesh.Scene([trimesh.PointCloud(np.eye(3))]).export(file_type="glb"), "no vertices"),
+    "words.gltf": (b"hello world", "cannot be read"),
+    "words.gii": (b"hello world", "cannot be read"),
+    "words.gii.gz": (b"hello world", "cannot be read"),
+    "no_surface.gii": (nibabel.gifti.GiftiImage().to_bytes(), "0 point sets and 0 triangle arrays"),
+    "surface.txt": (b"hello", r"format is not known .* known are \.obj, \.off, \.ply, \.stl, \.glb, \.gltf, \.gii"),
+    "surface": (b"hello", "format is not known"),
+    "points_in_disguise.obj": (exported(icosphere(0).vertices, icosphere(0).faces, "stl"), "no vertices"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_bad_file_is_one_line_that_begins_with_its_name(tmp_path, name):
+    content, message = BAD_FILES[name]
+    path = write(tmp_path, name, content)
+    with pytest.raises(MeshError, match=message) as caught:
+        load_mesh(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_and_folder(tmp_path):
+    with pytest.raises(MeshError, match=r"none\.obj: there is no such file"):
+        load_mesh(tmp_path / "none.obj")
+    (tmp_path / "folder.obj").mkdir()
+    with pytest.raises(MeshError, match=r"folder\.obj: this is a folder"):
+        load_mesh(str(tmp_path / "folder.obj"))
+    with pytest.raises(MeshError, match="cannot be read"):
+        load_mesh("bad\0name.obj")
+
+
+def test_gltf_without_its_buffer_names_it(tmp_path):
+    files = trimesh.Scene([trimesh.creation.box()]).export(file_type="gltf")
+    path = write(tmp_path, "a.gltf", files["model.gltf"])
+    with pytest.raises(MeshError, match=r"a\.gltf: a file that it names is missing: .*gltf_buffer_0\.bin"):
+        load_mesh(path)
+    for name in files:
+        write(tmp_path, name, files[name])
+    assert load_mesh(path).is_closed
+
+
+def test_gifti_without_nibabel_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "nibabel", None)
+    with pytest.raises(MeshError, match=r"pip install abfm\[gifti\]"):
+        load_mesh(write(tmp_path, "a.gii", b"anything"))
+
+
+ENDINGS = ["obj", "off", "ply", "stl", "glb", "gltf", "gii", "gii.gz"]
+BEGINNINGS = {
+    "off": b"OFF\n",
+    "ply": b"ply\nformat ascii 1.0\n",
+    "stl": b"solid ",
+    "glb": b"glTF\x02\0\0\0",
+    "obj": b"v ",
+}
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+@given(content=st.binary(max_size=300), begin=st.booleans())
+@settings(max_examples=60)
+def test_random_bytes_raise_nothing_but_mesh_errors(folder, ending, content, begin):
+    path = write(folder, f"random.{ending}", BEGINNINGS.get(ending, b"") * begin + content)
+    with pytest.raises(MeshError) as caught:
+        load_mesh(path)
+    assert "\n" not in str(caught.value)
+
+
+def mesh_or_reason(path):
+    try:
+        return load_mesh(path)
+    except MeshError as error:
+        return str(error)
+
+
+VALID = {
+    name: content(tetrahedron().vertices, tetrahedron().faces)
+    for name, content in {
+        **{name: writer for name, (writer, _) in WRITERS.items()},
+        **{name: lambda v, f, kind=kind: exported(v, f, kind) for name, kind in STL_WRITERS.items()},
+    }.items()
+}
+
+
+@pytest.mark.parametrize("name", VALID)
+@given(data=st.data())
+@settings(max_examples=40)
+def test_damaged_files_give_a_mesh_or_a_mesh_error(folder, name, data):
+    content = bytearray(VALID[name])
+    for position in data.draw(st.lists(st.integers(0, len(content) - 1), max_size=4)):
+        content[position] = data.draw(st.integers(0, 255))
+    content = content[: data.draw(st.integers(len(content) // 2, len(content)))]
+    outcome = mesh_or_reason(write(folder, name, bytes(content)))
+    if isinstance(outcome, str):
+        assert "\n" not in outcome
+    else:
+        assert np.isfinite(outcome.vertices).all()

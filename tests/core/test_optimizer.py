@@ -1,0 +1,111 @@
+"""L-BFGS and its line search on problems with known answers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import minimize, rosen, rosen_der
+
+from abfm.line_search import CURVATURE, DECREASE, Trial, strong_wolfe
+from abfm.optimizer import LBFGS
+
+
+@dataclass
+class Point:
+    energy: float
+    gradient: np.ndarray
+
+
+def run(search, x, most=500):
+    state = search.init(np.asarray(x, dtype=float))
+    energies = [state.point.energy]
+    while search.stop_reason(state) is None and state.iteration < most:
+        state = search.step(state)
+        energies.append(state.point.energy)
+    return state, energies
+
+
+def rosenbrock(x):
+    return Point(float(rosen(x)), rosen_der(x))
+
+
+def test_rosenbrock_reaches_the_minimum_of_scipy():
+    start = np.array([-1.2, 1.0, 0.5, -0.7, 1.3])
+    state, energies = run(LBFGS(rosenbrock, tolerance=1e-9), start)
+    assert state.x == pytest.approx(minimize(rosen, start, jac=rosen_der, method="BFGS").x, abs=1e-5)
+    assert all(after < before for before, after in zip(energies[:-1], energies[1:], strict=True))
+
+
+def test_a_perfect_preconditioner_needs_one_step():
+    diagonal = np.logspace(0, 6, 30)
+    target = np.arange(30.0)
+
+    def quadratic(x):
+        return Point(float(0.5 * diagonal @ (x - target) ** 2), diagonal * (x - target))
+
+    state, _ = run(LBFGS(quadratic, lambda g: g / diagonal), np.zeros(30))
+    assert state.iteration == 1
+    assert state.x == pytest.approx(target)
+    plain, _ = run(LBFGS(quadratic), np.zeros(30))
+    assert plain.iteration > 10
+
+
+def test_steps_are_no_longer_than_allowed():
+    lengths = []
+
+    def quadratic(x):
+        return Point(float(0.5 * x @ x), x.copy())
+
+    search = LBFGS(quadratic, longest=0.25)
+    state = search.init(np.full(4, 3.0))
+    for _ in range(8):
+        after = search.step(state)
+        lengths.append(np.abs(after.x - state.x).max())
+        state = after
+    assert max(lengths) <= 0.25 * (1 + 1e-12)
+    assert lengths[0] > 0
+
+
+def test_infinite_energies_are_stepped_around():
+    def walled(x):
+        inside = float(x[0]) < 1
+        return Point(float(-x[0] - 0.1 * np.log(1 - x[0])) if inside else np.inf, -1 + 0.1 / (1 - x))
+
+    state, _ = run(LBFGS(walled, tolerance=1e-8), [0.0])
+    assert state.x == pytest.approx(0.9, abs=1e-6)
+
+
+def test_nothing_lower_is_a_named_failure_that_keeps_the_iterate():
+    def wrong(x):
+        return Point(float(x @ x), -2 * x)
+
+    state, energies = run(LBFGS(wrong), [1.0, 2.0])
+    assert LBFGS(wrong).stop_reason(state) == "line search failed"
+    assert np.array_equal(state.x, [1.0, 2.0])
+    assert energies == [5.0, 5.0]
+
+
+def test_a_stationary_start_is_converged():
+    search = LBFGS(rosenbrock)
+    assert search.stop_reason(search.init(np.ones(3))) == "converged"
+
+
+@given(
+    bend=st.floats(0.01, 100), wave=st.floats(0, 3), first=st.floats(1e-4, 100), shift=st.floats(0.1, 10)
+)
+def test_accepted_lengths_satisfy_the_strong_wolfe_conditions(bend, wave, first, shift):
+    def value(t):
+        return bend * (t - shift) ** 2 + wave * np.sin(5 * t)
+
+    def slope(t):
+        return 2 * bend * (t - shift) + 5 * wave * np.cos(5 * t)
+
+    start = Trial(0.0, value(0.0), slope(0.0), Point(value(0.0), np.zeros(1)))
+    if not start.slope < 0:
+        return
+    found = strong_wolfe(lambda t: (Point(value(t), np.zeros(1)), slope(t)), start, first, np.inf)
+    assert found is not None
+    assert found.value <= start.value + DECREASE * found.length * start.slope
+    assert abs(found.slope) <= CURVATURE * abs(start.slope)

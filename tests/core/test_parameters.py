@@ -1,0 +1,56 @@
+"""Parameters are checked when they are made."""
+
+from dataclasses import fields
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import abfm
+
+
+def test_segments_follow_the_method():
+    assert abfm.Parameters().segments == 1
+    assert abfm.Parameters(method="linearised").segments == 10
+    assert abfm.Parameters(method="linearised", segments=3).segments == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("tau", 0, "tau is 0; expected a number above 0"),
+        ("tau", float("nan"), "tau is nan"),
+        ("alpha", -1, "alpha is -1; expected a number at least 0"),
+        ("sigma", "x", "sigma is 'x'"),
+        ("beta", float("inf"), "beta is inf"),
+        ("iterations", 2.5, "iterations is 2.5; expected a whole number at least 0"),
+        ("substeps", 0, "expected a whole number at least 1"),
+        ("memory", True, "memory is True"),
+        ("sigma", None, "sigma is None"),
+        ("method", "magic", "method is 'magic'; expected 'nonlinear' or 'linearised'"),
+        ("gradient", "exact", "expected 'adjoint' or 'bracket'"),
+    ],
+)
+def test_bad_values_are_refused_in_words(name, value, words):
+    with pytest.raises(abfm.ParameterError, match=words):
+        abfm.Parameters(**{name: value})
+
+
+def test_round_trip_and_unknown_names():
+    p = abfm.Parameters(alpha=3.0, method="linearised", segments=4)
+    assert abfm.Parameters.from_dict(p.to_dict()) == p
+    with pytest.raises(abfm.ParameterError, match="unknown parameter 'aplha'"):
+        abfm.Parameters.from_dict({"aplha": 1})
+
+
+def test_every_parameter_says_what_it_does():
+    assert all(entry.metadata["help"] for entry in fields(abfm.Parameters))
+
+
+@given(sigma=st.floats(1e-8, 1e3), stages=st.integers(1, 6), iterations=st.integers(0, 1000))
+def test_cooling_ends_at_sigma_within_the_iterations(sigma, stages, iterations):
+    p = abfm.Parameters(sigma=sigma, cooling_stages=stages, iterations=iterations)
+    assert len(p.stage_sigmas()) == len(p.stage_limits()) == stages
+    assert p.stage_sigmas()[-1] == sigma
+    assert p.stage_sigmas() == sorted(p.stage_sigmas(), reverse=True)
+    assert sum(p.stage_limits()[:-1]) <= iterations

@@ -1,0 +1,26 @@
+"""How derivatives and convergence are verified."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.mesh import FloatArray
+
+
+def taylor_order(
+    evaluate: Callable[[FloatArray], tuple[float, FloatArray]], x: FloatArray, direction: FloatArray, first: float
+) -> float:
+    """Smallest observed order of ``|E(x + e d) - E(x) - e <g, d>|`` as ``e`` is halved three times from ``first``."""
+    value, gradient = evaluate(x)
+    slope = float((gradient * direction).sum())
+    lengths = first * 0.5 ** np.arange(4)
+    remainders = [abs(evaluate(x + e * direction)[0] - value - e * slope) for e in lengths]
+    return float(observed_orders(lengths, remainders).min())
+
+
+def observed_orders(sizes: ArrayLike, errors: ArrayLike) -> FloatArray:
+    """Exponents p in ``error ~ size^p`` between successive sizes."""
+    return np.asarray(np.diff(np.log(errors)) / np.diff(np.log(sizes)))

@@ -1,0 +1,68 @@
+"""Mesh files for tests, written independently of the readers."""
+
+import gzip
+import struct
+
+import nibabel
+import numpy as np
+import trimesh
+
+
+def obj_text(vertices, faces):
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    return "\n".join(lines + [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]) + "\n"
+
+
+def off_text(vertices, faces):
+    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"] + [f"{x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    return "\n".join(lines + [f"3 {a} {b} {c}" for a, b, c in faces.tolist()]) + "\n"
+
+
+def ply_bytes(vertices, faces, kind="ascii"):
+    header = (
+        f"ply\nformat {kind} 1.0\ncomment made for a test\nelement vertex {len(vertices)}\n"
+        "property double x\nproperty double y\nproperty double z\nproperty uchar red\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nproperty float quality\nend_header\n"
+    ).encode()
+    if kind == "ascii":
+        rows = [f"{x!r} {y!r} {z!r} 255" for x, y, z in vertices.tolist()]
+        rows += [" ".join(map(str, [len(face), *face, 0.5])) for face in faces]
+        return header + "\n".join(rows).encode()
+    order = ">" if "big" in kind else "<"
+    body = b"".join(struct.pack(f"{order}dddB", *row, 255) for row in vertices.tolist())
+    return header + body + b"".join(struct.pack(f"{order}B{len(f)}if", len(f), *f, 0.5) for f in faces)
+
+
+def gifti_bytes(vertices, faces):
+    arrays = [
+        nibabel.gifti.GiftiDataArray(vertices.astype(np.float32), intent="NIFTI_INTENT_POINTSET"),
+        nibabel.gifti.GiftiDataArray(faces.astype(np.int32), intent="NIFTI_INTENT_TRIANGLE"),
+    ]
+    return nibabel.gifti.GiftiImage(darrays=arrays).to_bytes()
+
+
+def exported(vertices, faces, kind):
+    data = trimesh.Trimesh(vertices, faces, process=False).export(file_type=kind)
+    return data.encode() if isinstance(data, str) else data
+
+
+WRITERS = {  # name of the file: its bytes, relative precision of its numbers
+    "a.obj": (lambda v, f: obj_text(v, f).encode(), 0),
+    "a.off": (lambda v, f: off_text(v, f).encode(), 0),
+    "ascii.ply": (lambda v, f: ply_bytes(v, f.tolist()), 0),
+    "little.ply": (lambda v, f: ply_bytes(v, f.tolist(), "binary_little_endian"), 0),
+    "big.ply": (lambda v, f: ply_bytes(v, f.tolist(), "binary_big_endian"), 0),
+    "trimesh.ply": (lambda v, f: exported(v, f, "ply"), 1e-7),
+    "trimesh.obj": (lambda v, f: exported(v, f, "obj"), 1e-7),
+    "trimesh.off": (lambda v, f: exported(v, f, "off"), 1e-7),
+    "a.glb": (lambda v, f: exported(v, f, "glb"), 1e-7),
+    "a.surf.gii": (gifti_bytes, 1e-7),
+    "a.gii.gz": (lambda v, f: gzip.compress(gifti_bytes(v, f)), 1e-7),
+}
+STL_WRITERS = {"binary.stl": "stl", "ascii.stl": "stl_ascii"}
+
+
+def write(folder, name, content):
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
