@@ -45,13 +45,15 @@ class Window:
 
     def run(self) -> None:
         """Draw frames until the window is closed."""
-        while not ps.window_requests_close():
-            start = time.perf_counter()
-            ps.frame_tick()
-            time.sleep(max(_LEAST_SLEEP, _SECONDS_PER_FRAME - (time.perf_counter() - start)))
-        if self.worker:
-            self.worker.cancel()
-            self.worker.wait()
+        try:
+            while not ps.window_requests_close():
+                start = time.perf_counter()
+                ps.frame_tick()
+                time.sleep(max(_LEAST_SLEEP, _SECONDS_PER_FRAME - (time.perf_counter() - start)))
+        finally:
+            if self.worker:
+                self.worker.cancel()
+                self.worker.wait()
 
     def match(self) -> None:
         """Start matching source and target."""

@@ -10,7 +10,7 @@ import numpy as np
 
 DECREASE = 1e-4
 CURVATURE = 0.9
-_MOST_TRIALS = 25
+_MOST_TRIALS = 12
 
 
 class HasEnergy(Protocol):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from abfm.errors import FunctionError
 from abfm.functions import function
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from tests.shapes import icosphere
 
 MESH = icosphere(1)
@@ -66,12 +66,12 @@ def test_values_that_are_not_finite_are_counted_with_an_example() -> None:
         function(shifted, "expression:1/abs(x)")
 
 
+@settings(deadline=None)
 @given(st.text(alphabet="xyzsincoqrt0123456789.+-*/%()<>=!, e", max_size=40))
 def test_any_formula_gives_finite_values_or_function_error(formula: str) -> None:
     try:
-        f: FloatArray = function(MESH, f"expression:{formula}")
-    except FunctionError as error:
-        assert "\n" not in str(error)
-    else:
-        assert f.shape == X.shape
-        assert np.isfinite(f).all()
+        f = function(MESH, f"expression:{formula}")
+    except FunctionError:
+        return
+    assert f.shape == X.shape
+    assert np.isfinite(f).all()

@@ -26,7 +26,9 @@ def with_unused_vertices() -> TriangleMesh:
 
 
 def write_gifti(path: Path, columns: list[FloatArray]) -> None:
-    arrays = [nibabel.gifti.GiftiDataArray(column.astype(np.float32), intent="NIFTI_INTENT_SHAPE") for column in columns]
+    arrays = [
+        nibabel.gifti.GiftiDataArray(column.astype(np.float32), intent="NIFTI_INTENT_SHAPE") for column in columns
+    ]
     nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), path)
 
 
@@ -119,7 +121,11 @@ def test_wrong_map_entries_are_counted_with_an_example(tmp_path: Path, bad: floa
     [
         ("a.npy", b"PK\x03\x04", "not a table of numbers"),
         ("a.npy", b"\x93NUMPY\x01\x00", "not a table of numbers"),
-        ("a.npy", b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (10**15,), }", "not a table"),
+        (
+            "a.npy",
+            b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (10**15,), }",
+            "not a table",
+        ),
         ("a.csv", b"", "it is empty"),
         ("a.csv", b"a,b\n", "it has only the line 'a,b'"),
         ("a.csv", b"1,2\n3,x\n", "could not convert string 'x'"),
@@ -150,7 +156,9 @@ def test_arrays_that_are_no_columns_of_real_numbers_are_refused(tmp_path: Path) 
             function(MESH, f"file:{tmp_path / name}.npy")
 
 
-@pytest.mark.parametrize("path", ["missing.npy", "~no_such_user/a.npy", "x" * 300 + ".npy", "missing/a.txt", "missing.gii"])
+@pytest.mark.parametrize(
+    "path", ["missing.npy", "~no_such_user/a.npy", "x" * 300 + ".npy", "missing/a.txt", "missing.gii"]
+)
 def test_files_that_cannot_be_read_say_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(FunctionError, match=r"cannot be read: \w"):

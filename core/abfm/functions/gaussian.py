@@ -34,4 +34,5 @@ class Gaussian(AroundPoints):
 
 def _straight_distance(mesh: TriangleMesh, sources: IntArray) -> FloatArray:
     distances = [np.linalg.norm(mesh.vertices - mesh.vertices[source], axis=1) for source in sources]
-    return np.min(distances, axis=0)  # type: ignore[no-any-return]
+    nearest: FloatArray = np.min(distances, axis=0)
+    return nearest

@@ -78,8 +78,8 @@ def shape_diameter(mesh: TriangleMesh) -> FloatArray:
 
 def _cone() -> tuple[FloatArray, FloatArray]:
     """Angles from the axis (RAYS,) and unit vectors (RAYS, 3) with the axis last."""
-    i = np.arange(RAYS)
-    cosine = 1 - (1 - np.cos(HALF_ANGLE)) * (i + 0.5) / RAYS
+    i = np.arange(RAYS) + 0.5  # the half keeps rays off the plane of the longest edge, where edges may line up
+    cosine = 1 - (1 - np.cos(HALF_ANGLE)) * i / RAYS
     sine, turn = np.sqrt(1 - cosine**2), np.pi * (3 - np.sqrt(5)) * i
     return np.arccos(cosine), np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=1)
 

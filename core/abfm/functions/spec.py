@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import NoReturn
 
 from abfm.errors import FunctionError
 from abfm.functions.coordinate import Coordinate
@@ -46,7 +47,6 @@ _FAMILIES: dict[str, type[Family]] = {
 }
 
 _NAME = re.compile(r"[A-Za-z][\w-]*", re.ASCII)
-_BLANK = re.compile(r"\s*")
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _NEXT_TERM = re.compile(r"\+\s*(\(|$|[A-Za-z][\w-]*\s*([:+)]|$))", re.ASCII)
 _NEXT_ARGUMENT = re.compile(r",\s*[A-Za-z_][\w-]*\s*=", re.ASCII)
@@ -98,13 +98,14 @@ class _Parser:
         self.text = text
         self.position = 0
 
-    def fail(self, expected: str) -> None:
+    def fail(self, expected: str) -> NoReturn:
         found = shown(self.text[self.position :]) if self.position < len(self.text) else "nothing more"
         raise FunctionError(f"function {shown(self.text)}: expected {expected}, found {found}")
 
     def take(self, pattern: re.Pattern[str] | str) -> str:
         """Skip blanks, then consume what matches here; empty if nothing does."""
-        self.position = _BLANK.match(self.text, self.position).end()  # type: ignore[union-attr]
+        while self.text[self.position : self.position + 1].isspace():
+            self.position += 1
         match = re.compile(pattern).match(self.text, self.position)
         if match is None:
             return ""
@@ -173,7 +174,6 @@ class _Parser:
             if sign == '"':
                 if not (quoted := _QUOTED.match(self.text, self.position)):
                     self.fail("a closing double quote")
-                    break
                 self.position = quoted.end()
                 continue
             depth += (sign == "(") - (sign == ")")

@@ -1,0 +1,201 @@
+"""Families that measure the shape, against surfaces where the answer is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import potpourri3d
+import pytest
+import trimesh
+from numpy.testing import assert_allclose, assert_array_equal
+
+from abfm.errors import FunctionError
+from abfm.functions import function, geodesic_distance
+from abfm.functions.curvature import gaussian_curvature, mean_curvature, mixed_areas
+from abfm.functions.extension import extend
+from abfm.mesh import FloatArray, TriangleMesh, load_mesh
+from abfm.operators import vertex_areas
+from tests.shapes import hemisphere, icosphere, open_cylinder, square, torus
+
+ASSETS = Path(__file__).parents[2] / "assets"
+
+
+@pytest.mark.parametrize(("subdivisions", "error"), [(3, 0.051), (4, 0.030), (5, 0.020)])
+def test_geodesic_distance_on_the_sphere(subdivisions: int, error: float) -> None:
+    mesh = icosphere(subdivisions, radius=3.0)
+    d = function(mesh, "geodesic:vertex=7")
+    exact = 3 * np.arccos(np.clip(mesh.vertices @ mesh.vertices[7] / 9, -1, 1))
+    assert d[7] == 0
+    assert np.abs(d - exact).max() < 3 * error
+
+
+def test_geodesic_distance_on_an_uneven_mesh_is_near_the_shortest_paths() -> None:
+    mesh = load_mesh(ASSETS / "human_A.off")
+    targets = np.arange(20, len(mesh.vertices), 60)
+    paths = potpourri3d.EdgeFlipGeodesicSolver(mesh.vertices, mesh.faces)
+    lengths = [
+        np.linalg.norm(np.diff(paths.find_geodesic_path(10, int(target)), axis=0), axis=1).sum() for target in targets
+    ]
+    assert_allclose(geodesic_distance(mesh, [10])[targets], lengths, atol=0.04 * mesh.length_scale)
+
+
+def test_geodesic_distance_to_the_nearest_of_several_and_to_a_point() -> None:
+    mesh = icosphere(3)
+    apart = [function(mesh, f"geodesic:vertex={vertex}") for vertex in (3, 50, 200)]
+    assert_array_equal(function(mesh, "geodesic:vertex=3,50,200"), np.min(apart, axis=0))
+    x, y, z = 1.2 * mesh.vertices[50]
+    assert_array_equal(function(mesh, f"geodesic:x={x!s},y={y!s},z={z!s}"), apart[1])
+
+
+def test_geodesic_distance_with_a_boundary_and_at_a_pinched_vertex() -> None:
+    flat = square(24)
+    corner = function(flat, "geodesic:vertex=0")
+    assert_allclose(corner, np.linalg.norm(flat.vertices - flat.vertices[0], axis=1), atol=0.05)
+    pinched, pinch = pinched_sphere()
+    assert np.ptp(function(pinched, f"geodesic:vertex={pinch}")) > 1
+
+
+def pinched_sphere() -> tuple[TriangleMesh, int]:
+    """Sphere whose poles are drawn to the centre and glued together, and the vertex where they meet."""
+    sphere = icosphere(3)
+    north, south = int(np.argmax(sphere.vertices[:, 2])), int(np.argmin(sphere.vertices[:, 2]))
+    vertices = sphere.vertices.copy()
+    vertices[north] = 0
+    faces = np.where(sphere.faces == south, north, sphere.faces)
+    mesh = TriangleMesh(vertices, faces)
+    return mesh, int(np.flatnonzero(mesh.vertex_ids == north)[0])
+
+
+@pytest.mark.parametrize("vertex", ["5000", "642"])
+def test_vertices_beyond_the_mesh_never_reach_the_solver(vertex: str) -> None:
+    with pytest.raises(FunctionError, match="there is no vertex"):
+        function(icosphere(3), f"gaussian:vertex={vertex}")
+
+
+def test_vertices_count_as_the_file_does() -> None:
+    sphere = icosphere(2)
+    repaired = TriangleMesh(np.insert(sphere.vertices, 4, 0.0, axis=0), sphere.faces + (sphere.faces >= 4))
+    assert_array_equal(function(repaired, "gaussian:vertex=10"), function(sphere, "gaussian:vertex=9"))
+    with pytest.raises(FunctionError):
+        function(repaired, "gaussian:vertex=4")
+
+
+def test_gaussian_on_the_sphere() -> None:
+    mesh = icosphere(5, radius=2.0)
+    angle = np.arccos(np.clip(mesh.vertices @ mesh.vertices[0] / 4, -1, 1))
+    d = angle / np.sqrt(4 * np.pi)  # fraction of sqrt(area), whatever the radius
+    assert_allclose(function(mesh, "gaussian:vertex=0,width=0.12"), np.exp(-(d**2) / (2 * 0.12**2)), atol=0.02)
+    assert_allclose(function(mesh, "gaussian:vertex=0,height=-3"), -3 * np.exp(-(d**2) / 0.02), atol=0.06)
+
+
+def test_euclidean_gaussian_is_exact() -> None:
+    mesh = icosphere(3, radius=2.0)
+    d = np.linalg.norm(mesh.vertices - mesh.vertices[3], axis=1) / mesh.length_scale
+    assert_allclose(function(mesh, "gaussian:vertex=3,width=0.2,metric=euclidean"), np.exp(-(d**2) / 0.08), rtol=1e-12)
+
+
+@pytest.mark.parametrize("width", ["1e-300", "1e300", "5e-324"])
+def test_extreme_widths_stay_finite(width: str) -> None:
+    f = function(icosphere(2), f"gaussian:vertex=3,width={width}")
+    assert f[3] == 1
+    assert f.min() >= 0
+
+
+def test_indicator_of_a_disc_has_the_cap_s_area() -> None:
+    mesh = icosphere(5)
+    f = function(mesh, "indicator:vertex=11,radius=0.2")
+    angle = 0.2 * np.sqrt(4 * np.pi)
+    assert set(f) == {0, 1}
+    assert_allclose(vertex_areas(mesh) @ f, 2 * np.pi * (1 - np.cos(angle)), rtol=0.03)
+
+
+def test_indicator_of_half_spaces_and_slabs() -> None:
+    mesh = icosphere(3, radius=2.0)
+    y = mesh.vertices[:, 1]
+    assert_array_equal(function(mesh, "indicator:axis=y,above=0.2"), y > 0.2)
+    assert_array_equal(function(mesh, "indicator:axis=y,below=-1"), y < -1)
+    assert_array_equal(function(mesh, "indicator:axis=y,above=-1,below=0.2"), (y > -1) & (y < 0.2))
+    assert_array_equal(function(mesh, "coordinate:y"), y)
+
+
+@pytest.mark.parametrize(("curvature", "power"), [(gaussian_curvature, -2), (mean_curvature, -1)])
+def test_curvature_of_the_sphere_converges_with_order_2(
+    curvature: Callable[[TriangleMesh], FloatArray], power: int
+) -> None:
+    errors = [np.abs(curvature(icosphere(s, radius=3.0)) - 3.0**power).max() for s in (3, 4)]
+    assert errors[1] < 0.002 * 3.0**power
+    assert np.log2(errors[0] / errors[1]) > 1.9
+
+
+def test_curvature_of_the_torus() -> None:
+    mesh = torus(96, 48, R=1.0, r=0.4)
+    v = np.tile(2 * np.pi * np.arange(48) / 48, 96)
+    gaussian = np.cos(v) / (0.4 * (1 + 0.4 * np.cos(v)))
+    mean = (1 + 0.8 * np.cos(v)) / (0.8 * (1 + 0.4 * np.cos(v)))
+    assert_allclose(function(mesh, "curvature:gaussian"), gaussian, atol=0.04)
+    assert_allclose(function(mesh, "curvature:mean"), mean, atol=0.03)
+
+
+def test_curvature_at_a_boundary_is_carried_over_from_the_inside() -> None:
+    cylinder = open_cylinder(40, 10, radius=2.0)
+    assert_allclose(function(cylinder, "curvature:mean"), 1 / 4, rtol=1e-3)
+    assert_allclose(function(cylinder, "curvature:gaussian"), 0, atol=1e-10)
+    assert_allclose(function(hemisphere(12), "curvature:gaussian"), 1, rtol=0.02)
+    with pytest.raises(FunctionError, match="every vertex lies on the boundary"):
+        function(TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), "curvature:mean")
+
+
+@pytest.mark.parametrize("name", ["eight", "human_A", "fandisk"])
+def test_gaussian_curvature_and_mixed_areas_have_the_right_totals(name: str) -> None:
+    mesh = load_mesh(ASSETS / f"{name}.off")
+    areas = mixed_areas(mesh)
+    assert_allclose(areas.sum(), mesh.length_scale**2, rtol=1e-12)
+    assert areas.min() > 0
+    assert_allclose(areas @ gaussian_curvature(mesh), 2 * np.pi * mesh.euler_characteristic, rtol=1e-9)
+
+
+def cone_mean(length: Callable[[FloatArray], FloatArray], widest: float) -> float:
+    """Robust mean of Shapira et al. where a ray at an angle has a known length and those beyond ``widest`` drop out."""
+    angles = np.arccos(1 - 0.5 * (np.arange(30) + 0.5) / 30)
+    angles = angles[angles < widest]
+    kept = np.abs(length(angles) - np.median(length(angles))) <= length(angles).std()
+    return float(np.average(length(angles)[kept], weights=1 / angles[kept]))
+
+
+def test_shape_diameter_of_the_sphere() -> None:
+    exact = cone_mean(lambda angle: 2 * 3.0 * np.cos(angle), np.pi / 4)  # beyond, normals are within 90 degrees
+    assert_allclose(exact / 3, 1.717, atol=1e-3)
+    assert_allclose(function(icosphere(4, radius=3.0), "shape-diameter"), exact, rtol=0.02)
+
+
+def test_shape_diameter_of_a_plate() -> None:
+    box = trimesh.creation.box(extents=[4.0, 4.0, 0.2]).subdivide_to_size(0.3)
+    mesh = TriangleMesh(box.vertices, box.faces)
+    middle = np.abs(mesh.vertices[:, :2]).max(axis=1) < 1.5
+    exact = cone_mean(lambda angle: 0.2 / np.cos(angle), np.pi)
+    assert middle.sum() > 50
+    assert_allclose(function(mesh, "shape-diameter")[middle], exact, rtol=1e-5)
+
+
+def test_shape_diameter_fills_in_what_sees_nothing_and_refuses_flat_sheets() -> None:
+    f = function(open_cylinder(30, 10, height=1.0), "shape-diameter")
+    assert f.min() > 1
+    assert f.max() < 3
+    pinched, _ = pinched_sphere()
+    assert np.isfinite(function(pinched, "shape-diameter")).all()
+    with pytest.raises(FunctionError, match="no ray meets an opposite side"):
+        function(square(4), "shape-diameter")
+
+
+def test_extension_keeps_known_values_and_averages_the_rest() -> None:
+    mesh = icosphere(2)
+    known = np.zeros(len(mesh.vertices), dtype=bool)
+    known[[3, 77, 120]] = True
+    values = np.where(known, mesh.vertices[:, 2], np.nan)
+    filled = extend(mesh, values, known)
+    assert_array_equal(filled[known], values[known])
+    i, j = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).T
+    neighbours = np.bincount(i, filled[j]) / np.bincount(i)
+    assert_allclose(filled[~known], neighbours[~known], atol=1e-12)
