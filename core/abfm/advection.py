@@ -1,4 +1,4 @@
-"""Advection of functions along one field or several in a row, exponential or linearised, with adjoint and time spans."""
+"""Advection of functions along one field or several in a row: exponential or linearised, adjoint, time spans."""
 
 from __future__ import annotations
 

@@ -21,7 +21,9 @@ Solve = Callable[[FloatArray], FloatArray]
 def factor(matrix: sparse.csr_array) -> Solve:
     """Factor a sparse symmetric positive definite matrix once; the result solves for one right-hand side (n,)."""
     if CholeskySolverD is None:
-        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve
+        return splu(
+            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        ).solve
     entries = matrix.tocoo()
     solver = CholeskySolverD(
         matrix.shape[0],

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abfm import kernels
+from abfm.kernels import IndexArray
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
 from abfm.operators import face_areas, hat_gradients, vertex_areas
-
-IndexArray = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ class MatchingEnergy:
     def evaluate(self, fields: FloatArray, sigma: float) -> Evaluation:
         """Energy and gradient at frame coefficients (N, F, 2), with ``sigma`` in place of the parameters'."""
         momentum = self.step * np.stack([self.regularizer.apply(v) for v in fields])
-        regularity = 0.5 * float(kernels.inner(momentum.ravel(), np.ascontiguousarray(fields).ravel()))
+        regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(fields).ravel())
         try:
             mismatch, gradient, advected = self._mismatch(fields, sigma)
         except AdvectionError:
@@ -117,7 +117,7 @@ class MatchingEnergy:
                 raise AdvectionError("the advected function overflows")
             difference = advected[c] - self.target[c]
             residuals[c] = self.weights[c] / sigma**2 * kernels.product(self.metric, difference)
-            mismatch += 0.5 * float(kernels.inner(residuals[c], difference))
+            mismatch += 0.5 * kernels.inner(residuals[c], difference)
             if not by_bracket:
                 flow.backward(trajectories, residuals[c], gradient)
         if by_bracket:

@@ -126,7 +126,8 @@ class ExponentialFlow:
     def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
         """All segments; None where the terms of one outgrow the function so far that a shorter step is needed."""
         coefficients = _bessel_coefficients(abs(step) * self.rho)
-        segments, state = [], f
+        segments: list[Segment] = []
+        state = f
         for _ in range(count):
             terms = self.workspace.take(len(coefficients)) if keep else None
             buffer = self.workspace.rolling if terms is None else terms

@@ -1,9 +1,9 @@
-"""Every numba kernel: arrays in and out, GIL released, compiled code cached on disk, one thread, fixed order of sums."""
+"""Every numba kernel: arrays in and out, GIL released, compiled code kept on disk, one thread, fixed order of sums."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
@@ -11,31 +11,31 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 FloatArray = NDArray[np.float64]
+IndexArray = NDArray[Any]
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 def kernel(function: Kernel) -> Kernel:
     """Compile with the settings that all kernels share."""
-    compiled: Kernel = numba.njit(nogil=True, cache=True, error_model="numpy")(function)
-    return compiled
+    return cast(Kernel, numba.njit(nogil=True, cache=True, error_model="numpy")(function))
 
 
 @kernel
-def inner(a, b):
+def inner(a: FloatArray, b: FloatArray) -> float:
     """Inner product of two flat arrays, summed in order (the same bits whatever else runs)."""
     partial = np.zeros(8)
     whole = (a.size // 8) * 8
     for i in range(0, whole, 8):
         for lane in range(8):
             partial[lane] += a[i + lane] * b[i + lane]
-    total = partial.sum()
+    total: float = partial.sum()
     for i in range(whole, a.size):
         total += a[i] * b[i]
     return total
 
 
 @kernel
-def csr_product(indptr, indices, data, x, out):
+def csr_product(indptr: IndexArray, indices: IndexArray, data: FloatArray, x: FloatArray, out: FloatArray) -> None:
     """``out = matrix @ x``."""
     for i in range(out.size):
         total = 0.0
@@ -52,7 +52,14 @@ def product(matrix: sparse.csr_array, x: FloatArray) -> FloatArray:
 
 
 @kernel
-def assemble_derivative(faces, positions, slopes, inverse_areas, v, out):
+def assemble_derivative(
+    faces: IndexArray,
+    positions: IndexArray,
+    slopes: FloatArray,
+    inverse_areas: FloatArray,
+    v: FloatArray,
+    out: FloatArray,
+) -> None:
     """Entries of ``D_v`` on the fixed sparsity of the vertex adjacency.
 
     ``slopes`` (F, 3, 2) holds ``A_F / 3 grad phi``, ``positions`` (F, 3, 3) the entry of row corner a, column corner b.
@@ -66,7 +73,14 @@ def assemble_derivative(faces, positions, slopes, inverse_areas, v, out):
 
 
 @kernel
-def assemble_derivative_transposed(faces, positions, slopes, inverse_areas, entries, out):
+def assemble_derivative_transposed(
+    faces: IndexArray,
+    positions: IndexArray,
+    slopes: FloatArray,
+    inverse_areas: FloatArray,
+    entries: FloatArray,
+    out: FloatArray,
+) -> None:
     """Chain rule of `assemble_derivative`: adds derivatives by the entries, as derivatives by the field, to ``out``."""
     for f in range(faces.shape[0]):
         for b in range(3):
@@ -78,7 +92,7 @@ def assemble_derivative_transposed(faces, positions, slopes, inverse_areas, entr
 
 
 @kernel
-def perron_bound(indptr, indices, data, rounds):
+def perron_bound(indptr: IndexArray, indices: IndexArray, data: FloatArray, rounds: int) -> float:
     """Upper bound on the spectral radius: Collatz-Wielandt quotients of ``|matrix|``, the best of some rounds.
 
     The first round is the maximum norm ``||matrix||_inf``.
@@ -110,7 +124,18 @@ def perron_bound(indptr, indices, data, rounds):
 
 
 @kernel
-def chebyshev_forward(indptr, indices, data, scale, f, coefficients, first, tolerance, terms, out):
+def chebyshev_forward(
+    indptr: IndexArray,
+    indices: IndexArray,
+    data: FloatArray,
+    scale: float,
+    f: FloatArray,
+    coefficients: FloatArray,
+    first: int,
+    tolerance: float,
+    terms: FloatArray,
+    out: FloatArray,
+) -> tuple[int, float]:
     """``out = sum_k coefficients[k] phi_k`` with ``phi_1 = scale M f`` and ``phi_(k+1) = 2 scale M phi_k + phi_(k-1)``.
 
     ``terms`` (rows, V) receives the ``phi_k`` cyclically (all of them where it has as many rows as ``coefficients``).
@@ -159,14 +184,24 @@ def chebyshev_forward(indptr, indices, data, scale, f, coefficients, first, tole
 
 
 @kernel
-def chebyshev_backward(indptr, indices, transposed, scale, terms, coefficients, count, mu, entries):
+def chebyshev_backward(
+    indptr: IndexArray,
+    indices: IndexArray,
+    transposed: FloatArray,
+    scale: float,
+    terms: FloatArray,
+    coefficients: FloatArray,
+    count: int,
+    mu: FloatArray,
+    entries: FloatArray,
+) -> FloatArray:
     """Adjoint of `chebyshev_forward`: returns the derivative by ``f`` for the derivative ``mu`` by ``out``.
 
     ``transposed`` are the values of the transposed matrix on the same (structurally symmetric) sparsity; the derivative
     by the value of the transposed entry is added to ``entries``.
     """
     size = mu.size
-    work = np.zeros((3, size))
+    work: FloatArray = np.zeros((3, size))
     for i in range(size):
         work[(count - 1) % 3, i] = coefficients[count - 1] * mu[i]
     for k in range(count - 2, -1, -1):
@@ -184,4 +219,5 @@ def chebyshev_backward(indptr, indices, transposed, scale, terms, coefficients, 
                 total += transposed[e] * a
                 entries[e] += gain * a
             result[j] = weight * mu[j] + factor * total + later[j]
-    return work[0].copy()
+    mu_start: FloatArray = work[0].copy()
+    return mu_start

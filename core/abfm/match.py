@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.advection import Flow
+from abfm.channels import channels
 from abfm.errors import AbfmError, ParameterError, ResultError
 from abfm.exponential import AdvectionError
 from abfm.flow_maps import Distortion, SurfacePoints, distortion, project_onto_surface
-from abfm.channels import channels
 from abfm.io import load_arrays, save_arrays
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.parameters import Parameters
@@ -121,7 +121,16 @@ class Match:
                 "vertex_ids": self.mesh.vertex_ids,
                 "file_vertex_count": self.mesh.file_vertex_count,
                 "parameters": json.dumps(self.parameters.to_dict()),
-                **{name: getattr(self, name) for name in _STORED},
+                "source": self.source,
+                "target": self.target,
+                "velocity": self.velocity,
+                "advected": self.advected,
+                "energy_history": self.energy_history,
+                "stages": self.stages,
+                "mismatch": self.mismatch,
+                "stop_reason": self.stop_reason,
+                "weights": self.weights,
+                "channels_given": self.channels_given,
                 **({} if self.mask is None else {"mask": self.mask}),
             },
         )
@@ -153,13 +162,16 @@ def load_match(path: str | os.PathLike[str]) -> Match:
         raise ResultError(f"{path}: {len(arrays['velocity'])} fields, but parameters say {parameters.segments}")
     return Match(
         mesh=mesh,
+        source=arrays["source"],
+        target=arrays["target"],
         parameters=parameters,
+        velocity=arrays["velocity"],
+        advected=arrays["advected"],
+        energy_history=arrays["energy_history"],
+        stages=arrays["stages"],
+        mismatch=float(arrays["mismatch"]),
+        stop_reason=str(arrays["stop_reason"]),
         mask=arrays.get("mask"),
-        **{name: arrays[name] if arrays[name].ndim else arrays[name].item() for name in _STORED},
+        weights=arrays["weights"],
+        channels_given=bool(arrays["channels_given"]),
     )
-
-
-_STORED = (
-    "source", "target", "velocity", "advected", "energy_history", "stages", "mismatch", "stop_reason", "weights",
-    "channels_given",
-)  # fmt: skip

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.errors import FunctionError, ParameterError
 from abfm.energy import Evaluation, MatchingEnergy, check_fields
+from abfm.errors import FunctionError, ParameterError
 from abfm.match import Match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.optimizer import LBFGS, State
@@ -18,7 +18,7 @@ from abfm.parameters import Parameters
 from abfm.vector_fields import to_ambient, to_frame
 
 
-class Cancelled(Exception):
+class CancelledError(Exception):
     """Raised inside a solve that was cancelled; `match` catches it."""
 
 
@@ -44,10 +44,10 @@ class Control:
         self._running.set()
 
     def wait(self) -> None:
-        """Return when the solve may go on; raise `Cancelled` if it must not."""
+        """Return when the solve may go on; raise `CancelledError` if it must not."""
         self._running.wait()
         if self._cancelled:
-            raise Cancelled
+            raise CancelledError
 
 
 @dataclass(frozen=True)
@@ -117,8 +117,9 @@ def match(
         Weight of the mismatch at each vertex, not negative.
     weights : (C,) array, optional
         Weight of each channel's mismatch, not negative.
-    start : (N, F, 3) array, optional
-        Fields to start from, such as an earlier ``match.velocity``; zero by default.
+    start : (N, F, 3) or (F, 3) array, optional
+        Fields to start from, such as an earlier ``match.velocity``, also one found for other functions or parameters;
+        a single field is used for all segments. Zero by default.
     on_iteration : callable, optional
         Called after every iteration, in this thread.
     control : Control, optional
@@ -173,7 +174,10 @@ class _Solver:
         p = self.energy.parameters
         x = np.zeros(self.energy.shape)
         if start is not None:
-            x = to_frame(self.energy.mesh, check_fields(start, self.energy.shape) / self._scale)
+            field = np.asarray(start)
+            if field.shape[-3:-2] in ((), (1,)):  # one field goes on through all segments
+                field = np.broadcast_to(field, (p.segments, *field.shape[-2:]))
+            x = to_frame(self.energy.mesh, check_fields(field, self.energy.shape) / self._scale)
         state, reason = None, "iteration limit"
         try:
             for stage, (sigma, limit) in enumerate(zip(p.stage_sigmas(), p.stage_limits(), strict=True)):
@@ -191,7 +195,7 @@ class _Solver:
                         state = current
                         self._record(state, stage, sigma)
                 reason = ended or "iteration limit"
-        except Cancelled:
+        except CancelledError:
             reason = "cancelled"
         assert state is not None  # the first evaluation cannot be cancelled
         return state, reason

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from abfm.mesh import BoolArray, FloatArray, TriangleMesh, per_mesh
+from abfm.mesh import BoolArray, FloatArray, IntArray, TriangleMesh, per_mesh
 
 Matrix = sparse.csr_array
 
@@ -38,13 +38,18 @@ def face_areas(mesh: TriangleMesh) -> FloatArray:
 @per_mesh
 def vertex_areas(mesh: TriangleMesh) -> FloatArray:
     """Vertex areas ``A_V``: a third of the adjacent faces' area, (V,). The diagonal of ``G_V``."""
-    return np.bincount(mesh.faces.ravel(), np.repeat(face_areas(mesh) / 3, 3), minlength=len(mesh.vertices))
+    return _gather(mesh.faces, face_areas(mesh) / 3, len(mesh.vertices))
 
 
 @per_mesh
 def edge_areas(mesh: TriangleMesh) -> FloatArray:
     """Edge areas: a third of the adjacent faces' area, (E,). The (exact) Crouzeix-Raviart mass."""
-    return np.bincount(mesh.face_edges.ravel(), np.repeat(face_areas(mesh) / 3, 3), minlength=len(mesh.edges))
+    return _gather(mesh.face_edges, face_areas(mesh) / 3, len(mesh.edges))
+
+
+def _gather(owners: IntArray, values: FloatArray, count: int) -> FloatArray:
+    """Sum a value per face over the three owners (F, 3) of each face, (count,)."""
+    return np.asarray(np.bincount(owners.ravel(), np.repeat(values, 3), minlength=count), dtype=np.float64)
 
 
 @per_mesh
@@ -64,7 +69,7 @@ def hat_gradients(mesh: TriangleMesh) -> FloatArray:
     return np.stack([-edge[..., 1], edge[..., 0]], axis=-1) / (2 * face_areas(mesh)[:, None, None])
 
 
-def _face_operator(mesh: TriangleMesh, values: FloatArray, columns: np.ndarray, width: int) -> Matrix:
+def _face_operator(mesh: TriangleMesh, values: FloatArray, columns: IntArray, width: int) -> Matrix:
     """Matrix (2F, width) with ``values[f, c, k]`` at row ``2 f + k`` and column ``columns[f, c]``."""
     rows = np.broadcast_to(2 * np.arange(len(mesh.faces))[:, None, None] + np.arange(2), values.shape)
     entries = (rows.ravel(), np.broadcast_to(columns[..., None], values.shape).ravel())

@@ -1,10 +1,10 @@
-"""Preconditioned L-BFGS as an iterator: `LBFGS.init`, `LBFGS.step`, `LBFGS.stop_reason` [Nocedal & Wright 2006, ch. 7]."""
+"""Preconditioned L-BFGS [Nocedal & Wright 2006, ch. 7] as an iterator: init, step, stop test."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -13,10 +13,12 @@ from abfm.line_search import HasEnergy, Trial, strong_wolfe
 from abfm.mesh import FloatArray
 
 
-class HasGradient(HasEnergy):
+class HasGradient(HasEnergy, Protocol):
     """What the optimiser needs to know of an evaluation."""
 
-    gradient: FloatArray
+    @property
+    def gradient(self) -> FloatArray:
+        """Derivative at the point."""
 
 
 Point = TypeVar("Point", bound=HasGradient)
@@ -107,7 +109,7 @@ class LBFGS(Generic[Point]):
         return State(x, point, preconditioned, (), 1.0, norm, norm)
 
     def step(self, state: State[Point]) -> State[Point]:
-        """One iteration. If the search fails along the quasi-Newton direction, the memory is dropped and tried again."""
+        """One iteration; where the search fails along the quasi-Newton direction, again without the memory."""
         direction = -self._inverse_hessian(state)
         slope = _inner(direction, state.point.gradient)
         if not slope < 0:
@@ -195,4 +197,4 @@ class LBFGS(Generic[Point]):
 
 
 def _inner(a: FloatArray, b: FloatArray) -> float:
-    return float(inner(a.ravel(), b.ravel()))
+    return inner(a.ravel(), b.ravel())

@@ -38,11 +38,15 @@ class Parameters:
 
     tau: float = _parameter(1.0, "τ", "end time of the flow; larger deformations may need more", 0, True)
     alpha: float = _parameter(0.01, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
-    beta: float = _parameter(1e-3, "β", "smoothness of the mismatch: weight of its gradient; helps functions far apart", 0)
+    beta: float = _parameter(
+        1e-3, "β", "smoothness of the mismatch: weight of its gradient; helps functions far apart", 0
+    )
     sigma: float = _parameter(1e-3, "σ", "weight of the match against the smoothness: smaller matches closer", 0, True)
     method: Method = _parameter("nonlinear", "", "exponential flow, or the first two terms of the exponential")
     segments: int = _parameter(0, "N", "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)", 0)
-    gradient: Gradient = _parameter("adjoint", "", "exact derivative of the discrete energy, or the paper's by brackets")
+    gradient: Gradient = _parameter(
+        "adjoint", "", "exact derivative of the discrete energy, or the paper's by brackets"
+    )
     substeps: int = _parameter(10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1)
     quadrature: int = _parameter(10, "k", "intervals of the time integral in the bracket gradient", 1)
     iterations: int = _parameter(150, "", "iterations at most, over all cooling stages together", 0)

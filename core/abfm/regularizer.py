@@ -1,8 +1,8 @@
 """The norm ``||v||_alpha`` of fields (section 3) and its exact inverse.
 
-``R = G_F D_alpha = M + alpha M (A G_1^-1 A^T + B G_0^-1 B^T) M`` with ``M = G_F``, the gradients ``A`` of edge and ``B`` of
-(rotated) vertex functions, and their masses. Because ``A^T M B = 0``, the Woodbury identity splits into two scalar
-problems, ``R^-1 = M^-1 - alpha A (G_1 + alpha A^T M A)^-1 A^T - alpha B (G_0 + alpha B^T M B)^-1 B^T``.
+``R = G_F D_alpha = M + alpha M (A G_1^-1 A^T + B G_0^-1 B^T) M`` with ``M = G_F``, the gradients ``A`` of edge and
+``B`` of (rotated) vertex functions, and their masses. Because ``A^T M B = 0``, the Woodbury identity splits into two
+scalar problems, ``R^-1 = M^-1 - alpha A (G_1 + alpha A^T M A)^-1 A^T - alpha B (G_0 + alpha B^T M B)^-1 B^T``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Matching from end to end: what it reaches, how it stops, what it keeps."""
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -201,6 +202,8 @@ def test_warm_start_goes_on_from_the_field():
     assert second.energy_history[-1, 0] < first.energy_history[-1, 0]
     moved = abfm.match(SPHERE, f, pair(SPHERE, 0, 61)[1], p, start=first.velocity)
     assert moved.mismatch < 1
+    split = abfm.match(SPHERE, f, g, replace(p, segments=3, iterations=0), start=first.velocity[0])
+    assert split.mismatch == pytest.approx(first.mismatch, rel=1e-6)
 
 
 def test_a_start_that_overflows_is_refused_in_words():

@@ -1,6 +1,7 @@
 """L-BFGS and its line search on problems with known answers."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def test_rosenbrock_reaches_the_minimum_of_scipy():
     start = np.array([-1.2, 1.0, 0.5, -0.7, 1.3])
     state, energies = run(LBFGS(rosenbrock, tolerance=1e-9), start)
     assert state.x == pytest.approx(minimize(rosen, start, jac=rosen_der, method="BFGS").x, abs=1e-5)
-    assert all(after < before for before, after in zip(energies[:-1], energies[1:], strict=True))
+    assert all(after < before for before, after in pairwise(energies))
 
 
 def test_a_perfect_preconditioner_needs_one_step():
@@ -92,9 +93,7 @@ def test_a_stationary_start_is_converged():
     assert search.stop_reason(search.init(np.ones(3))) == "converged"
 
 
-@given(
-    bend=st.floats(0.01, 100), wave=st.floats(0, 3), first=st.floats(1e-4, 100), shift=st.floats(0.1, 10)
-)
+@given(bend=st.floats(0.01, 100), wave=st.floats(0, 3), first=st.floats(1e-4, 100), shift=st.floats(0.1, 10))
 def test_accepted_lengths_satisfy_the_strong_wolfe_conditions(bend, wave, first, shift):
     def value(t):
         return bend * (t - shift) ** 2 + wave * np.sin(5 * t)

@@ -1,0 +1,239 @@
+"""The command line, run in this process."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from abfm import Parameters, load_match
+from abfm.assets import asset_path
+from abfm_viewer.cli import main
+
+EIGHT = str(asset_path("eight.off"))
+PAIR = ["--source", "gaussian:vertex=10,width=0.2", "--target", "gaussian:vertex=40,width=0.2"]
+SHORT = ["--iterations", "6", "--quiet"]
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    """A result file of two channels."""
+    path = tmp_path_factory.mktemp("result") / "m.npz"
+    channel = ["--channel", "coordinate:x", "coordinate:y", "0.01"]
+    assert main(["match", EIGHT, *PAIR, *channel, *SHORT, "--out", str(path)]) == 0
+    return path
+
+
+def test_without_words_it_shows_all_commands(capsys):
+    assert main([]) == 0
+    out = capsys.readouterr().out
+    for command in ("match", "demo", "render", "info"):
+        assert f"\n    {command} " in out
+
+
+@pytest.mark.parametrize("words", [["--help"], ["match", "--help"], ["--version"]])
+def test_help_and_version_end_well(words, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 0
+    assert "abfm" in capsys.readouterr().out
+
+
+def test_help_of_match_names_every_parameter_and_example(capsys):
+    with pytest.raises(SystemExit):
+        main(["match", "--help"])
+    out = capsys.readouterr().out
+    assert "abfm match spot.obj --source" in out
+    for entry in fields(Parameters):
+        assert f"--{entry.name.replace('_', '-')} " in out
+        assert not entry.metadata["symbol"] or f"[{entry.metadata['symbol']}]" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["mtach"], "did you mean 'match'?"),
+        (["info"], "MESH"),
+        (["info", EIGHT, "--jsno"], "did you mean '--json'?"),
+        (["info", "missing.off"], "missing.off: there is no such file"),
+        (["info", __file__], "the format is not known"),
+        (["match", EIGHT, *PAIR], "--out"),
+        (["match", EIGHT, "--out", "m.npz"], "give --source and --target"),
+        (["match", EIGHT, *PAIR[:2], "--out", "m.npz"], "need each other"),
+        (["match", EIGHT, *PAIR, "--out", "m.txt"], "must end in .npz, .ply, .vtu, .csv"),
+        (["match", EIGHT, *PAIR, "--out", "none/m.npz"], "there is no folder none"),
+        (["match", EIGHT, *PAIR, "--out", "m.npz", "--tau", "-1"], "tau is -1.0; expected a number above 0"),
+        (["match", EIGHT, *PAIR, "--out", "m.npz", "--tau", "soon"], "--tau"),
+        (["match", EIGHT, *PAIR, "--out", "m.npz", "--method", "linear"], "--method"),
+        (["match", EIGHT, *PAIR, "--out", "m.npz", "--sgima", "1"], "did you mean '--sigma'?"),
+        (["match", EIGHT, *PAIR, "--out", "m.npz", "--channel", "coordinate:x", "coordinate:y", "z"], "--channel"),
+        (["match", EIGHT, *PAIR, "--out", "m.npz", "--mask", "file:none.npy"], "none.npy"),
+        (["match", EIGHT, *PAIR, "--out", "m.npz", "--start", "none.npz"], "none.npz"),
+        (["match", EIGHT, "--source", "gausian:vertex=1", *PAIR[2:], "--out", "m.npz"], "did you mean 'gaussian'?"),
+        (["match", EIGHT, "--source", "gaussian:vertex=999", *PAIR[2:], "--out", "m.npz"], "315"),
+        (["render", "none.npz", "--out", "a.png"], "none.npz"),
+        (["render", "none.npz", "--out", "a.mp4"], "must end in .png"),
+        (["render", "none.npz", "--out", "a.png", "--size", "10x10"], "from 320x240"),
+        (["render", "none.npz", "--out", "a.png", "--size", "large"], "is not a size"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_status_2(words, expected, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("abfm: ")
+    assert captured.err.count("\n") == 1
+    assert expected in captured.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_several_components_are_refused_with_the_way_out(tmp_path, capsys):
+    spheres = [trimesh.creation.icosphere(2, radius=radius) for radius in (1.0, 0.3)]
+    spheres[1].apply_translation([3, 0, 0])
+    path = tmp_path / "two.off"
+    trimesh.util.concatenate(spheres).export(path)
+    assert main(["info", str(path)]) == 2
+    assert "--largest-component" in capsys.readouterr().err
+    assert main(["info", str(path), "--largest-component", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["vertices"] == 162
+    assert facts["messages"]
+
+
+def test_match_reports_and_writes_what_it_found(tmp_path, capsys):
+    out = tmp_path / "m.npz"
+    words = ["match", EIGHT, *PAIR, "--iterations", "20", "--beta", "0", "--out", str(out), "--json"]
+    assert main(words) == 0
+    captured = capsys.readouterr()
+    report = json.loads(captured.out)
+    match = load_match(out)
+    assert report["mesh"] == EIGHT
+    assert report["outputs"] == [str(out)]
+    assert report["iterations"] == len(match.energy_history) - 1 <= 20
+    assert report["mismatch"] == match.mismatch
+    assert report["energy"]["total"] == match.energy_history[-1, 0]
+    assert report["parameters"] == match.parameters.to_dict()
+    assert (report["parameters"]["iterations"], report["parameters"]["beta"]) == (20, 0)
+    assert report["stop_reason"] == match.stop_reason
+    assert "iteration 0  stage 1/3  energy" in captured.err
+    assert match.source.shape == (315, 1)
+    assert match.advect(0.5).shape == (315,)
+
+
+def test_match_says_the_outcome_in_one_line(tmp_path, capsys):
+    out = tmp_path / "m.npz"
+    assert main(["match", EIGHT, *PAIR, *SHORT, "--out", str(out)]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert captured.out.startswith("mismatch 0.")
+    assert captured.out.endswith(f"(iteration limit); wrote {out}\n")
+
+
+def test_channels_and_their_weights_reach_the_solver(result):
+    match = load_match(result)
+    assert match.source.shape == (315, 2)
+    assert match.weights == pytest.approx([1, 0.01])
+    assert match.target[:, 1] == pytest.approx(match.mesh.vertices[:, 1])
+
+
+@pytest.mark.parametrize("as_file", [False, True])
+def test_a_mask_is_a_function_or_its_file(as_file, tmp_path):
+    out, values = tmp_path / "m.npz", tmp_path / "a mask, 1.npy"
+    np.save(values, np.linspace(0, 1, 315))
+    mask = str(values) if as_file else "expression:1+x*x"
+    assert main(["match", EIGHT, *PAIR, *SHORT, "--mask", mask, "--out", str(out)]) == 0
+    match = load_match(out)
+    expected = np.linspace(0, 1, 315) if as_file else 1 + match.mesh.vertices[:, 0] ** 2
+    assert match.mask == pytest.approx(expected)
+
+
+def test_a_warm_start_begins_where_the_earlier_result_ended(tmp_path):
+    first, second = tmp_path / "first.npz", tmp_path / "second.npz"
+    words = ["match", EIGHT, *PAIR, "--cooling-stages", "1", "--quiet", "--iterations"]
+    assert main([*words, "8", "--out", str(first)]) == 0
+    assert main([*words, "1", "--start", str(first), "--out", str(second)]) == 0
+    assert load_match(second).energy_history[0] == pytest.approx(load_match(first).energy_history[-1])
+
+
+def test_a_warm_start_from_another_mesh_is_refused(result, tmp_path, capsys):
+    words = ["match", str(asset_path("human_A.off")), *PAIR, "--start", str(result), "--out", str(tmp_path / "m.npz")]
+    assert main(words) == 2
+    assert "another mesh" in capsys.readouterr().err
+
+
+def test_exports_hold_the_functions_and_the_field(tmp_path):
+    paths = [tmp_path / name for name in ("m.npz", "m.ply", "m.vtu", "m.csv")]
+    words = ["--method", "linearised", "--segments", "2", *SHORT]
+    assert main(["match", EIGHT, *PAIR, *words, *(f"--out={path}" for path in paths)]) == 0
+    npz, ply, vtu, csv = paths
+    match = load_match(npz)
+    attributes = trimesh.load(ply, process=False).metadata["_ply_raw"]
+    assert attributes["vertex"]["data"]["advected"].ravel() == pytest.approx(match.advected[:, 0])
+    assert attributes["face"]["data"]["velocity_segment_1_2"].ravel() == pytest.approx(match.velocity[1, :, 2])
+    text = vtu.read_bytes()
+    for name in ("source", "target", "advected", "velocity_segment_0", "velocity_segment_1"):
+        assert f'Name="{name}"'.encode() in text
+    assert csv.read_text().splitlines()[0] == "iteration,stage,total,regularity,mismatch"
+    assert len(csv.read_text().splitlines()) == len(match.energy_history) + 1
+
+
+def test_info_tells_the_facts_of_a_mesh(capsys):
+    assert main(["info", EIGHT]) == 0
+    text = capsys.readouterr().out
+    for word in ("315", "634", "949", "genus         2", "none (closed)", "edge ratio", "no objection"):
+        assert word in text
+    assert main(["info", EIGHT, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["vertices"], facts["faces"], facts["edges"], facts["genus"]) == (315, 634, 949, 2)
+    assert facts["usable"] is True
+    assert facts["boundary_loops"] == 0
+    lengths = facts["edge_lengths"]
+    assert facts["edge_ratio"] == pytest.approx(lengths["longest"] / lengths["shortest"])
+    assert facts["length_scale"] ** 2 == pytest.approx(facts["area"])
+
+
+def test_info_of_a_refused_mesh_says_so_to_machines_too(tmp_path, capsys):
+    path = tmp_path / "fan.off"
+    path.write_text("OFF\n5 3 0\n0 0 0\n0 0 1\n1 0 0\n-1 1 0\n-1 -1 0\n3 0 1 2\n3 0 1 3\n3 0 1 4\n")
+    assert main(["info", str(path), "--json"]) == 2
+    captured = capsys.readouterr()
+    told = json.loads(captured.out)
+    assert told["usable"] is False
+    assert captured.err == f"abfm: {told['objection']}\n"
+
+
+def test_render_draws_the_channel_and_size_asked_for(result, tmp_path, capsys):
+    picture = tmp_path / "a.png"
+    words = ["render", str(result), "--out", str(picture), "--size", "800x400", "--time", "0.5", "--channel", "1"]
+    assert main([*words, "--up", "z"]) == 0
+    assert Image.open(picture).size == (800, 400)
+    assert str(picture) in capsys.readouterr().out
+    assert main([*words[:-1], "2"]) == 2
+    assert "channels 0 to 1" in capsys.readouterr().err
+
+
+def test_a_damaged_result_is_refused(tmp_path, capsys):
+    path = tmp_path / "m.npz"
+    path.write_bytes(b"PK\x03\x04 not a zip")
+    assert main(["render", str(path), "--out", str(tmp_path / "a.png")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_demo_passes_its_own_test(tmp_path, capsys):
+    out = tmp_path / "made" / "here"
+    assert main(["demo", "--out", str(out), "--json", "--quiet"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["mismatch"] <= 0.05
+    assert sorted(path.name for path in out.iterdir()) == ["demo.npz", "demo.png"]
+    assert Image.open(out / "demo.png").width == 1800
+
+
+def test_demo_fails_when_the_mismatch_stays_high(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("abfm_viewer.cli.demo.Parameters", lambda: Parameters(iterations=1))
+    assert main(["demo", "--out", str(tmp_path), "--quiet"]) == 1
+    assert "the self-test failed" in capsys.readouterr().err
