@@ -44,7 +44,7 @@ def best_view(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> View
 
     A function's remarkable part is where it differs from its median; hiding behind another part is not considered.
     """
-    axes = np.roll(np.eye(3), "xyz".index(up) - 1, axis=0)
+    axes = np.roll(np.eye(3), 1 - "xyz".index(up), axis=0)  # sideways, up, to the front
     azimuth, elevation = (grid.ravel() for grid in np.meshgrid(_AZIMUTHS, _ELEVATIONS))
     around = np.stack([np.sin(azimuth), np.zeros(len(azimuth)), np.cos(azimuth)], axis=1) @ axes
     directions = np.cos(elevation)[:, None] * around + np.sin(elevation)[:, None] * axes[1]

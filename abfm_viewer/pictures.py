@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from PIL import Image
@@ -29,7 +29,7 @@ def match_picture(
     Parameters
     ----------
     times
-        When to show the source besides 0 and tau, in order; by default at a quarter, half and three quarters of tau.
+        When to show the source besides 0 and tau; by default at a quarter, half and three quarters of tau.
     size
         Width and height in pixels; by default a wide sheet that fits the shape.
     channel
@@ -45,18 +45,18 @@ def match_picture(
     tau = match.parameters.tau
     moments = sorted({*(tau * np.array([0.25, 0.5, 0.75]) if times is None else times), tau})
     source, target = _channel(match.source, channel), _channel(match.target, channel)
-    advected = [_channel(match.advect(time), channel) for time in moments]
+    advected = [_channel(values, channel) for values in match.advect(moments)]
     colors = color_range(source, target)
 
     camera = fitted(match.mesh.vertices, best_view(match.mesh, source, target, up=up))
     layout = sheet.grid(len(moments) + 2, camera.aspect, size)
     pictures = surface_pictures(match.mesh, [source, *advected, target], colors, camera, layout)
-    tiles = [sheet.Tile(next(pictures), "source", _BLUE, bold=True)]
-    for time in moments:
+    tiles = [sheet.Tile(pictures[0], "source", _BLUE, bold=True)]
+    for time, picture in zip(moments, pictures[1:-1], strict=True):
         matched = time == tau
         label = f"t = {time:.4g}" + (", matched" if matched else "")
-        tiles.append(sheet.Tile(next(pictures), label, _BLACK if matched else _GREY, bold=matched))
-    tiles.append(sheet.Tile(next(pictures), "target", _RED, bold=True))
+        tiles.append(sheet.Tile(picture, label, _BLACK if matched else _GREY, bold=matched))
+    tiles.append(sheet.Tile(pictures[-1], "target", _RED, bold=True))
     return sheet.compose(layout, tiles, colors)
 
 
@@ -66,16 +66,19 @@ def _channel(function: FloatArray, channel: int) -> FloatArray:
 
 def surface_pictures(
     mesh: TriangleMesh, functions: Sequence[FloatArray], colors: ColorRange, camera: Camera, layout: sheet.Grid
-) -> Iterator[Image.Image]:
-    """Draw functions (V,) on a mesh, one transparent picture of the layout's tile size after the other."""
+) -> list[Image.Image]:
+    """Draw functions (V,) on a mesh, each on a transparent ground and in the layout's tile size."""
     opengl.start(opengl.OFFSCREEN, layout.tile_width, layout.tile_height)
     ps.remove_all_structures()
     ps.set_ground_plane_mode("none")
-    ps.set_SSAA_factor(4)
     surface = ps.register_surface_mesh("surface", mesh.vertices, mesh.faces, smooth_shade=True, material=material.NAME)
     camera.place()
+    ps.set_SSAA_factor(4)
+    pictures = []
     for function in functions:
         surface.add_scalar_quantity(
             "function", function, enabled=True, cmap=colors.colormap, vminmax=(colors.low, colors.high)
         )
-        yield Image.fromarray(np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=True)))
+        pictures.append(Image.fromarray(np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=True))))
+    ps.set_SSAA_factor(1)
+    return pictures

@@ -108,8 +108,8 @@ def _draw_color_bar(draw: ImageDraw.ImageDraw, layout: Grid, colors: ColorRange)
 
 
 def ticks(low: float, high: float) -> list[float]:
-    """Three to six round numbers between two values."""
-    rough = (high - low) / 4.5
+    """Three to seven round numbers between two values."""
+    rough = (high - low) / 6
     power = 10 ** math.floor(math.log10(rough))
     step = next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= rough)
     return [step * k for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]

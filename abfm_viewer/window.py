@@ -47,13 +47,17 @@ class Window:
         """Draw frames until the window is closed."""
         try:
             while not ps.window_requests_close():
-                start = time.perf_counter()
-                ps.frame_tick()
-                time.sleep(max(_LEAST_SLEEP, _SECONDS_PER_FRAME - (time.perf_counter() - start)))
+                self.frame()
         finally:
             if self.worker:
                 self.worker.cancel()
                 self.worker.wait()
+
+    def frame(self) -> None:
+        """Draw one frame and leave the rest of its time to the solver."""
+        start = time.perf_counter()
+        ps.frame_tick()
+        time.sleep(max(_LEAST_SLEEP, _SECONDS_PER_FRAME - (time.perf_counter() - start)))
 
     def match(self) -> None:
         """Start matching source and target."""

@@ -8,11 +8,11 @@ from __future__ import annotations
 import sys
 from importlib.metadata import version
 
-from abfm_viewer.cli import demo, info, match, render
+from abfm_viewer.cli import bench, demo, info, match, render
 from abfm_viewer.cli.parser import Parser, did_you_mean
 from abfm_viewer.exit_status import exit_status
 
-_COMMANDS = {"match": match, "demo": demo, "render": render, "info": info}
+_COMMANDS = {"match": match, "demo": demo, "render": render, "info": info, "bench": bench}
 _DESCRIPTION = """\
 Match two functions on a triangle mesh: find the vector field whose flow carries the one to the other.
 

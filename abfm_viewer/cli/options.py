@@ -55,3 +55,11 @@ def size(text: str) -> tuple[int, int]:
     if not (320 <= int(width) <= 16384 and 240 <= int(height) <= 16384):
         raise argparse.ArgumentTypeError(f"{text!r} is out of range: from 320x240 to 16384x16384")
     return int(width), int(height)
+
+
+def positive(text: str) -> float:
+    """A finite number above 0."""
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
+    return value

@@ -4,27 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm import kernels
 from abfm.exponential import ExponentialFlow
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.operators import Matrix
+from abfm.taylor import exponential_action
 from abfm.vector_fields import dual_directional_derivative, lie_bracket
-
-_TAYLOR_NORM = 4.0  # a Taylor step of this norm loses under two digits to cancellation
-
-
-def exponential_action(matrix: Matrix, x: FloatArray, t: float) -> FloatArray:
-    """``exp(t matrix) x`` by Taylor steps, for a general sparse matrix (n, n) and ``x`` (n,)."""
-    bound = abs(t) * float(np.min([abs(matrix).sum(axis=axis).max() for axis in (0, 1)]))
-    steps = max(1, int(np.ceil(bound / _TAYLOR_NORM)))
-    for _ in range(steps):
-        term = x
-        order = 0
-        while np.abs(term).max() > 1e-16 * np.abs(x).max():
-            order += 1
-            term = kernels.product(matrix, term) * (t / steps / order)
-            x = x + term
-    return x
 
 
 class BracketGradient:

@@ -20,6 +20,8 @@ Solve = Callable[[FloatArray], FloatArray]
 
 def factor(matrix: sparse.csr_array) -> Solve:
     """Factor a sparse symmetric positive definite matrix once; the result solves for one right-hand side (n,)."""
+    if matrix.shape[0] == 0:  # a mesh without inner vertices; both libraries refuse it
+        return np.copy
     if CholeskySolverD is None:
         return splu(
             matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}

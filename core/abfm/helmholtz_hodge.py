@@ -40,7 +40,7 @@ def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, Float
 
     Raises
     ------
-    FieldError
+    ParameterError
         If ``v`` has another shape or values that are not finite.
     """
     field = to_frame(mesh, check_field(mesh, v, "v")).ravel()
@@ -65,13 +65,9 @@ def _onto_range(gradient: Matrix, mass: Matrix, grounded: IntArray) -> Projectio
     """Projection onto the range of a gradient whose kernel is that of one constant per ``grounded`` unknown."""
     free = np.setdiff1d(np.arange(gradient.shape[1]), grounded)
     basis = Matrix(gradient[:, free])
-    stiffness = Matrix(basis.T @ mass @ basis)
-    solve = factor(stiffness)
+    solve = factor(Matrix(basis.T @ mass @ basis))
 
     def project(field: FloatArray) -> FloatArray:
-        sources = basis.T @ (mass @ field)
-        potential = solve(sources)
-        return np.asarray(basis @ (potential + REF * solve(sources - stiffness @ potential)))
+        return np.asarray(basis @ solve(basis.T @ (mass @ field)))
 
     return project
-REF=1

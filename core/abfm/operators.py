@@ -84,7 +84,10 @@ def gradient(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def edge_gradient(mesh: TriangleMesh) -> Matrix:
-    """Broken gradient of edge (Crouzeix-Raviart) functions, ``psi_e = 1 - 2 phi_opposite``, (2F, E)."""
+    """Broken gradient of edge (Crouzeix-Raviart) functions, ``psi_e = 1 - 2 phi_opposite``, (2F, E).
+
+    No boundary condition.
+    """
     return _face_operator(mesh, -2 * hat_gradients(mesh), mesh.face_edges, len(mesh.edges))
 
 
@@ -105,7 +108,7 @@ def field_mass(mesh: TriangleMesh) -> Matrix:
 def averaging(mesh: TriangleMesh) -> Matrix:
     """``I_V^F`` from faces to vertices, (V, F): ``A_F(j) / (3 A_V(i))`` where vertex i belongs to face j.
 
-    Keeps constants and the integral.
+    Keeps constants and the integral. No boundary condition.
     """
     count = len(mesh.faces)
     weights = np.repeat(face_areas(mesh) / 3, 3) / vertex_areas(mesh)[mesh.faces.ravel()]
@@ -116,7 +119,8 @@ def averaging(mesh: TriangleMesh) -> Matrix:
 def divergence(mesh: TriangleMesh) -> Matrix:
     """``div = -G_V^-1 grad^T G_F``: fields to vertex functions, (V, 2F) [BKP*10, chapter 3].
 
-    On a boundary the weak form counts the outward flux ``v . n`` as divergence: natural condition ``v . n = 0``.
+    On a boundary the field counts as ending there, so that outward flux is negative divergence and the total is always
+    zero: natural condition ``v . n = 0``.
     """
     return _weak_divergence(gradient(mesh), vertex_areas(mesh), mesh)
 
@@ -125,7 +129,8 @@ def divergence(mesh: TriangleMesh) -> Matrix:
 def curl(mesh: TriangleMesh) -> Matrix:
     """``curl v = div(-J v)``: fields to vertex functions, (V, 2F).
 
-    On a boundary the weak form counts the circulation ``v x n`` as curl: natural condition ``v x n = 0``.
+    On a boundary the field counts as ending there, so that circulation along it is curl of the other sign and the total
+    is always zero: natural condition ``v x n = 0``.
     """
     return Matrix(-(divergence(mesh) @ rotation(mesh)))
 
@@ -178,12 +183,17 @@ def hodge_laplacian(mesh: TriangleMesh) -> Matrix:
 
 
 def vector_norm_matrix(mesh: TriangleMesh, alpha: float) -> Matrix:
-    """``G_F D_alpha`` with ``D_alpha = id + alpha Delta_H``, (2F, 2F), symmetric positive definite (section 3)."""
+    """``G_F D_alpha`` with ``D_alpha = id + alpha Delta_H``, (2F, 2F), symmetric positive definite (section 3).
+
+    Boundary condition of `hodge_laplacian`: ``v . n = 0`` and ``curl v = 0``.
+    """
     return Matrix(field_mass(mesh) + alpha * hodge_laplacian(mesh))
 
 
 def function_norm_matrix(mesh: TriangleMesh, beta: float, weight: ArrayLike | None = None) -> Matrix:
     """``G_V C_beta`` with ``C_beta = id - beta Delta_LB``, (V, V), symmetric positive (semi)definite (section 3).
+
+    Natural (Neumann) boundary condition.
 
     Parameters
     ----------

@@ -42,8 +42,9 @@ def test_one_column_from_every_format(tmp_path: Path) -> None:
     write_text(tmp_path / "a.csv", "thickness", ",", [VALUES])
     for name in ("a.npy", "a.txt", "a.csv"):
         assert_array_equal(function(MESH, f"file:{tmp_path / name}"), VALUES)
-    write_gifti(tmp_path / "a.gii", [VALUES])
-    assert_array_equal(function(MESH, f"file:{tmp_path / 'a.gii'}"), VALUES.astype(np.float32))
+    for name in ("a.gii", "a.gii.gz"):
+        write_gifti(tmp_path / name, [VALUES])
+        assert_array_equal(function(MESH, f"file:{tmp_path / name}"), VALUES.astype(np.float32))
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
@@ -134,6 +135,8 @@ def test_wrong_map_entries_are_counted_with_an_example(tmp_path: Path, bad: floa
         ("a.txt", b"1\n2\n", f"2 values were given for a mesh of {COUNT} vertices"),
         ("a.gii", b"<GIFTI", "not a table of numbers"),
         ("a.gii", b"", "not a table of numbers"),
+        ("a.gii.gz", b"\x1f\x8b\x08\x00", "not a table of numbers"),
+        ("b.gii.gz", b"plain", "cannot be read"),
         ("a.xyz", b"1", "must end in .npy, .csv, .txt, .gii"),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import fields
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from PIL import Image
 
 from abfm import Parameters, load_match
 from abfm.assets import asset_path
+from abfm.baselines import benchmark
 from abfm_viewer.cli import main
 
 EIGHT = str(asset_path("eight.off"))
@@ -31,7 +33,7 @@ def result(tmp_path_factory):
 def test_without_words_it_shows_all_commands(capsys):
     assert main([]) == 0
     out = capsys.readouterr().out
-    for command in ("match", "demo", "render", "info"):
+    for command in ("match", "demo", "render", "info", "bench"):
         assert f"\n    {command} " in out
 
 
@@ -75,6 +77,7 @@ def test_help_of_match_names_every_parameter_and_example(capsys):
         (["match", EIGHT, *PAIR, "--out", "m.npz", "--start", "none.npz"], "none.npz"),
         (["match", EIGHT, "--source", "gausian:vertex=1", *PAIR[2:], "--out", "m.npz"], "did you mean 'gaussian'?"),
         (["match", EIGHT, "--source", "gaussian:vertex=999", *PAIR[2:], "--out", "m.npz"], "315"),
+        (["bench", "--seconds", "0"], "above 0"),
         (["render", "none.npz", "--out", "a.png"], "none.npz"),
         (["render", "none.npz", "--out", "a.mp4"], "must end in .png"),
         (["render", "none.npz", "--out", "a.png", "--size", "10x10"], "from 320x240"),
@@ -185,11 +188,11 @@ def test_exports_hold_the_functions_and_the_field(tmp_path):
 def test_info_tells_the_facts_of_a_mesh(capsys):
     assert main(["info", EIGHT]) == 0
     text = capsys.readouterr().out
-    for word in ("315", "634", "949", "genus         2", "none (closed)", "edge ratio", "no objection"):
+    for word in ("315", "634", "951", "genus         2", "none (closed)", "edge ratio", "no objection"):
         assert word in text
     assert main(["info", EIGHT, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert (facts["vertices"], facts["faces"], facts["edges"], facts["genus"]) == (315, 634, 949, 2)
+    assert (facts["vertices"], facts["faces"], facts["edges"], facts["genus"]) == (315, 634, 951, 2)
     assert facts["usable"] is True
     assert facts["boundary_loops"] == 0
     lengths = facts["edge_lengths"]
@@ -237,3 +240,18 @@ def test_demo_fails_when_the_mismatch_stays_high(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("abfm_viewer.cli.demo.Parameters", lambda: Parameters(iterations=1))
     assert main(["demo", "--out", str(tmp_path), "--quiet"]) == 1
     assert "the self-test failed" in capsys.readouterr().err
+
+
+def test_bench_prints_its_report_for_people_and_machines(capsys, monkeypatch):
+    small = {"subdivision": 2, "subdivisions": (1, 2), "iterations": 20, "repeats": 1, "timings": 1}
+    monkeypatch.setattr(benchmark, "run", partial(benchmark.run, **small))
+    assert main(["bench", "--seconds", "0.3", "--json"]) == 0
+    captured = capsys.readouterr()
+    report = json.loads(captured.out)
+    assert report["settings"]["seconds"] == 0.3
+    assert set(report["ratios"]["gradient_to_advection"]) == {"42", "162"}
+    assert "cosines" in captured.err
+    assert main(["bench", "--seconds", "0.3", "--quiet"]) == 0
+    captured = capsys.readouterr()
+    assert "finest / coarsest" in captured.out
+    assert captured.err == ""

@@ -13,12 +13,12 @@ from abfm.errors import FunctionError
 from abfm.functions.family import PATH, WORD, Family, did_you_mean, parameter, shown
 from abfm.mesh import FloatArray, TriangleMesh
 
-SUFFIXES = (".npy", ".csv", ".txt", ".gii")
+SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValuesFile(Family):
-    """Values from a .npy, .csv, .txt or .gii file, in its own unit: one per vertex, as the mesh file counts them.
+    """Values from a .npy, .csv, .txt or .gii (.gii.gz) file, in its own unit: one per vertex, as the mesh file counts them.
 
     See :func:`read_column` for the formats.
     """
@@ -58,10 +58,10 @@ def read_column(path: str, column: str | None = None) -> FloatArray:
     FunctionError
         If the file cannot be read, is no table of numbers, or has no such column.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in SUFFIXES:
+    suffix = next((suffix for suffix in SUFFIXES if path.lower().endswith(suffix)), None)
+    if suffix is None:
         raise FunctionError(f"file {shown(path)}: the name must end in {', '.join(SUFFIXES)}")
-    read = {".npy": _read_npy, ".gii": _read_gifti}.get(suffix, _read_text)
+    read = {".npy": _read_npy, ".gii": _read_gifti, ".gii.gz": _read_gifti}.get(suffix, _read_text)
     try:
         names, table = read(Path(path).expanduser())
     except (OSError, RuntimeError) as error:  # RuntimeError: no home folder for ~name

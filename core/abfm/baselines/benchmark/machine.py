@@ -1,0 +1,23 @@
+"""Where something was measured."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+from importlib.metadata import version
+from pathlib import Path
+
+_LINUX = Path("/proc/cpuinfo")
+
+
+def machine() -> dict[str, str | int]:
+    """Processor, number of logical cores, system, and versions of what the time is spent in."""
+    model = re.search(r"model name\s*: (.*)", _LINUX.read_text()) if _LINUX.exists() else None
+    return {
+        "processor": model[1] if model else platform.processor() or platform.machine(),
+        "cores": os.cpu_count() or 1,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        **{package: version(package) for package in ("numpy", "scipy", "numba")},
+    }

@@ -1,0 +1,45 @@
+"""The problem of Fig. 3 on a sphere: one wide bump on the equator splits into two narrow ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.parameters import Parameters
+
+PARAMETERS = Parameters(
+    tau=2.0, alpha=1e3, beta=1e-5, sigma=1e-4, substeps=40, quadrature=10, cooling_stages=1, tolerance=0.0
+)
+"""The row of Fig. 3 in Table 1, sigma constant, and no end but the iteration limit."""
+
+SOURCE_WIDTH, TARGET_WIDTH = 0.12, 0.06
+"""Standard deviations of the bumps as fractions of sqrt(area)."""
+TARGET_ANGLE = 1.0
+"""Angle along the equator from the source's centre to those of the target, in radians."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Source and target (V,) on a mesh of which nothing has been computed yet."""
+
+    mesh: TriangleMesh
+    source: FloatArray
+    target: FloatArray
+
+
+def sphere_problem(subdivision: int) -> Problem:
+    """The problem on a new icosphere of ``10 * 4**subdivision + 2`` vertices."""
+    sphere = trimesh.creation.icosphere(subdivisions=subdivision)
+    mesh = TriangleMesh(sphere.vertices, sphere.faces)
+    target = _bump(mesh, TARGET_ANGLE, TARGET_WIDTH) + _bump(mesh, -TARGET_ANGLE, TARGET_WIDTH)
+    return Problem(mesh, _bump(mesh, 0.0, SOURCE_WIDTH), target)
+
+
+def _bump(mesh: TriangleMesh, angle: float, width: float) -> FloatArray:
+    """Gaussian of the great-circle distance to a point of the equator, (V,)."""
+    cosines = mesh.vertices @ [np.cos(angle), np.sin(angle), 0.0]
+    distances = np.arccos(np.clip(cosines, -1.0, 1.0)) / mesh.length_scale
+    return np.asarray(np.exp(-0.5 * (distances / width) ** 2))

@@ -1,0 +1,58 @@
+"""Small meshes of each topology, and how functions, fields and meshes are compared and changed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.assets import asset_path
+from abfm.mesh import FloatArray, IntArray, TriangleMesh, load_mesh
+from abfm.operators import face_areas, vertex_areas
+from tests.shapes import ellipsoid, hemisphere, open_cylinder, square, tetrahedron, torus
+
+SURFACES = {
+    "tetrahedron": tetrahedron(),
+    "ellipsoid": ellipsoid(1, 1.0, 0.7, 0.4),
+    "torus": torus(14, 9),
+    "genus two": load_mesh(asset_path("eight.off")),
+    "square": square(6),
+    "hemisphere": hemisphere(5),
+    "cylinder": open_cylinder(12, 4),
+    "no inner vertices": open_cylinder(7, 1),
+    "triangle": TriangleMesh([[0, 0, 0], [1, 0, 0], [0.2, 0.7, 0]], [[0, 1, 2]]),
+}
+CLOSED = [name for name, mesh in SURFACES.items() if mesh.is_closed]
+WITH_BOUNDARY = [name for name in SURFACES if name not in CLOSED]
+LOOPS = {"torus": 2, "genus two": 4, "cylinder": 1, "no inner vertices": 1}
+"""Independent loops of each surface (first Betti number), 0 where not listed."""
+
+
+def norm(mesh: TriangleMesh, values: FloatArray) -> float:
+    """L2 norm of a function on vertices (V,), or of one or several values per face (F,) or (F, n)."""
+    areas = vertex_areas(mesh) if len(values) == len(mesh.vertices) else face_areas(mesh)
+    return float(np.sqrt((areas * (values.reshape(len(values), -1) ** 2).sum(axis=1)).sum()))
+
+
+def relative_error(mesh: TriangleMesh, values: FloatArray, exact: FloatArray) -> float:
+    """L2 norm of the difference over that of ``exact``."""
+    return norm(mesh, values - exact) / norm(mesh, exact)
+
+
+def last_order(errors: ArrayLike) -> FloatArray:
+    """Exponents p in ``error ~ edge length^p`` between the two finest meshes, where each halves the edges."""
+    coarse, fine = np.asarray(errors)[-2:]
+    return np.asarray(np.log2(coarse / fine))
+
+
+def moved(mesh: TriangleMesh, rotation: FloatArray, scale: float = 1.0) -> TriangleMesh:
+    """The mesh turned by a rotation (3, 3), scaled, and moved away."""
+    return TriangleMesh(scale * mesh.vertices @ rotation.T + [3.0, -1.0, 2.0], mesh.faces)
+
+
+def renumbered(mesh: TriangleMesh, seed: int) -> tuple[TriangleMesh, IntArray, IntArray]:
+    """The mesh with vertices and faces in another order and other first corners; the old number of each new one."""
+    rng = np.random.default_rng(seed)
+    vertices, faces = rng.permutation(len(mesh.vertices)), rng.permutation(len(mesh.faces))
+    corners = (np.arange(3) + rng.integers(3, size=len(faces))[:, None]) % 3
+    numbers = np.argsort(vertices)[np.take_along_axis(mesh.faces[faces], corners, axis=1)]
+    return TriangleMesh(mesh.vertices[vertices], numbers), vertices, faces

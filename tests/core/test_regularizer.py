@@ -1,0 +1,122 @@
+"""The norm of fields: equal to its matrix, positive, its inverse exact, on every topology and by both solvers."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from abfm import cholesky
+from abfm.cholesky import factor
+from abfm.operators import Matrix, cotangent_laplacian, vector_norm_matrix, vertex_areas
+from abfm.regularizer import Regularizer, regularizer
+from tests.core.surfaces import SURFACES
+from tests.shapes import icosphere, square, torus
+
+ALPHAS = [0.0, 1e-4, 0.1, 1.0, 1e3]
+
+
+@pytest.fixture(params=SURFACES)
+def mesh(request):
+    return SURFACES[request.param].normalized()
+
+
+def random_field(mesh, seed=0):
+    return np.random.default_rng(seed).normal(size=(len(mesh.faces), 2))
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_apply_is_the_norm_matrix(mesh, alpha):
+    v = random_field(mesh)
+    expected = vector_norm_matrix(mesh, alpha) @ v.ravel()
+    found = Regularizer(mesh, alpha).apply(v)
+    assert found.shape == v.shape
+    np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=1e-12 * abs(expected).max())
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_inverse_is_exact(mesh, alpha):
+    """To what rounding leaves of the condition number, about ``1 + alpha / h^2``."""
+    R, m = Regularizer(mesh, alpha), random_field(mesh)
+    found = R.inverse(m)
+    assert found.shape == m.shape
+    residual = np.linalg.norm(R.apply(found) - m) / np.linalg.norm(m)
+    assert residual < 1e-13 * (1 + alpha * abs(vector_norm_matrix(mesh, 1.0)).max() / R.mass.min())
+    back = R.inverse(R.apply(m))
+    assert np.linalg.norm(back - m) < 1e-11 * np.linalg.norm(m) * max(1.0, alpha)
+
+
+@pytest.mark.parametrize("alpha", [0.1, 1e3])
+def test_inverse_is_that_of_scipy(mesh, alpha):
+    m = random_field(mesh)
+    expected = spsolve(sparse.csc_array(vector_norm_matrix(mesh, alpha)), m.ravel())
+    found = Regularizer(mesh, alpha).inverse(m)
+    np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=1e-9 * abs(expected).max())
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_symmetric_and_positive_both_ways(mesh, alpha):
+    R, v, u = Regularizer(mesh, alpha), random_field(mesh, 1), random_field(mesh, 2)
+    for operator in (R.apply, R.inverse):
+        of_v, of_u = operator(v), operator(u)
+        rounding = 1e-12 * np.linalg.norm(u) * (np.linalg.norm(of_v) + np.linalg.norm(v) / R.mass.min())
+        assert (u * of_v).sum() == pytest.approx((v * of_u).sum(), rel=0, abs=rounding)
+        assert (v * of_v).sum() > 0
+    assert (v * R.apply(v)).sum() >= (1 - 1e-12) * (R.mass * v.ravel() ** 2).sum()
+
+
+@pytest.mark.parametrize("make", [lambda: icosphere(4), lambda: torus(60, 30), lambda: square(30)])
+def test_inverse_on_finer_meshes(make):
+    """What the optimiser does with it: a smoothed field."""
+    mesh = make().normalized()
+    R, m = Regularizer(mesh, 0.01), random_field(mesh)
+    assert np.linalg.norm(R.apply(R.inverse(m)) - m) < 1e-11 * np.linalg.norm(m)
+
+
+def test_without_alpha_it_is_the_mass(mesh):
+    v, R = random_field(mesh), Regularizer(mesh, 0.0)
+    np.testing.assert_array_equal(R.apply(v).ravel(), R.mass * v.ravel())
+    np.testing.assert_array_equal(R.inverse(v).ravel(), v.ravel() / R.mass)
+
+
+def test_input_is_left_alone(mesh):
+    v = random_field(mesh)
+    R = Regularizer(mesh, 0.1)
+    R.apply(v)
+    R.inverse(v)
+    np.testing.assert_array_equal(v, random_field(mesh))
+
+
+def test_only_a_new_alpha_factors_again():
+    mesh = icosphere(1)
+    first = regularizer(mesh, 0.1)
+    assert regularizer(mesh, 0.1) is first
+    assert regularizer(mesh, 0.2) is not first
+    assert regularizer(mesh, 0.2).alpha == 0.2
+
+
+def test_same_input_same_bits():
+    m = random_field(icosphere(3))
+    first, second = (Regularizer(icosphere(3), 0.1).inverse(m) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_superlu_where_cholespy_has_no_wheel(mesh, monkeypatch):
+    m = random_field(mesh)
+    expected = Regularizer(mesh, 0.1).inverse(m)
+    monkeypatch.setattr(cholesky, "CholeskySolverD", None)
+    np.testing.assert_allclose(Regularizer(mesh, 0.1).inverse(m), expected, rtol=0, atol=1e-11 * abs(expected).max())
+
+
+@pytest.mark.parametrize("by_cholespy", [True, False])
+def test_factor_solves(by_cholespy, monkeypatch):
+    if not by_cholespy:
+        monkeypatch.setattr(cholesky, "CholeskySolverD", None)
+    mesh = icosphere(3)
+    matrix = Matrix(sparse.diags_array(vertex_areas(mesh)) + 0.3 * cotangent_laplacian(mesh))
+    solve = factor(matrix)
+    for seed in range(2):
+        b = np.random.default_rng(seed).normal(size=matrix.shape[0])
+        before = b.copy()
+        np.testing.assert_allclose(matrix @ solve(b), b, atol=1e-12)
+        np.testing.assert_array_equal(b, before)
+    np.testing.assert_array_equal(factor(Matrix((0, 0)))(np.empty(0)), np.empty(0))

@@ -1,0 +1,143 @@
+"""The distribution, the start script, and what importing may not do."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def python(code: str, **environment: str) -> str:
+    """What a fresh interpreter prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ | environment
+    )
+    return done.stdout.strip()
+
+
+def test_the_wheel_holds_both_packages_and_every_asset(tmp_path):
+    shutil.copytree(
+        ROOT, tmp_path / "source", ignore=shutil.ignore_patterns(".*", "__pycache__", "out", "build", "dist")
+    )
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", tmp_path]
+    subprocess.run([*command, tmp_path / "source"], check=True)
+    [wheel] = tmp_path.glob("abfm-*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    for asset in (ROOT / "assets").iterdir():
+        assert f"abfm/assets/{asset.name}" in names
+    assert "abfm/matching.py" in names
+    assert "abfm_viewer/cli/match.py" in names
+    assert any(name.endswith("licenses/LICENSE") for name in names)
+    assert {name.split("/")[0].split("-")[0] for name in names} == {"abfm", "abfm_viewer"}
+
+    unpacked = tmp_path / "unpacked"
+    zipfile.ZipFile(wheel).extractall(unpacked)
+    code = f"import sys; sys.path.insert(0, {str(unpacked)!r}); from abfm.assets import asset_path as path; "
+    assert python(code + "print(path('eight.off'))") == str(unpacked / "abfm" / "assets" / "eight.off")
+
+
+def test_matching_and_the_command_line_need_no_opengl():
+    code = "import sys, abfm, abfm_viewer.cli, abfm_viewer.app; print('polyscope' in sys.modules)"
+    assert python(code) == "False"
+
+
+def test_blas_gets_one_thread_unless_the_user_says_otherwise():
+    code = "import os, abfm_viewer; print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])"
+    unset = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=unset)
+    assert done.stdout == "1 1\n"
+    assert python(code, OMP_NUM_THREADS="3", OPENBLAS_NUM_THREADS="2") == "2 3"
+
+
+def test_what_cannot_draw_says_so_in_one_line(tmp_path):
+    """Without libEGL polyscope would crash; ctypes is made to miss it."""
+    code = (
+        "import ctypes, sys\n"
+        "from abfm_viewer.cli import main\n"
+        "def missing(name): raise OSError(f'{name}: cannot open shared object file')\n"
+        "ctypes.CDLL = missing\n"
+        f"sys.exit(main(['demo', '--quiet', '--out', {str(tmp_path)!r}]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert done.stderr.startswith("note: no picture: cannot draw")
+    assert done.stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]
+
+
+def test_the_app_without_a_screen_says_what_to_do():
+    without = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    code = "import sys; from abfm_viewer.app import main; sys.exit(main([]))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=without)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert done.stderr.startswith("abfm-viewer: no screen")
+
+
+@pytest.fixture
+def house(tmp_path):
+    """A folder with a blank in its name that holds `run` and an environment that looks installed."""
+    house = tmp_path / "my house"
+    programs = house / ".venv" / "bin"
+    programs.mkdir(parents=True)
+    for name in ("run", "pyproject.toml"):
+        shutil.copy(ROOT / name, house)
+    program(programs / "python", f'exec {sys.executable} "$@"')
+    for name in ("abfm", "abfm-viewer"):
+        program(programs / name, f'echo {name} "$#" "$@"')
+    stamp_installed(house)
+    return house
+
+
+def program(path: Path, command: str) -> None:
+    """A shell script that may be run."""
+    path.write_text(f"#!/bin/sh\n{command}\n")
+    path.chmod(stat.S_IRWXU)
+
+
+def stamp_installed(house: Path) -> None:
+    """Make `run` believe that the project was installed as its pyproject.toml says."""
+    for name in ("installed", "installed-test"):
+        (house / ".venv" / name).write_text(f"{house}\n{(house / 'pyproject.toml').read_text()}")
+
+
+@pytest.mark.parametrize(
+    ("screen", "words", "expected"),
+    [
+        ({"DISPLAY": ":0"}, ["my mesh.off"], "abfm-viewer 1 my mesh.off\n"),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, [], "abfm-viewer 0\n"),
+        ({}, [], "abfm 1 demo\n"),
+    ],
+)
+def test_run_opens_the_app_or_without_a_screen_the_demo(house, tmp_path, screen, words, expected):
+    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    done = subprocess.run(
+        [house / "run", *words], capture_output=True, text=True, check=False, cwd=tmp_path, env=environment | screen
+    )
+    assert (done.returncode, done.stdout) == (0, expected)
+
+
+def test_run_test_reports_every_check_that_failed(house):
+    """The copy has neither code nor settings for import-linter: some checks fail, and all of them run."""
+    (house / "pyproject.toml").write_text("[tool.mypy]\nfiles = ['missing']\n")
+    stamp_installed(house)
+    shutil.copy(Path(sys.executable).parent / "lint-imports", house / ".venv" / "bin")
+    done = subprocess.run([house / "run", "test", "-q"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.endswith("run: failed: mypy, import-linter, pytest\n")
+    for name in ("ruff check", "ruff format", "mypy", "import-linter", "pytest"):
+        assert f"\n== {name}\n" in done.stdout
+
+
+def test_run_is_plain_enough_for_old_shells():
+    subprocess.run(["bash", "-n", ROOT / "run"], check=True)
+    text = (ROOT / "run").read_text()
+    for modern in ("declare -A", "mapfile", "readarray", "${!", "local -n", "|&", "&>>", ",,}", "^^}"):
+        assert modern not in text

@@ -1,0 +1,72 @@
+"""What the README says is so."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abfm import Parameters, load_match, load_mesh
+from abfm.assets import asset_path
+from abfm.functions import families, function
+from abfm_viewer.cli import main
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def table(heading: str) -> list[list[str]]:
+    """Cells of the first table below a heading, without its two first lines."""
+    rows = re.search(rf"\n## {heading}\n.*?((?:\n\|[^\n]*)+)", README, re.DOTALL)
+    assert rows is not None
+    lines = rows[1].strip().splitlines()[2:]
+    return [[cell.strip().strip("`") for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
+
+
+def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    [example] = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    names: dict[str, object] = {}
+    exec(example, names)
+    assert capsys.readouterr().out.startswith("mismatch 0.0")
+    assert names["halfway"].shape == (1229,)
+    assert load_match("match.npz").mismatch == names["match"].mismatch
+
+
+def test_every_parameter_is_in_the_table_with_its_symbol_and_default():
+    rows = [(name, symbol, default) for name, symbol, _, default in table("Parameters")]
+    wanted = [
+        (f.name, f.metadata["symbol"], f.default if isinstance(f.default, str) else f"{f.default:g}")
+        for f in fields(Parameters)
+    ]
+    assert [(name, symbol, f"{float(d):g}" if d[0].isdigit() else d) for name, symbol, d in rows] == wanted
+
+
+def test_every_family_is_in_the_table_with_a_working_example(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    np.save("values.npy", np.arange(1229.0))
+    shutil.copy(asset_path("human.symperm.txt"), "mirror.txt")
+    mesh = load_mesh(asset_path("human_A.off"))
+    rows = table("Functions as text")
+    assert [family for family, _, _ in rows] == [family.family for family in families()]
+    for _, example, _ in rows:
+        assert np.ptp(function(mesh, example)) > 0
+
+
+def test_commands_shown_exist(capsys):
+    shown = set(re.findall(r"^    abfm (\S+)", README, re.MULTILINE))
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    listed = set(re.findall(r"^    (\w+)  ", capsys.readouterr().out, re.MULTILINE))
+    assert shown <= listed
+
+
+def test_pictures_and_linked_files_are_there():
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", README) if "://" not in link]
+    assert "docs/images/demo.png" in links
+    for link in links:
+        assert (ROOT / link).is_file()
