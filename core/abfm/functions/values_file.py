@@ -18,7 +18,7 @@ SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz")
 
 @dataclass(frozen=True, kw_only=True)
 class ValuesFile(Family):
-    """Values from a .npy, .csv, .txt or .gii (.gii.gz) file, in its own unit: one per vertex, as the mesh file counts them.
+    """Values from a .npy, .csv, .txt or .gii(.gz) file, in its own unit: one per vertex, as the mesh file counts.
 
     See :func:`read_column` for the formats.
     """
