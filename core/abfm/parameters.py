@@ -37,10 +37,8 @@ class Parameters:
     """
 
     tau: float = _parameter(1.0, "τ", "end time of the flow; larger deformations may need more", 0, True)
-    alpha: float = _parameter(0.01, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
-    beta: float = _parameter(
-        1e-3, "β", "smoothness of the mismatch: weight of its gradient; helps functions far apart", 0
-    )
+    alpha: float = _parameter(0.02, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
+    beta: float = _parameter(0.0, "β", "weight of the mismatch's gradient: above 0, slopes must match as well", 0)
     sigma: float = _parameter(1e-3, "σ", "weight of the match against the smoothness: smaller matches closer", 0, True)
     method: Method = _parameter("nonlinear", "", "exponential flow, or the first two terms of the exponential")
     segments: int = _parameter(0, "N", "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)", 0)
@@ -58,7 +56,7 @@ class Parameters:
     preconditioner: Preconditioner = _parameter(
         "hodge", "", "exact inverse of the field's norm, or none (the paper's plain L-BFGS)"
     )
-    memory: int = _parameter(20, "", "pairs that L-BFGS remembers", 1)
+    memory: int = _parameter(30, "", "pairs that L-BFGS remembers", 1)
     max_displacement: float = _parameter(
         0.1, "", "most that one iteration may change tau |v|, as a fraction of sqrt(area)", 0, True
     )

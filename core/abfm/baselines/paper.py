@@ -23,6 +23,7 @@ from abfm.vector_fields import directional_derivative, lie_bracket, to_ambient
 MEMORY = 100
 """Pairs that L-BFGS keeps: minFunc's default."""
 _TOO_FAST = 1e4  # norm of an exponent, a hundred times that of a good field; wild line searches would take minutes
+_BARRIER = 1e3  # times the first energy stands for infinity, where L-BFGS-B gives up instead of shortening its step
 
 
 def exponential_span(matrix: Matrix, x: FloatArray, end: float, intervals: int) -> FloatArray:
@@ -69,21 +70,26 @@ class PaperEnergy:
         self.function_norm = function_norm_matrix(self.mesh, parameters.beta)
 
     def __call__(self, v: FloatArray) -> tuple[float, FloatArray]:
-        """Energy and gradient at frame coefficients (2F,) on the mesh scaled to unit area."""
+        """Energy and gradient at frame coefficients (2F,) on the mesh scaled to unit area.
+
+        Infinite, with gradient 0, where one of them overflows or would take minutes.
+        """
         p = self.parameters
         derivative = directional_derivative(self.mesh, v.reshape(-1, 2))
         states = exponential_span(-derivative, self.source, p.tau, p.substeps)
-        if not np.isfinite(states[-1]).all():
-            return np.inf, np.zeros_like(v)
-        difference = states[-1] - self.target
         momentum = p.tau * (self.field_norm @ v)
-        mu = self.function_norm @ difference / p.sigma**2
+        with np.errstate(all="ignore"):
+            difference = states[-1] - self.target
+            mu = self.function_norm @ difference / p.sigma**2
+            energy = 0.5 * float(v @ momentum + mu @ difference)
+        if not np.isfinite(energy):
+            return np.inf, np.zeros_like(v)
         sources = self._sources(Matrix(-derivative.T), states, mu)
         dt = p.tau / p.substeps
         bracket = lie_bracket(self.mesh, v.reshape(-1, 2))
         transported = exponential_span(Matrix(bracket.T), sources, dt, p.quadrature)
-        energy = 0.5 * float(v @ momentum + mu @ difference)
-        return energy, momentum - dt / (p.quadrature + 1) * transported.sum(axis=0)
+        slope = momentum - dt / (p.quadrature + 1) * transported.sum(axis=0)
+        return (energy, slope) if np.isfinite(slope).all() else (np.inf, np.zeros_like(v))
 
     def _sources(self, backward: Matrix, states: FloatArray, mu: FloatArray) -> FloatArray:
         """``sum_r D̄_{f_(r-1)}^T exp(-(n - r + 1) dtau D_v)^T mu``, (2F,), with what is dropped in print."""
@@ -155,7 +161,7 @@ def minimise(
         if not history or value < history[-1][1]:
             best = v.copy()
             history.append((perf_counter() - start, value))
-        return value, slope
+        return min(value, _BARRIER * history[0][1]), slope
 
     try:
         *_, end = fmin_l_bfgs_b(evaluate, best, m=MEMORY, factr=0.0, pgtol=0.0, maxiter=10**9, maxfun=10**9)
