@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import stat
 import subprocess
@@ -89,7 +90,7 @@ def house(tmp_path):
     programs.mkdir(parents=True)
     for name in ("run", "pyproject.toml"):
         shutil.copy(ROOT / name, house)
-    program(programs / "python", f'exec {sys.executable} "$@"')
+    program(programs / "python", f'exec {shlex.quote(sys.executable)} "$@"')
     for name in ("abfm", "abfm-viewer"):
         program(programs / name, f'echo {name} "$#" "$@"')
     stamp_installed(house)
