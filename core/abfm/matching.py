@@ -73,7 +73,7 @@ class Iteration:
     gradient_norm : float
         Norm dual to the preconditioner's.
     step_length : float
-        Latest step relative to the quasi-Newton step.
+        Most that the latest step changed ``tau |v|``, as a fraction of sqrt(area).
     evaluations : int
         Evaluations of energy and gradient so far.
     """

@@ -213,4 +213,4 @@ def function_norm_matrix(mesh: TriangleMesh, beta: float, weight: ArrayLike | No
 def l2_norm(mesh: TriangleMesh, f: FloatArray, mask: FloatArray | BoolArray | None = None) -> float:
     """``||f||`` in L2 on the surface, all channels of ``f`` (V,) or (V, C) together."""
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
-    return float(np.sqrt(np.tensordot(areas, f**2, axes=(0, 0)).sum()))
+    return float(np.sqrt((areas * (f.T**2)).sum()))

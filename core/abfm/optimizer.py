@@ -45,7 +45,7 @@ class State(Generic[Point]):
     first_norm : float
         The same at the first iterate.
     length : float
-        Norm of the latest step relative to the full quasi-Newton step.
+        ``size`` of the latest step; the next search begins with at most twice as much.
     iteration, evaluations : int
         Counts since `LBFGS.init`.
     failed : bool
@@ -126,7 +126,7 @@ class LBFGS(Generic[Point]):
         longest = self.longest / full if full > 0 else 1.0
         first = 1.0
         if self.precondition and state.pairs:
-            first = min(1.0, 2 * state.length)
+            first = min(1.0, 2 * state.length / full)
         elif not state.pairs and not self.precondition:
             first = min(1.0, 1.0 / float(np.abs(direction).sum()))
         origin = Trial(0.0, state.point.energy, slope, state.point)
@@ -173,7 +173,7 @@ class LBFGS(Generic[Point]):
             scale,
             float(np.sqrt(_inner(gradient, preconditioned))),
             state.first_norm,
-            trial.length,
+            self.size(s),
             state.iteration + 1,
             state.evaluations + evaluations,
         )

@@ -34,7 +34,16 @@ def told() -> list[str]:
 
 @pytest.fixture(scope="module")
 def report(told: list[str]) -> dict[str, Any]:
-    return run(told.append, seconds=2, subdivision=2, subdivisions=(1, 2), iterations=80, repeats=2, timings=2)
+    return run(
+        told.append,
+        seconds=2,
+        subdivision=2,
+        subdivisions=(1, 2),
+        iterations=40,
+        cosine_iterations=20,
+        repeats=2,
+        timings=2,
+    )
 
 
 def test_report_is_whole_and_survives_json(report: dict[str, Any]) -> None:

@@ -65,7 +65,7 @@ def cosines(problem: Problem, velocity: FloatArray, substeps: Sequence[int] = SU
     return rows
 
 
-def cosine_table(subdivision: int = 5, iterations: int = 100, substeps: Sequence[int] = SUBSTEPS) -> str:
+def cosine_table(subdivision: int = 5, iterations: int = 300, substeps: Sequence[int] = SUBSTEPS) -> str:
     """The rows of `cosines` at the field after some iterations of the solver, as a table in Markdown."""
     problem = sphere_problem(subdivision)
     rows = cosines(problem, converge(problem, replace(PARAMETERS, iterations=iterations)).velocity, substeps)
