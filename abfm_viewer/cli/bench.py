@@ -12,7 +12,7 @@ SUMMARY = "measure the solver against the paper's algorithm and plain L-BFGS"
 DESCRIPTION = """\
 Measure the solver against the paper's algorithm and plain L-BFGS, how it scales, and what its gradient costs.
 
-Takes about six minutes, alone on the machine: most of it is the time that the baselines get.
+Takes about four minutes, alone on the machine: most of it is the time that the baselines get.
 
 Example:
   abfm bench --json > bench.json

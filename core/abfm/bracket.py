@@ -14,7 +14,8 @@ from abfm.vector_fields import dual_directional_derivative, lie_bracket
 class BracketGradient:
     """Derivative by one field of an inner product with the advected function, as the paper approximates it.
 
-    ``-(dt / (k+1)) sum_s exp(s dt / k ad_v)^T sum_r D̄_{f_(r-1)}^T exp(-(n - r) dt D_v)^T mu``, with ``dt = t / n``.
+    ``-(dt / (k+1)) sum_s exp(s dt / k ad_v)^T sum_r D̄_{f_(r-1)}^T exp(-(n - r) dt D_v)^T mu``, with ``dt = t / n``;
+    for ``n = 1`` Eq. 9, ``-(t / (k+1)) sum_s exp(s t / k ad_v)^T D̄_f^T exp(-t D_v)^T mu``.
 
     Parameters
     ----------
@@ -34,7 +35,7 @@ class BracketGradient:
         self.bracket = Matrix(lie_bracket(mesh, v).T.tocsr())
 
     def sources(self, f: FloatArray, t: float, mu: FloatArray) -> FloatArray:
-        """``sum_r D̄_{f_(r-1)}^T exp(-(n - r) dt D_v)^T mu``, (2F,): to be summed over channels."""
+        """The sum over r, applied to ``mu`` (V,), (2F,): to be summed over channels."""
         dt = t / self.substeps
         states = [f]
         for _ in range(self.substeps - 1):
@@ -42,7 +43,7 @@ class BracketGradient:
         backward = self.flow.transposed()
         total = np.zeros(2 * len(self.mesh.faces))
         for index, state in enumerate(reversed(states)):
-            if index:
+            if index or self.substeps == 1:  # Eq. 9 has a factor that the n-step form lacks
                 mu = backward.forward(mu, dt).end
             total += dual_directional_derivative(self.mesh, state).T @ mu
         return total

@@ -47,11 +47,15 @@ def sphere() -> TriangleMesh:
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_energy_and_gradient_are_those_of_the_bracket_option(sphere: TriangleMesh, swapped: bool) -> None:
+@pytest.mark.parametrize("substeps", [1, 4])
+def test_energy_and_gradient_are_those_of_the_bracket_option(
+    sphere: TriangleMesh, swapped: bool, substeps: int
+) -> None:
     f, g = reversed(bumps(sphere)) if swapped else bumps(sphere)
     v = some_field(sphere)
-    expected = MatchingEnergy(sphere, f, g, PARAMETERS).evaluate(v[None], PARAMETERS.sigma)
-    energy, gradient = PaperEnergy(sphere, f, g, PARAMETERS)(v.ravel())
+    p = replace(PARAMETERS, substeps=substeps)
+    expected = MatchingEnergy(sphere, f, g, p).evaluate(v[None], p.sigma)
+    energy, gradient = PaperEnergy(sphere, f, g, p)(v.ravel())
     assert_allclose(energy, expected.energy, rtol=1e-8)
     assert_allclose(gradient, expected.gradient.ravel(), atol=1e-6 * np.abs(expected.gradient).max())
 
