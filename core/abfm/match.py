@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -85,7 +86,8 @@ class Match:
         if times.ndim != 1 or not np.isfinite(times).all():
             raise ParameterError(f"t is {t!r}; expected a finite time or a list of them")
         rows = channels(self.mesh, h, "h")
-        carried = np.stack([self._flow.at(row, times) for row in rows], axis=-1)
+        with self._busy:
+            carried = np.stack([self._flow.at(row, times) for row in rows], axis=-1)
         if not np.isfinite(carried).all():
             raise AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
         carried = carried.reshape(len(times), *np.shape(h))
@@ -134,6 +136,11 @@ class Match:
                 **({} if self.mask is None else {"mask": self.mask}),
             },
         )
+
+    @cached_property
+    def _busy(self) -> threading.Lock:
+        """The flow works in memory of its own, one caller at a time."""
+        return threading.Lock()
 
     @cached_property
     def _flow(self) -> Flow:

@@ -244,6 +244,23 @@ def test_save_and_load(tmp_path):
     assert np.array_equal(loaded.advect(0.3), match.advect(0.3))
 
 
+def test_one_result_serves_several_threads():
+    f, g = pair(SPHERE)
+    match = abfm.match(SPHERE, f, g, FEW)
+    expected = {t: match.advect(t) for t in (0.25, 0.5, 1.0, -0.5)}
+    wrong = []
+
+    def check(t):
+        wrong.extend(t for _ in range(20) if not np.array_equal(match.advect(t), expected[t]))
+
+    threads = [threading.Thread(target=check, args=(t,)) for t in expected]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
 def test_inverse_and_point_map():
     f, g = pair(SPHERE, 0, 60, 0.3)
     match = abfm.match(SPHERE, f, g, abfm.Parameters(iterations=20, alpha=1.0))
