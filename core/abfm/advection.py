@@ -157,6 +157,8 @@ def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> F
         raise AdvectionError(f"velocity has shape {field.shape}; expected {(len(mesh.faces), 3)}, a vector per face")
     if functions.ndim not in (1, 2) or len(functions) != len(mesh.vertices):
         raise AdvectionError(f"f has shape {functions.shape}; expected ({len(mesh.vertices)},) or with channels")
+    if np.ndim(t) or not np.issubdtype(np.asarray(t).dtype, np.number):
+        raise AdvectionError(f"t is {t!r}; expected one time")
     if not (np.isfinite(field).all() and np.isfinite(functions).all() and np.isfinite(t)):
         raise AdvectionError("velocity, f and t must be finite")
     flow = ExponentialFlow(mesh, to_frame(mesh, field), Workspace(mesh))

@@ -134,6 +134,8 @@ def match(
     AbfmError
         If the functions, parameters, mask, weights or start do not fit.
     """
+    if not isinstance(parameters, Parameters | None):
+        raise ParameterError(f"parameters is {parameters!r}; expected abfm.Parameters(...)")
     solver = _Solver(
         MatchingEnergy(mesh, f, g, parameters or Parameters(), mask, weights), on_iteration, control or Control()
     )

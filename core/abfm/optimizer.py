@@ -12,6 +12,8 @@ from abfm.kernels import inner
 from abfm.line_search import HasEnergy, Trial, strong_wolfe
 from abfm.mesh import FloatArray
 
+_ROUNDING = 1e-16
+
 
 class HasGradient(HasEnergy, Protocol):
     """What the optimiser needs to know of an evaluation."""
@@ -141,6 +143,8 @@ class LBFGS(Generic[Point]):
             return "line search failed"
         if state.gradient_norm <= self.tolerance * state.first_norm:
             return "converged"
+        if self.precondition and state.gradient_norm**2 <= _ROUNDING * abs(state.point.energy):
+            return "converged"  # the decrease that a step of H_0 promises is below the energy's own rounding
         return None
 
     def _without_memory(self, state: State[Point], evaluations: int) -> State[Point]:

@@ -12,6 +12,8 @@ Method = Literal["nonlinear", "linearised"]
 Gradient = Literal["adjoint", "bracket"]
 Preconditioner = Literal["hodge", "none"]
 
+_LARGEST_ALPHA = 1e7
+
 CHOICES = {
     "method": ("nonlinear", "linearised"),
     "gradient": ("adjoint", "bracket"),
@@ -70,7 +72,22 @@ class Parameters:
                     expected = " or ".join(repr(choice) for choice in CHOICES[entry.name])
                     raise ParameterError(f"{entry.name} is {value!r}; expected {expected}")
                 continue
-            _check_number(entry.name, value, entry.type == "int", entry.metadata["minimum"], entry.metadata["open"])
+            whole = entry.type == "int"
+            _check_number(entry.name, value, whole, entry.metadata["minimum"], entry.metadata["open"])
+            object.__setattr__(self, entry.name, int(value) if whole else float(value))  # no NumPy scalars
+        if self.alpha > _LARGEST_ALPHA:
+            raise ParameterError(
+                f"alpha is {self.alpha:g}; expected at most {_LARGEST_ALPHA:g}, beyond which rounding swamps the norm"
+            )
+        try:
+            hottest = self.stage_sigmas()[0]
+        except OverflowError:
+            hottest = math.inf
+        if not hottest < 1e150:
+            raise ParameterError(
+                f"cooling_stages is {self.cooling_stages} and cooling_factor {self.cooling_factor:g}: sigma would start "
+                "beyond all numbers; use fewer stages or a smaller factor"
+            )
         if self.segments == 0:
             object.__setattr__(self, "segments", 1 if self.method == "nonlinear" else 10)
 

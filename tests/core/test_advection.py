@@ -172,6 +172,8 @@ def test_mass_changes_only_by_the_divergence():
         (np.full((1280, 3), np.nan), np.zeros(642), 1.0, "finite"),
         (np.zeros((1280, 3)), np.zeros(642), np.inf, "finite"),
         (np.full((1280, 3), 1e9), np.ones(642), 1.0, "shorten the time"),
+        (np.zeros((1280, 3)), np.zeros(642), [0, 1], "expected one time"),
+        (np.zeros((1280, 3)), np.zeros(642), "1", "expected one time"),
     ],
 )
 def test_bad_input_is_refused_in_words(velocity, f, t, words):

@@ -2,6 +2,7 @@
 
 from dataclasses import fields
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -34,6 +35,24 @@ def test_segments_follow_the_method():
 def test_bad_values_are_refused_in_words(name, value, words):
     with pytest.raises(abfm.ParameterError, match=words):
         abfm.Parameters(**{name: value})
+
+
+def test_numpy_scalars_become_plain_numbers():
+    p = abfm.Parameters(tau=np.float32(1), memory=np.uint8(3), segments=2.0, iterations=np.int64(7))
+    assert [type(value) for value in (p.tau, p.memory, p.segments, p.iterations)] == [float, int, int, int]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"cooling_stages": 10**6}, "fewer stages"),
+        ({"cooling_factor": 1e300}, "fewer stages"),
+        ({"alpha": 1e12}, "1e12"),
+    ],
+)
+def test_values_beyond_computing_are_refused(changes, words):
+    with pytest.raises(abfm.ParameterError, match=words.replace("1e12", "alpha is 1e.12")):
+        abfm.Parameters(**changes)
 
 
 def test_round_trip_and_unknown_names():
