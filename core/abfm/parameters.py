@@ -85,8 +85,8 @@ class Parameters:
             hottest = math.inf
         if not hottest < 1e150:
             raise ParameterError(
-                f"cooling_stages is {self.cooling_stages} and cooling_factor {self.cooling_factor:g}: sigma would start "
-                "beyond all numbers; use fewer stages or a smaller factor"
+                f"cooling_stages is {self.cooling_stages} and cooling_factor {self.cooling_factor:g}: sigma would "
+                "start beyond all numbers; use fewer stages or a smaller factor"
             )
         if self.segments == 0:
             object.__setattr__(self, "segments", 1 if self.method == "nonlinear" else 10)
