@@ -21,6 +21,8 @@ from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.parameters import Parameters
 from abfm.vector_fields import to_frame
 
+_ONE_AT_A_TIME = threading.Lock()  # a flow works in memory of its own
+
 
 @dataclass(frozen=True, eq=False)
 class Match:
@@ -86,11 +88,11 @@ class Match:
         if times.ndim != 1 or not np.isfinite(times).all():
             raise ParameterError(f"t is {t!r}; expected a finite time or a list of them")
         rows = channels(self.mesh, h, "h")
-        with self._busy:
+        with _ONE_AT_A_TIME:
             carried = np.stack([self._flow.at(row, times) for row in rows], axis=-1)
         if not np.isfinite(carried).all():
             raise AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
-        carried = carried.reshape(len(times), *np.shape(h))
+        carried = carried.reshape(len(times), len(self.mesh.vertices), *np.shape(h)[1:])
         return carried if np.ndim(t) else carried[0]
 
     def point_map(self, t: float | None = None) -> SurfacePoints:
@@ -136,11 +138,6 @@ class Match:
                 **({} if self.mask is None else {"mask": self.mask}),
             },
         )
-
-    @cached_property
-    def _busy(self) -> threading.Lock:
-        """The flow works in memory of its own, one caller at a time."""
-        return threading.Lock()
 
     @cached_property
     def _flow(self) -> Flow:

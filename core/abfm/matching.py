@@ -26,13 +26,16 @@ class Control:
     """Pause, resume or cancel a `match` from another thread; takes effect within one evaluation of the energy."""
 
     def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._running = threading.Event()
         self._running.set()
         self._cancelled = False
 
     def pause(self) -> None:
         """Hold the solve before its next evaluation."""
-        self._running.clear()
+        with self._lock:
+            if not self._cancelled:  # a cancelled solve must still end
+                self._running.clear()
 
     def resume(self) -> None:
         """Go on after `pause`."""
@@ -40,8 +43,9 @@ class Control:
 
     def cancel(self) -> None:
         """Stop the solve; `match` returns its best iterate with the stop reason "cancelled"."""
-        self._cancelled = True
-        self._running.set()
+        with self._lock:
+            self._cancelled = True
+            self._running.set()
 
     def wait(self) -> None:
         """Return when the solve may go on; raise `CancelledError` if it must not."""
@@ -119,7 +123,8 @@ def match(
         Weight of each channel's mismatch, not negative.
     start : (N, F, 3) or (F, 3) array, optional
         Fields to start from, such as an earlier ``match.velocity``, also one found for other functions or parameters;
-        a single field is used for all segments. Zero by default.
+        a single field is used for all segments. Sigma is then not cooled again, which would lead away from a good
+        start. Zero by default.
     on_iteration : callable, optional
         Called after every iteration, in this thread.
     control : Control, optional
@@ -182,7 +187,8 @@ class _Solver:
             x = to_frame(self.energy.mesh, check_fields(field, self.energy.shape) / self._scale)
         state, reason = None, "iteration limit"
         try:
-            for stage, (sigma, limit) in enumerate(zip(p.stage_sigmas(), p.stage_limits(), strict=True)):
+            stages = list(enumerate(zip(p.stage_sigmas(), p.stage_limits(), strict=True)))
+            for stage, (sigma, limit) in stages if start is None else stages[-1:]:
                 search = self._search(sigma)
                 current = search.init(x if state is None else state.x)
                 if state is None:

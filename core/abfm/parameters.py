@@ -88,6 +88,11 @@ class Parameters:
                 f"cooling_stages is {self.cooling_stages} and cooling_factor {self.cooling_factor:g}: sigma would "
                 "start beyond all numbers; use fewer stages or a smaller factor"
             )
+        if self.iterations and self.stage_iterations * (self.cooling_stages - 1) > self.iterations:
+            raise ParameterError(
+                f"stage_iterations is {self.stage_iterations} for each of {self.cooling_stages - 1} stages; expected "
+                f"no more than the {self.iterations} iterations in all, or the last stage is never reached"
+            )
         if self.segments == 0:
             object.__setattr__(self, "segments", 1 if self.method == "nonlinear" else 10)
 

@@ -211,6 +211,21 @@ def test_warm_start_goes_on_from_the_field():
     assert split.mismatch == pytest.approx(first.mismatch, rel=1e-6)
 
 
+def test_warm_start_never_ends_worse_at_sigma():
+    f, g = pair(SPHERE)
+    first = abfm.match(SPHERE, f, g, abfm.Parameters(iterations=40))
+    second = abfm.match(SPHERE, f, g, abfm.Parameters(iterations=5), start=first.velocity)
+    assert second.energy_history[-1, 0] < first.energy_history[-1, 0]
+    assert set(second.stages) == {2}
+
+
+def test_pause_after_cancel_does_not_hold():
+    control = abfm.Control()
+    control.cancel()
+    control.pause()
+    assert abfm.match(SPHERE, *pair(SPHERE), control=control).stop_reason == "cancelled"
+
+
 def test_a_start_that_overflows_is_refused_in_words():
     f, g = pair(SPHERE)
     with pytest.raises(abfm.ParameterError, match="start"):
@@ -240,6 +255,7 @@ def test_save_and_load(tmp_path):
     mesh = abfm.TriangleMesh(np.vstack([[9, 9, 9], SPHERE.vertices]), SPHERE.faces + 1)
     f, g = pair(mesh)
     match = abfm.match(mesh, f, g, FEW, mask=np.linspace(0, 1, 642))
+    assert match.push(np.ones(643), 1.0) == pytest.approx(1.0)  # as the file counts
     match.save(tmp_path / "m.npz")
     loaded = abfm.load_match(tmp_path / "m.npz")
     for name in ("source", "target", "advected", "velocity", "energy_history", "stages", "mask", "weights"):

@@ -46,6 +46,7 @@ def test_numpy_scalars_become_plain_numbers():
     ("changes", "words"),
     [
         ({"cooling_stages": 10**6}, "fewer stages"),
+        ({"stage_iterations": 200, "iterations": 100}, "never reached"),
         ({"cooling_factor": 1e300}, "fewer stages"),
         ({"alpha": 1e12}, "1e12"),
     ],
