@@ -23,11 +23,12 @@ class Outcome:
     match: Match
     seconds: float
     outputs: Sequence[Path]
+    interrupted: bool
 
     @property
     def status(self) -> int:
-        """Exit status: 130 when a signal stopped the match."""
-        return INTERRUPTED if self.match.stop_reason == "cancelled" else 0
+        """Exit status: 130 when a signal came, also one that came after the last iteration."""
+        return INTERRUPTED if self.interrupted else 0
 
     @property
     def iterations(self) -> int:
@@ -70,4 +71,4 @@ def solve(
         seconds = time.perf_counter() - start
         for path in outs:
             outputs.write(path, match)
-    return Outcome(match, seconds, outs)
+    return Outcome(match, seconds, outs, control.cancelled)

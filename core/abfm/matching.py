@@ -47,6 +47,11 @@ class Control:
             self._cancelled = True
             self._running.set()
 
+    @property
+    def cancelled(self) -> bool:
+        """Whether `cancel` was called."""
+        return self._cancelled
+
     def wait(self) -> None:
         """Return when the solve may go on; raise `CancelledError` if it must not."""
         self._running.wait()
