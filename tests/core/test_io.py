@@ -147,6 +147,7 @@ class TestResultFile:
             ({"energy_history": np.full((5, 3), np.inf)}, "energy_history has values that are not finite"),
             ({"stages": np.zeros(4, dtype=int)}, r"stages has shape \(4,\); expected \(5\)"),
             ({"vertex_ids": np.arange(16) + 4}, "vertex_ids has an index outside 0 to 18"),
+            ({"vertex_ids": np.arange(16)[::-1] + 3}, "vertex_ids do not ascend"),
             ({"weights": np.ones(3)}, r"weights has shape \(3,\)"),
             ({"mask": np.ones(15)}, r"mask has shape \(15,\)"),
             ({"channels_given": 1}, "channels_given has type int64; expected boolean"),

@@ -123,6 +123,8 @@ def _checked(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     for name, limit in (("faces", sizes["V"]), ("vertex_ids", int(checked["file_vertex_count"]))):
         if checked[name].min() < 0 or checked[name].max() >= limit:
             raise ResultError(f"{name} has an index outside 0 to {limit - 1}; {MEND}")
+    if (np.diff(checked["vertex_ids"]) <= 0).any():
+        raise ResultError(f"vertex_ids do not ascend; {MEND}")
     _check_parameters(str(checked["parameters"]))
     return checked
 
