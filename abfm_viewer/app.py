@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from abfm import load_mesh
-from abfm.assets import asset_path
-from abfm_viewer.cli.parser import Parser
 from abfm_viewer.exit_status import exit_status
+
+if TYPE_CHECKING:
+    from abfm import TriangleMesh
+    from abfm_viewer.opengl import Backend
+    from abfm_viewer.window import Window
 
 _DESCRIPTION = """\
 Open a window with a mesh, two functions on it, and their match.
@@ -24,14 +27,44 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(words: list[str]) -> int:
+    from abfm_viewer.cli.parser import Parser  # not before: Ctrl-C may come while modules load
+
     parser = Parser(prog="abfm-viewer", description=_DESCRIPTION)
     parser.add_argument("mesh", nargs="?", metavar="MESH", help="triangle mesh (default: a bundled one)")
     parser.add_argument("--largest-component", action="store_true", help="of several components use the largest")
     parser.set_defaults(parser=parser)
     arguments = parser.parse_whole(words)
-    path = arguments.mesh or asset_path("human_A.off")
-    mesh = load_mesh(path, largest_component=arguments.largest_component)
+    open_window(arguments.mesh, "openGL3_glfw", (1280, 800), largest_component=arguments.largest_component).run()
+    return 0
+
+
+def open_window(
+    what: str | Path | TriangleMesh | None,
+    backend: Backend,
+    size: tuple[int, int],
+    state_folder: Path | None = None,
+    largest_component: bool = False,
+) -> Window:
+    """The app's window with a mesh, project or result in it; by default with a bundled mesh.
+
+    Parameters
+    ----------
+    state_folder
+        Where preferences, recent files and autosaves are kept; the user's own by default.
+
+    Raises
+    ------
+    AbfmError
+        If the file cannot be read, or the machine cannot draw.
+    """
+    from abfm import TriangleMesh, load_mesh
+    from abfm.assets import asset_path
+    from abfm_viewer.session import Session
     from abfm_viewer.window import Window  # not before: it needs OpenGL
 
-    Window(mesh, Path(path).name).run()
-    return 0
+    if isinstance(what, TriangleMesh):
+        session = Session(what, "mesh")
+    else:
+        path = Path(what or asset_path("human_A.off"))
+        session = Session(load_mesh(path, largest_component=largest_component), path.name)
+    return Window(session, backend, size)

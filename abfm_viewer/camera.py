@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import face_areas, face_normals
 from abfm_viewer.opengl import ps
 
 FIELD_OF_VIEW = 18.0
@@ -16,7 +15,7 @@ _ELEVATIONS = np.radians([0, 12, 25, -12])
 _AZIMUTHS = np.radians(np.arange(0, 360, 10))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class View:
     """Two unit vectors (3,): from the mesh to the viewer, and up in the picture; they are perpendicular."""
 
@@ -49,7 +48,8 @@ def best_view(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> View
     around = np.stack([np.sin(azimuth), np.zeros(len(azimuth)), np.cos(azimuth)], axis=1) @ axes
     directions = np.cos(elevation)[:, None] * around + np.sin(elevation)[:, None] * axes[1]
     ups = np.cos(elevation)[:, None] * axes[1] - np.sin(elevation)[:, None] * around
-    facing = np.maximum(face_normals(mesh) @ directions.T, 0) * face_areas(mesh)[:, None]
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    facing = np.maximum(np.cross(b - a, c - a) @ directions.T, 0)
     surface = _share(facing, np.ones(len(mesh.faces)))
     shares = [_share(facing, np.abs(f - np.median(f))[mesh.faces].mean(axis=1)) for f in functions]
     best = np.argmax(np.min([surface, *shares], axis=0) + 0.2 * surface)

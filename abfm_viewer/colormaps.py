@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy.interpolate import PchipInterpolator
 
 FloatArray = NDArray[np.float64]
 
@@ -76,10 +75,29 @@ def table(colormap: str, size: int = 256) -> FloatArray:
 
 
 def _linear_table(colormap: str, size: int) -> FloatArray:
-    stops = np.array(_STOPS[colormap])
-    oklab = PchipInterpolator(np.linspace(0, 1, len(stops)), stops)(np.linspace(0, 1, size))
+    oklab = _monotone_cubic(np.array(_STOPS[colormap]), size)
     linear: FloatArray = np.clip((oklab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0, 1)
     return linear
+
+
+def _monotone_cubic(stops: FloatArray, size: int) -> FloatArray:
+    """Evenly spaced stops (n, 3) joined to (size, 3) without overshooting, as SciPy's `PchipInterpolator` does.
+
+    Written out because loading SciPy's would take longer than all of polyscope.
+    """
+    rise = np.diff(stops, axis=0)
+    before, after = rise[:-1], rise[1:]
+    same_way = before * after > 0
+    slopes = np.zeros_like(stops)
+    slopes[1:-1] = 2 * before * after * same_way / np.where(same_way, before + after, 1)
+    for end, first, second in ((0, rise[0], rise[1]), (-1, rise[-1], rise[-2])):
+        slopes[end] = np.clip((3 * first - second) / 2, np.minimum(0, 3 * first), np.maximum(0, 3 * first))
+    position = np.linspace(0, len(rise), size)
+    left = np.minimum(position.astype(int), len(rise) - 1)
+    t = (position - left)[:, None]
+    bend = (1 - t) * slopes[left] - t * slopes[left + 1] + (2 * t - 1) * rise[left]
+    joined: FloatArray = stops[left] + t * rise[left] + t * (1 - t) * bend
+    return joined
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from PIL import Image
 
 NAME = "abfm"
 _LIGHT = np.array([-0.35, 0.55, 0.76])
-_SIZE = 512
+_SIZE = 256
 
 
 def brightness() -> NDArray[np.float64]:

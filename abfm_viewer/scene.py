@@ -1,63 +1,202 @@
-"""The surfaces in the window: source, advected and target side by side, on one colour range and one camera."""
+"""The surfaces in the window, side by side on one camera: draws what the session says, and nothing else does."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from abfm import TriangleMesh
 from abfm.mesh import FloatArray
-from abfm_viewer import camera, material
-from abfm_viewer.colormaps import color_range
+from abfm_viewer import material, theme, viewport
+from abfm_viewer.camera import View, best_view
+from abfm_viewer.document import Camera, Layout, Point
 from abfm_viewer.opengl import ps
+from abfm_viewer.paint import Paint, Painter, surfaces
+from abfm_viewer.session import Session
+from abfm_viewer.viewport import Rect
 
-NAMES = ("source", "advected", "target")
-_SPACING = 1.15
+_SPACING, _STACKING = 1.15, 1.08
+_PLAIN = (0.8, 0.81, 0.83)
+
+
+@dataclass(frozen=True, eq=False)
+class Hit:
+    """A point of a surface under the mouse."""
+
+    surface: str
+    point: Point
+    vertex: int
 
 
 class Scene:
-    """Three copies of a mesh, moved apart sideways in the vertices themselves (picks are wrong on moved structures)."""
+    """Copies of the mesh, moved apart in the vertices themselves (picks are wrong on structures with a transform).
 
-    def __init__(self, mesh: TriangleMesh, source: FloatArray, target: FloatArray) -> None:
-        view = camera.best_view(mesh, source, target)
-        sideways = np.cross(view.up, view.direction)
-        along = mesh.vertices @ sideways
-        step = _SPACING * (along.max() - along.min()) * sideways
-        self._range = color_range(source, target)
-        self._heads: dict[str, FloatArray] = {}
+    Attributes
+    ----------
+    names : tuple of str
+        The surfaces, in their order.
+    offsets : dict of str to (3,) array
+        How far each one was moved.
+    paints : dict of str to Paint
+        What each one shows.
+    """
+
+    def __init__(self) -> None:
+        self.names: tuple[str, ...] = ()
+        self.offsets: dict[str, FloatArray] = {}
+        self.paints: dict[str, Paint] = {}
+        self.painter = Painter()
+        self._mesh: TriangleMesh | None = None
+        self._front: tuple[TriangleMesh, bool, View] | None = None
+        self._layout: Layout = "row"
+        self._rect: Rect = (0, 0, 1, 1)
+        self._camera: Camera | None = None
+        self._placed: object = None
+        self._drawn: dict[str, Paint] = {}
+        self._isolines: tuple[bool, int] = (False, 0)
         ps.remove_all_structures()
         ps.set_ground_plane_mode("none")
-        copies = [mesh.vertices + number * step for number in range(len(NAMES))]
-        for name, vertices, values in zip(NAMES, copies, (source, source, target), strict=True):
-            ps.register_surface_mesh(name, vertices, mesh.faces, smooth_shade=True, material=material.NAME)
-            middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-            top = (vertices @ view.up).max()
-            self._heads[name] = middle + (top - middle @ view.up) * view.up
-            self._show(name, values)
-        self._camera = camera.fitted(np.concatenate(copies), view, ps.get_aspect_ratio_width_over_height(), 0.1)
-        self.reset_camera()
+        ps.set_automatically_compute_scene_extents(True)
 
-    def reset_camera(self) -> None:
-        """Look at all three from the front."""
-        self._camera.place()
+    def update(self, session: Session, rect: Rect) -> None:
+        """Make polyscope's structures show the session, in a rectangle of the window."""
+        ground = theme.palette(session.view.theme).ground
+        ps.set_background_color(ground)
+        names = surfaces(session)
+        front = self._front_view(session)
+        structure = (session.mesh, names, session.view.layout, front)
+        if structure != (self._mesh, self.names, self._layout, self._placed):
+            self._mesh, self.names, self._layout, self._placed = structure
+            self._register(session.mesh, front)
+            self.frame(session, rect)
+        elif rect != self._rect:
+            camera = viewport.seen(self._rect, ps.get_window_size()) if self._moved(session) else None
+            self._rect = rect
+            self.frame(session, rect, camera)
+        isolines = (session.view.isolines, session.view.isoline_count)
+        if isolines != self._isolines:
+            self._isolines, self._drawn = isolines, {}
+        for name in self.names:
+            paint = self.painter.paint(session, name)
+            if paint is not None:
+                self.paints[name] = paint
+                self._show(name, paint)
 
-    def show_advected(self, values: FloatArray) -> None:
-        """Draw the middle surface with other values (V,)."""
-        self._show("advected", values)
+    def frame(self, session: Session, rect: Rect, camera: Camera | None = None) -> None:
+        """Look through a camera, or the view's, or from the front so that everything fits."""
+        self._rect = rect
+        size = ps.get_window_size()
+        wanted = camera or session.view.camera
+        if wanted is None:
+            assert self._placed is not None
+            vertices = np.concatenate([session.mesh.vertices + offset for offset in self.offsets.values()])
+            head = self._rect[1] + 0.06 * (rect[3] - rect[1])  # room for the labels
+            wanted = viewport.fitted(vertices, self._front_view(session), (rect[0], head, rect[2], rect[3]))
+        viewport.place(wanted, rect, size)
+        self._camera = viewport.seen(rect, size)
+
+    def camera(self) -> Camera:
+        """What the window shows now."""
+        return viewport.seen(self._rect, ps.get_window_size())
+
+    def reset_camera(self, session: Session) -> None:
+        """Look from the front again."""
+        session.amend(view=replace(session.view, camera=None))
+        self.frame(session, self._rect)
 
     def labels(self) -> dict[str, tuple[float, float]]:
-        """Where to write each surface's name, in window coordinates: above its top, wherever the camera is now."""
-        width, height = ps.get_window_size()
-        view = ps.get_camera_view_matrix()
-        half = np.tan(np.radians(ps.get_vertical_fov_degrees() / 2))
-        places = {}
-        for name, head in self._heads.items():
-            x, y, z, _ = view @ [*head, 1]
-            if z < 0:
-                scale = height / 2 / half / -z
-                places[name] = (width / 2 + scale * x, height / 2 - scale * y)
-        return places
+        """Where to write each surface's name: above its top, wherever the camera is now."""
+        assert self._mesh is not None and self._front is not None
+        up = self._front[2].up
+        vertices = self._mesh.vertices
+        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        head = middle + ((vertices @ up).max() - middle @ up) * up
+        places = viewport.projected(np.array([head + self.offsets[name] for name in self.names]))
+        return {name: (x, y) for name, (x, y, depth) in zip(self.names, places, strict=True) if depth > 0}
 
-    def _show(self, name: str, values: FloatArray) -> None:
-        limits = (self._range.low, self._range.high)
+    def pick(self, position: tuple[float, float]) -> Hit | None:
+        """The point of a surface under a place of the window."""
+        hit = ps.pick(screen_coords=position)
+        if not hit.is_hit or hit.structure_name not in self.names or self._mesh is None:
+            return None
+        return self.nearest(hit.structure_name, np.asarray(hit.position) - self.offsets[hit.structure_name])
+
+    def nearest(self, surface: str, position: FloatArray) -> Hit:
+        """The point of a surface nearest to a place in the mesh's own coordinates."""
+        from abfm.flow_maps import project_onto_surface
+
+        assert self._mesh is not None
+        found = project_onto_surface(self._mesh, position[None])
+        face, weights = int(found.faces[0]), found.barycentric[0]
+        vertex = int(self._mesh.faces[face][np.argmax(weights)])
+        a, b, c = map(float, weights)
+        return Hit(surface, Point(face, (a, b, c)), vertex)
+
+    def _moved(self, session: Session) -> bool:
+        """Whether the user moved the camera since it was placed."""
+        if session.view.camera is not None:
+            return True
+        if self._camera is None:
+            return False
+        now = viewport.seen(self._rect, ps.get_window_size())
+        return not np.allclose([*now.position, *now.target], [*self._camera.position, *self._camera.target], rtol=1e-4)
+
+    def _front_view(self, session: Session) -> View:
+        """Chosen when the mesh's first functions are known, and then kept."""
+        source, target = session.values("source"), session.values("target")
+        known = source is not None and target is not None
+        if self._front is None or self._front[0] is not session.mesh or (known and not self._front[1]):
+            functions = [source, target] if source is not None and target is not None else []
+            self._front = (session.mesh, known, best_view(session.mesh, *functions))
+        return self._front[2]
+
+    def _register(self, mesh: TriangleMesh, front: View) -> None:
+        for name in list(self._drawn) + list(self.offsets):
+            if ps.has_surface_mesh(name):
+                ps.remove_surface_mesh(name)
+        self._drawn, self.paints = {}, {}
+        sideways = np.cross(front.up, front.direction)
+        axis, spacing = (-front.up, _STACKING) if self._layout == "column" else (sideways, _SPACING)
+        along = mesh.vertices @ axis
+        step = spacing * (along.max() - along.min()) * axis
+        self.offsets = {name: number * step for number, name in enumerate(self.names)}
+        for name, offset in self.offsets.items():
+            ps.register_surface_mesh(
+                name, mesh.vertices + offset, mesh.faces, smooth_shade=True, material=material.NAME, color=_PLAIN
+            )
+
+    def _show(self, name: str, paint: Paint) -> None:
+        before = self._drawn.get(name)
+        if before is not None and before.kind == paint.kind and before.colors == paint.colors:
+            if before.values is paint.values:
+                return
+            if paint.kind in ("vertex values", "face values"):
+                ps.get_surface_mesh(name).get_quantity_buffer(paint.kind, "values").update_data(paint.values)
+                self._drawn[name] = paint
+                return
         surface = ps.get_surface_mesh(name)
-        surface.add_scalar_quantity("function", values, enabled=True, cmap=self._range.colormap, vminmax=limits)
+        if paint.kind in ("vertex values", "face values"):
+            assert paint.colors is not None
+            limits = (paint.colors.low, paint.colors.high)
+            isolines = {}
+            if self._isolines[0] and paint.kind == "vertex values":
+                period = (limits[1] - limits[0]) / max(self._isolines[1], 1)
+                isolines = {"isolines_enabled": True, "isoline_style": "contour", "isoline_period": period}
+                isolines |= {"isoline_contour_thickness": 0.4, "isoline_darkness": 0.5}
+            surface.add_scalar_quantity(
+                paint.kind,
+                paint.values,
+                defined_on="vertices" if paint.kind == "vertex values" else "faces",
+                enabled=True,
+                cmap=paint.colors.colormap,
+                vminmax=limits,
+                **isolines,
+            )
+        elif paint.kind == "colors":
+            surface.add_color_quantity(paint.kind, paint.values, enabled=True)
+        else:
+            surface.add_parameterization_quantity(
+                paint.kind, paint.values, coords_type="world", enabled=True, viz_style="checker"
+            )
+        self._drawn[name] = paint

@@ -1,138 +1,167 @@
-"""The app's window: draws its panel from what the worker posted, and runs the frame loop."""
+"""The app's window: where everything is, and the loop that draws it."""
 
 from __future__ import annotations
 
 import time
 import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
 import polyscope.imgui as imgui
+from PIL import Image
 
-from abfm import Parameters, TriangleMesh
-from abfm.functions import function
-from abfm_viewer import opengl
-from abfm_viewer.defaults import default_functions
+from abfm.io import write_atomically
+from abfm_viewer import opengl, style
+from abfm_viewer.annotations import draw_annotations
+from abfm_viewer.background import one_line
+from abfm_viewer.document import Theme
 from abfm_viewer.opengl import ps
+from abfm_viewer.panels import menus, right_panel, status_line, time_bar
 from abfm_viewer.scene import Scene
-from abfm_viewer.worker import Worker
+from abfm_viewer.session import Session
+from abfm_viewer.ui import Rect, Ui
 
 _SECONDS_PER_FRAME, _LEAST_SLEEP = 1 / 30, 0.002
-_PANEL_HEIGHT, _MARGIN = 66, 12
-_INK = 0xFF222222
-_PANEL_FLAGS = (
-    imgui.ImGuiWindowFlags_NoDecoration | imgui.ImGuiWindowFlags_NoMove | imgui.ImGuiWindowFlags_NoSavedSettings
-)
+_PANEL_WIDTH, _WIDEST_PANEL = 380, 0.5
+_TIME_BAR_HEIGHT, _STATUS_HEIGHT = 82, 28
+
+
+@dataclass(frozen=True)
+class Areas:
+    """The parts of the window."""
+
+    scene: Rect
+    panel: Rect
+    time_bar: Rect
+    status: Rect
+
+
+def areas(size: tuple[float, float], menu_height: float, scale: float) -> Areas:
+    """Divide a window: a panel at the right, time bar and status line at the bottom, and surfaces in the rest."""
+    width, height = size
+    right = max(width - min(_PANEL_WIDTH * scale, _WIDEST_PANEL * width), 1.0)
+    status = height - _STATUS_HEIGHT * scale
+    bar = status - _TIME_BAR_HEIGHT * scale
+    return Areas(
+        scene=(0.0, menu_height, right, max(bar, menu_height + 1)),
+        panel=(right, menu_height, width, status),
+        time_bar=(0.0, bar, right, status),
+        status=(0.0, status, width, height),
+    )
 
 
 class Window:
-    """A mesh, a default source and target on it, at most one match at a time, and the time that is shown."""
+    """Draws a session and passes on what the user does.
 
-    def __init__(self, mesh: TriangleMesh, title: str, backend: opengl.Backend = opengl.WINDOW) -> None:
-        self.mesh, self.title = mesh, title
-        self.source_spec, self.target_spec = default_functions(mesh)
-        self.source, self.target = function(mesh, self.source_spec), function(mesh, self.target_spec)
-        self.parameters = Parameters()
-        self.worker: Worker | None = None
-        self.time = 0.0
-        self.error = ""
-        self._drawn: object = None  # what the middle surface shows
-        opengl.start(backend, 1500, 900, title=f"abfm - {title}")
+    Attributes
+    ----------
+    session : Session
+    ui : Ui
+    scene : Scene
+    frames : int
+        How many were drawn.
+    errors : dict of str to str
+        Parts of the window that raised an error in the latest frame, which they show instead.
+    parts : Areas
+        Where they were in the latest frame.
+    """
+
+    def __init__(
+        self, session: Session, backend: opengl.Backend = opengl.WINDOW, size: tuple[int, int] = (1600, 1000)
+    ) -> None:
+        self.session = session
+        self.ui = Ui()
+        self.frames = 0
+        self.errors: dict[str, str] = {}
+        self.closing = False
+        self.parts = areas(size, 0, 1)
+        self._capturing = False
+        self._style: tuple[Theme, float] | None = None
+        opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)
         ps.set_open_imgui_window_for_user_callback(False)
-        ps.set_max_fps(-1)  # the GIL is held while polyscope waits for the next frame; `run` waits without it
+        ps.set_max_fps(-1)  # the GIL is held while polyscope waits for the next frame; `frame` waits without it
         ps.set_frame_tick_limit_fps_mode("ignore_limits")
+        ps.set_configure_imgui_style_callback(self._restyle)
         ps.set_user_callback(self._callback)
-        self.scene = Scene(mesh, self.source, self.target)
+        self.scene = Scene()
 
     def run(self) -> None:
         """Draw frames until the window is closed."""
         try:
-            while not ps.window_requests_close():
+            while not self.closing:
                 self.frame()
+                self.closing = self.closing or ps.window_requests_close()
         finally:
-            if self.worker:
-                self.worker.cancel()
-                self.worker.wait()
+            self.close()
+
+    def close(self) -> None:
+        """End all threads, and draw nothing any more."""
+        ps.clear_user_callback()
+        self.session.close()
 
     def frame(self) -> None:
         """Draw one frame and leave the rest of its time to the solver."""
         start = time.perf_counter()
-        ps.frame_tick()
+        self.tick()
         time.sleep(max(_LEAST_SLEEP, _SECONDS_PER_FRAME - (time.perf_counter() - start)))
 
-    def match(self) -> None:
-        """Start matching source and target."""
-        self.worker = Worker(self.mesh, self.source, self.target, self.parameters)
-        self.time = self.parameters.tau
+    def tick(self) -> None:
+        """Draw one frame."""
+        ps.frame_tick()
 
-    def status(self) -> str:
-        """One line on what is going on."""
-        worker = self.worker
-        if self.error:
-            return self.error
-        if worker is None:
-            return f"{self.title}: {len(self.mesh.vertices):,} vertices. Match carries the source to the target."
-        if worker.error:
-            return worker.error
-        if worker.latest is None:
-            return "starting"
-        now = worker.latest
-        numbers = f"iteration {now.iteration}   energy {now.energy:.4g}   mismatch {now.mismatch:.4f}"
-        if worker.result is None:
-            return f"stage {now.stage + 1} of {now.stages}   {numbers}"
-        return f"{worker.result.match.stop_reason}   {numbers}"
+    def screenshot(self, path: Path) -> None:
+        """Write a picture (PNG) of the whole window: the panels as they are, though nothing is hovered or open."""
+        self._capturing = True  # polyscope calls back four times more, without a mouse
+        try:
+            pixels = ps.screenshot_to_buffer(transparent_bg=False, include_UI=True)
+        finally:
+            self._capturing = False
+        with write_atomically(path) as temporary:
+            Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(temporary, format="png")
+
+    def guarded(self, part: str, draw: Callable[[], None]) -> None:
+        """Draw a part of the window; if it raises, show the error in its place and live on."""
+        try:
+            draw()
+        except Exception as error:
+            if part not in self.errors:
+                traceback.print_exc()
+            self.errors[part] = one_line(error)
+            self.session.say(f"{part}: {one_line(error)}", is_error=True)
+        else:
+            self.errors.pop(part, None)
 
     def _callback(self) -> None:
         """Draw one frame; an exception that escaped would stop polyscope from drawing ever again."""
-        try:
-            self._update_scene()
-            self._draw_labels()
-            self._draw_panel()
-        except Exception as error:
-            traceback.print_exc()
-            self.error = f"{type(error).__name__}: {error}"
+        if not self._capturing:
+            self.frames += 1
+        view = self.session.view
+        if self._style is None or self._style[1] != view.ui_scale:
+            ps.set_ui_scale(view.ui_scale)
+        if self._style != (view.theme, view.ui_scale):
+            self._style = (view.theme, view.ui_scale)
+            self._restyle()
+        self.ui.begin_frame(view.ui_scale, view.theme)
+        if not self._capturing:
+            self.guarded("session", self._update)
+        parts = self.parts = areas(imgui.GetIO().DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
+        self.guarded("scene", lambda: self.scene.update(self.session, parts.scene))
+        self.guarded("labels", lambda: draw_annotations(self.ui, self.scene, parts.scene))
+        self.guarded("menu", lambda: menus.draw(self.ui, self.session))
+        self.guarded("panel", lambda: right_panel.draw(self.ui, self.session, parts.panel, self.guarded))
+        self.guarded("time bar", lambda: time_bar.draw(self.ui, self.session, parts.time_bar))
+        self.guarded("status line", lambda: status_line.draw(self.ui, self.session, parts.status))
 
-    def _update_scene(self) -> None:
-        worker = self.worker
-        if worker is None:
-            return
-        if worker.result:
-            wanted: object = (worker.result, self.time)
-            if wanted != self._drawn:
-                self.scene.show_advected(worker.result.advected(self.time))
-                self._drawn = wanted
-        elif worker.latest is not None and worker.latest is not self._drawn:
-            self._drawn = worker.latest
-            self.scene.show_advected(worker.latest.advected[:, 0])
+    def _update(self) -> None:
+        active = bool(imgui.IsAnyItemActive())
+        if self.session.dragging and not active:
+            self.session.history.seal()
+        self.session.dragging = active
+        self.session.update()
 
-    def _draw_labels(self) -> None:
-        canvas = imgui.GetBackgroundDrawList()
-        for text, (x, y) in self.scene.labels().items():
-            width, height = imgui.CalcTextSize(text)
-            canvas.AddText((x - width / 2, y - 2 * height), _INK, text)
-
-    def _draw_panel(self) -> None:
-        width, height = ps.get_window_size()
-        imgui.SetNextWindowPos((_MARGIN, height - _PANEL_HEIGHT - _MARGIN))
-        imgui.SetNextWindowSize((width - 2 * _MARGIN, _PANEL_HEIGHT))
-        imgui.Begin("controls", _PANEL_FLAGS)
-        worker = self.worker
-        running = worker is not None and worker.running
-        if imgui.Button("Cancel" if running else "Match", (90, 0)):
-            if worker and running:
-                worker.cancel()
-            else:
-                self.match()
-        imgui.SameLine()
-        if imgui.Button("Reset view"):
-            self.scene.reset_camera()
-        imgui.SameLine()
-        if worker and running:
-            done = worker.latest.iteration / self.parameters.iterations if worker.latest else 0
-            imgui.ProgressBar(done, (-1, 0))
-        else:
-            imgui.BeginDisabled(worker is None or worker.result is None)
-            imgui.SetNextItemWidth(-60)
-            _, self.time = imgui.SliderFloat("time", self.time, 0, self.parameters.tau)
-            imgui.EndDisabled()
-        imgui.TextUnformatted(self.status())
-        imgui.End()
+    def _restyle(self) -> None:
+        view = self.session.view
+        style.apply(view.theme, view.ui_scale)

@@ -1,78 +1,201 @@
-"""The solver's thread: takes an immutable problem, posts snapshots, and never touches the screen."""
+"""The solver's thread: takes immutable problems, posts snapshots, and never touches the screen."""
 
 from __future__ import annotations
 
 import threading
+import traceback
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 import abfm
-from abfm import AbfmError, Control, Iteration, Match, Parameters, TriangleMesh
+from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
 from abfm.mesh import FloatArray
+from abfm_viewer.background import one_line
+from abfm_viewer.document import Channel, Run
+from abfm_viewer.evaluation import Functions
 
-FRAMES = 61
+if TYPE_CHECKING:
+    from abfm import Iteration, Match
+
+_ITERATIONS_BETWEEN_RESTARTS = 3
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is solved; problems that are equal have the same solution."""
+
+    mesh: TriangleMesh
+    channels: tuple[Channel, ...]
+    parameters: Parameters
+    mask: str
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
-    """A match, and its advected source (T, V) at evenly spaced times (T,) from 0 to tau."""
+class Snapshot:
+    """The newest iterate and the problem it belongs to."""
 
-    match: Match
-    times: FloatArray
-    frames: FloatArray
-
-    def advected(self, time: float) -> FloatArray:
-        """The source at a time from 0 to tau, between two frames interpolated."""
-        position = np.interp(time, self.times, np.arange(len(self.times)))
-        before = int(position)
-        after = min(before + 1, len(self.times) - 1)
-        blend = position - before
-        interpolated: FloatArray = (1 - blend) * self.frames[before] + blend * self.frames[after]
-        return interpolated
+    problem: Problem
+    iteration: Iteration
 
 
 class Worker:
-    """One match in a thread of its own; what it posts may be read at any time.
+    """One run in a thread of its own: a problem, and those that take its place on the way.
+
+    What it posts may be read at any time.
 
     Attributes
     ----------
-    latest : Iteration or None
+    problem : Problem
+        The newest one given.
+    snapshot : Snapshot or None
         The newest iterate.
-    result : Result or None
-        Set when the match ended well or was cancelled.
+    result : Match or None
+        Set when the run ended well or was cancelled after its start.
     error : str
-        Why there is no result, in one line.
+        Why the run ended early, in one line.
     """
 
-    def __init__(self, mesh: TriangleMesh, source: FloatArray, target: FloatArray, parameters: Parameters) -> None:
-        self.latest: Iteration | None = None
-        self.result: Result | None = None
+    def __init__(self, problem: Problem, functions: Functions, start: FloatArray | None = None) -> None:
+        self.problem = problem
+        self.snapshot: Snapshot | None = None
+        self.result: Match | None = None
         self.error = ""
-        self._control = Control()
-        self._thread = threading.Thread(target=self._run, args=(mesh, source, target, parameters), daemon=True)
+        self._functions = functions
+        self._rows: list[tuple[float, float, float]] = []
+        self._stages: list[int] = []
+        self._restarts: list[int] = []
+        self._lock = threading.Lock()
+        self._next: Problem | None = problem
+        self._control = abfm.Control()
+        self._cancelled = self._paused = False
+        self._since_restart = 0
+        self._thread = threading.Thread(target=self._run, args=(start,), name="solver", daemon=True)
         self._thread.start()
 
     @property
     def running(self) -> bool:
-        """Whether the thread is still at work."""
+        """Whether the thread is still at work, or paused."""
         return self._thread.is_alive()
+
+    @property
+    def paused(self) -> bool:
+        """Whether it waits for `resume`."""
+        return self._paused and self.running
+
+    @property
+    def rows(self) -> int:
+        """How many iterates there were."""
+        return len(self._stages)
+
+    def run(self) -> Run:
+        """The energies so far."""
+        count = self.rows
+        energies = np.array(self._rows[:count]).reshape(count, 3)
+        snapshot, parameters = self.snapshot, self.problem.parameters
+        mismatch = snapshot.iteration.mismatch if snapshot else 1.0
+        label = f"alpha {parameters.alpha:g}, beta {parameters.beta:g}, sigma {parameters.sigma:g}"
+        return Run(energies, np.array(self._stages[:count], dtype=np.int64), tuple(self._restarts), mismatch, label)
+
+    def pause(self) -> None:
+        """Hold the run."""
+        with self._lock:
+            self._paused = True
+            self._control.pause()
+
+    def resume(self) -> None:
+        """Go on."""
+        with self._lock:
+            self._paused = False
+            self._control.resume()
 
     def cancel(self) -> None:
         """Ask for the best result so far; returns at once."""
-        self._control.cancel()
+        with self._lock:
+            self._cancelled = True
+            self._control.cancel()
 
-    def wait(self) -> None:
-        """Return when the thread has ended."""
-        self._thread.join()
+    def restart(self, problem: Problem) -> None:
+        """Go on with another problem on the same mesh, from the field that was found so far."""
+        with self._lock:
+            self.problem = self._next = problem
 
-    def _run(self, mesh: TriangleMesh, source: FloatArray, target: FloatArray, parameters: Parameters) -> None:
+    def wait(self, seconds: float | None = None) -> None:
+        """Return when the thread has ended, or the time is over."""
+        self._thread.join(seconds)
+
+    def _run(self, start: FloatArray | None) -> None:
         try:
-            match = abfm.match(mesh, source, target, parameters, on_iteration=self._post, control=self._control)
-            times = np.linspace(0, parameters.tau, FRAMES)
-            self.result = Result(match, times, match.advect(times))
-        except (AbfmError, MemoryError) as error:
-            self.error = " ".join(str(error).split()) or "out of memory"
+            while (problem := self._take()) is not None:
+                if self.result is not None:
+                    start = _carried_over(self.result, problem.parameters)
+                    self._restarts.append(self.rows)
+                match = self._solve(problem, start)
+                self.result = match
+        except Exception as error:
+            if not isinstance(error, AbfmError | MemoryError):
+                traceback.print_exc()
+            self.error = one_line(error)
 
-    def _post(self, iteration: Iteration) -> None:
-        self.latest = iteration
+    def _take(self) -> Problem | None:
+        """The problem to solve now, with a control of its own."""
+        with self._lock:
+            problem, self._next = self._next, None
+            self._control = abfm.Control()
+            self._since_restart = 0
+            if self._paused:
+                self._control.pause()
+            return None if self._cancelled and self.result is not None else problem
+
+    def _solve(self, problem: Problem, start: FloatArray | None) -> Match:
+        functions = self._functions
+        sources, targets = (
+            np.stack([functions.evaluate(channel.spec(side)) for channel in problem.channels], axis=1)
+            for side in ("source", "target")
+        )
+        mask = functions.evaluate(problem.mask) if problem.mask else None
+        weights = [channel.weight for channel in problem.channels]
+        with self._lock:
+            if self._cancelled:
+                self._control.cancel()
+
+        def post(iteration: Iteration) -> None:
+            self._post(problem, iteration)
+
+        def solve(from_field: FloatArray | None) -> Match:
+            return abfm.match(
+                problem.mesh,
+                sources,
+                targets,
+                problem.parameters,
+                mask=mask,
+                weights=weights,
+                start=from_field,
+                on_iteration=post,
+                control=self._control,
+            )
+
+        try:
+            return solve(start)
+        except ParameterError as error:
+            if start is None or not str(error).startswith("start"):
+                raise
+            return solve(None)  # a field for other parameters may be too fast for these
+
+    def _post(self, problem: Problem, iteration: Iteration) -> None:
+        self._rows.append((iteration.energy, iteration.regularity, iteration.mismatch_energy))
+        self.snapshot = Snapshot(problem, iteration)
+        self._stages.append(iteration.stage)
+        self._since_restart += 1
+        with self._lock:
+            if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
+                self._control.cancel()
+
+
+def _carried_over(match: Match, parameters: Parameters) -> FloatArray | None:
+    """The field of a match as a start with other parameters: it moves as far by another tau."""
+    if parameters.segments != len(match.velocity) != 1:
+        return None
+    faster: FloatArray = match.velocity * (match.parameters.tau / parameters.tau)
+    return faster

@@ -46,7 +46,7 @@ def test_the_wheel_holds_both_packages_and_every_asset(tmp_path):
 
 
 def test_matching_and_the_command_line_need_no_opengl():
-    code = "import sys, abfm, abfm_viewer.cli, abfm_viewer.app; print('polyscope' in sys.modules)"
+    code = "import sys, abfm, abfm_viewer.cli.commands, abfm_viewer.app; abfm.match; print('polyscope' in sys.modules)"
     assert python(code) == "False"
 
 
@@ -61,7 +61,7 @@ def test_blas_gets_one_thread_unless_the_user_says_otherwise():
 def test_what_cannot_draw_says_so_in_one_line(tmp_path):
     """Without libEGL polyscope would crash; ctypes is made to miss it."""
     code = (
-        "import ctypes, sys\n"
+        "import ctypes, sys, abfm_viewer.cli.commands\n"
         "from abfm_viewer.cli import main\n"
         "def missing(name): raise OSError(f'{name}: cannot open shared object file')\n"
         "ctypes.CDLL = missing\n"

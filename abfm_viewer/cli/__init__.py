@@ -6,20 +6,8 @@ Exit status: 0; 2 with one line on stderr for bad input; 130 after Ctrl-C.
 from __future__ import annotations
 
 import sys
-from importlib.metadata import version
 
-from abfm_viewer.cli import bench, demo, info, match, render
-from abfm_viewer.cli.parser import Parser, did_you_mean
 from abfm_viewer.exit_status import exit_status
-
-_COMMANDS = {"match": match, "demo": demo, "render": render, "info": info, "bench": bench}
-_DESCRIPTION = """\
-Match two functions on a triangle mesh: find the vector field whose flow carries the one to the other.
-
-Try `abfm demo` first; then
-  abfm match mesh.off --source gaussian:vertex=10 --target gaussian:vertex=200 --out match.npz
-  abfm render match.npz --out match.png
-"""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -28,23 +16,6 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(words: list[str]) -> int:
-    parser = _parser()
-    if not words:
-        parser.print_help()
-        return 0
-    if not words[0].startswith("-") and words[0] not in _COMMANDS:
-        parser.error(f"there is no command {words[0]!r}{did_you_mean(words[0], _COMMANDS)}")
-    arguments = parser.parse_whole(words)
-    status: int = arguments.run(arguments)
-    return status
+    from abfm_viewer.cli.commands import run  # not before: Ctrl-C may come while the solver loads
 
-
-def _parser() -> Parser:
-    parser = Parser(prog="abfm", description=_DESCRIPTION)
-    parser.add_argument("--version", action="version", version=f"abfm {version('abfm')}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name, command in _COMMANDS.items():
-        own = commands.add_parser(name, help=command.SUMMARY, description=command.DESCRIPTION)
-        own.set_defaults(run=command.run, parser=own)
-        command.add_arguments(own)
-    return parser
+    return run(words)

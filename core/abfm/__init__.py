@@ -1,31 +1,59 @@
-"""Advection-based function matching on surfaces: find the tangent field whose flow carries one function to another."""
+"""Advection-based function matching on surfaces: find the tangent field whose flow carries one function to another.
 
-from abfm.advection import advect
-from abfm.energy import MatchingEnergy
-from abfm.errors import AbfmError, FunctionError, MeshError, ParameterError, ResultError
-from abfm.exponential import AdvectionError
-from abfm.functions import function
-from abfm.match import Match, load_match
-from abfm.matching import Control, Iteration, match
-from abfm.mesh import TriangleMesh, load_mesh
-from abfm.parameters import Parameters
+A name is imported when it is first used, so that a program that only reads meshes starts without the solver.
+"""
 
-__all__ = [
-    "AbfmError",
-    "AdvectionError",
-    "Control",
-    "FunctionError",
-    "Iteration",
-    "Match",
-    "MatchingEnergy",
-    "MeshError",
-    "ParameterError",
-    "Parameters",
-    "ResultError",
-    "TriangleMesh",
-    "advect",
-    "function",
-    "load_match",
-    "load_mesh",
-    "match",
-]
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from abfm.advection import advect as advect
+    from abfm.energy import MatchingEnergy as MatchingEnergy
+    from abfm.errors import AbfmError as AbfmError
+    from abfm.errors import FunctionError as FunctionError
+    from abfm.errors import MeshError as MeshError
+    from abfm.errors import ParameterError as ParameterError
+    from abfm.errors import ResultError as ResultError
+    from abfm.exponential import AdvectionError as AdvectionError
+    from abfm.functions import function as function
+    from abfm.match_result import Match as Match
+    from abfm.match_result import load_match as load_match
+    from abfm.matching import Control as Control
+    from abfm.matching import Iteration as Iteration
+    from abfm.matching import match as match
+    from abfm.mesh import TriangleMesh as TriangleMesh
+    from abfm.mesh import load_mesh as load_mesh
+    from abfm.parameters import Parameters as Parameters
+
+_MODULES = {
+    "AbfmError": "errors",
+    "AdvectionError": "exponential",
+    "Control": "matching",
+    "FunctionError": "errors",
+    "Iteration": "matching",
+    "Match": "match_result",
+    "MatchingEnergy": "energy",
+    "MeshError": "errors",
+    "ParameterError": "errors",
+    "Parameters": "parameters",
+    "ResultError": "errors",
+    "TriangleMesh": "mesh",
+    "advect": "advection",
+    "function": "functions",
+    "load_match": "match_result",
+    "load_mesh": "mesh",
+    "match": "matching",  # so no submodule may be called match: its import would take the name
+}
+
+if not TYPE_CHECKING:  # mypy would take every name for one of this package
+    __all__ = list(_MODULES)
+
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+        globals()[name] = value
+        return value
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *_MODULES})

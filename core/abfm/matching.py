@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from abfm.energy import Evaluation, MatchingEnergy, check_fields
 from abfm.errors import FunctionError, ParameterError
-from abfm.match import Match
+from abfm.match_result import Match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.optimizer import LBFGS, State
 from abfm.parameters import Parameters

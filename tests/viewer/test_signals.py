@@ -63,6 +63,20 @@ def test_an_interrupt_before_the_solve_writes_nothing(tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(("module", "program"), [("cli", "abfm"), ("app", "abfm-viewer")])
+def test_an_interrupt_while_modules_load_is_one_line(module, program):
+    script = (
+        "import sys\n"
+        "class CtrlC:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'numpy': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, CtrlC())\n"
+        f"from abfm_viewer.{module} import main; sys.exit(main([]))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, f"{program}: interrupted\n")
+
+
 def test_a_reader_that_has_enough_is_no_error():
     process = start("match", "--help")
     assert process.stdout is not None

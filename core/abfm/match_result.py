@@ -6,7 +6,6 @@ import json
 import os
 import threading
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,14 +13,14 @@ from numpy.typing import ArrayLike
 from abfm.advection import Flow
 from abfm.channels import channels
 from abfm.errors import AbfmError, ParameterError, ResultError
-from abfm.exponential import AdvectionError
+from abfm.exponential import AdvectionError, Workspace
 from abfm.flow_maps import Distortion, SurfacePoints, distortion, project_onto_surface
 from abfm.io import load_arrays, save_arrays
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 from abfm.parameters import Parameters
 from abfm.vector_fields import to_frame
 
-_ONE_AT_A_TIME = threading.Lock()  # a flow works in memory of its own
+_ONE_AT_A_TIME = threading.Lock()  # all flows on a mesh work in the same memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,16 +83,7 @@ class Match:
         AdvectionError
             If the flow overflows or is too long.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
-        if times.ndim != 1 or not np.isfinite(times).all():
-            raise ParameterError(f"t is {t!r}; expected a finite time or a list of them")
-        rows = channels(self.mesh, h, "h")
-        with _ONE_AT_A_TIME:
-            carried = np.stack([self._flow.at(row, times) for row in rows], axis=-1)
-        if not np.isfinite(carried).all():
-            raise AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
-        carried = carried.reshape(len(times), len(self.mesh.vertices), *np.shape(h)[1:])
-        return carried if np.ndim(t) else carried[0]
+        return push(self.mesh, self.velocity, self.parameters, h, t)
 
     def point_map(self, t: float | None = None) -> SurfacePoints:
         """Where each vertex's value came from at time ``t`` (tau by default), as points on the surface.
@@ -139,11 +129,36 @@ class Match:
             },
         )
 
-    @cached_property
-    def _flow(self) -> Flow:
-        """Time does not depend on the units, so the flow may be computed in those of the mesh."""
-        linearized = self.parameters.method == "linearised"
-        return Flow(self.mesh, to_frame(self.mesh, self.velocity), self.parameters.tau, linearized)
+
+def push(mesh: TriangleMesh, velocity: FloatArray, parameters: Parameters, h: ArrayLike, t: ArrayLike) -> FloatArray:
+    """A function (V,) or (V, C) carried along fields (N, F, 3) to time ``t``, as `Match.push` does.
+
+    The fields need not be those of a match that has ended: a display may show each iterate's flow.
+
+    Raises
+    ------
+    FunctionError
+        If ``h`` does not fit the mesh.
+    AdvectionError
+        If the flow overflows or is too long.
+    """
+    times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+    if times.ndim != 1 or not np.isfinite(times).all():
+        raise ParameterError(f"t is {t!r}; expected a finite time or a list of them")
+    rows = channels(mesh, h, "h")
+    fields = to_frame(mesh, velocity)  # time does not depend on the units: those of the mesh will do
+    with _ONE_AT_A_TIME:
+        flow = Flow(mesh, fields, parameters.tau, parameters.method == "linearised", _workspace(mesh))
+        carried = np.stack([flow.at(row, times) for row in rows], axis=-1)
+    if not np.isfinite(carried).all():
+        raise AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
+    carried = carried.reshape(len(times), len(mesh.vertices), *np.shape(h)[1:])
+    return carried if np.ndim(t) else carried[0]
+
+
+@per_mesh
+def _workspace(mesh: TriangleMesh) -> Workspace:
+    return Workspace(mesh)
 
 
 def load_match(path: str | os.PathLike[str]) -> Match:

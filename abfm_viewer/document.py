@@ -1,0 +1,175 @@
+"""What a project holds: immutable, so that undo, saving and pictures all work on whole states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from abfm import Parameters, TriangleMesh
+from abfm.mesh import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from abfm import Match
+
+Side = Literal["source", "target"]
+Theme = Literal["light", "dark"]
+Layout = Literal["row", "column", "advected only"]
+Coloring = Literal[
+    "function",
+    "speed",
+    "divergence",
+    "curl",
+    "coordinates",
+    "checker",
+    "area distortion",
+    "conformal distortion",
+]
+FieldPart = Literal["whole", "curl-free", "divergence-free", "harmonic"]
+ClickTool = Literal["nothing", "flow line", "follow a point"]
+
+THEMES: tuple[Theme, ...] = ("light", "dark")
+LAYOUTS: tuple[Layout, ...] = ("row", "column", "advected only")
+FIELD_PARTS: tuple[FieldPart, ...] = ("whole", "curl-free", "divergence-free", "harmonic")
+CLICK_TOOLS: tuple[ClickTool, ...] = ("nothing", "flow line", "follow a point")
+EXTRAPOLATION = 2.0
+"""The time bar goes to this many times tau."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A source and a target as specs of `abfm.functions`, and the weight of their mismatch."""
+
+    source: str
+    target: str
+    weight: float = 1.0
+
+    def spec(self, side: Side) -> str:
+        """The spec of one side."""
+        return self.source if side == "source" else self.target
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of the surface: a face (of the mesh, not the file) and its barycentric weights."""
+
+    face: int
+    barycentric: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where the window looks from: position, target and up (3,) each, and the vertical angle in degrees."""
+
+    position: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float]
+    angle: float
+
+
+@dataclass(frozen=True)
+class View:
+    """Everything that decides how the document is drawn, and nothing that decides what is solved.
+
+    Attributes
+    ----------
+    colormap : str
+        "automatic" (sequential or diverging by the functions' signs), or one of `abfm_viewer.colormaps.NAMES`.
+    camera : Camera or None
+        None is the fitted front view.
+    coloring : Coloring
+        What the advected surface shows.
+    blend, error : bool
+        Whether the surfaces of the linear blend and of the pointwise error are there.
+    arrows, arrow_length, arrow_density
+        Whether the field is drawn, the longest arrow as a fraction of sqrt(area), and the share of faces with one.
+    part : FieldPart
+        Which Helmholtz-Hodge part of the field is drawn, coloured and traced.
+    streaks : bool
+        Line integral convolution of the field on the advected surface.
+    tool : ClickTool
+        What a click on a surface does.
+    """
+
+    theme: Theme = "light"
+    ui_scale: float = 1.0
+    layout: Layout = "row"
+    colormap: str = "automatic"
+    isolines: bool = False
+    isoline_count: int = 12
+    color_bar: bool = True
+    camera: Camera | None = None
+    coloring: Coloring = "function"
+    blend: bool = False
+    error: bool = False
+    arrows: bool = False
+    arrow_length: float = 0.08
+    arrow_density: float = 0.3
+    part: FieldPart = "whole"
+    streaks: bool = False
+    tool: ClickTool = "nothing"
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """The energy of one run: what the plot of the energy shows of it.
+
+    Attributes
+    ----------
+    energies : (n, 3) array
+        Total, regularity and mismatch.
+    stages : (n,) array of int
+        Cooling stage of each row.
+    restarts : tuple of int
+        Rows at which a change of the problem started the solver again from the field that it had.
+    mismatch : float
+    label : str
+        What was solved, in a few words.
+    """
+
+    energies: FloatArray
+    stages: IntArray
+    restarts: tuple[int, ...]
+    mismatch: float
+    label: str
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """A state of the session that undo returns to and a project file keeps.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+    name : str
+        What the mesh is called in the window.
+    channels : tuple of Channel
+        Empty until the default functions of a new mesh are known.
+    channel, side, bump : int, Side, int
+        The active channel, its active side, and which of that side's Gaussians the mouse moves.
+    parameters : Parameters
+    mask : str
+        Spec of the weight of the mismatch at each vertex; empty for none.
+    result : Match or None
+    runs : tuple of Run
+        Those that ended, the latest last.
+    time : float
+        The time shown, 0 to 2 tau.
+    lines, points : tuple of Point
+        Where flow lines and followed points start.
+    view : View
+    """
+
+    mesh: TriangleMesh
+    name: str
+    channels: tuple[Channel, ...] = ()
+    channel: int = 0
+    side: Side = "source"
+    bump: int = 0
+    parameters: Parameters = field(default_factory=Parameters)
+    mask: str = ""
+    result: Match | None = None
+    runs: tuple[Run, ...] = ()
+    time: float = 0.0
+    lines: tuple[Point, ...] = ()
+    points: tuple[Point, ...] = ()
+    view: View = field(default_factory=View)

@@ -1,0 +1,97 @@
+"""Values of functions on the mesh, computed off the frame loop and kept."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from abfm import AbfmError, TriangleMesh
+from abfm.mesh import FloatArray
+from abfm_viewer.background import Latest, one_line
+
+_KEPT = 64
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """Values (V,) of the specs that could be evaluated, and why the others could not."""
+
+    values: dict[str, FloatArray] = field(default_factory=dict)
+    errors: dict[str, str] = field(default_factory=dict)
+
+
+class Functions:
+    """Evaluates specs on one mesh, term by term, so that dragging one of several Gaussians costs one Gaussian.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    known : mapping of str to (V,) array
+        Values of terms from a project file: what came from other files needs these files no longer.
+    """
+
+    def __init__(self, mesh: TriangleMesh, known: Mapping[str, FloatArray] | None = None) -> None:
+        self.mesh = mesh
+        self.known = dict(known or {})
+        self._cache: OrderedDict[str, FloatArray] = OrderedDict()
+        self._lock = threading.Lock()
+        self._latest: Latest[Evaluated] = Latest("functions")
+
+    @property
+    def busy(self) -> bool:
+        """Whether values are being computed."""
+        return self._latest.busy
+
+    def ask(self, specs: tuple[str, ...]) -> Evaluated | None:
+        """Values of all specs; None while they are being computed."""
+        if all(spec in self._cache for spec in specs):
+            return Evaluated({spec: self._cache[spec] for spec in specs})
+        return self._latest.ask(specs, lambda: self._evaluate_all(specs))
+
+    def evaluate(self, spec: str) -> FloatArray:
+        """Values (V,) of one spec, computed now.
+
+        Raises
+        ------
+        FunctionError
+            As `abfm.function` does.
+        """
+        with self._lock:
+            return self._evaluate(spec)
+
+    def close(self) -> None:
+        """Stop the thread."""
+        self._latest.close()
+
+    def _evaluate_all(self, specs: tuple[str, ...]) -> Evaluated:
+        found = Evaluated()
+        for spec in specs:
+            try:
+                found.values[spec] = self.evaluate(spec)
+            except (AbfmError, MemoryError) as error:
+                found.errors[spec] = one_line(error)
+        return found
+
+    def _evaluate(self, spec: str) -> FloatArray:
+        from abfm.functions import Sum, function, parse  # not before: it loads what the first frame does without
+
+        if spec in self._cache:
+            self._cache.move_to_end(spec)
+            return self._cache[spec]
+        if spec in self.known:
+            values = self.known[spec]
+        else:
+            tree = parse(spec)
+            if isinstance(tree, Sum):
+                values = np.sum([self._evaluate(str(term)) for term in tree.terms], axis=0)
+            else:
+                values = function(self.mesh, tree)
+        values.flags.writeable = False
+        self._cache[spec] = values
+        while len(self._cache) > _KEPT:
+            self._cache.popitem(last=False)
+        return values

@@ -1,0 +1,69 @@
+"""Undo and redo: states of the document with the name of what the user did to get there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from abfm_viewer.document import Document
+
+LONGEST = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A state that was left, what was done then, and what may still be merged into it."""
+
+    document: Document
+    label: str
+    merge: str
+
+
+class History:
+    """Every change is a step; changes in a row with the same merge key (a drag, a scrub) are one."""
+
+    def __init__(self, document: Document) -> None:
+        self.document = document
+        self._past: list[Step] = []
+        self._future: list[Step] = []
+
+    @property
+    def undo_label(self) -> str:
+        """What undo would take back; empty if nothing."""
+        return self._past[-1].label if self._past else ""
+
+    @property
+    def redo_label(self) -> str:
+        """What redo would do again; empty if nothing."""
+        return self._future[-1].label if self._future else ""
+
+    def change(self, document: Document, label: str, merge: str = "") -> None:
+        """Go on to another state."""
+        if not (merge and self._past and self._past[-1].merge == merge):
+            self._past.append(Step(self.document, label, merge))
+            del self._past[:-LONGEST]
+        self._future.clear()
+        self.document = document
+
+    def amend(self, document: Document) -> None:
+        """Replace the present state without a step: what the user did not do."""
+        self.document = document
+
+    def seal(self) -> None:
+        """Let the next change be a step of its own, whatever its merge key."""
+        if self._past:
+            last = self._past[-1]
+            self._past[-1] = Step(last.document, last.label, "")
+
+    def undo(self) -> None:
+        """Go back one step, if there is one."""
+        if self._past:
+            step = self._past.pop()
+            self._future.append(Step(self.document, step.label, ""))
+            self.document = step.document
+
+    def redo(self) -> None:
+        """Go forward one step, if there is one."""
+        if self._future:
+            step = self._future.pop()
+            self._past.append(Step(self.document, step.label, ""))
+            self.document = step.document

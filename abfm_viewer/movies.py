@@ -1,0 +1,166 @@
+"""Frames become an MP4 or GIF file, none lost and none twice, in memory that does not grow with their number."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Literal
+
+import av
+import numpy as np
+from av.filter import Graph
+from av.video.reformatter import ColorRange, Colorspace
+from numpy.typing import NDArray
+
+from abfm import ResultError
+from abfm.io import write_atomically
+
+Frame = NDArray[np.uint8]
+
+SLOWEST = 0.1
+FASTEST = {".mp4": 120.0, ".gif": 50.0}
+"""Frames per second by suffix; browsers slow down a GIF that is faster."""
+_H264 = {"crf": "16", "colorspace": "bt709", "color_primaries": "bt709", "color_trc": "bt709", "color_range": "tv"}
+
+
+def write_movie(
+    path: Path,
+    frames: Iterable[Frame],
+    fps: float,
+    count: int,
+    on_frame: Callable[[int], None] | None = None,
+) -> None:
+    """Write an MP4 (H.264, 4:2:0, BT.709) or GIF (one palette, endless), whole or not at all.
+
+    An MP4 loses the last row or column of a picture of odd size, which the format cannot hold. A GIF counts time in
+    hundredths of a second: its frames differ by one such tick where they must, so that the whole takes ``count / fps``.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in ``.mp4`` or ``.gif``.
+    frames : iterable of (H, W, 3) arrays of uint8
+        sRGB, all of one size; asked for one by one.
+    fps : float
+        Frames per second, 0.1 to 120, for a GIF to 50.
+    count : int
+        How many frames will come.
+    on_frame : callable, optional
+        Called with the number of frames that were taken so far. What it or ``frames`` raises ends the movie and leaves
+        the file as it was.
+
+    Raises
+    ------
+    ResultError
+        If frames, ``fps`` or the name's ending do not fit, or the file cannot be written.
+    """
+    if path.suffix not in FASTEST:
+        raise ResultError(f"cannot write {path}: its name must end in {', '.join(FASTEST)}")
+    if not SLOWEST <= fps <= FASTEST[path.suffix]:
+        raise ResultError(
+            f"cannot write {path} with {fps:g} frames a second; expected {SLOWEST} to {FASTEST[path.suffix]:g}"
+        )
+    if count < 1:
+        raise ResultError(f"cannot write {path} with {count} frames; a movie needs at least one")
+    write = _write_mp4 if path.suffix == ".mp4" else _write_gif
+    with write_atomically(path) as temporary:
+        try:
+            write(temporary, _checked(frames, count, on_frame), Fraction(fps).limit_denominator(1001), count)
+        except av.FFmpegError as error:
+            reason = error.strerror or error
+            raise ResultError(f"cannot write {path}: {reason}; choose another place or a smaller size") from error
+
+
+def _checked(frames: Iterable[Frame], count: int, on_frame: Callable[[int], None] | None) -> Iterator[Frame]:
+    number, shape = 0, None
+    for number, frame in enumerate(frames, 1):
+        shape = shape or frame.shape
+        if frame.dtype != np.uint8 or frame.shape != shape or shape[2:] != (3,) or min(shape) < 2:
+            raise ResultError(
+                f"frame {number} of the movie has shape {frame.shape} and type {frame.dtype}; "
+                "expected uint8 of one shape (height, width, 3), at least 2 x 2 pixels"
+            )
+        yield frame
+        if on_frame is not None:
+            on_frame(number)
+    if number != count:
+        raise ResultError(f"the movie got {number} frames; expected {count}")
+
+
+def _write_mp4(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) -> None:
+    pictures = (
+        _picture(frame[: len(frame) // 2 * 2, : frame.shape[1] // 2 * 2]).reformat(
+            format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
+        )
+        for frame in frames
+    )
+    _encode(path, pictures, rate, "mp4", "libx264", "yuv420p", _H264, {"movflags": "faststart"})
+
+
+def _write_gif(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) -> None:
+    """The palette needs all frames before the first can be written: they wait in a file, compressed without loss."""
+    ticks, ticks_before = (math.floor(100 * number / rate + Fraction(1, 2)) for number in (count, count - 1))
+    with tempfile.TemporaryDirectory() as folder:
+        waiting = Path(folder, "frames.mkv")
+        _encode(waiting, map(_picture, frames), rate, "matroska", "ffv1", "bgr0")
+        pictures = _in_palette(waiting, _palette(waiting))
+        _encode(path, pictures, rate, "gif", "gif", "pal8", {}, {"final_delay": str(ticks - ticks_before)})
+
+
+def _picture(frame: Frame) -> av.VideoFrame:
+    return av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), "rgb24")
+
+
+def _encode(
+    path: Path,
+    pictures: Iterable[av.VideoFrame],
+    rate: Fraction,
+    container: str,
+    codec: Literal["libx264", "ffv1", "gif"],
+    pixel_format: str,
+    codec_options: dict[str, str] | None = None,
+    container_options: dict[str, str] | None = None,
+) -> None:
+    with av.open(str(path), "w", container, options=container_options) as file:
+        stream = file.add_stream(codec, rate, options=codec_options)
+        stream.pix_fmt = pixel_format
+        for number, picture in enumerate(pictures):
+            if number == 0:
+                stream.width, stream.height = picture.width, picture.height
+            picture.pts, picture.time_base = number, 1 / rate
+            file.mux(stream.encode(picture))
+        file.mux(stream.encode())
+
+
+def _palette(movie: Path) -> av.VideoFrame:
+    """The 256 colours that are nearest to all colours of a movie."""
+    with av.open(str(movie)) as file:
+        graph = Graph()
+        source = graph.add_buffer(template=file.streams.video[0])
+        graph.link_nodes(source, graph.add("palettegen", "reserve_transparent=0"), graph.add("buffersink")).configure()
+        for picture in file.decode(video=0):
+            source.push(picture)
+        source.push(None)
+        return graph.vpull()
+
+
+def _in_palette(movie: Path, palette: av.VideoFrame) -> Iterator[av.VideoFrame]:
+    """The frames of a movie in the nearest colours of a palette; without dithering, which would flicker."""
+    with av.open(str(movie)) as file:
+        graph = Graph()
+        source = graph.add_buffer(template=file.streams.video[0])
+        colors = graph.add_buffer(
+            width=palette.width, height=palette.height, format=palette.format, time_base=Fraction(1)
+        )
+        mapped = graph.add("paletteuse", "dither=none")
+        colors.link_to(mapped, input_idx=1)
+        graph.link_nodes(source, mapped, graph.add("buffersink")).configure()
+        palette.pts = 0
+        colors.push(palette)
+        colors.push(None)
+        for picture in file.decode(video=0):
+            source.push(picture)
+            yield graph.vpull()

@@ -1,0 +1,52 @@
+"""Playing the time bar: how the shown time moves from frame to frame."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Repeat = Literal["once", "loop", "ping-pong"]
+REPEATS: tuple[Repeat, ...] = ("once", "loop", "ping-pong")
+SECONDS = 4.0
+"""How long the flow from 0 to tau takes at speed 1."""
+_LONGEST_FRAME = 0.1  # seconds: after a hang the time does not leap
+
+
+class Player:
+    """Moves a time between 0 and an end.
+
+    Attributes
+    ----------
+    playing : bool
+    repeat : Repeat
+        What happens at the end.
+    speed : float
+        1 goes from 0 to tau in `SECONDS`.
+    beyond : bool
+        Whether it plays on to the end of the time bar instead of tau.
+    """
+
+    def __init__(self) -> None:
+        self.playing = False
+        self.repeat: Repeat = "loop"
+        self.speed = 1.0
+        self.beyond = False
+        self._direction = 1.0
+
+    def toggle(self) -> None:
+        """Play or pause."""
+        self.playing = not self.playing
+        self._direction = 1.0
+
+    def advance(self, time: float, seconds: float, tau: float, end: float) -> float:
+        """The time to show some seconds after another one was shown."""
+        end = end if self.beyond else tau
+        moved = time + self._direction * self.speed * tau * min(seconds, _LONGEST_FRAME) / SECONDS
+        if 0 <= moved <= end:
+            return moved
+        if self.repeat == "loop":
+            return 0.0 if moved > end else end
+        if self.repeat == "ping-pong":
+            self._direction = -1.0 if moved > end else 1.0
+        else:
+            self.playing = False
+        return end if moved > end else 0.0

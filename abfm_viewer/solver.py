@@ -1,0 +1,130 @@
+"""The solver as the session knows it: one run at a time, restarted when the document changes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from abfm.mesh import FloatArray
+from abfm_viewer.document import Run
+from abfm_viewer.evaluation import Functions
+from abfm_viewer.worker import Problem, Snapshot, Worker
+
+if TYPE_CHECKING:
+    from abfm import Match
+
+ADVICE = {
+    "converged": "The gradient is small: this is the best field for these parameters.",
+    "iteration limit": "It was still improving: press Match again with more iterations, or go on from the "
+    "current field.",
+    "line search failed": "No step lowers the energy any more, which is often rounding: try a larger alpha or sigma.",
+    "cancelled": "The best field so far was kept.",
+}
+_POOR = 0.1
+
+
+class Solver:
+    """At most one run.
+
+    Attributes
+    ----------
+    follow : bool
+        Whether a change of the problem during a run restarts it from the current field.
+    warm : bool
+        Whether a new run starts from the current field instead of zero.
+    reason : str
+        Why the last run ended.
+    failed : bool
+        Whether it ended with an error, which `reason` is then.
+    """
+
+    def __init__(self) -> None:
+        self.follow = True
+        self.warm = False
+        self.worker: Worker | None = None
+        self.reason = ""
+        self.failed = False
+        self._run: Run | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether a run has begun and not ended; also while it is paused."""
+        return self.worker is not None
+
+    @property
+    def paused(self) -> bool:
+        """Whether the run waits."""
+        return self.worker is not None and self.worker.paused
+
+    @property
+    def finished(self) -> bool:
+        """Whether there was a run and it ended, well or not."""
+        return self.worker is None and self.reason != ""
+
+    @property
+    def snapshot(self) -> Snapshot | None:
+        """The newest iterate of the run."""
+        return self.worker.snapshot if self.worker else None
+
+    @property
+    def run(self) -> Run | None:
+        """The energies of the run so far."""
+        if self.worker is None or self.worker.rows == 0:
+            return None
+        if self._run is None or len(self._run.stages) != self.worker.rows:
+            self._run = self.worker.run()
+        return self._run
+
+    def start(self, problem: Problem, functions: Functions, field: FloatArray | None) -> None:
+        """Begin a run."""
+        self.reason, self._run = "", None
+        self.worker = Worker(problem, functions, field)
+
+    def pause(self) -> None:
+        """Hold the run."""
+        if self.worker:
+            self.worker.pause()
+
+    def resume(self) -> None:
+        """Go on."""
+        if self.worker:
+            self.worker.resume()
+
+    def cancel(self) -> None:
+        """End the run and keep its best field."""
+        if self.worker:
+            self.worker.cancel()
+
+    def follow_problem(self, problem: Problem, dragging: bool) -> None:
+        """Restart with a changed problem; another alpha, which must be factored, only when the mouse lets go."""
+        worker = self.worker
+        if worker is None or not self.follow or problem == worker.problem or not problem.channels:
+            return
+        if dragging and problem.parameters.alpha != worker.problem.parameters.alpha:
+            return
+        worker.restart(problem)
+
+    def collect(self) -> tuple[Match | None, Run | None, Problem] | None:
+        """What a run that has ended leaves; None unless one has ended since the last call."""
+        worker = self.worker
+        if worker is None or worker.running:
+            return None
+        worker.wait()
+        run = self.run
+        self.worker = None
+        self.failed = bool(worker.error)
+        self.reason = worker.error or (worker.result.stop_reason if worker.result else "cancelled")
+        return worker.result, run, worker.problem
+
+    def advice(self, mismatch: float) -> str:
+        """What the end of the last run means, and what to try."""
+        advice = ADVICE.get(self.reason, "")
+        if mismatch > _POOR and self.reason in ("converged", "iteration limit", "line search failed"):
+            advice += " The mismatch is still large: try a smaller alpha, or wider functions that overlap."
+        return advice
+
+    def close(self, seconds: float = 5) -> None:
+        """End the thread."""
+        if self.worker:
+            self.worker.cancel()
+            self.worker.wait(seconds)
+            self.worker = None

@@ -1,0 +1,85 @@
+"""ImGui's and ImPlot's look: the theme's colours, rounded and with room."""
+
+from __future__ import annotations
+
+import polyscope.imgui as imgui
+import polyscope.implot as implot
+
+from abfm_viewer.document import Theme
+from abfm_viewer.theme import Color, palette
+
+
+def apply(theme: Theme, scale: float) -> None:
+    """Set all colours and lengths."""
+    p = palette(theme)
+    style = imgui.GetStyle()
+    _lengths(style, scale)
+    clear: Color = (0, 0, 0, 0)
+    colors = {
+        "Text": p.ink,
+        "TextDisabled": p.muted,
+        "WindowBg": p.panel,
+        "ChildBg": clear,
+        "PopupBg": p.panel,
+        "Border": p.border,
+        "BorderShadow": clear,
+        "FrameBg": p.field,
+        "FrameBgHovered": p.hovered,
+        "FrameBgActive": p.pressed,
+        "TitleBg": p.field,
+        "TitleBgActive": p.field,
+        "TitleBgCollapsed": p.field,
+        "MenuBarBg": p.panel,
+        "ScrollbarBg": clear,
+        "ScrollbarGrab": p.hovered,
+        "ScrollbarGrabHovered": p.pressed,
+        "ScrollbarGrabActive": p.pressed,
+        "CheckMark": p.accent,
+        "SliderGrab": p.accent,
+        "SliderGrabActive": p.accent_hovered,
+        "Button": p.field,
+        "ButtonHovered": p.hovered,
+        "ButtonActive": p.pressed,
+        "Header": p.field,
+        "HeaderHovered": p.hovered,
+        "HeaderActive": p.pressed,
+        "Separator": p.border,
+        "SeparatorHovered": p.hovered,
+        "SeparatorActive": p.pressed,
+        "Tab": p.field,
+        "TabHovered": p.hovered,
+        "TabSelected": p.pressed,
+        "PlotLines": p.accent,
+        "PlotHistogram": p.accent,
+        "TextSelectedBg": (*p.accent[:3], 0.35),
+        "NavCursor": p.accent,
+        "InputTextCursor": p.ink,
+        "TableHeaderBg": p.field,
+        "TableBorderStrong": p.border,
+        "TableBorderLight": p.border,
+        "TableRowBg": clear,
+        "TableRowBgAlt": (*p.field[:3], 0.35),
+        "ModalWindowDimBg": (0, 0, 0, 0.35),
+    }
+    for name, color in colors.items():
+        style.Colors[getattr(imgui, f"ImGuiCol_{name}")] = color
+    implot.StyleColorsLight() if theme == "light" else implot.StyleColorsDark()
+
+
+def _lengths(style: imgui.ImGuiStyle, scale: float) -> None:
+    def pair(x: float, y: float) -> tuple[float, float]:
+        return x * scale, y * scale
+
+    style.WindowPadding, style.FramePadding = pair(10, 8), pair(8, 4)
+    style.ItemSpacing, style.ItemInnerSpacing = pair(8, 6), pair(6, 4)
+    style.CellPadding, style.SeparatorTextPadding = pair(6, 3), pair(0, 4)
+    style.WindowRounding = style.ChildRounding = 0
+    style.FrameRounding = style.GrabRounding = style.PopupRounding = 4 * scale
+    style.WindowBorderSize = 1
+    style.FrameBorderSize = 0
+    style.SeparatorTextBorderSize = 1
+    style.ScrollbarSize, style.GrabMinSize = 12 * scale, 12 * scale
+    style.ScrollbarRounding = 6 * scale
+    style.IndentSpacing = 14 * scale
+    style.DisabledAlpha = 0.45
+    style.HoverDelayShort = 0.35

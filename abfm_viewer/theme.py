@@ -1,0 +1,90 @@
+"""Colours of the window in light and dark: text, panels, surfaces' ground, and the lines of plots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from abfm_viewer.document import Theme
+
+Color = tuple[float, float, float, float]
+
+
+def _hex(code: str, alpha: float = 1.0) -> Color:
+    return (int(code[1:3], 16) / 255, int(code[3:5], 16) / 255, int(code[5:7], 16) / 255, alpha)
+
+
+@dataclass(frozen=True)
+class Palette:
+    """sRGB colours with alpha, each 0 to 1."""
+
+    ground: Color  # behind the surfaces
+    panel: Color
+    field: Color  # of sliders, boxes and buttons
+    hovered: Color
+    pressed: Color
+    border: Color
+    ink: Color
+    muted: Color
+    accent: Color  # the one button, marks of sliders
+    accent_hovered: Color
+    accent_ink: Color
+    source: Color
+    advected: Color
+    target: Color
+    error: Color
+    good: Color
+    line_total: Color
+    line_regularity: Color
+    line_mismatch: Color
+    marker: Color
+
+
+LIGHT = Palette(
+    ground=_hex("#ffffff"),
+    panel=_hex("#f4f5f7"),
+    field=_hex("#e3e6eb"),
+    hovered=_hex("#d3d9e3"),
+    pressed=_hex("#bcc8dc"),
+    border=_hex("#d0d4db"),
+    ink=_hex("#1d222b"),
+    muted=_hex("#5d6675"),
+    accent=_hex("#2455c3"),
+    accent_hovered=_hex("#1c46a5"),
+    accent_ink=_hex("#ffffff"),
+    source=_hex("#2455c3"),
+    advected=_hex("#1d222b"),
+    target=_hex("#c62828"),
+    error=_hex("#b3261e"),
+    good=_hex("#1b7a43"),
+    line_total=_hex("#1d222b"),
+    line_regularity=_hex("#2455c3"),
+    line_mismatch=_hex("#c62828"),
+    marker=_hex("#0b8f6a"),
+)
+DARK = Palette(
+    ground=_hex("#1b1e24"),
+    panel=_hex("#262a32"),
+    field=_hex("#373d48"),
+    hovered=_hex("#454d5b"),
+    pressed=_hex("#566175"),
+    border=_hex("#3c424d"),
+    ink=_hex("#e8eaee"),
+    muted=_hex("#a3abb9"),
+    accent=_hex("#4c7df0"),
+    accent_hovered=_hex("#6a94f7"),
+    accent_ink=_hex("#ffffff"),
+    source=_hex("#86a9ff"),
+    advected=_hex("#e8eaee"),
+    target=_hex("#ff8a80"),
+    error=_hex("#ff8a80"),
+    good=_hex("#69d39a"),
+    line_total=_hex("#e8eaee"),
+    line_regularity=_hex("#86a9ff"),
+    line_mismatch=_hex("#ff8a80"),
+    marker=_hex("#38d9a9"),
+)
+
+
+def palette(theme: Theme) -> Palette:
+    """The colours of a theme."""
+    return LIGHT if theme == "light" else DARK

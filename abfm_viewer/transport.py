@@ -1,0 +1,140 @@
+"""Functions carried along the flow that is shown: spans of times in memory, so that scrubbing costs a blend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from abfm import AbfmError, Parameters, TriangleMesh
+from abfm.mesh import FloatArray
+from abfm_viewer.background import Latest
+from abfm_viewer.document import EXTRAPOLATION
+
+_TIMES, _TIMES_WHILE_SOLVING = 61, 17
+_LARGEST = 60_000_000  # numbers in a span, as float32
+
+
+@dataclass(frozen=True, eq=False)
+class FlowState:
+    """A field and the parameters it was found with; two are the same only if they are one object."""
+
+    mesh: TriangleMesh
+    velocity: FloatArray
+    parameters: Parameters
+    final: bool = True
+
+    def carry(self, function: FloatArray, times: FloatArray) -> FloatArray:
+        """A function (V,) or (V, C) at times (T,): (T, V) or (T, V, C).
+
+        Raises
+        ------
+        AdvectionError
+            If the flow overflows or is too long.
+        """
+        from abfm.match_result import push  # not before: it loads what the first frame does without
+
+        return push(self.mesh, self.velocity, self.parameters, function, times)
+
+
+@dataclass(frozen=True, eq=False)
+class Span:
+    """A function at evenly spaced times, (T, ...) in single precision; between two times it is blended.
+
+    Attributes
+    ----------
+    times : (T,) array
+    frames : (T, V) or (T, V, C) array
+    note : str
+        Why it ends before the time bar does; empty if it does not.
+    """
+
+    times: FloatArray
+    frames: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+    note: str = ""
+
+    def at(self, time: float) -> FloatArray:
+        """The function at a time; the last one known for times after the end."""
+        position = float(np.interp(time, self.times, np.arange(len(self.times))))
+        before = min(int(position), len(self.times) - 2)
+        blend = np.float32(position - before)
+        blended: FloatArray = self.frames[before] + blend * (self.frames[before + 1] - self.frames[before])
+        return blended
+
+
+def span(state: FlowState, function: FloatArray) -> Span:
+    """A function over the whole time bar, or up to tau where the flow overflows beyond."""
+    wanted = _TIMES if state.final else _TIMES_WHILE_SOLVING
+    count = int(np.clip(_LARGEST // function.size, 9, wanted)) // 2 * 2 + 1
+    tau = state.parameters.tau
+    times = np.linspace(0, EXTRAPOLATION * tau, count)
+    try:
+        return Span(times, state.carry(function, times).astype(np.float32))
+    except AbfmError as error:
+        times = np.linspace(0, tau, count)
+        return Span(times, state.carry(function, times).astype(np.float32), f"not beyond tau: {error}")
+
+
+class Carried:
+    """One function, carried to the time that is shown: at once from a span, and exactly as soon as possible."""
+
+    def __init__(self, name: str) -> None:
+        self._span: Latest[Span] = Latest(f"{name}: times")
+        self._exact: Latest[FloatArray] = Latest(f"{name}: exact")
+
+    @property
+    def busy(self) -> bool:
+        """Whether better values will come."""
+        return self._span.busy or self._exact.busy
+
+    @property
+    def error(self) -> str:
+        """Why there are no values, or only up to tau; empty if all is well."""
+        return self._span.error or (self._span.value.note if self._span.value else "")
+
+    def at(self, state: FlowState, function: FloatArray, time: float, settled: bool) -> FloatArray | None:
+        """Values at a time, those of an earlier flow or function while new ones come, None before any.
+
+        Parameters
+        ----------
+        settled : bool
+            The time does not move at present: compute it exactly.
+        """
+        if time == 0:
+            return function
+        key = (state, _Same(function))
+        current = self._span.ask(key, partial(span, state, function))
+        if current is None:
+            stale = self._span.value
+            return None if stale is None or stale.frames.shape[1:] != function.shape else stale.at(time)
+        if settled and state.final and time <= current.times[-1]:
+            compute: Callable[[], FloatArray] = partial(_exactly, state, function, time)
+            exact = self._exact.ask((*key, time), compute)
+            if exact is not None:
+                return exact
+        return current.at(time)
+
+    def close(self) -> None:
+        """Stop the threads."""
+        self._span.close()
+        self._exact.close()
+
+
+class _Same:
+    """A key that equals another only for the same array, and keeps it alive."""
+
+    def __init__(self, array: FloatArray) -> None:
+        self.array = array
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.array is other.array
+
+    def __hash__(self) -> int:
+        return id(self.array)
+
+
+def _exactly(state: FlowState, function: FloatArray, time: float) -> FloatArray:
+    carried: FloatArray = state.carry(function, np.array([time]))[0]
+    return carried

@@ -1,0 +1,82 @@
+"""A camera for a part of the window: what the panels leave free, or a whole picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from abfm.mesh import FloatArray
+from abfm_viewer.camera import FIELD_OF_VIEW, View
+from abfm_viewer.document import Camera
+from abfm_viewer.opengl import ps
+
+Rect = tuple[float, float, float, float]
+
+
+def fitted(vertices: FloatArray, view: View, rect: Rect, margin: float = 0.05) -> Camera:
+    """The nearest camera in a direction that sees all vertices (V, 3) in a rectangle of the window."""
+    aspect = (rect[2] - rect[0]) / (rect[3] - rect[1])
+    axes = np.stack([np.cross(view.up, view.direction), view.up, view.direction])
+    x, y, z = axes @ vertices.T
+    middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])
+    extent = np.maximum(np.abs(x - middle[0]) / aspect, np.abs(y - middle[1])) * (1 + 2 * margin)
+    distance = float((z - middle[2] + extent / np.tan(np.radians(FIELD_OF_VIEW / 2))).max())
+    target = middle @ axes
+    position = target + distance * view.direction
+    return Camera(_point(position), _point(target), _point(view.up), FIELD_OF_VIEW)
+
+
+def place(camera: Camera, rect: Rect, size: tuple[int, int], aspect: float | None = None) -> None:
+    """Make polyscope draw what a camera sees into a rectangle of a window of a given size.
+
+    Parameters
+    ----------
+    aspect
+        Width over height of what the camera should see at least, where that is wider than the rectangle.
+    """
+    width, height = rect[2] - rect[0], rect[3] - rect[1]
+    half = np.tan(np.radians(camera.angle / 2)) * max(1.0, (aspect or 0) * height / width)
+    position, target, up = np.array(camera.position), np.array(camera.target), np.array(camera.up)
+    backward = position - target
+    distance = np.linalg.norm(backward)
+    right = np.cross(up, backward) / distance
+    per_pixel = 2 * half * distance / height
+    offset = _offset(rect, size) * per_pixel
+    shift = -offset[0] * right + offset[1] * up
+    ps.set_vertical_fov_degrees(float(np.degrees(2 * np.arctan(half * size[1] / height))))
+    ps.look_at_dir(position + shift, target + shift, up)
+    ps.set_view_center_raw(target)
+
+
+def seen(rect: Rect, size: tuple[int, int]) -> Camera:
+    """The camera that `place` would need to draw what polyscope draws now."""
+    height = rect[3] - rect[1]
+    half_window = np.tan(np.radians(ps.get_vertical_fov_degrees() / 2))
+    rotation, translation = np.split(np.asarray(ps.get_camera_view_matrix())[:3], [3], axis=1)
+    position = -rotation.T @ translation[:, 0]
+    right, up, backward = rotation
+    distance = max(float((position - np.asarray(ps.get_view_center())) @ backward), 1e-9)
+    offset = _offset(rect, size) * (2 * half_window * distance / size[1])
+    position = position + offset[0] * right - offset[1] * up
+    angle = float(np.degrees(2 * np.arctan(half_window * height / size[1])))
+    return Camera(_point(position), _point(position - distance * backward), _point(up), angle)
+
+
+def projected(points: FloatArray) -> FloatArray:
+    """Window coordinates (P, 2) and depth of points (P, 3): (P, 3); the depth is negative behind the camera."""
+    width, height = ps.get_window_size()
+    half = np.tan(np.radians(ps.get_vertical_fov_degrees() / 2))
+    view = np.asarray(ps.get_camera_view_matrix())
+    x, y, z = view[:3, :3] @ np.atleast_2d(points).T + view[:3, 3:]
+    depth = -z
+    scale = height / 2 / half / np.where(np.abs(depth) > 1e-12, depth, 1e-12)
+    return np.stack([width / 2 + scale * x, height / 2 - scale * y, depth], axis=1)
+
+
+def _offset(rect: Rect, size: tuple[int, int]) -> FloatArray:
+    """From the window's middle to the rectangle's, in pixels, y downwards."""
+    return np.array([(rect[0] + rect[2] - size[0]) / 2, (rect[1] + rect[3] - size[1]) / 2])
+
+
+def _point(values: FloatArray) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return x, y, z

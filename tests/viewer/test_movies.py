@@ -1,0 +1,155 @@
+"""Movies, decoded again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from abfm import ResultError
+from abfm_viewer.colormaps import table
+from abfm_viewer.movies import write_movie
+
+SUFFIXES = [".mp4", ".gif"]
+
+
+def frames(count: int, height: int = 120, width: int = 160):
+    """A wave of colours in a disc on a dark ground; the length of a white bar in the corner tells the number."""
+    y, x = np.mgrid[:height, :width]
+    disc = (x - width / 2) ** 2 + (y - height / 2) ** 2 < (0.4 * height) ** 2
+    colors = np.round(255 * table("abfm diverging")).astype(np.uint8)
+    for number in range(count):
+        frame = np.full((height, width, 3), (24, 26, 30), dtype=np.uint8)
+        wave = 0.5 + 0.5 * np.sin(4 * np.pi * x / width + 2 * np.pi * number / count)
+        frame[disc] = colors[np.round(255 * wave[disc]).astype(int)]
+        frame[:8, : 4 * (number + 1)] = 255
+        yield frame
+
+
+def decoded(path: Path):
+    """The frames (n, H, W, 3) of a movie and its length in seconds."""
+    with av.open(str(path)) as file:
+        stream = file.streams.video[0]
+        pictures = list(file.decode(stream))
+        assert stream.duration is not None
+        seconds = float(stream.duration * stream.time_base)
+    return np.stack([picture.to_ndarray(format="rgb24") for picture in pictures]), seconds
+
+
+@pytest.mark.parametrize("fps", [0.5, 12, 23.976, 30, 50])
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_frame_comes_back_in_its_place_and_the_movie_takes_its_time(suffix, fps, tmp_path):
+    path, told = tmp_path / f"wave{suffix}", []
+    write_movie(path, frames(31), fps, 31, told.append)
+    pictures, seconds = decoded(path)
+    assert pictures.shape == (31, 120, 160, 3)
+    bars = (pictures[:, 3, :, 1] > 140).sum(axis=1)
+    assert bars == pytest.approx(4 * np.arange(1, 32), abs=1)
+    assert seconds == pytest.approx(31 / fps, abs=0.0051 if suffix == ".gif" else 1e-3)
+    assert told == list(range(1, 32))
+
+
+@pytest.mark.parametrize(("suffix", "inside", "background"), [(".mp4", 4.5, 2), (".gif", 2.5, 0)])
+def test_colours_survive(suffix, inside, background, tmp_path):
+    original = np.stack(list(frames(31)))
+    write_movie(tmp_path / f"wave{suffix}", original, 25, 31)
+    difference = np.abs(decoded(tmp_path / f"wave{suffix}")[0].astype(int) - original)
+    disc = (original[0, :, :, 0] != 24) & (np.arange(120) > 8)[:, None]
+    assert difference[:, disc].mean() < inside
+    assert difference[:, -20:, :20].max() <= background
+
+
+def test_an_mp4_says_which_colours_it_has(tmp_path):
+    write_movie(tmp_path / "wave.mp4", frames(3), 25, 3)
+    with av.open(str(tmp_path / "wave.mp4")) as file:
+        codec = file.streams.video[0].codec_context
+        assert codec.pix_fmt == "yuv420p"
+        bt709, limited = 1, 1
+        assert (codec.colorspace, codec.color_primaries, codec.color_trc) == (bt709, bt709, bt709)
+        assert codec.color_range == limited
+    data = (tmp_path / "wave.mp4").read_bytes()
+    assert data.index(b"moov") < data.index(b"mdat")
+
+
+def test_a_gif_has_one_palette_and_loops_forever(tmp_path):
+    write_movie(tmp_path / "wave.gif", frames(9), 25, 9)
+    data = (tmp_path / "wave.gif").read_bytes()
+    assert b"NETSCAPE2.0\x03\x01\x00\x00\x00" in data
+    colors = {
+        tuple(color) for picture in decoded(tmp_path / "wave.gif")[0] for color in picture.reshape(-1, 3).tolist()
+    }
+    assert len(colors) <= 256
+
+
+@pytest.mark.parametrize(("suffix", "size"), [(".mp4", (120, 160)), (".gif", (121, 161))])
+def test_only_an_mp4_of_odd_size_loses_its_last_row_and_column(suffix, size, tmp_path):
+    original = np.stack(list(frames(3, 121, 161)))
+    write_movie(tmp_path / f"odd{suffix}", original, 25, 3)
+    pictures, _ = decoded(tmp_path / f"odd{suffix}")
+    assert pictures.shape == (3, *size, 3)
+    assert np.abs(pictures.astype(int) - original[:, : size[0], : size[1]]).mean() < 3
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_one_frame_is_a_movie(suffix, tmp_path):
+    write_movie(tmp_path / f"one{suffix}", frames(1), 4, 1)
+    pictures, seconds = decoded(tmp_path / f"one{suffix}")
+    assert (len(pictures), seconds) == (1, 0.25)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_what_is_raised_on_the_way_leaves_the_older_file(suffix, error, tmp_path):
+    path = tmp_path / f"old{suffix}"
+    path.write_bytes(b"old")
+
+    def cancel(number: int) -> None:
+        if number == 5:
+            raise error
+
+    def broken():
+        yield from frames(5)
+        raise error
+
+    with pytest.raises(error):
+        write_movie(path, frames(9), 25, 9, cancel)
+    with pytest.raises(error):
+        write_movie(path, broken(), 25, 9)
+    assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"old"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize(
+    ("given", "fps", "count", "message"),
+    [
+        ([], 25, 0, "0 frames; a movie needs at least one"),
+        ([], 25, 3, "got 0 frames; expected 3"),
+        ([*frames(2)], 25, 3, "got 2 frames; expected 3"),
+        ([*frames(4)], 25, 3, "got 4 frames; expected 3"),
+        ([np.zeros((8, 8, 3), np.uint8), np.zeros((8, 9, 3), np.uint8)], 25, 2, r"frame 2 .* shape \(8, 9, 3\)"),
+        ([np.zeros((8, 8, 4), np.uint8)], 25, 1, r"shape \(8, 8, 4\)"),
+        ([np.zeros((8, 8), np.uint8)], 25, 1, r"shape \(8, 8\)"),
+        ([np.zeros((1, 8, 3), np.uint8)], 25, 1, "at least 2 x 2 pixels"),
+        ([np.zeros((8, 8, 3))], 25, 1, "type float64"),
+        ([], 0, 3, "0 frames a second; expected 0.1 to"),
+        ([], -1, 3, "-1 frames a second"),
+        ([], 121, 3, "121 frames a second"),
+        ([], np.nan, 3, "nan frames a second"),
+    ],
+)
+def test_what_is_no_movie_is_refused_in_one_line(suffix, given, fps, count, message, tmp_path):
+    with pytest.raises(ResultError, match=message) as raised:
+        write_movie(tmp_path / f"bad{suffix}", given, fps, count)
+    assert "\n" not in str(raised.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_gif_that_browsers_would_slow_down_and_other_formats_are_refused(tmp_path):
+    with pytest.raises(ResultError, match=r"60 frames a second; expected 0.1 to 50"):
+        write_movie(tmp_path / "fast.gif", frames(3), 60, 3)
+    with pytest.raises(ResultError, match=r"its name must end in \.mp4, \.gif"):
+        write_movie(tmp_path / "wave.avi", frames(3), 25, 3)
+    with pytest.raises(ResultError, match="cannot write"):
+        write_movie(tmp_path / "missing" / "wave.mp4", frames(3), 25, 3)
