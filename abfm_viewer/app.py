@@ -16,8 +16,10 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Open a window with a mesh, two functions on it, and their match.
 
-Example:
+Examples:
   abfm-viewer spot.obj
+  abfm-viewer match.npz
+  abfm-viewer project.abfm
 """
 
 
@@ -30,11 +32,13 @@ def _run(words: list[str]) -> int:
     from abfm_viewer.cli.parser import Parser  # not before: Ctrl-C may come while modules load
 
     parser = Parser(prog="abfm-viewer", description=_DESCRIPTION)
-    parser.add_argument("mesh", nargs="?", metavar="MESH", help="triangle mesh (default: a bundled one)")
+    parser.add_argument(
+        "file", nargs="?", metavar="FILE", help="mesh, project (.abfm) or result (.npz); by default a bundled mesh"
+    )
     parser.add_argument("--largest-component", action="store_true", help="of several components use the largest")
     parser.set_defaults(parser=parser)
     arguments = parser.parse_whole(words)
-    open_window(arguments.mesh, "openGL3_glfw", (1280, 800), largest_component=arguments.largest_component).run()
+    open_window(arguments.file, "openGL3_glfw", (1280, 800), largest_component=arguments.largest_component).run()
     return 0
 
 
@@ -57,14 +61,19 @@ def open_window(
     AbfmError
         If the file cannot be read, or the machine cannot draw.
     """
-    from abfm import TriangleMesh, load_mesh
+    from abfm import TriangleMesh
     from abfm.assets import asset_path
+    from abfm_viewer.documents import open_session
     from abfm_viewer.session import Session
-    from abfm_viewer.window import Window  # not before: it needs OpenGL
+    from abfm_viewer.state_folder import StateFolder
 
+    state = StateFolder(state_folder)
     if isinstance(what, TriangleMesh):
         session = Session(what, "mesh")
     else:
-        path = Path(what or asset_path("human_A.off"))
-        session = Session(load_mesh(path, largest_component=largest_component), path.name)
-    return Window(session, backend, size)
+        session = open_session(Path(what or asset_path("human_A.off")), largest_component)
+        if what:
+            state.add_recent(Path(what))
+    from abfm_viewer.window import Window  # not before: it needs OpenGL, and a file that cannot be read needs none
+
+    return Window(session, backend, size, state)

@@ -6,7 +6,6 @@ works by hand. Labels are exactly what the user reads on the widget.
 
 from __future__ import annotations
 
-import math
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -25,7 +24,7 @@ from abfm_viewer.document import Camera
 from abfm_viewer.input_events import InputEvents
 from abfm_viewer.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.session import Session
-from abfm_viewer.ui import Kind, Widget
+from abfm_viewer.ui import Kind, Widget, share_of
 from abfm_viewer.window import Window
 
 _CLICKABLE: tuple[Kind, ...] = ("button", "checkbox", "choice", "item", "combo", "section", "menu", "box", "slider")
@@ -317,6 +316,9 @@ class Driver:
     def _seek(self, label: str, within: str, kinds: Sequence[Kind] | None) -> Widget:
         if (found := self._drawn(label, within, kinds)) is not None:
             return found
+        self.frames(2)  # it may have come with the latest change
+        if (found := self._drawn(label, within, kinds)) is not None:
+            return found
         for section in [w for w in self.window.ui.widgets if w.kind == "section" and w.text == "closed"]:
             self.input.click(*_middle(self._scrolled(section, ("section",)), 0.2))
             if (found := self._drawn(label, within, kinds)) is not None:
@@ -377,15 +379,12 @@ def _middle(widget: Widget, share: float = 0.5) -> tuple[float, float]:
 
 
 def _slider_place(widget: Widget, value: float) -> tuple[float, float]:
-    """Where on a slider a value is; the grab's half width is left free at both ends, as ImGui does."""
+    """Where on a slider a value is; the grab's half width and two pixels are left free at both ends, as ImGui does."""
     if not widget.low <= value <= widget.high:
         raise DriverError(f"{widget.label} goes from {widget.low:g} to {widget.high:g}, not to {value:g}")
-    if widget.log:
-        share = math.log(value / widget.low) / math.log(widget.high / widget.low)
-    else:
-        share = (value - widget.low) / (widget.high - widget.low)
+    share = share_of(value, widget.low, widget.high, widget.log)
     left, top, right, bottom = widget.rect
-    edge = widget.grab / 2
+    edge = widget.grab / 2 + 2
     return left + edge + share * (right - left - 2 * edge), (top + bottom) / 2
 
 

@@ -67,6 +67,14 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Front:
+    """The side of the mesh that faces the viewer, from which surfaces stand side by side: two unit vectors (3,)."""
+
+    direction: tuple[float, float, float]
+    up: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class View:
     """Everything that decides how the document is drawn, and nothing that decides what is solved.
 
@@ -74,6 +82,8 @@ class View:
     ----------
     colormap : str
         "automatic" (sequential or diverging by the functions' signs), or one of `abfm_viewer.colormaps.NAMES`.
+    front : Front or None
+        None until the default functions are known, which it should show.
     camera : Camera or None
         None is the fitted front view.
     coloring : Coloring
@@ -88,6 +98,8 @@ class View:
         Line integral convolution of the field on the advected surface.
     tool : ClickTool
         What a click on a surface does.
+    previous_runs : bool
+        Whether the plot of the energy shows earlier runs.
     """
 
     theme: Theme = "light"
@@ -97,6 +109,7 @@ class View:
     isolines: bool = False
     isoline_count: int = 12
     color_bar: bool = True
+    front: Front | None = None
     camera: Camera | None = None
     coloring: Coloring = "function"
     blend: bool = False
@@ -107,6 +120,7 @@ class View:
     part: FieldPart = "whole"
     streaks: bool = False
     tool: ClickTool = "nothing"
+    previous_runs: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ import numpy as np
 from abfm import AbfmError, TriangleMesh
 from abfm.mesh import FloatArray
 from abfm_viewer.background import Latest, one_line
+from abfm_viewer.evaluator import Evaluator
 
 _KEPT = 64
 
@@ -37,6 +38,7 @@ class Functions:
     def __init__(self, mesh: TriangleMesh, known: Mapping[str, FloatArray] | None = None) -> None:
         self.mesh = mesh
         self.known = dict(known or {})
+        self.evaluator = Evaluator(mesh)
         self._cache: OrderedDict[str, FloatArray] = OrderedDict()
         self._lock = threading.Lock()
         self._latest: Latest[Evaluated] = Latest("functions")
@@ -48,8 +50,9 @@ class Functions:
 
     def ask(self, specs: tuple[str, ...]) -> Evaluated | None:
         """Values of all specs; None while they are being computed."""
-        if all(spec in self._cache for spec in specs):
-            return Evaluated({spec: self._cache[spec] for spec in specs})
+        cached = {spec: values for spec in specs if (values := self._cache.get(spec)) is not None}
+        if len(cached) == len(specs):
+            return Evaluated(cached)
         return self._latest.ask(specs, lambda: self._evaluate_all(specs))
 
     def evaluate(self, spec: str) -> FloatArray:
@@ -66,6 +69,7 @@ class Functions:
     def close(self) -> None:
         """Stop the thread."""
         self._latest.close()
+        self.evaluator.close()
 
     def _evaluate_all(self, specs: tuple[str, ...]) -> Evaluated:
         found = Evaluated()
@@ -77,7 +81,7 @@ class Functions:
         return found
 
     def _evaluate(self, spec: str) -> FloatArray:
-        from abfm.functions import Sum, function, parse  # not before: it loads what the first frame does without
+        from abfm.functions import Sum, parse  # not before: it loads what the first frame does without
 
         if spec in self._cache:
             self._cache.move_to_end(spec)
@@ -89,7 +93,7 @@ class Functions:
             if isinstance(tree, Sum):
                 values = np.sum([self._evaluate(str(term)) for term in tree.terms], axis=0)
             else:
-                values = function(self.mesh, tree)
+                values = self.evaluator.values(spec)
         values.flags.writeable = False
         self._cache[spec] = values
         while len(self._cache) > _KEPT:

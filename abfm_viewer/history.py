@@ -19,10 +19,19 @@ class Step:
 
 
 class History:
-    """Every change is a step; changes in a row with the same merge key (a drag, a scrub) are one."""
+    """Every change is a step; changes in a row with the same merge key (a drag, a scrub) are one.
+
+    Attributes
+    ----------
+    document : Document
+        The present state.
+    moves : int
+        Counts what the user did: changes, undo and redo.
+    """
 
     def __init__(self, document: Document) -> None:
         self.document = document
+        self.moves = 0
         self._past: list[Step] = []
         self._future: list[Step] = []
 
@@ -43,6 +52,7 @@ class History:
             del self._past[:-LONGEST]
         self._future.clear()
         self.document = document
+        self.moves += 1
 
     def amend(self, document: Document) -> None:
         """Replace the present state without a step: what the user did not do."""
@@ -60,6 +70,7 @@ class History:
             step = self._past.pop()
             self._future.append(Step(self.document, step.label, ""))
             self.document = step.document
+            self.moves += 1
 
     def redo(self) -> None:
         """Go forward one step, if there is one."""
@@ -67,3 +78,4 @@ class History:
             step = self._future.pop()
             self._past.append(Step(self.document, step.label, ""))
             self.document = step.document
+            self.moves += 1

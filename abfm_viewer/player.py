@@ -31,20 +31,26 @@ class Player:
         self.speed = 1.0
         self.beyond = False
         self._direction = 1.0
+        self._starting = False
 
     def toggle(self) -> None:
         """Play or pause."""
-        self.playing = not self.playing
+        self.playing = self._starting = not self.playing
         self._direction = 1.0
 
     def advance(self, time: float, seconds: float, tau: float, end: float) -> float:
         """The time to show some seconds after another one was shown."""
         end = end if self.beyond else tau
+        starting, self._starting = self._starting, False
+        if starting and time >= end:
+            return 0.0
+        if self.repeat != "ping-pong":
+            self._direction = 1.0
         moved = time + self._direction * self.speed * tau * min(seconds, _LONGEST_FRAME) / SECONDS
         if 0 <= moved <= end:
             return moved
         if self.repeat == "loop":
-            return 0.0 if moved > end else end
+            return 0.0
         if self.repeat == "ping-pong":
             self._direction = -1.0 if moved > end else 1.0
         else:

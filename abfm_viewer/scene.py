@@ -10,13 +10,14 @@ from abfm import TriangleMesh
 from abfm.mesh import FloatArray
 from abfm_viewer import material, theme, viewport
 from abfm_viewer.camera import View, best_view
-from abfm_viewer.document import Camera, Layout, Point
+from abfm_viewer.document import Camera, Front, Layout, Point
 from abfm_viewer.opengl import ps
 from abfm_viewer.paint import Paint, Painter, surfaces
 from abfm_viewer.session import Session
 from abfm_viewer.viewport import Rect
 
 _SPACING, _STACKING = 1.15, 1.08
+_SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25
 _PLAIN = (0.8, 0.81, 0.83)
 
 
@@ -40,6 +41,8 @@ class Scene:
         How far each one was moved.
     paints : dict of str to Paint
         What each one shows.
+    redraw_seconds : float
+        How long it took to draw the surfaces lately.
     """
 
     def __init__(self) -> None:
@@ -47,8 +50,11 @@ class Scene:
         self.offsets: dict[str, FloatArray] = {}
         self.paints: dict[str, Paint] = {}
         self.painter = Painter()
+        self.redraw_seconds = 0.0
         self._mesh: TriangleMesh | None = None
-        self._front: tuple[TriangleMesh, bool, View] | None = None
+        self._front: tuple[TriangleMesh, Front | None, View] | None = None
+        self._heads: FloatArray = np.zeros((0, 3))
+        self._frames_behind = 0
         self._layout: Layout = "row"
         self._rect: Rect = (0, 0, 1, 1)
         self._camera: Camera | None = None
@@ -79,9 +85,21 @@ class Scene:
             self._isolines, self._drawn = isolines, {}
         for name in self.names:
             paint = self.painter.paint(session, name)
-            if paint is not None:
+            if paint is not None and not self._waits(session, name):
                 self.paints[name] = paint
                 self._show(name, paint)
+
+    def _waits(self, session: Session, name: str) -> bool:
+        """Whether a surface that follows a solve keeps its colours for this frame.
+
+        Where drawing the surfaces takes longer than a frame, as without a graphics card, they follow the solver in one
+        of many frames only, so that the window answers in the others.
+        """
+        if not session.solver.running or self.redraw_seconds <= _SLOW_REDRAW or name not in self._drawn:
+            return False
+        if name == self.names[0]:
+            self._frames_behind = (self._frames_behind + 1) % _FRAMES_PER_SLOW_REDRAW
+        return self._frames_behind != 0 and not session.dragging
 
     def frame(self, session: Session, rect: Rect, camera: Camera | None = None) -> None:
         """Look through a camera, or the view's, or from the front so that everything fits."""
@@ -107,12 +125,7 @@ class Scene:
 
     def labels(self) -> dict[str, tuple[float, float]]:
         """Where to write each surface's name: above its top, wherever the camera is now."""
-        assert self._mesh is not None and self._front is not None
-        up = self._front[2].up
-        vertices = self._mesh.vertices
-        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        head = middle + ((vertices @ up).max() - middle @ up) * up
-        places = viewport.projected(np.array([head + self.offsets[name] for name in self.names]))
+        places = viewport.projected(self._heads)
         return {name: (x, y) for name, (x, y, depth) in zip(self.names, places, strict=True) if depth > 0}
 
     def pick(self, position: tuple[float, float]) -> Hit | None:
@@ -143,13 +156,17 @@ class Scene:
         return not np.allclose([*now.position, *now.target], [*self._camera.position, *self._camera.target], rtol=1e-4)
 
     def _front_view(self, session: Session) -> View:
-        """Chosen when the mesh's first functions are known, and then kept."""
+        """Chosen when the mesh's first functions are known, and then kept in the document."""
         source, target = session.values("source"), session.values("target")
-        known = source is not None and target is not None
-        if self._front is None or self._front[0] is not session.mesh or (known and not self._front[1]):
-            functions = [source, target] if source is not None and target is not None else []
-            self._front = (session.mesh, known, best_view(session.mesh, *functions))
-        return self._front[2]
+        front, known = session.view.front, self._front
+        if front is None and source is not None and target is not None:
+            view = best_view(session.mesh, source, target)
+            front = Front(_vector(view.direction), _vector(view.up))
+            session.amend(view=replace(session.view, front=front))
+        if known is None or known[0] is not session.mesh or known[1] != front:
+            view = best_view(session.mesh) if front is None else View(np.array(front.direction), np.array(front.up))
+            self._front = known = (session.mesh, front, view)
+        return known[2]
 
     def _register(self, mesh: TriangleMesh, front: View) -> None:
         for name in list(self._drawn) + list(self.offsets):
@@ -161,9 +178,18 @@ class Scene:
         along = mesh.vertices @ axis
         step = spacing * (along.max() - along.min()) * axis
         self.offsets = {name: number * step for number, name in enumerate(self.names)}
+        middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+        head = middle + ((mesh.vertices @ front.up).max() - middle @ front.up) * front.up
+        self._heads = np.array([head + offset for offset in self.offsets.values()])
         for name, offset in self.offsets.items():
             ps.register_surface_mesh(
-                name, mesh.vertices + offset, mesh.faces, smooth_shade=True, material=material.NAME, color=_PLAIN
+                name,
+                mesh.vertices + offset,
+                mesh.faces,
+                smooth_shade=True,
+                material=material.NAME,
+                color=_PLAIN,
+                back_face_policy="cull" if mesh.is_closed else "identical",
             )
 
     def _show(self, name: str, paint: Paint) -> None:
@@ -200,3 +226,8 @@ class Scene:
                 paint.kind, paint.values, coords_type="world", enabled=True, viz_style="checker"
             )
         self._drawn[name] = paint
+
+
+def _vector(values: FloatArray) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return x, y, z

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from abfm import Match
 
 _SETTLED = 0.15  # seconds without a new time after which it is worth computing exactly
+_SECONDS_OF_NOTICE, _SECONDS_OF_ERROR = 6.0, 12.0
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,14 @@ class Notice:
 
     text: str
     is_error: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """A document that is in a file, or that is not worth one, as it was opened."""
+
+    document: Document
+    path: Path | None
 
 
 class Session:
@@ -48,8 +57,6 @@ class Session:
         What the status line says besides the solver's state.
     dragging : bool
         Whether the mouse holds a widget or a Gaussian: changes until it lets go are one step of undo.
-    path : Path or None
-        The project file that Save writes.
     """
 
     def __init__(self, mesh: TriangleMesh, name: str, path: Path | None = None) -> None:
@@ -58,18 +65,21 @@ class Session:
         self.player = Player()
         self.notice = Notice("")
         self.dragging = False
-        self.path = path
+        self._kept: dict[int, _Kept] = {}
+        self._keep(self.document, path)
         self._functions: dict[int, Functions] = {}
         self._evaluated = Evaluated()
+        self._evaluated_by: Functions | None = None
         self._defaults: Latest[tuple[str, str]] = Latest("default functions")
         self._loading: Latest[Callable[[], None]] = Latest("open")
         self._load_count = 0
         self._source = Carried("source")
         self._coordinates = Carried("coordinates")
         self._states: dict[int, FlowState] = {}
+        self._compared: tuple[list[object], bool] = ([], False)
+        self._noticed = (0.0, 0)
         self._last_update = clock.perf_counter()
         self._time_changed = 0.0
-        self._saved = self.document
 
     # The document
 
@@ -119,13 +129,23 @@ class Session:
         return EXTRAPOLATION * self.parameters.tau
 
     @property
+    def path(self) -> Path | None:
+        """The project file that Save writes; None before there is one."""
+        kept = self._kept.get(id(self.mesh))
+        return kept.path if kept else None
+
+    @property
     def unsaved(self) -> bool:
         """Whether something would be lost if the session ended now; the view and the time do not count."""
-        now, saved = self.document, self._saved
-        same_objects = now.mesh is saved.mesh and now.result is saved.result
-        return not same_objects or any(
-            getattr(now, name) != getattr(saved, name) for name in ("channels", "parameters", "mask", "lines", "points")
-        )
+        kept = self._kept.get(id(self.mesh))
+        if kept is None or self.result is not kept.document.result:
+            return True
+        names = ("channels", "parameters", "mask", "lines", "points")
+        return any(getattr(self.document, name) != getattr(kept.document, name) for name in names)
+
+    def _keep(self, document: Document, path: Path | None) -> None:
+        """Remember the state that need not be saved, and where it is, mesh by mesh: undo may come back to another."""
+        self._kept[id(document.mesh)] = _Kept(document, path)
 
     def change(self, label: str, merge: str = "", **values: Any) -> None:
         """Go on to a document with other values, as one step of undo; steps with the same `merge` key are one."""
@@ -150,6 +170,18 @@ class Session:
     def say(self, text: str, is_error: bool = False) -> None:
         """Put a line into the status bar."""
         self.notice = Notice(" ".join(text.split()), is_error)
+        self._noticed = (clock.perf_counter(), self.history.moves)
+
+    def _forget_notice(self) -> None:
+        """Take a notice away when it was there for long enough; an error also when the user did something since."""
+        said, moves = self._noticed
+        age = clock.perf_counter() - said
+        if self.notice.is_error:
+            gone = age > _SECONDS_OF_ERROR or self.history.moves != moves
+        else:
+            gone = age > _SECONDS_OF_NOTICE
+        if gone:
+            self.notice = Notice("")
 
     # Meshes and results
 
@@ -166,23 +198,29 @@ class Session:
     def set_mesh(self, mesh: TriangleMesh, name: str) -> None:
         """Show another mesh with default functions; the parameters stay."""
         self.solver.cancel()
-        view = replace(self.view, camera=None)
+        view = replace(self.view, camera=None, front=None)
         self.player.playing = False
         fresh = Document(mesh, name, parameters=self.parameters, view=view)
         pristine = not self.unsaved
         self.history.change(fresh, f"open {name}")
-        self.path = None
         self.say(" ".join(mesh.messages))
         if pristine:
-            self._saved = fresh
+            self._keep(fresh, None)
 
-    def set_result(self, match: Match, name: str, channels: tuple[Channel, ...]) -> None:
-        """Show a result with the channels that it was found for."""
+    def set_result(
+        self,
+        match: Match,
+        name: str,
+        channels: tuple[Channel, ...],
+        known: dict[str, FloatArray] | None = None,
+        mask: str = "",
+    ) -> None:
+        """Show a result with the channels and the mask that it was found for; `known` as for `restore`."""
+        parameters = match.parameters
         document = Document(
-            match.mesh, name, channels=channels, parameters=match.parameters, result=match, time=match.parameters.tau
+            match.mesh, name, channels, parameters=parameters, mask=mask, result=match, time=parameters.tau
         )
-        self.history.change(replace(document, view=replace(self.view, camera=None)), f"open {name}")
-        self.path = None
+        self.restore(replace(document, view=replace(self.view, camera=None, front=None)), known or {}, None)
 
     def load(self, what: str, read: Callable[[], Callable[[], None]]) -> None:
         """Read something in the background; what it returns is called by `update`. Errors go to the status line."""
@@ -190,24 +228,24 @@ class Session:
         self.say(f"{what} ...")
         self._loading.ask(self._load_count, read)
 
-    def restore(self, document: Document, known: dict[str, FloatArray], path: Path | None) -> None:
+    def restore(self, document: Document, known: dict[str, FloatArray], path: Path | None, saved: bool = True) -> None:
         """Show an opened project; `known` are values of functions from files (see `Functions`)."""
         self.solver.cancel()
         self.player.playing = False
         self._functions[id(document.mesh)] = Functions(document.mesh, known)
         self.history.change(document, f"open {path.name if path else document.name}")
-        self.path = path
-        self._saved = document
+        if saved:
+            self._keep(document, path)
 
     def mark_saved(self, document: Document, path: Path) -> None:
         """Remember that a document was written to a file."""
-        self._saved, self.path = document, path
+        self._keep(document, path)
         self.say(f"saved {path}")
 
     def reset_history(self) -> None:
         """Forget all steps: the present state is where the user starts."""
         self.history = History(self.document)
-        self._saved = self.document
+        self._keep(self.document, self.path)
 
     # Channels
 
@@ -287,8 +325,8 @@ class Session:
 
     # Parameters, mask, view, time
 
-    def set_parameter(self, merge: str = "", **values: Any) -> None:
-        """Change parameters by name.
+    def set_parameter(self, merge: str = "", label: str = "", **values: Any) -> None:
+        """Change parameters by name; `label` is what undo calls it.
 
         Raises
         ------
@@ -300,7 +338,7 @@ class Session:
         parameters = Parameters(**(self.parameters.to_dict() | values))
         if parameters != self.parameters:
             time = min(self.time * parameters.tau / self.parameters.tau, EXTRAPOLATION * parameters.tau)
-            self.change(f"change {', '.join(values)}", merge, parameters=parameters, time=time)
+            self.change(label or f"change {', '.join(values)}", merge, parameters=parameters, time=time)
 
     def set_mask(self, spec: str) -> None:
         """Weight the mismatch at each vertex by a function; empty for no mask.
@@ -350,9 +388,29 @@ class Session:
         """What Match would solve now."""
         return Problem(self.mesh, self.channels, self.parameters, self.document.mask)
 
+    @property
+    def obstacle(self) -> str:
+        """Why a match cannot start now; empty if it can."""
+        if not self.channels:
+            return "a source and a target for this mesh are being chosen"
+        for spec in self.specs:
+            if spec in self._evaluated.errors:
+                return f"{spec}: {self._evaluated.errors[spec]}"
+        missing = any(spec not in self._evaluated.values for spec in self.specs)
+        return "the functions are being computed" if missing else ""
+
+    @property
+    def specs(self) -> tuple[str, ...]:
+        """Specs of all functions of the document, each once."""
+        specs = [spec for channel in self.channels for spec in (channel.source, channel.target)]
+        return tuple(dict.fromkeys([*specs, self.document.mask] if self.document.mask else specs))
+
     def match(self) -> None:
-        """Start a run, unless one is under way or the functions are not known yet."""
-        if self.solver.running or not self.channels:
+        """Start a run, unless one is under way; if there is nothing to match yet, say why."""
+        if self.solver.running:
+            return
+        if self.obstacle:
+            self.say(f"no match yet: {self.obstacle}", is_error=bool(self._evaluated.errors))
             return
         field = self.result.velocity if self.solver.warm and self.result and self.result.mesh is self.mesh else None
         if field is not None and len(field) not in (1, self.parameters.segments):
@@ -366,17 +424,36 @@ class Session:
     @property
     def outdated(self) -> bool:
         """Whether the result belongs to another problem than the document now says."""
-        result = self.result
-        if result is None:
+        if self.result is None:
             return False
+        values = [self._evaluated.values.get(spec) for spec in self.specs]
+        seen: list[object] = [self.result, self.parameters, self.channels, self.document.mask, *values]
+        before, answer = self._compared
+        if len(seen) == len(before) and all(now is then for now, then in zip(seen, before, strict=True)):
+            return answer
+        known = self.result is before[0] if before else False
+        if not known or self._evaluated.errors or all(value is not None for value in values):
+            answer = self._differs(self.result)
+        self._compared = (seen, answer)
+        return answer
+
+    def _differs(self, result: Match) -> bool:
+        """Whether a result was found for other parameters or functions, as far as these are known."""
         if result.parameters != self.parameters or len(self.channels) != result.source.shape[1]:
             return True
-        for side, values in (("source", result.source), ("target", result.target)):
-            for number, channel in enumerate(self.channels):
-                now = self._evaluated.values.get(channel.source if side == "source" else channel.target)
-                if now is not None and not np.array_equal(now, values[:, number]):
-                    return True
-        return False
+        if [channel.weight for channel in self.channels] != result.weights.tolist():
+            return True
+        if (self.document.mask == "") != (result.mask is None):
+            return True
+        pairs = [(channel.source, result.source[:, i]) for i, channel in enumerate(self.channels)]
+        pairs += [(channel.target, result.target[:, i]) for i, channel in enumerate(self.channels)]
+        if result.mask is not None:
+            pairs.append((self.document.mask, result.mask))
+        found = self._evaluated
+        return any(
+            spec in found.errors or (spec in found.values and not np.array_equal(found.values[spec], then))
+            for spec, then in pairs
+        )
 
     # What is to be shown
 
@@ -416,11 +493,9 @@ class Session:
             return source
         snapshot, result = self.solver.snapshot, self.result
         at_end = abs(self.flow_time - flow.parameters.tau) <= 1e-9 * flow.parameters.tau
-        if at_end and snapshot is not None and not flow.final:
-            number = self.document.channel
-            advected = snapshot.iteration.advected
-            if number < advected.shape[1]:
-                return advected[:, number]
+        same_channels = snapshot is not None and len(snapshot.problem.channels) == len(self.channels)
+        if at_end and snapshot is not None and not flow.final and same_channels:
+            return snapshot.iteration.advected[:, self.document.channel]
         if at_end and flow.final and result is not None and not self.outdated:
             return result.advected[:, self.document.channel]
         carried = self._source.at(flow, source, self.flow_time, self._settled)
@@ -461,9 +536,11 @@ class Session:
         elapsed, self._last_update = now - self._last_update, now
         if self._loading.key == self._load_count and self._load_count:
             self._finish_loading()
+        self._forget_notice()
         self._find_defaults()
         self._evaluate()
-        self.solver.follow_problem(self.problem, self.dragging)
+        if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
+            self.solver.follow_problem(self.problem, self.dragging)
         ended = self.solver.collect()
         if ended is not None:
             self._take_result(*ended)
@@ -485,34 +562,30 @@ class Session:
         if self.channels:
             return
         mesh = self.mesh
-
-        def find() -> tuple[str, str]:
-            from abfm_viewer.defaults import default_functions
-
-            return default_functions(mesh)
-
-        found = self._defaults.ask(mesh, find)
+        found = self._defaults.ask(mesh, self.functions.evaluator.defaults)
         if found is not None:
             pristine = not self.unsaved
             self.amend(channels=(Channel(*found),))
             if pristine:
-                self._saved = self.document
+                self._keep(self.document, self.path)
         elif self._defaults.error and self._defaults.key is mesh:
             self.amend(channels=(Channel("coordinate:x", "coordinate:y"),))
             self.say(f"no default functions: {self._defaults.error}", is_error=True)
 
     def _evaluate(self) -> None:
-        specs = [spec for channel in self.channels for spec in (channel.source, channel.target)]
-        if self.document.mask:
-            specs.append(self.document.mask)
-        if specs:
-            evaluated = self.functions.ask(tuple(dict.fromkeys(specs)))
+        if self._evaluated_by is not self.functions:  # values on another mesh
+            self._evaluated_by, self._evaluated = self.functions, Evaluated()
+        if self.specs:
+            evaluated = self.functions.ask(self.specs)
             if evaluated is not None:
                 self._evaluated = evaluated
 
     def _take_result(self, match: Match | None, run: Run | None, problem: Problem) -> None:
+        if problem.mesh is not self.mesh:  # it was replaced meanwhile
+            self.solver.forget()
+            return
         runs = self.document.runs if run is None else (*self.document.runs, run)
-        if match is not None and problem.mesh is self.mesh:
+        if match is not None:
             self.change("match", result=match, runs=runs)
         if self.solver.failed:
             self.say(f"the solver stopped: {self.solver.reason}", is_error=True)

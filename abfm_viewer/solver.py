@@ -14,12 +14,19 @@ if TYPE_CHECKING:
 
 ADVICE = {
     "converged": "The gradient is small: this is the best field for these parameters.",
-    "iteration limit": "It was still improving: press Match again with more iterations, or go on from the "
-    "current field.",
+    "iteration limit": "It was still improving: give it more iterations, or start from the current field.",
     "line search failed": "No step lowers the energy any more, which is often rounding: try a larger alpha or sigma.",
     "cancelled": "The best field so far was kept.",
 }
 _POOR = 0.1
+
+
+def advice(reason: str, mismatch: float) -> str:
+    """What the end of a run means, and what to try."""
+    text = ADVICE.get(reason, "")
+    if mismatch > _POOR and reason in ("converged", "iteration limit", "line search failed"):
+        text += " The mismatch is still large: try a smaller alpha or sigma, or wider functions that overlap."
+    return text
 
 
 class Solver:
@@ -76,7 +83,8 @@ class Solver:
 
     def start(self, problem: Problem, functions: Functions, field: FloatArray | None) -> None:
         """Begin a run."""
-        self.reason, self._run = "", None
+        self.forget()
+        self._run = None
         self.worker = Worker(problem, functions, field)
 
     def pause(self) -> None:
@@ -97,7 +105,12 @@ class Solver:
     def follow_problem(self, problem: Problem, dragging: bool) -> None:
         """Restart with a changed problem; another alpha, which must be factored, only when the mouse lets go."""
         worker = self.worker
-        if worker is None or not self.follow or problem == worker.problem or not problem.channels:
+        if worker is None or problem == worker.problem:
+            return
+        if problem.mesh is not worker.problem.mesh:
+            worker.cancel()
+            return
+        if not self.follow or not problem.channels:
             return
         if dragging and problem.parameters.alpha != worker.problem.parameters.alpha:
             return
@@ -115,12 +128,9 @@ class Solver:
         self.reason = worker.error or (worker.result.stop_reason if worker.result else "cancelled")
         return worker.result, run, worker.problem
 
-    def advice(self, mismatch: float) -> str:
-        """What the end of the last run means, and what to try."""
-        advice = ADVICE.get(self.reason, "")
-        if mismatch > _POOR and self.reason in ("converged", "iteration limit", "line search failed"):
-            advice += " The mismatch is still large: try a smaller alpha, or wider functions that overlap."
-        return advice
+    def forget(self) -> None:
+        """Let the last run be as if it had not been."""
+        self.reason, self.failed = "", False
 
     def close(self, seconds: float = 5) -> None:
         """End the thread."""

@@ -7,12 +7,14 @@ Everything that opens something is a context manager, so that an error inside le
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, TypeVar
 
 import polyscope.imgui as imgui
+import polyscope.implot as implot
 
 from abfm_viewer import theme
 from abfm_viewer.document import Theme
@@ -22,8 +24,11 @@ Rect = tuple[float, float, float, float]
 """Left, top, right, bottom in window pixels."""
 Kind = Literal["button", "checkbox", "combo", "choice", "slider", "box", "section", "menu", "item", "plot", "canvas"]
 Word = TypeVar("Word", bound=str)
+ChooseToSave = Callable[[str, tuple[str, ...], str, Callable[[Path], None]], None]
+"""A title, suffixes, a default name, and what to do with the path."""
 
 _DIM = 0.4
+_ZERO_SHARE, _DECADES = 0.06, 6
 _WINDOW = (
     imgui.ImGuiWindowFlags_NoDecoration
     | imgui.ImGuiWindowFlags_NoMove
@@ -86,6 +91,8 @@ class Ui:
     open_sections : dict of str to bool
     scroll_to : str
         A section to bring into view in the next frame.
+    choose_to_save : callable
+        Lets the user name a file to write; see `abfm_viewer.dialogs.Dialogs.save`.
     """
 
     def __init__(self) -> None:
@@ -99,6 +106,8 @@ class Ui:
         self._disabled = 0
         self._texts: dict[str, str] = {}
         self._refused: dict[str, str] = {}
+        self.scroll_to = ""
+        self.choose_to_save: ChooseToSave = lambda title, suffixes, name, on_path: None
 
     # Frames, windows, structure
 
@@ -130,6 +139,15 @@ class Ui:
             self._areas.pop()
             imgui.End()
 
+    def backdrop(self) -> None:
+        """A veil over the whole window that keeps the mouse from what is behind it: draw it before a dialog."""
+        imgui.SetNextWindowPos((0, 0))
+        imgui.SetNextWindowSize(tuple(imgui.GetIO().DisplaySize))
+        imgui.PushStyleColor(imgui.ImGuiCol_WindowBg, (0, 0, 0, 0.35))
+        imgui.Begin("backdrop", _WINDOW & ~imgui.ImGuiWindowFlags_NoBringToFrontOnFocus)
+        imgui.End()
+        imgui.PopStyleColor()
+
     @contextmanager
     def dialog(self, title: str, width: float, height: float = 0) -> Iterator[None]:
         """A window in front of everything, in the middle; without a height it fits what is in it."""
@@ -153,10 +171,16 @@ class Ui:
             imgui.End()
 
     @contextmanager
-    def child(self, name: str, height: float, border: bool = True) -> Iterator[None]:
-        """A part of a panel that scrolls by itself; a negative height leaves that much below it."""
+    def child(self, name: str, height: float, border: bool = True, shrinks: bool = False) -> Iterator[None]:
+        """A part of a panel that scrolls by itself; a negative height leaves that much below it.
+
+        One that `shrinks` is as low as what is in it.
+        """
         flags = imgui.ImGuiChildFlags_Borders if border else imgui.ImGuiChildFlags_None
-        imgui.BeginChild(name, (0, height), flags)
+        if shrinks:
+            flags |= imgui.ImGuiChildFlags_AutoResizeY
+            imgui.SetNextWindowSizeConstraints((0, 0), (imgui.GetContentRegionAvail()[0], height))
+        imgui.BeginChild(name, (0, 0 if shrinks else height), flags)
         left, top = imgui.GetWindowPos()
         self._areas.append((left, top, left + imgui.GetWindowWidth(), top + imgui.GetWindowHeight()))
         try:
@@ -197,6 +221,9 @@ class Ui:
         imgui.PopStyleColor()
         self._record(label, "section", text="open" if now_open else "closed")
         self.open_sections[label] = now_open
+        if self.scroll_to == label:
+            imgui.SetScrollHereY(0)
+            self.scroll_to = ""
         imgui.PushID(label)
         self._sections.append(label)
         try:
@@ -206,6 +233,11 @@ class Ui:
             imgui.PopID()
             if now_open:
                 imgui.Dummy((0, self.px(4)))
+
+    def show_section(self, label: str) -> None:
+        """Open a section and bring it into view in the next frame."""
+        self.open_sections[label] = True
+        self.scroll_to = label
 
     # Menus
 
@@ -229,6 +261,7 @@ class Ui:
         finally:
             self._sections.pop()
             if is_open:
+                _close_by_escape()
                 imgui.EndMenu()
 
     def menu_item(self, label: str, shortcut: str = "", checked: bool = False, enabled: bool = True) -> bool:
@@ -270,13 +303,16 @@ class Ui:
         self._record(label, "combo", text=value)
         if is_open:
             self._sections.append(label)
+            self._areas.append(self._areas[0])  # the list may be drawn outside its panel
             try:
                 for choice in choices:
                     chosen = imgui.Selectable(choice, choice == value)
                     self._record(choice, "choice", text="chosen" if choice == value else "")
                     value = choice if chosen else value
             finally:
+                self._areas.pop()
                 self._sections.pop()
+                _close_by_escape()
                 imgui.EndCombo()
         else:
             self.tip(tip)
@@ -309,16 +345,17 @@ class Ui:
     ) -> float | None:
         """A slider with a box to type into, which takes values beyond the slider's ends; a new value, or None.
 
-        A text that is no number is refused in place. Whole numbers keep their type in the display.
+        A text that is no number is refused in place. Whole numbers keep their type in the display. A logarithmic
+        slider from 0 has 0 at its left end, and six decades.
         """
         box = self.px(76)
         spacing = imgui.GetStyle().ItemInnerSpacing[0]
         width = max(self._width_beside(label) - box - spacing, self.px(40))
         imgui.SetNextItemWidth(width)
         flags = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
-        flags |= imgui.ImGuiSliderFlags_Logarithmic if log else 0
-        shown = min(max(value, low), high)
-        changed, slid = imgui.SliderFloat(f"##{label} slider", shown, low, high, "", flags)
+        shown = share_of(min(max(value, low), high), low, high, log)
+        changed, share = imgui.SliderFloat(f"##{label} slider", shown, 0.0, 1.0, "", flags)
+        slid = value_at(share, low, high, log)
         self._record(label, "slider", low=low, high=high, log=log, text=f"{value:.6g}")
         self.tip(tip)
         result: float | None = None
@@ -355,12 +392,34 @@ class Ui:
                 return str(typed)
         return None
 
+    def live_text(self, label: str, value: str, tip: str = "", *, hint: str = "", focus: bool = False) -> str:
+        """A box to type into; what it holds now. `focus` puts the keyboard there."""
+        imgui.SetNextItemWidth(self._width_beside(label))
+        if focus:
+            imgui.SetKeyboardFocusHere()
+        _, value = imgui.InputTextWithHint(label, hint, value, imgui.ImGuiInputTextFlags_AutoSelectAll)
+        self._record(label, "box", text=value)
+        self.tip(tip)
+        return str(value)
+
+    def row(self, label: str, chosen: bool) -> tuple[bool, bool]:
+        """A row of a list; whether it was clicked, and whether twice in a row."""
+        text = label.replace("##", "# #")  # which would hide the rest
+        clicked = bool(imgui.Selectable(text, chosen, imgui.ImGuiSelectableFlags_AllowDoubleClick))
+        self._record(label, "choice", text="chosen" if chosen else "")
+        return clicked, clicked and bool(imgui.IsMouseDoubleClicked(0))
+
     def refuse(self, label: str, reason: str) -> None:
         """Say below the widget of this label why its new value was not taken; empty to say nothing any more."""
         if reason:
             self._refused[self._key(label)] = reason
         else:
             self._refused.pop(self._key(label), None)
+
+    def accept_all(self) -> None:
+        """Take back all refusals in this section."""
+        here = self._key("")
+        self._refused = {key: reason for key, reason in self._refused.items() if not key.startswith(here)}
 
     def refusal(self, label: str) -> None:
         """Show what `refuse` was told."""
@@ -371,6 +430,30 @@ class Ui:
     def progress(self, fraction: float, text: str) -> None:
         """A bar that fills."""
         imgui.ProgressBar(min(max(fraction, 0.0), 1.0), (-1, 0), text)
+
+    @contextmanager
+    def plot(self, label: str, height: float, flags: int) -> Iterator[bool]:
+        """A plot as wide as the panel; yields whether there is something to draw on."""
+        clear = (0, 0, 0, 0)
+        colors = {
+            implot.ImPlotCol_FrameBg: clear,
+            implot.ImPlotCol_PlotBg: self.colors.ground,
+            implot.ImPlotCol_PlotBorder: self.colors.border,
+            implot.ImPlotCol_LegendBg: clear,
+            implot.ImPlotCol_LegendBorder: clear,
+            implot.ImPlotCol_AxisGrid: self.colors.border,
+            implot.ImPlotCol_AxisTick: clear,
+        }
+        for index, color in colors.items():
+            implot.PushStyleColor(index, color)
+        is_drawn = bool(implot.BeginPlot(f"##{label}", (-1, self.px(height)), flags))
+        try:
+            yield is_drawn
+        finally:
+            if is_drawn:
+                implot.EndPlot()
+            implot.PopStyleColor(len(colors))
+            self._record(label, "plot")
 
     # Text and space
 
@@ -387,6 +470,10 @@ class Ui:
         imgui.PushStyleColor(imgui.ImGuiCol_Text, color or self.colors.muted)
         imgui.SeparatorText(text)
         imgui.PopStyleColor()
+
+    def separator(self) -> None:
+        """A line across."""
+        imgui.Separator()
 
     def beside(self, spacing: float = -1) -> None:
         """Put the next widget on the same line."""
@@ -408,14 +495,19 @@ class Ui:
             imgui.EndTooltip()
 
     def record(
-        self, label: str, kind: Kind, rect: Rect, low: float = 0.0, high: float = 0.0, text: str = ""
+        self,
+        label: str,
+        kind: Kind,
+        rect: Rect,
+        low: float = 0.0,
+        high: float = 0.0,
+        text: str = "",
+        log: bool = False,
     ) -> None:
         """Remember something that was drawn without these methods."""
         section, grab = "/".join(self._sections[1:]), imgui.GetStyle().GrabMinSize
         usable = not self._disabled
-        self._drawn.append(
-            Widget(label, kind, rect, self._areas[-1], section, usable, low, high, text=text, grab=grab)
-        )
+        self._drawn.append(Widget(label, kind, rect, self._areas[-1], section, usable, low, high, log, text, grab))
 
     def _record(
         self,
@@ -451,8 +543,36 @@ class Ui:
 
     def _width_beside(self, label: str) -> float:
         """What the panel leaves beside a label, which all have the same room."""
-        room = max(imgui.CalcTextSize(label.partition("##")[0])[0] + self.px(8), self.px(92))
+        room = max(imgui.CalcTextSize(label.partition("##")[0])[0] + self.px(8), self.px(104))
         return max(float(imgui.GetContentRegionAvail()[0] - room), self.px(60))
+
+
+def share_of(value: float, low: float, high: float, log: bool) -> float:
+    """Where on a slider from `low` to `high` a value is, 0 to 1."""
+    if not log:
+        return (value - low) / (high - low)
+    if low > 0:
+        return math.log(value / low) / math.log(high / low)
+    if value <= 0:
+        return 0.0
+    return _ZERO_SHARE + (1 - _ZERO_SHARE) * max(0.0, 1 + math.log10(value / high) / _DECADES)
+
+
+def value_at(share: float, low: float, high: float, log: bool) -> float:
+    """The value at a place of a slider: the inverse of `share_of`."""
+    if not log:
+        return low + share * (high - low)
+    if low > 0:
+        return float(low * (high / low) ** share)
+    if share < _ZERO_SHARE / 2:
+        return 0.0
+    return float(high * 10 ** (_DECADES * (max(share, _ZERO_SHARE) - 1) / (1 - _ZERO_SHARE)))
+
+
+def _close_by_escape() -> None:
+    """Close the menu or the list that is open; ImGui does so only with keyboard navigation."""
+    if imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
+        imgui.CloseCurrentPopup()
 
 
 def _rounded(value: float) -> float:

@@ -2,30 +2,41 @@
 
 from __future__ import annotations
 
+import signal
 import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polyscope.imgui as imgui
 from PIL import Image
 
 from abfm.io import write_atomically
-from abfm_viewer import opengl, style
+from abfm_viewer import keyboard, opengl, style, warm_up
+from abfm_viewer.actions import Actions
 from abfm_viewer.annotations import draw_annotations
 from abfm_viewer.background import one_line
+from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document import Theme
+from abfm_viewer.documents import Documents
 from abfm_viewer.opengl import ps
 from abfm_viewer.panels import menus, right_panel, status_line, time_bar
+from abfm_viewer.persistence import Persistence
 from abfm_viewer.scene import Scene
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Rect, Ui
 
-_SECONDS_PER_FRAME, _LEAST_SLEEP = 1 / 30, 0.002
+if TYPE_CHECKING:
+    from abfm_viewer.state_folder import StateFolder
+
+_SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
+_IDLE_AFTER = 1.0  # seconds without anything that moves
 _PANEL_WIDTH, _WIDEST_PANEL = 380, 0.5
-_TIME_BAR_HEIGHT, _STATUS_HEIGHT = 82, 28
+_STATUS_HEIGHT = 28
 
 
 @dataclass(frozen=True)
@@ -43,7 +54,7 @@ def areas(size: tuple[float, float], menu_height: float, scale: float) -> Areas:
     width, height = size
     right = max(width - min(_PANEL_WIDTH * scale, _WIDEST_PANEL * width), 1.0)
     status = height - _STATUS_HEIGHT * scale
-    bar = status - _TIME_BAR_HEIGHT * scale
+    bar = status - time_bar.height(right, scale)
     return Areas(
         scene=(0.0, menu_height, right, max(bar, menu_height + 1)),
         panel=(right, menu_height, width, status),
@@ -69,15 +80,28 @@ class Window:
     """
 
     def __init__(
-        self, session: Session, backend: opengl.Backend = opengl.WINDOW, size: tuple[int, int] = (1600, 1000)
+        self,
+        session: Session,
+        backend: opengl.Backend = opengl.WINDOW,
+        size: tuple[int, int] = (1600, 1000),
+        state: StateFolder | None = None,
     ) -> None:
         self.session = session
         self.ui = Ui()
+        self.dialogs = Dialogs()
+        self.ui.choose_to_save = self.dialogs.save
+        self.documents = Documents(session, state, self.dialogs.ask)
+        self.persistence = Persistence(session, state, self.dialogs) if state else None
+        self.actions = Actions(
+            session, self.documents, self.dialogs, self._reset_camera, self.ui.show_section, self._end
+        )
         self.frames = 0
         self.errors: dict[str, str] = {}
-        self.closing = False
+        self.closing = self.interrupted = False
         self.parts = areas(size, 0, 1)
-        self._capturing = False
+        self._capturing = self._redraws = False
+        self._panel_seconds = self._moved_at = 0.0
+        self._document: object = None
         self._style: tuple[Theme, float] | None = None
         opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)
@@ -85,32 +109,56 @@ class Window:
         ps.set_max_fps(-1)  # the GIL is held while polyscope waits for the next frame; `frame` waits without it
         ps.set_frame_tick_limit_fps_mode("ignore_limits")
         ps.set_configure_imgui_style_callback(self._restyle)
+        ps.set_files_dropped_callback(self._dropped)
         ps.set_user_callback(self._callback)
         self.scene = Scene()
 
     def run(self) -> None:
-        """Draw frames until the window is closed."""
+        """Draw frames until the window is closed.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            After Ctrl-C on the terminal, between two frames: inside one it would stop polyscope for good.
+        """
+        before = signal.signal(signal.SIGINT, self._interrupt)
         try:
+            self.frame()
+            warm_up.start()
             while not self.closing:
                 self.frame()
-                self.closing = self.closing or ps.window_requests_close()
+                if ps.window_requests_close():
+                    self._once("closing", self.actions.quit)
         finally:
             self.close()
+            signal.signal(signal.SIGINT, before)
+        if self.interrupted:
+            raise KeyboardInterrupt
 
     def close(self) -> None:
         """End all threads, and draw nothing any more."""
         ps.clear_user_callback()
+        ps.clear_files_dropped_callback()
+        self.documents.close()
+        if self.persistence:
+            self.persistence.close(keep_unsaved=self.interrupted)
         self.session.close()
 
     def frame(self) -> None:
         """Draw one frame and leave the rest of its time to the solver."""
         start = time.perf_counter()
         self.tick()
-        time.sleep(max(_LEAST_SLEEP, _SECONDS_PER_FRAME - (time.perf_counter() - start)))
+        now = time.perf_counter()
+        lively = now - self._moved_at < _IDLE_AFTER
+        seconds = _SECONDS_PER_FRAME if lively else _SECONDS_PER_IDLE_FRAME
+        time.sleep(max(_LEAST_SLEEP, seconds - (now - start)))
 
     def tick(self) -> None:
         """Draw one frame."""
+        start = time.perf_counter()
         ps.frame_tick()
+        if self._redraws:
+            self.scene.redraw_seconds = time.perf_counter() - start - self._panel_seconds
 
     def screenshot(self, path: Path) -> None:
         """Write a picture (PNG) of the whole window: the panels as they are, though nothing is hovered or open."""
@@ -136,6 +184,12 @@ class Window:
 
     def _callback(self) -> None:
         """Draw one frame; an exception that escaped would stop polyscope from drawing ever again."""
+        start = time.perf_counter()
+        self._draw()
+        self._redraws = bool(ps.get_redraw_requested())
+        self._panel_seconds = time.perf_counter() - start
+
+    def _draw(self) -> None:
         if not self._capturing:
             self.frames += 1
         view = self.session.view
@@ -150,17 +204,54 @@ class Window:
         parts = self.parts = areas(imgui.GetIO().DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
         self.guarded("scene", lambda: self.scene.update(self.session, parts.scene))
         self.guarded("labels", lambda: draw_annotations(self.ui, self.scene, parts.scene))
-        self.guarded("menu", lambda: menus.draw(self.ui, self.session))
-        self.guarded("panel", lambda: right_panel.draw(self.ui, self.session, parts.panel, self.guarded))
-        self.guarded("time bar", lambda: time_bar.draw(self.ui, self.session, parts.time_bar))
-        self.guarded("status line", lambda: status_line.draw(self.ui, self.session, parts.status))
+        with self.ui.disabled(self.dialogs.is_open):
+            self.guarded("menu", lambda: menus.draw(self.ui, self.actions))
+            self.guarded("panel", lambda: right_panel.draw(self.ui, self.session, parts.panel, self.guarded))
+            self.guarded("time bar", lambda: time_bar.draw(self.ui, self.session, parts.time_bar))
+            self.guarded("status line", lambda: status_line.draw(self.ui, self.session, parts.status))
+        keys_are_free = not self.dialogs.is_open and not self._capturing
+        self.guarded("dialog", lambda: self.dialogs.draw(self.ui))
+        if keys_are_free:
+            self.guarded("keyboard", lambda: keyboard.do_pressed(self.actions))
 
     def _update(self) -> None:
+        if self._moves():
+            self._moved_at = time.perf_counter()
         active = bool(imgui.IsAnyItemActive())
         if self.session.dragging and not active:
             self.session.history.seal()
         self.session.dragging = active
         self.session.update()
+        self.documents.update()
+        if self.persistence:
+            self.persistence.update()
+
+    def _moves(self) -> bool:
+        """Whether the user or the session did something since the latest frame."""
+        session, io = self.session, imgui.GetIO()
+        changed = session.document is not self._document
+        self._document = session.document
+        by_hand = tuple(io.MouseDelta) != (0, 0) or io.MouseWheel != 0 or imgui.IsAnyMouseDown()
+        return changed or by_hand or imgui.IsAnyItemActive() or session.solver.running or session.busy != ""
+
+    def _dropped(self, files: list[str]) -> None:
+        """Open a file that was dropped on the window."""
+        if files:
+            self._once("drop", lambda: self.documents.open_first([Path(file) for file in files]))
+
+    def _once(self, part: str, do: Callable[[], None]) -> None:
+        """Do something between frames; an error is shown in the status line only."""
+        self.guarded(part, do)
+        self.errors.pop(part, None)
+
+    def _reset_camera(self) -> None:
+        self.scene.reset_camera(self.session)
+
+    def _interrupt(self, number: int, frame: FrameType | None) -> None:
+        self.closing = self.interrupted = True
+
+    def _end(self) -> None:
+        self.closing = True
 
     def _restyle(self) -> None:
         view = self.session.view

@@ -119,7 +119,9 @@ class Worker:
     def restart(self, problem: Problem) -> None:
         """Go on with another problem on the same mesh, from the field that was found so far."""
         with self._lock:
-            self.problem = self._next = problem
+            if not self._cancelled:
+                self.problem = self._next = problem
+                self._yield_to_next()
 
     def wait(self, seconds: float | None = None) -> None:
         """Return when the thread has ended, or the time is over."""
@@ -189,8 +191,12 @@ class Worker:
         self._stages.append(iteration.stage)
         self._since_restart += 1
         with self._lock:
-            if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
-                self._control.cancel()
+            self._yield_to_next()
+
+    def _yield_to_next(self) -> None:
+        """End the present solve for the next problem, but not so soon that a drag would keep it from moving."""
+        if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
+            self._control.cancel()
 
 
 def _carried_over(match: Match, parameters: Parameters) -> FloatArray | None:

@@ -2,15 +2,125 @@
 
 from __future__ import annotations
 
-from abfm_viewer.session import Session
+from pathlib import Path
+from typing import Any
+
+from abfm import Parameters
+from abfm_viewer import colormaps
+from abfm_viewer.actions import Actions
+from abfm_viewer.document import LAYOUTS, THEMES
+from abfm_viewer.presets import NOTE, PRESETS
+from abfm_viewer.shortcuts import hint
 from abfm_viewer.ui import Ui
 
+UI_SCALES = (1.0, 1.25, 1.5, 2.0)
+_LONGEST_PATH = 60
 
-def draw(ui: Ui, session: Session) -> None:
+
+def draw(ui: Ui, actions: Actions) -> None:
     """Draw the menus and do what was chosen."""
-    with ui.menu_bar(), ui.menu("Edit") as is_open:
-        if is_open:
-            if ui.menu_item("Undo", "Ctrl+Z", enabled=bool(session.history.undo_label)):
-                session.undo()
-            if ui.menu_item("Redo", "Ctrl+Y", enabled=bool(session.history.redo_label)):
-                session.redo()
+    with ui.menu_bar():
+        for label, draw_menu in _MENUS.items():
+            with ui.menu(label) as is_open:
+                if is_open:
+                    draw_menu(ui, actions)
+
+
+def _file(ui: Ui, actions: Actions) -> None:
+    _item(ui, actions, "Open mesh...", "open_mesh")
+    _item(ui, actions, "Open project...", "open_project")
+    _recent(ui, actions)
+    ui.separator()
+    _item(ui, actions, "Save project", "save")
+    _item(ui, actions, "Save project as...", "save_as")
+    ui.separator()
+    for label in ("Export picture...", "Export movie...", "Export data..."):
+        if ui.menu_item(label):
+            actions.show_section("Export")
+    ui.separator()
+    _item(ui, actions, "Quit", "quit")
+
+
+def _recent(ui: Ui, actions: Actions) -> None:
+    with ui.menu("Recent") as is_open:
+        if not is_open:
+            return
+        recent = actions.documents.recent()
+        for path in recent:
+            if ui.menu_item(_short(path)):
+                actions.documents.open(path)
+        if not recent:
+            ui.menu_item("no files yet", enabled=False)
+        ui.separator()
+        if ui.menu_item("Clear recent", enabled=bool(recent)):
+            actions.documents.forget_recent()
+
+
+def _edit(ui: Ui, actions: Actions) -> None:
+    history = actions.session.history
+    for label, action, what in (("Undo", "undo", history.undo_label), ("Redo", "redo", history.redo_label)):
+        keys = f"{what}   {hint(action)}" if what else hint(action)
+        if ui.menu_item(label, keys, enabled=bool(what)):
+            getattr(actions, action)()
+
+
+def _view(ui: Ui, actions: Actions) -> None:
+    session = actions.session
+    view = session.view
+    for theme in THEMES:
+        keys = hint("switch_theme") if theme != view.theme else ""
+        if ui.menu_item(f"{theme.capitalize()} theme", keys, checked=view.theme == theme):
+            session.set_view("change the theme", theme=theme)
+    ui.separator()
+    _choices(ui, actions, "Layout", "layout", {name: name for name in LAYOUTS})
+    _choices(ui, actions, "Colour map", "colormap", {name: name for name in ("automatic", *colormaps.NAMES)})
+    for label, name in (("Isolines", "isolines"), ("Colour bar", "color_bar")):
+        shown = getattr(view, name)
+        if ui.menu_item(label, checked=shown):
+            session.set_view(f"{'hide' if shown else 'show'} the {label.lower()}", "", **{name: not shown})
+    ui.separator()
+    _item(ui, actions, "Reset camera", "reset_camera")
+    _choices(ui, actions, "UI scale", "ui_scale", {f"{scale:g}": scale for scale in UI_SCALES})
+
+
+def _choices(ui: Ui, actions: Actions, label: str, name: str, choices: dict[str, Any]) -> None:
+    """A submenu of which one entry is chosen."""
+    session = actions.session
+    with ui.menu(label) as is_open:
+        for choice, value in choices.items() if is_open else ():
+            if ui.menu_item(choice, checked=getattr(session.view, name) == value):
+                session.set_view(f"change the {label.replace('UI', 'window').lower()}", "", **{name: value})
+
+
+def _presets(ui: Ui, actions: Actions) -> None:
+    session = actions.session
+    for preset in PRESETS:
+        chosen = ui.menu_item(f"{preset.name}: {preset.about}", checked=preset.holds(session.parameters))
+        ui.tip(NOTE)
+        if chosen:
+            session.set_parameter(label=f"preset {preset.name}", **preset.values)
+    ui.separator()
+    if ui.menu_item("Reset to defaults", enabled=session.parameters != Parameters()):
+        session.set_parameter(label="reset the parameters", **Parameters().to_dict())
+
+
+def _help(ui: Ui, actions: Actions) -> None:
+    _item(ui, actions, "Shortcuts", "show_shortcuts")
+    _item(ui, actions, "About", "show_about")
+
+
+def _item(ui: Ui, actions: Actions, label: str, action: str) -> None:
+    if ui.menu_item(label, hint(action)):
+        getattr(actions, action)()
+
+
+def _short(path: Path) -> str:
+    """A path that fits in a menu: ~ for the user's own folder, and the middle left out."""
+    text = str(path)
+    home = str(Path.home())
+    if text.startswith(f"{home}/"):
+        text = f"~{text[len(home) :]}"
+    return text if len(text) <= _LONGEST_PATH else f"{text[:15]}...{text[-_LONGEST_PATH + 18 :]}"
+
+
+_MENUS = {"File": _file, "Edit": _edit, "View": _view, "Presets": _presets, "Help": _help}

@@ -2,20 +2,167 @@
 
 from __future__ import annotations
 
-from abfm import ParameterError
+from dataclasses import dataclass, fields
+from typing import Any
+
+from abfm import AbfmError, ParameterError, Parameters
+from abfm.parameters import CHOICES
+from abfm_viewer.panels.solver import draw_switches
+from abfm_viewer.presets import NOTE, PRESETS, preset_of
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
 
-_RANGES = {"alpha": (1e-4, 1e2), "sigma": (1e-4, 1.0), "tau": (0.1, 10.0)}
+_OWN, _DEFAULTS = "own values", "defaults"
+_HELP = {entry.name: entry.metadata for entry in fields(Parameters)}
+
+
+@dataclass(frozen=True)
+class _Number:
+    """A parameter's slider, and what its tooltip says besides what the parameter does.
+
+    Attributes
+    ----------
+    place : str
+        Where the paper has it.
+    remedy : str
+        What to try when the result is bad.
+    """
+
+    name: str
+    low: float
+    high: float
+    place: str
+    remedy: str
+    log: bool = False
+    whole: bool = False
+
+
+_MODEL = (
+    _Number(
+        "alpha", 1e-4, 1e4, "section 3, Eq. 3", "Smaller if the target is missed, larger if the field is rough.", True
+    ),
+    _Number("beta", 0, 1, "section 3, Eq. 3", "0 is mostly best; try 1e-4 if the target's edges are blurred.", True),
+    _Number("sigma", 1e-5, 1, "Eq. 3, section 7", "Smaller if the match is loose, larger if the field is wild.", True),
+    _Number(
+        "tau", 0.1, 10, "Eq. 3, section 7", "Leave it and change alpha: mostly only speed and tau trade places.", True
+    ),
+)
+_SEGMENTS = _Number("segments", 1, 40, "Eq. 6, section 5", "More if linearised steps leave noise.", whole=True)
+_BRACKET = (
+    _Number("substeps", 1, 200, "section 7", "More if the line search fails early.", True, True),
+    _Number("quadrature", 1, 50, "Eq. 9", "More if the line search fails early.", whole=True),
+)
+_EFFORT = (
+    _Number("iterations", 1, 2000, "section 7", "More if it ended at the iteration limit.", True, True),
+    _Number("cooling_stages", 1, 6, "section 7, Table 1", "More if functions far apart do not meet.", whole=True),
+)
+_ADVANCED = (
+    _Number("cooling_factor", 1.5, 100, "section 7, Table 1", "Smaller if a new stage undoes the last one.", True),
+    _Number("stage_iterations", 0, 200, "section 7", "More if the energy still falls where a stage ends.", whole=True),
+    _Number("memory", 1, 100, "section 7", "More if it is slow, fewer if memory runs out.", whole=True),
+    _Number("max_displacement", 0.01, 1, "", "Smaller if the field overshoots in the first iterations.", True),
+    _Number("tolerance", 0, 0.1, "", "Smaller if it converges too early.", True),
+)
+_WORDS = {
+    "method": ("Eqs. 4 and 5, section 5", "nonlinear if the result is jagged."),
+    "gradient": ("Eqs. 7 and 9", "adjoint, which is exact."),
+    "preconditioner": ("section 7", "hodge, which is faster on all but the coarsest meshes."),
+}
+_MASK_TIP = (
+    "A function that weighs the mismatch at each vertex, 0 or more: where it is 0, anything may happen. Any spec, for "
+    "example indicator:vertex=12,radius=0.3 or expression:x>0. Empty: every vertex counts alike.\n"
+    "Not in the paper. Bad result in one region: give it more weight."
+)
 
 
 def draw(ui: Ui, session: Session) -> None:
-    """Draw sliders."""
-    for name, (low, high) in _RANGES.items():
-        value = ui.number(name, getattr(session.parameters, name), low, high, log=True)
-        if value is not None:
-            try:
-                session.set_parameter(name, **{name: value})
-                ui.refuse(name, "")
-            except ParameterError as error:
-                ui.refuse(name, str(error))
+    """Draw everything that can be set about a match."""
+    parameters = session.parameters
+    _preset(ui, session)
+    for number in _MODEL:
+        _number(ui, session, number)
+    _choice(ui, session, "method")
+    _number(ui, session, _SEGMENTS)
+    with ui.disabled(parameters.method == "linearised"):
+        _choice(ui, session, "gradient")
+        with ui.disabled(parameters.gradient == "adjoint"):
+            for number in _BRACKET:
+                _number(ui, session, number)
+    for number in _EFFORT:
+        _number(ui, session, number)
+    _mask(ui, session)
+    draw_switches(ui, session)
+    with ui.section("Advanced", False) as is_open:
+        if is_open:
+            for number in _ADVANCED:
+                _number(ui, session, number)
+            _choice(ui, session, "preconditioner")
+    enabled = parameters != Parameters()
+    if ui.button("Reset to defaults", "All parameters as they are at first.", enabled=enabled, width=-1):
+        session.set_parameter(label="reset the parameters", **Parameters().to_dict())
+        ui.accept_all()
+
+
+def _preset(ui: Ui, session: Session) -> None:
+    now = preset_of(session.parameters)
+    shown = now.name if now else _DEFAULTS if session.parameters == Parameters() else _OWN
+    about = "\n".join(f"{preset.name}: {preset.about}" for preset in PRESETS)
+    chosen = ui.combo("preset", shown, [preset.name for preset in PRESETS], f"{NOTE}\n\n{about}")
+    for preset in PRESETS:
+        if chosen == preset.name != shown:
+            session.set_parameter(label=f"preset {preset.name}", **preset.values)
+            ui.accept_all()
+
+
+def _number(ui: Ui, session: Session, number: _Number) -> None:
+    name = number.name
+    value = ui.number(
+        name,
+        getattr(session.parameters, name),
+        number.low,
+        number.high,
+        _tip(name, number.place, number.remedy),
+        log=number.log,
+        whole=number.whole,
+    )
+    if value is not None:
+        _set(ui, session, name, value)
+
+
+def _choice(ui: Ui, session: Session, name: str) -> None:
+    value = getattr(session.parameters, name)
+    chosen = ui.combo(name, value, CHOICES[name], _tip(name, *_WORDS[name]))
+    if chosen != value:
+        _set(ui, session, name, chosen)
+    ui.refusal(name)
+
+
+def _set(ui: Ui, session: Session, name: str, value: Any) -> None:
+    """Change a parameter, or say in place why not."""
+    try:
+        session.set_parameter(name, **{name: value})
+        ui.refuse(name, "")
+    except ParameterError as error:
+        ui.refuse(name, str(error))
+
+
+def _mask(ui: Ui, session: Session) -> None:
+    spec = ui.text("mask", session.document.mask, _MASK_TIP, hint="none: all vertices count")
+    if spec is not None:
+        try:
+            session.set_mask(spec.strip())
+            ui.refuse("mask", "")
+        except AbfmError as error:
+            ui.refuse("mask", str(error))
+    ui.refusal("mask")
+    problem = session.error(session.document.mask)
+    if problem:
+        ui.note(problem, "error")
+
+
+def _tip(name: str, place: str, remedy: str) -> str:
+    help, symbol = _HELP[name]["help"], _HELP[name]["symbol"]
+    default = getattr(Parameters(), name)
+    shown = f"{default:g}" if isinstance(default, int | float) else default
+    in_paper = ", ".join(filter(None, [symbol.strip("*"), place])) or "not there"
+    return f"{help[0].upper()}{help[1:]}. Default: {shown}.\nIn the paper: {in_paper}.\nBad result? {remedy}"

@@ -3,19 +3,77 @@
 from __future__ import annotations
 
 from abfm_viewer.session import Session
+from abfm_viewer.solver import advice
 from abfm_viewer.ui import Ui
 
 
 def draw(ui: Ui, session: Session) -> None:
     """Draw the buttons and the state."""
-    solver = session.solver
-    if not solver.running:
-        tip = "Find the field whose flow carries the source to the target (Ctrl+Enter)."
-        if ui.button("Match", tip, primary=True, enabled=bool(session.channels), width=-1):
-            session.match()
+    if session.solver.running:
+        _run(ui, session)
     else:
-        if ui.button("Resume" if solver.paused else "Pause", "Hold the solver, or let it go on.", width=ui.px(120)):
-            solver.resume() if solver.paused else solver.pause()
-        ui.beside()
-        if ui.button("Cancel", "End the run and keep the best field so far.", width=-1):
-            solver.cancel()
+        obstacle = session.obstacle
+        tip = "Find the field whose flow carries the source to the target (Ctrl+Enter)."
+        if ui.button("Match", tip, primary=True, enabled=not obstacle, width=-1):
+            session.match()
+        if obstacle:
+            failed = any(session.error(spec) for spec in session.specs)
+            ui.note(f"No match yet: {obstacle}", "error" if failed else "muted")
+        else:
+            _outcome(ui, session)
+
+
+def _run(ui: Ui, session: Session) -> None:
+    """Buttons and progress of a run."""
+    solver = session.solver
+    tip = "Let the solver go on." if solver.paused else "Hold the solver; the window stays as it is."
+    if ui.button("Resume" if solver.paused else "Pause", tip, width=ui.px(120)):
+        solver.resume() if solver.paused else solver.pause()
+    ui.beside()
+    if ui.button("Cancel", "End the run and keep the best field so far.", width=-1):
+        solver.cancel()
+    snapshot = solver.snapshot
+    if snapshot is None:
+        ui.progress(0, "")
+        ui.note("Starting: factoring the norm of the field")
+        return
+    now, limit = snapshot.iteration, snapshot.problem.parameters.iterations
+    ui.progress(now.iteration / max(limit, 1), "")
+    stage = f", stage {now.stage + 1}/{now.stages}" if now.stages > 1 else ""
+    ui.note(f"Iteration {now.iteration}/{limit}{stage}, mismatch {now.mismatch:.3g}", "ink")
+
+
+def _outcome(ui: Ui, session: Session) -> None:
+    """What the latest run led to."""
+    result, solver = session.result, session.solver
+    if solver.failed:
+        ui.note(f"The solver stopped: {solver.reason}", "error")
+    if result is None:
+        if not solver.failed:
+            ui.note("Finds the field whose flow carries the source to the target.")
+        return
+    reason = result.stop_reason
+    steps = len(result.energy_history) - 1
+    ui.note(f"{reason.capitalize()} ({steps} iterations). Mismatch {result.mismatch:.3g}.", "ink")
+    if session.outdated:
+        ui.note("The functions or parameters changed since: press Match again.", "error")
+    else:
+        ui.note(advice(reason, result.mismatch))
+
+
+def draw_switches(ui: Ui, session: Session) -> None:
+    """Draw how runs begin: what the parameters do not say."""
+    solver = session.solver
+    solver.follow = ui.checkbox(
+        "Restart on changes",
+        solver.follow,
+        "While it runs, another parameter or function restarts the solver from the field that it has by then. A new "
+        "alpha is taken when the mouse lets go of the slider.",
+    )
+    ui.beside_if_fits("Start from the current field")
+    solver.warm = ui.checkbox(
+        "Start from the current field",
+        solver.warm,
+        "Match goes on from the present result instead of from zero, with sigma at its last value. Good after small "
+        "changes; start from zero where it got stuck.",
+    )

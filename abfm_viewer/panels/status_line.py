@@ -9,8 +9,46 @@ from abfm_viewer.ui import Rect, Ui
 
 
 def draw(ui: Ui, session: Session, rect: Rect) -> None:
-    """Draw what goes on, the mesh's size and frames per second."""
+    """Draw a notice or what goes on, and at the right the mesh's name and size and the frames per second."""
     with ui.window("status line", rect):
         mesh = session.mesh
-        state = session.notice.text or session.busy or session.solver.reason
-        ui.note(f"{state}  {len(mesh.vertices):,} vertices  {imgui.GetIO().Framerate:.0f} fps")
+        sizes = f"{len(mesh.vertices):,} vertices   {imgui.GetIO().Framerate:.0f} fps"
+        left, right = imgui.GetCursorPosX(), imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
+        name = _cut(session.document.name, (right - left) / 3)
+        details = f"{name}   {sizes}"
+        start = right - imgui.CalcTextSize(details)[0]
+        text = session.notice.text or _state(session)
+        shown = _cut(text, start - left - ui.px(16))
+        ui.note(shown, "error" if session.notice.is_error else "ink")
+        if shown != text:
+            ui.tip(text)
+        imgui.SameLine(start)
+        ui.note(details)
+
+
+def _state(session: Session) -> str:
+    """What goes on."""
+    solver, result = session.solver, session.result
+    if solver.running:
+        snapshot = solver.snapshot
+        state = "paused" if solver.paused else "solving"
+        return f"{state}, mismatch {snapshot.iteration.mismatch:.3g}" if snapshot else "starting the solver"
+    if session.busy:
+        return session.busy
+    if solver.failed:
+        return f"the solver stopped: {solver.reason}"
+    if result is None:
+        return "ready"
+    return f"{result.stop_reason}, mismatch {result.mismatch:.3g}{', outdated' if session.outdated else ''}"
+
+
+def _cut(text: str, width: float) -> str:
+    """A text, or as much of it as fits, with an ellipsis."""
+    if imgui.CalcTextSize(text)[0] <= width:
+        return text
+    low, high = 0, len(text)
+    while low < high:
+        middle = (low + high + 1) // 2
+        fits = imgui.CalcTextSize(text[:middle].rstrip() + "...")[0] <= width
+        low, high = (middle, high) if fits else (low, middle - 1)
+    return text[:low].rstrip() + "..."

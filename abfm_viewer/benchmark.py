@@ -1,0 +1,168 @@
+"""What the window costs: the solver with and without it, its frames during a solve, and how long it takes to open."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abfm import Parameters, TriangleMesh
+from abfm.assets import asset_path
+from abfm.baselines.benchmark.problem import sphere_problem
+from abfm_viewer import opengl
+from abfm_viewer.defaults import default_functions
+from abfm_viewer.document import Channel
+from abfm_viewer.evaluation import Functions
+from abfm_viewer.opengl import Backend
+from abfm_viewer.session import Session
+from abfm_viewer.window import Window
+from abfm_viewer.worker import Problem, Worker
+
+LEAST_THROUGHPUT, LONGEST_FRAME, LARGEST_LAUNCH_RATIO = 0.9, 0.040, 1.5
+_SIZE = (1280, 800)
+_BARE = """
+import sys
+import numpy as np
+import trimesh
+import polyscope as ps
+mesh = trimesh.load(sys.argv[1], process=False)
+ps.set_verbosity(0)
+ps.set_use_prefs_file(False)
+ps.set_window_size(1280, 800)
+ps.init(sys.argv[2])
+surface = ps.register_surface_mesh("mesh", np.asarray(mesh.vertices), np.asarray(mesh.faces))
+surface.add_scalar_quantity("height", np.asarray(mesh.vertices)[:, 1], enabled=True)
+ps.frame_tick()
+print("drawn", flush=True)
+"""
+_APP = """
+import sys
+from abfm_viewer.app import open_window
+window = open_window(sys.argv[1], sys.argv[2], (1280, 800))
+window.tick()
+print("drawn", flush=True)
+window.close()
+"""
+
+
+def run(tell: Callable[[str], None], subdivision: int = 5, iterations: int = 60, repeats: int = 5) -> dict[str, Any]:
+    """Measure all three; ratios are of medians of runs that take turns.
+
+    Parameters
+    ----------
+    tell : callable
+        Told a line before every part.
+    subdivision : int
+        Of the icosphere that is solved on; 5 has 10,242 vertices.
+    iterations : int
+        Of every solve.
+    repeats : int
+        Runs of every kind.
+    """
+    backend: Backend = opengl.WINDOW if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() else opengl.OFFSCREEN
+    tell("launch to the first frame, the app and bare polyscope in turns")
+    launch = _launch(backend, repeats)
+    mesh = sphere_problem(subdivision).mesh
+    parameters = Parameters(iterations=iterations)
+    session = Session(mesh, "sphere")
+    window = Window(session, backend, _SIZE)
+    tell("solver with the window open and without, in turns")
+    throughput = _throughput(mesh, parameters, window, repeats)
+    tell("frames during a solve")
+    frames = _frames(session, replace(parameters, iterations=5 * iterations), window)
+    window.close()
+    return {
+        "launch": launch,
+        "throughput": throughput,
+        "frames": frames,
+        "settings": {"vertices": len(mesh.vertices), "iterations": iterations, "repeats": repeats, "backend": backend},
+    }
+
+
+def _launch(backend: Backend, repeats: int) -> dict[str, Any]:
+    """Seconds from starting Python to the end of the first frame."""
+    mesh = asset_path("human_A.off")
+    seconds: dict[str, list[float]] = {"app": [], "bare polyscope": []}
+    for repeat in range(repeats + 1):
+        for name, code in (("app", _APP), ("bare polyscope", _BARE)):
+            elapsed = _until_drawn([sys.executable, "-c", code, str(mesh), backend])
+            if repeat:  # the first ones fill the caches of the disk
+                seconds[name].append(elapsed)
+    medians = {name: statistics.median(times) for name, times in seconds.items()}
+    return {"seconds": seconds, "ratio": medians["app"] / medians["bare polyscope"], "at_most": LARGEST_LAUNCH_RATIO}
+
+
+def _until_drawn(command: list[str]) -> float:
+    start = time.perf_counter()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        elapsed = time.perf_counter() - start
+        process.stdout.read()
+    if line != "drawn\n":
+        raise RuntimeError(f"{Path(command[0]).name} drew nothing: {line!r}")
+    return elapsed
+
+
+def _throughput(mesh: TriangleMesh, parameters: Parameters, window: Window, repeats: int) -> dict[str, Any]:
+    """Iterations per second of the same solve, with frames drawn of a scene in which nothing moves, and with none."""
+    functions = Functions(mesh)
+    problem = Problem(mesh, (Channel(*default_functions(mesh)),), parameters, "")
+    rates: dict[str, list[float]] = {"with window": [], "without": []}
+    for _ in range(30):
+        window.frame()
+    for repeat in range(repeats + 1):
+        for name in rates:
+            start = time.perf_counter()
+            worker = Worker(problem, functions)
+            while worker.running:
+                if name == "with window":
+                    window.frame()
+                else:
+                    worker.wait()
+            rate = worker.rows / (time.perf_counter() - start)
+            if repeat:  # the first ones compile and factor
+                rates[name].append(rate)
+    medians = {name: statistics.median(values) for name, values in rates.items()}
+    ratio = medians["with window"] / medians["without"]
+    return {"iterations_per_second": rates, "ratio": ratio, "at_least": LEAST_THROUGHPUT}
+
+
+def _frames(session: Session, parameters: Parameters, window: Window) -> dict[str, Any]:
+    """Seconds from frame to frame while the window follows a solve."""
+    while session.values("source") is None:
+        window.frame()
+    session.set_parameter(iterations=parameters.iterations)
+    session.match()
+    seconds = []
+    last = time.perf_counter()
+    while session.solver.running:
+        window.frame()
+        now = time.perf_counter()
+        seconds.append(now - last)
+        last = now
+    median, high = (float(np.percentile(seconds, share)) for share in (50, 95))
+    return {"count": len(seconds), "median": median, "p95": high, "p95_at_most": LONGEST_FRAME}
+
+
+def format_report(report: dict[str, Any]) -> str:
+    """The report as lines to read."""
+    launch, throughput, frames, settings = (report[name] for name in ("launch", "throughput", "frames", "settings"))
+    return "\n".join(
+        [
+            f"launch to first frame, over bare polyscope: {launch['ratio']:.2f} (at most {launch['at_most']})",
+            f"solver throughput, window open over none: {throughput['ratio']:.2f} (at least {throughput['at_least']})",
+            f"frames during a solve: median {1000 * frames['median']:.1f} ms, 95th percentile "
+            f"{1000 * frames['p95']:.1f} ms (at most {1000 * frames['p95_at_most']:.0f}) of {frames['count']}",
+            f"measured with {settings['vertices']:,} vertices, {settings['iterations']} iterations, "
+            f"{settings['repeats']} runs each, {settings['backend']}",
+        ]
+    )

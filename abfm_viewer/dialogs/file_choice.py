@@ -1,0 +1,133 @@
+"""Choosing a file, without the drawing: where one is, what is selected, and what a typed name means."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from abfm_viewer.background import Latest
+from abfm_viewer.dialogs.folder import Entry, Listing, has_suffix, read_folder
+
+
+class FileChoice:
+    """A folder, its entries, and the file that would be taken.
+
+    Attributes
+    ----------
+    folder : Path
+    suffixes : tuple of str
+        What the file may end in; the first one is appended to a name to save that has none of them.
+    saving : bool
+        Whether the file is to be written; it need not exist then.
+    selected : str
+        The entry that is marked.
+    name : str
+        The file's name that was typed; only for saving.
+    error : str
+        Why the last step was refused.
+    """
+
+    def __init__(self, folder: Path, suffixes: tuple[str, ...], saving: bool = False, name: str = "") -> None:
+        self.folder = folder
+        self.suffixes = suffixes
+        self.saving = saving
+        self.selected = ""
+        self.name = name
+        self.error = ""
+        self._reads = 0
+        self._listing: Latest[Listing] = Latest("folder")
+
+    def listing(self) -> Listing | None:
+        """The folder's entries; None while they are being read, which a disk far away may make slow."""
+        folder, suffixes = self.folder, self.suffixes
+        return self._listing.ask((self._reads, folder), lambda: read_folder(folder, suffixes))
+
+    def go(self, folder: Path) -> None:
+        """Show another folder, or the same one anew."""
+        self.folder, self.selected, self.error = folder, "", ""
+        self._reads += 1
+
+    def go_up(self) -> None:
+        """Show the folder that this one is in, with this one marked."""
+        below = self.folder.name
+        self.go(self.folder.parent)
+        self.selected = below
+
+    def select(self, entry: Entry) -> None:
+        """Mark an entry; a file to save over gives its name."""
+        self.selected, self.error = entry.name, ""
+        if self.saving and not entry.is_folder:
+            self.name = entry.name
+
+    def move_selection(self, step: int) -> None:
+        """Mark the entry before or after the marked one; the first one if none is."""
+        listing = self.listing()
+        if listing is None or not listing.entries:
+            return
+        names = [entry.name for entry in listing.entries]
+        place = names.index(self.selected) + step if self.selected in names else 0
+        self.select(listing.entries[min(max(place, 0), len(names) - 1)])
+
+    def go_or_take(self, typed: str) -> Path | None:
+        """Follow a typed path: go to a folder, take a file, or refuse; relative paths begin in the shown folder."""
+        try:
+            path = (self.folder / Path(typed.strip()).expanduser()).resolve()
+            if path.is_dir():
+                self.go(path)
+            elif self.saving and path.parent.is_dir():
+                self.go(path.parent)
+                self.name = path.name
+            else:
+                return self._taken(path)
+        except (OSError, RuntimeError, ValueError) as error:
+            self.error = f"{typed}: {_reason(error)}"
+        return None
+
+    def confirm(self) -> Path | None:
+        """Take the typed or marked file, or go to the marked folder."""
+        if self.saving and self.name.strip():
+            return self._named()
+        return self.go_or_take(self.selected) if self.selected else None
+
+    @property
+    def ready(self) -> bool:
+        """Whether there is something to confirm."""
+        return bool(self.selected or (self.saving and self.name.strip()))
+
+    @property
+    def final_name(self) -> str:
+        """The typed name with its suffix."""
+        name = self.name.strip()
+        return name if not name or has_suffix(name, self.suffixes) else name + self.suffixes[0]
+
+    def close(self) -> None:
+        """Stop reading."""
+        self._listing.close()
+
+    def _taken(self, path: Path) -> Path | None:
+        if not path.exists():
+            listed = self._listing.value
+            vanished = listed is not None and any(entry.name == path.name for entry in listed.entries)
+            self.go(self.folder)
+            self.error = f"{path.name} is no longer there" if vanished else f"there is no {path}"
+        elif not has_suffix(path.name, self.suffixes):
+            self.error = f"{path.name}: expected a file that ends in {', '.join(self.suffixes)}"
+        else:
+            return path
+        return None
+
+    def _named(self) -> Path | None:
+        try:
+            path = self.folder / Path(self.final_name).expanduser()
+            if path.is_dir():
+                self.error = f"{path.name} is a folder: choose another name"
+            elif not path.parent.is_dir():
+                self.error = f"there is no folder {path.parent}"
+            else:
+                return path
+        except (OSError, RuntimeError, ValueError) as error:
+            self.error = f"{self.name}: {_reason(error)}"
+        return None
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -1,0 +1,144 @@
+"""The energy over the iterations: of the run that goes on or ended last, and of those before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import polyscope.imgui as imgui
+import polyscope.implot as implot
+
+from abfm import AbfmError
+from abfm.mesh import FloatArray
+from abfm_viewer.document import Run
+from abfm_viewer.session import Session
+from abfm_viewer.theme import Color
+from abfm_viewer.ui import Ui
+
+_HEIGHT = 210
+_NAMES = ("total", "regularity", "mismatch")
+_SHORTEST_AXIS = 10  # iterations
+_PLOT = (
+    implot.ImPlotFlags_NoTitle
+    | implot.ImPlotFlags_NoMenus
+    | implot.ImPlotFlags_NoBoxSelect
+    | implot.ImPlotFlags_NoMouseText
+    | implot.ImPlotFlags_NoInputs  # the wheel scrolls the panel
+)
+_LEGEND = implot.ImPlotLegendFlags_Horizontal | implot.ImPlotLegendFlags_Outside | implot.ImPlotLegendFlags_NoButtons
+
+
+def draw(ui: Ui, session: Session) -> None:
+    """Draw the plot, and what can be done with it."""
+    runs = session.document.runs
+    live = session.solver.run
+    run = live or (runs[-1] if runs else None)
+    previous = runs if live else runs[:-1]
+    if run is None:
+        ui.note("Total, regularity and mismatch of each iteration appear here while the solver runs.")
+    else:
+        _plot(ui, run, previous if session.view.previous_runs else ())
+        marks = ["grey line: next stage"] if _stage_starts(run) else []
+        marks += ["green line: restart"] if run.restarts else []
+        ui.note("; ".join([run.label, *marks]))
+    shown = ui.checkbox(
+        "previous runs", session.view.previous_runs, "Draw the total energy of earlier runs as faint curves."
+    )
+    session.set_view("show previous runs" if shown else "hide previous runs", previous_runs=shown)
+    ui.beside_if_fits("Clear previous")
+    if ui.button("Clear previous", "Forget the runs before this one.", enabled=bool(previous)):
+        session.change("clear previous runs", runs=() if live else runs[-1:])
+    ui.beside_if_fits("Export CSV...")
+    tip = "Write the three energies of each iteration of this run to a table."
+    if ui.button("Export CSV...", tip, enabled=run is not None) and run is not None:
+        ui.choose_to_save("Export the energy", (".csv",), "energy.csv", partial(_export, session, run))
+
+
+def _export(session: Session, run: Run, path: Path) -> None:
+    """Write the run that was shown when the button was pressed."""
+    from abfm.io import export_energy_csv  # not before: it loads what the first frame does without
+
+    try:
+        export_energy_csv(path, run.energies, run.stages)
+    except AbfmError as error:
+        session.say(str(error), is_error=True)
+    else:
+        session.say(f"wrote {path}")
+
+
+def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
+    """Draw a run, with earlier ones behind it."""
+    curves = [_positive(run.energies[:, column]) for column in range(3)]
+    totals = [_positive(earlier.energies[:, 0]) for earlier in previous]
+    last = max(len(run.stages), *(len(total) for total in totals), _SHORTEST_AXIS + 1) - 1
+    with ui.plot("energy plot", _HEIGHT, _PLOT) as is_drawn:
+        if not is_drawn:
+            return
+        implot.SetupLegend(implot.ImPlotLocation_North, _LEGEND)
+        implot.SetupAxis(implot.ImAxis_X1, "", implot.ImPlotAxisFlags_None)
+        implot.SetupAxis(implot.ImAxis_Y1, "", implot.ImPlotAxisFlags_None)
+        implot.SetupAxisScale(implot.ImAxis_Y1, implot.ImPlotScale_Log10)
+        implot.SetupAxisFormat(implot.ImAxis_Y1, "%g")
+        implot.SetupAxesLimits(0, last, *_range([*curves, *totals]), implot.ImPlotCond_Always)
+        for number, total in enumerate(totals):
+            _line(f"##previous {number}", total, (*ui.colors.muted[:3], 0.45), ui.px(1))
+        _marks("##stages", _stage_starts(run), (*ui.colors.muted[:3], 0.7), ui.px(1))
+        _marks("##restarts", run.restarts, ui.colors.marker, ui.px(1.5))
+        colors = (ui.colors.line_total, ui.colors.line_regularity, ui.colors.line_mismatch)
+        for name, curve, color in zip(_NAMES, curves, colors, strict=True):
+            _line(name, curve, color, ui.px(1.8))
+        _hover(ui, run)
+
+
+def _hover(ui: Ui, run: Run) -> None:
+    """Show the values at the iteration under the mouse."""
+    left, top = implot.GetPlotPos()
+    width, height = implot.GetPlotSize()
+    x, y = imgui.GetMousePos()
+    if not (imgui.IsWindowHovered() and left <= x <= left + width and top <= y <= top + height):
+        return
+    mouse_x, _ = implot.GetPlotMousePos()
+    at = int(np.clip(round(mouse_x), 0, len(run.stages) - 1))
+    _marks("##here", [at], ui.colors.accent, ui.px(1))
+    total, regularity, mismatch = run.energies[at]
+    lines = [
+        f"iteration {at}, stage {run.stages[at] + 1}{', restarted here' if at in run.restarts else ''}",
+        f"total {total:.4g}",
+        f"regularity {regularity:.4g}",
+        f"mismatch {mismatch:.4g}",
+    ]
+    imgui.SetTooltip("\n".join(lines))
+
+
+def _line(label: str, values: FloatArray, color: Color, weight: float) -> None:
+    implot.SetNextLineStyle(color, weight)
+    implot.PlotLine(label, np.arange(float(len(values))), values)
+
+
+def _marks(label: str, iterations: Sequence[int], color: Color, weight: float) -> None:
+    """Vertical lines."""
+    if iterations:
+        implot.SetNextLineStyle(color, weight)
+        implot.PlotInfLines(label, np.array(iterations, dtype=np.float64))
+
+
+def _stage_starts(run: Run) -> list[int]:
+    """Iterations at which sigma was cooled, unless a restart skipped stages there."""
+    starts: list[int] = (np.flatnonzero(np.diff(run.stages)) + 1).tolist()
+    return [start for start in starts if start not in run.restarts]
+
+
+def _positive(values: FloatArray) -> FloatArray:
+    """Values for a logarithmic axis: what it cannot show is left out."""
+    return np.where(np.isfinite(values) & (values > 0), values, np.nan)
+
+
+def _range(curves: Sequence[FloatArray]) -> tuple[float, float]:
+    """A little more than the curves need."""
+    values = np.concatenate(curves)
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return 0.1, 10.0
+    return 0.7 * float(values.min()), 1.5 * float(values.max())

@@ -1,0 +1,130 @@
+"""What outlives a launch: preferences, and unsaved work of launches that ended badly."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+from abfm import AbfmError
+from abfm.mesh import FloatArray
+from abfm_viewer.autosave import Autosave, Recovery, recoverable
+from abfm_viewer.dialogs import Dialogs
+from abfm_viewer.document import THEMES, Document
+from abfm_viewer.documents import known_values
+from abfm_viewer.session import Session
+from abfm_viewer.state_folder import StateFolder
+
+_LEAST_SCALE, _LARGEST_SCALE = 0.5, 4.0
+
+
+class Persistence:
+    """Keeps a session's preferences and autosaves in the state folder.
+
+    Parameters
+    ----------
+    session : Session
+    state : StateFolder
+    dialogs : Dialogs
+        Asks whether to recover.
+    """
+
+    def __init__(self, session: Session, state: StateFolder, dialogs: Dialogs) -> None:
+        self._session = session
+        self._state = state
+        self._dialogs = dialogs
+        self._autosave = Autosave(state)
+        self._recoveries: list[Recovery] | None = None
+        self._told = ""
+        self._apply_preferences()
+        self._preferences, self._mesh = self._present_preferences(), session.mesh
+
+    def update(self) -> None:
+        """Call once per frame."""
+        session = self._session
+        if self._recoveries is None:
+            self._recoveries = recoverable(self._state)
+            self._ask_next()
+        document, functions = session.document, session.functions
+        self._autosave.offer(document, partial(known_values, document, functions), session.unsaved)
+        if self._autosave.error != self._told:
+            self._told = self._autosave.error
+            if self._told:
+                session.say(f"no copy of unsaved work could be kept: {self._told}", is_error=True)
+        self._keep_preferences()
+
+    def close(self, keep_unsaved: bool) -> None:
+        """Finish writing; a copy of unsaved work stays only if it is to be recovered."""
+        self._autosave.close()
+        if not (keep_unsaved and self._session.unsaved):
+            self._autosave.discard()
+
+    # Preferences
+
+    def _apply_preferences(self) -> None:
+        """Set what the user set last, unless a project brings a look of its own; what makes no sense is left out."""
+        session, known = self._session, self._state.preferences()
+        theme, scale, follow = (known.get(name) for name in ("theme", "ui_scale", "follow"))
+        view = replace(session.view, ui_scale=1.0)
+        if theme in THEMES and session.path is None:
+            view = replace(view, theme=theme)
+        if isinstance(scale, int | float) and _LEAST_SCALE <= scale <= _LARGEST_SCALE:
+            view = replace(view, ui_scale=float(scale))
+        if isinstance(follow, bool):
+            session.solver.follow = follow
+        if view != session.view:
+            session.amend(view=view)
+
+    def _keep_preferences(self) -> None:
+        """Remember what the user changed; a project that is opened may look otherwise."""
+        present, mesh = self._present_preferences(), self._session.mesh
+        for name, value in present.items():
+            if self._preferences[name] != value and mesh is self._mesh:
+                self._state.set_preference(name, value)
+        self._preferences, self._mesh = present, mesh
+
+    def _present_preferences(self) -> dict[str, object]:
+        view = self._session.view
+        return {"theme": view.theme, "ui_scale": view.ui_scale, "follow": self._session.solver.follow}
+
+    # Recovery
+
+    def _ask_next(self) -> None:
+        if self._recoveries:
+            recovery = self._recoveries.pop(0)
+            self._session.load("reading unsaved work", partial(self._read, recovery))
+
+    def _read(self, recovery: Recovery) -> Callable[[], None]:
+        from abfm_viewer.project import load_project
+
+        try:
+            return partial(self._ask, recovery, *load_project(recovery.path))
+        except AbfmError as error:
+            reason = str(error)
+            recovery.discard()
+            return lambda: self._session.say(f"unsaved work of an earlier launch is lost: {reason}", is_error=True)
+
+    def _ask(self, recovery: Recovery, document: Document, known: dict[str, FloatArray]) -> None:
+        written = time.strftime("%H:%M on %d %B %Y", time.localtime(recovery.written))
+        text = f"The app ended without saving {document.name}. A copy of {written} is there."
+        self._dialogs.ask(
+            "Recover unsaved work?",
+            text,
+            {
+                "Recover": partial(self._recover, recovery, document, known),
+                "Discard": partial(self._discard, recovery),
+                "Later": None,
+            },
+        )
+
+    def _recover(self, recovery: Recovery, document: Document, known: dict[str, FloatArray]) -> None:
+        session = self._session
+        document = replace(document, view=replace(document.view, ui_scale=session.view.ui_scale))
+        session.restore(document, known, None, saved=False)
+        self._autosave.take_over(recovery)
+        session.say(f"recovered {document.name}: save it to keep it")
+
+    def _discard(self, recovery: Recovery) -> None:
+        recovery.discard()
+        self._ask_next()

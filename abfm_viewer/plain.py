@@ -1,0 +1,68 @@
+"""Dataclasses as plain JSON values and back, checked by their type hints."""
+
+from __future__ import annotations
+
+import math
+import types
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+
+class PlainError(ValueError):
+    """A value that does not fit its type hint; the text says where."""
+
+
+def to_plain(value: Any) -> Any:
+    """Dataclasses as dictionaries and tuples as lists, all the way down."""
+    if is_dataclass(value):
+        return {entry.name: to_plain(getattr(value, entry.name)) for entry in fields(value)}
+    return [to_plain(part) for part in value] if isinstance(value, tuple | list) else value
+
+
+def from_plain(hint: Any, value: Any, where: str) -> Any:
+    """What `to_plain` was given, for a type hint; missing fields take their defaults.
+
+    Raises
+    ------
+    PlainError
+        If a value has another type, is not finite or not one of the choices, or a field is unknown or missing.
+    """
+    origin, options = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        _check(value in options, where, value, " or ".join(map(repr, options)))
+        return value
+    if origin in (Union, types.UnionType):
+        [inner] = [option for option in options if option is not type(None)]
+        return None if value is None else from_plain(inner, value, where)
+    if origin is tuple:
+        _check(isinstance(value, list), where, value, "a list")
+        kinds = [options[0]] * len(value) if options[1:] == (Ellipsis,) else list(options)
+        _check(len(kinds) == len(value), where, value, f"{len(kinds)} entries")
+        return tuple(
+            from_plain(kind, part, f"{where}[{i}]") for i, (kind, part) in enumerate(zip(kinds, value, strict=True))
+        )
+    if is_dataclass(hint):
+        return _dataclass(hint, value, where)
+    if hint is float:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        _check(is_number, where, value, "a finite number")
+        return float(value)
+    _check(type(value) is hint, where, value, f"a value of type {hint.__name__}")
+    return value
+
+
+def _dataclass(hint: Any, value: Any, where: str) -> Any:
+    _check(isinstance(value, dict), where, value, "an object")
+    hints = get_type_hints(hint)
+    known = {entry.name: entry for entry in fields(hint)}
+    unknown = sorted(value.keys() - known.keys())
+    _check(not unknown, where, unknown, f"only {', '.join(known)}")
+    required = {name for name, e in known.items() if e.default is MISSING and e.default_factory is MISSING}
+    missing = sorted(required - value.keys())
+    _check(not missing, where, value, f"also {', '.join(missing)}")
+    return hint(**{name: from_plain(hints[name], part, f"{where}.{name}") for name, part in value.items()})
+
+
+def _check(fits: bool, where: str, value: Any, expected: str) -> None:
+    if not fits:
+        raise PlainError(f"{where} is {str(value)[:60]!r}; expected {expected}")

@@ -1,0 +1,26 @@
+"""Loads and compiles what a match needs while the user looks at the first picture."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import suppress
+
+import numpy as np
+
+
+def start() -> threading.Thread:
+    """Begin in the background; compiled kernels are cached, so that only the first launch compiles."""
+    thread = threading.Thread(target=_match_something, name="warm up", daemon=True)
+    thread.start()
+    return thread
+
+
+def _match_something() -> None:
+    """A match on an octahedron; what fails here fails again, and is told, when the user presses Match."""
+    from abfm import Parameters, TriangleMesh, match
+
+    corners = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
+    faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    mesh = TriangleMesh(corners, np.array(faces))
+    with suppress(Exception):
+        match(mesh, corners[:, 0], corners[:, 1], Parameters(iterations=2)).advect([0.0, 0.5])

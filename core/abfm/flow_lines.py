@@ -1,0 +1,177 @@
+"""Flow lines: the exact paths of points along piecewise constant fields, a witness for advection.
+
+Advection carries functions by an operator exponential and has an error of its own; a flow line is walked triangle by
+triangle and exact up to rounding, for the piecewise constant field as it is. Both tend to the same flow on fine meshes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm import tracing
+from abfm.errors import ParameterError
+from abfm.face_flow import FaceFlow, face_flow
+from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.vector_fields import check_field
+
+Ending = Literal["time", "boundary", "stagnation", "step limit"]
+STEP_LIMIT = 100_000
+_ENDINGS: dict[int, Ending] = {
+    tracing.GOING: "step limit",
+    tracing.BOUNDARY: "boundary",
+    tracing.STAGNATION: "stagnation",
+}
+
+
+class FacePoints(Protocol):
+    """Points given by face and barycentric weights, as `abfm.flow_maps.SurfacePoints` are."""
+
+    @property
+    def faces(self) -> IntArray: ...
+    @property
+    def barycentric(self) -> FloatArray: ...
+
+
+@dataclass(frozen=True, eq=False)
+class FlowLine:
+    """The path of one point: straight from each of K places to the next, at constant speed.
+
+    Attributes
+    ----------
+    times : (K,) array
+        When each place is reached: from 0 up, or from 0 down against the flow.
+    positions : (K, 3) array
+        In the mesh's units.
+    faces : (K,) array of int
+        A face that holds each place, the one that the path goes on in.
+    barycentric : (K, 3) array
+        Weights of that face's corners.
+    ended : str
+        Why the path ends: "time" where the whole duration was walked; "boundary" where it left the mesh; "stagnation"
+        where the field is zero or pushes in from all sides, so that the point rests there; "step limit".
+    """
+
+    times: FloatArray
+    positions: FloatArray
+    faces: IntArray
+    barycentric: FloatArray
+    ended: Ending
+
+    def at(self, t: float) -> FloatArray:
+        """The position (3,) at a time; before the first and after the last the path's end."""
+        order = slice(None) if self.times[-1] >= 0 else slice(None, None, -1)
+        times = self.times[order]
+        return np.array([np.interp(t, times, self.positions[order, x]) for x in range(3)])
+
+
+def flow_lines(
+    mesh: TriangleMesh,
+    velocity: ArrayLike,
+    start: FacePoints,
+    duration: float,
+    tau: float | None = None,
+    step_limit: int = STEP_LIMIT,
+) -> list[FlowLine]:
+    """Walk points along a field, or along N fields in a row, exactly from edge to edge.
+
+    Where two neighbouring faces push into their common edge the point slides along it with the mean of the two vectors
+    that lies along the edge (Filippov's solution).
+
+    Parameters
+    ----------
+    velocity : (F, 3) or (N, F, 3) array
+        Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped.
+    start : points with ``faces`` (P,) and ``barycentric`` (P, 3)
+        For example `SurfacePoints`.
+    duration : float
+        How long to walk. Negative: against the flow of the first field.
+    tau : float, optional
+        End time of the N fields, each of which lasts ``tau / N``; the last one goes on. Needed for several fields.
+    step_limit : int
+        How many edges and vertices a path may meet.
+
+    Raises
+    ------
+    ParameterError
+        If an array has another shape or values that are not finite, a start is not in the mesh, or ``duration``,
+        ``tau`` or ``step_limit`` is out of range.
+    """
+    fields = _check_fields(mesh, velocity)
+    faces, barycentric = _check_start(mesh, start)
+    if np.ndim(duration) or not np.isfinite(duration):
+        raise ParameterError(f"duration is {duration}; expected a finite time")
+    if step_limit < 1:
+        raise ParameterError(f"step_limit is {step_limit}; expected at least 1")
+    if len(fields) > 1 and tau is None:
+        raise ParameterError(f"velocity has {len(fields)} fields but tau is missing: say when the last one ends")
+    if tau is not None and not (np.isfinite(tau) and tau > 0):
+        raise ParameterError(f"tau is {tau}; expected a positive time")
+    sign = -1 if duration < 0 else 1
+    length = abs(float(duration))
+    if sign < 0:
+        fields = [-fields[0]]
+    changes = np.arange(1, len(fields)) * (tau or 0.0) / len(fields)
+    ends = [*changes[changes < length], length]
+    flows = [face_flow(mesh, field) for field in fields[: len(ends)]]
+    walk = _Walk(mesh, flows, ends, step_limit, sign)
+    return [walk.line(f, b) for f, b in zip(faces, barycentric, strict=True)]
+
+
+class _Walk:
+    """Fields, the times at which each ends, and memory for one path."""
+
+    def __init__(
+        self, mesh: TriangleMesh, flows: list[FaceFlow], ends: list[float], limit: int, sign: int
+    ) -> None:
+        self.mesh, self.flows, self.ends, self.sign = mesh, flows, ends, sign
+        self._times = np.empty(limit + 1)
+        self._faces = np.empty(limit + 1, dtype=np.int64)
+        self._weights = np.empty((limit + 1, 3))
+
+    def line(self, face: int, barycentric: FloatArray) -> FlowLine:
+        where, b = np.array([face, -1]), barycentric.copy()
+        count, status = 0, tracing.STAGNATION
+        for flow, begin, end in zip(self.flows, [0.0, *self.ends], self.ends, strict=False):
+            if status == tracing.STAGNATION:
+                count = self._write(count, begin, where, b)
+            where[1] = -1
+            count, status = tracing.trace(flow, where, b, begin, end, self._times, self._faces, self._weights, count)
+            if status == tracing.BOUNDARY or count == len(self._times):
+                break
+        faces, weights = self._faces[:count].copy(), self._weights[:count].copy()
+        positions = np.einsum("kc,kcx->kx", weights, self.mesh.vertices[self.mesh.faces[faces]])
+        ended: Ending = "time" if self._times[count - 1] == self.ends[-1] else _ENDINGS[status]
+        return FlowLine(self.sign * self._times[:count], positions, faces, weights, ended)
+
+    def _write(self, count: int, time: float, where: IntArray, b: FloatArray) -> int:
+        self._times[count], self._faces[count], self._weights[count] = time, where[0], b
+        return count + 1
+
+
+def _check_fields(mesh: TriangleMesh, velocity: ArrayLike) -> list[FloatArray]:
+    array = np.asarray(velocity, dtype=np.float64)
+    if array.ndim == 2:
+        array = array[None]
+    if array.ndim != 3 or not len(array):
+        expected = (len(mesh.faces), 3)
+        raise ParameterError(f"velocity has shape {np.shape(velocity)}; expected {expected}, or N of these in a row")
+    return [check_field(mesh, field, "velocity") for field in array]
+
+
+def _check_start(mesh: TriangleMesh, start: FacePoints) -> tuple[IntArray, FloatArray]:
+    faces, barycentric = np.asarray(start.faces), np.asarray(start.barycentric, dtype=np.float64)
+    if faces.ndim != 1 or not np.issubdtype(faces.dtype, np.integer) or barycentric.shape != (len(faces), 3):
+        raise ParameterError(
+            f"start has faces {faces.shape} of {faces.dtype} and barycentric {barycentric.shape}; "
+            "expected (P,) whole numbers and (P, 3)"
+        )
+    if len(faces) and not (faces.min() >= 0 and faces.max() < len(mesh.faces)):
+        raise ParameterError(f"start has faces {faces.min()} to {faces.max()}; expected 0 to {len(mesh.faces) - 1}")
+    if not ((barycentric >= -1e-9).all() and np.allclose(barycentric.sum(axis=1), 1, rtol=0, atol=1e-9)):
+        raise ParameterError("start has barycentric weights that are negative or do not sum to 1: give points of faces")
+    inside = np.maximum(barycentric, 0)
+    return faces.astype(np.int64), inside / inside.sum(axis=1, keepdims=True)

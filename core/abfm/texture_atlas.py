@@ -1,0 +1,164 @@
+"""A texture for any mesh: each triangle has a right triangle of texels to itself, in number as its size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from abfm import texels
+from abfm.channels import channels
+from abfm.errors import ParameterError
+from abfm.mesh import FloatArray, IntArray, TriangleMesh
+
+LARGEST_SIZE = 16384
+"""Texels along a side that graphics cards take."""
+_MARGIN = 0.5  # from the legs to the rectangle's sides: texel centres lie on the legs
+_SMALLEST = 4  # side of a rectangle whose triangles have legs of one texel
+_ROUNDS = 14
+
+
+@dataclass(frozen=True, eq=False)
+class TextureAtlas:
+    """Where each triangle lies in a square texture; see `texture_atlas`.
+
+    Texel (row, column) covers the square from (column, row) to (column + 1, row + 1); row 0 is at the bottom.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+    size : int
+        Texels along a side.
+    texel_length : float
+        What one texel measures on the surface at most, in the mesh's units, unless the texture is very small.
+    corners : (F, 3, 2) array
+        Where the corners of each face lie, x and y in texels.
+    texel_faces : (size, size) array of int32
+        The face that each texel belongs to, -1 where none.
+    """
+
+    mesh: TriangleMesh
+    size: int
+    texel_length: float
+    corners: FloatArray
+    texel_faces: NDArray[np.int32]
+
+    @cached_property
+    def corner_coordinates(self) -> FloatArray:
+        """Texture coordinates (3F, 2) in [0, 1], corner by corner, as polyscope takes them."""
+        return self.corners.reshape(-1, 2) / self.size
+
+    def barycentric(self, rows: ArrayLike, columns: ArrayLike) -> FloatArray:
+        """Weights (n, 3) of the centres of texels that belong to a face.
+
+        Texels around a triangle, which linear filtering reads, continue it: some of their weights are negative.
+        """
+        rows, columns = np.asarray(rows), np.asarray(columns)
+        origin, first, second = np.moveaxis(self.corners[self.texel_faces[rows, columns]], 1, 0)
+        u, v = first - origin, second - origin
+        p = np.stack([columns, rows], axis=-1) + 0.5 - origin
+        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        one = (p[:, 0] * v[:, 1] - p[:, 1] * v[:, 0]) / area
+        two = (u[:, 0] * p[:, 1] - u[:, 1] * p[:, 0]) / area
+        return np.stack([1 - one - two, one, two], axis=1)
+
+    def image(self, h: ArrayLike, unused: float = 0.0) -> NDArray[np.float32]:
+        """A vertex function (V,) as a texture (size, size): linear filtering of it is linear in each face.
+
+        Raises
+        ------
+        FunctionError
+            If ``h`` does not fit the mesh.
+        """
+        at_corners = channels(self.mesh, h, "h")[0][self.mesh.faces]
+        texture = np.full((self.size, self.size), unused, dtype=np.float32)
+        rows, columns = np.nonzero(self.texel_faces >= 0)
+        faces = self.texel_faces[rows, columns]
+        texture[rows, columns] = np.einsum("tc,tc->t", self.barycentric(rows, columns), at_corners[faces])
+        return texture
+
+
+def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
+    """Lay out the triangles of a mesh in a square texture (made once per mesh and size).
+
+    Each triangle becomes a right triangle: the longest edge the hypotenuse, the legs as long in texels as the other two
+    edges in units of ``texel_length``, but at least one texel. Two of like size share a rectangle, and all texels that
+    linear filtering reads for a triangle are its own, so that no seams show.
+
+    Parameters
+    ----------
+    size : int
+        Texels along a side, up to 16384. About 2 texels per face are the least, 100 show detail.
+
+    Raises
+    ------
+    ParameterError
+        If the size is out of range, or too small for that many faces.
+    """
+    if not isinstance(size, int | np.integer) or not _SMALLEST <= size <= LARGEST_SIZE:
+        raise ParameterError(f"size is {size!r}; expected a whole number of texels from {_SMALLEST} to {LARGEST_SIZE}")
+    rectangles = -(-len(mesh.faces) // 2)
+    if rectangles > (size // _SMALLEST) ** 2:
+        least = _SMALLEST * int(np.ceil(np.sqrt(rectangles)))
+        raise ParameterError(f"size {size} has no room for {len(mesh.faces)} faces: take {least} or more")
+    key = (__name__, "texture_atlas", int(size))
+    if key not in mesh.cache:
+        mesh.cache[key] = _lay_out(mesh, int(size))
+    atlas: TextureAtlas = mesh.cache[key]
+    return atlas
+
+
+def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
+    order, legs = _legs(mesh)
+    area = float((legs[:, 0] * legs[:, 1]).sum()) / 2
+    fine, coarse = np.sqrt(area) / size, float(legs.max())
+    for _ in range(_ROUNDS):
+        middle = float(np.sqrt(fine * coarse))
+        fine, coarse = (fine, middle) if _pack(legs / middle, size)[0] else (middle, coarse)
+    _, sequence, sides, corners = _pack(legs / coarse, size)
+    count = len(mesh.faces)
+    owners = np.full(2 * len(sides), -1)
+    owners[:count] = sequence
+    faces = np.full((size, size), -1, dtype=np.int32)
+    texels.halve_rectangles(corners, sides[:, 0], sides[:, 1], owners.reshape(-1, 2), faces)
+
+    aspect = sides[:, ::-1] / sides
+    lengths = sides - 1 - _MARGIN - (1 + _MARGIN) / aspect
+    roots = np.stack([corners + _MARGIN, corners + sides - _MARGIN], axis=1).reshape(-1, 2)[:count]
+    steps = np.stack([lengths, -lengths], axis=1).reshape(-1, 2)[:count]
+    ends = steps[:, None] * np.eye(2)
+    places = np.empty((count, 3, 2))
+    rows = sequence[:, None]
+    places[rows, order[sequence]] = roots[:, None] + np.concatenate([np.zeros((count, 1, 2)), ends], axis=1)
+    return TextureAtlas(mesh, size, coarse, places, faces)
+
+
+def _legs(mesh: TriangleMesh) -> tuple[IntArray, FloatArray]:
+    """Corners of each face (F, 3), first the one opposite the longest edge, then the farther and the nearer of the
+    others; and how far from the first these are, (F, 2).
+    """
+    edges = np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1)[mesh.face_edges]
+    by_edge = np.argsort(edges, axis=1, kind="stable")
+    return by_edge[:, [2, 0, 1]], np.take_along_axis(edges, by_edge[:, [1, 0]], axis=1)
+
+
+def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArray]:
+    """Pair triangles with legs (F, 2) in texels, the longer first, and set their rectangles into a square texture.
+
+    Returns whether all have room; the faces, two after two; and width and height (n, 2) and lower left corners (n, 2)
+    of the rectangles.
+    """
+    lost = 1 + _MARGIN
+    heights = np.ceil(legs[:, 1] + 2 * lost - 1e-9)
+    widths = np.ceil((legs[:, 0] + lost) / (1 - lost / heights) - 1e-9)
+    sides = np.maximum(np.stack([widths, heights], axis=1), _SMALLEST)
+    sides = np.minimum(sides, LARGEST_SIZE + 1).astype(np.int16)
+    sequence = np.argsort(-sides[:, 0], kind="stable")
+    sequence = sequence[np.argsort(-sides[sequence, 1], kind="stable")]
+    padded = np.concatenate([sides[sequence], np.zeros((len(sides) % 2, 2), dtype=np.int16)])
+    rectangles = padded.reshape(-1, 2, 2).max(axis=1).astype(np.int64)
+    corners = np.empty_like(rectangles)
+    fits = texels.set_on_shelves(rectangles[:, 0].copy(), rectangles[:, 1].copy(), size, corners)
+    return bool(fits), sequence, rectangles, corners

@@ -1,0 +1,41 @@
+"""Sessions for tests: a small sphere, and waiting without a window."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from abfm import Parameters
+from abfm_viewer.document import Channel
+from abfm_viewer.session import Session
+from abfm_viewer.worker import Problem
+from tests.shapes import icosphere
+
+SPHERE = icosphere(3)
+PAIR = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=1,z=0,width=0.15")
+QUICK = Parameters(iterations=20)
+ENDLESS = Parameters(iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1)
+"""So small steps that a run goes on until it is told otherwise."""
+
+
+def problem(parameters: Parameters = QUICK, channel: Channel = PAIR) -> Problem:
+    """What a session with one channel on the sphere would solve."""
+    return Problem(SPHERE, (channel,), parameters, "")
+
+
+def opened(parameters: Parameters = QUICK, channel: Channel = PAIR) -> Session:
+    """A session on the sphere whose functions are known, at the beginning of its history."""
+    session = Session(SPHERE, "sphere")
+    session.amend(channels=(channel,), parameters=parameters)
+    until(lambda: not session.obstacle, session)
+    return session
+
+
+def until(condition: Callable[[], object], session: Session | None = None, seconds: float = 30) -> None:
+    """Wait for a condition, with frames of the session if there is one."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        if session:
+            session.update()
+        time.sleep(0.002)

@@ -1,0 +1,193 @@
+"""The file dialog's logic, without drawing: what is listed, and what clicks and typed names lead to."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from abfm_viewer.dialogs import file_choice
+from abfm_viewer.dialogs.file_choice import FileChoice
+from abfm_viewer.dialogs.folder import MOST, Entry, read_folder, shown
+
+MESHES = (".off", ".obj")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with meshes, other files, hidden ones and folders."""
+    for name in ("b.off", "A.OBJ", "ünïcode ☃.off", "two words.off", "notes.txt", ".hidden.off", "c.off.bak"):
+        (tmp_path / name).write_text("")
+    for name in ("zebra", "Apple", ".git"):
+        (tmp_path / name).mkdir()
+    return tmp_path
+
+
+def listed(choice: FileChoice) -> list[str]:
+    """Labels of the entries, once they are read."""
+    end = time.monotonic() + 10
+    while (listing := choice.listing()) is None:
+        assert time.monotonic() < end
+        time.sleep(0.001)
+    return [entry.label for entry in listing.entries]
+
+
+def test_folders_come_first_and_hidden_and_other_files_are_left_out(folder):
+    names = [entry.label for entry in read_folder(folder, MESHES).entries]
+    assert names == ["Apple/", "zebra/", "A.OBJ", "b.off", "two words.off", "ünïcode ☃.off"]
+
+
+def test_large_folders_are_listed_quickly_and_cut_with_a_note(tmp_path):
+    for number in range(MOST + 5):
+        (tmp_path / f"{number:05}.off").touch()
+    start = time.perf_counter()
+    listing = read_folder(tmp_path, MESHES)
+    assert time.perf_counter() - start < 2
+    assert len(listing.entries) == MOST
+    assert listing.note == "the first 10,000 of 10,005: type the name of another one"
+
+
+@pytest.mark.parametrize("name", ["missing", "file.off"])
+def test_what_is_no_readable_folder_says_why(tmp_path, name):
+    (tmp_path / "file.off").touch()
+    listing = read_folder(tmp_path / name, MESHES)
+    assert listing.entries == ()
+    assert listing.error.startswith(f"{tmp_path / name} cannot be read: ")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there names may be any bytes")
+def test_names_that_are_no_text_and_links_to_nowhere_do_no_harm(tmp_path):
+    (tmp_path / os.fsdecode(b"bad\xff.off")).touch()
+    (tmp_path / "gone.off").symlink_to("nowhere")
+    (tmp_path / "loop").symlink_to("loop")
+    assert [entry.label for entry in read_folder(tmp_path, MESHES).entries] == ["bad�.off", "gone.off"]
+    shown(os.fsdecode(b"\xff")).encode()
+    choice = FileChoice(tmp_path, MESHES)
+    assert choice.go_or_take("gone.off") is None
+    assert "there is no" in choice.error
+    assert choice.go_or_take("loop/a.off") is None
+    assert choice.error
+
+
+def test_typed_paths_lead_to_folders_and_files(folder, monkeypatch):
+    monkeypatch.setenv("HOME", str(folder / "zebra"))
+    choice = FileChoice(folder, MESHES)
+    assert choice.go_or_take("Apple") is None
+    assert choice.folder == folder / "Apple"
+    assert choice.go_or_take("../two words.off") == folder / "two words.off"
+    assert choice.go_or_take(str(folder / "A.OBJ")) == folder / "A.OBJ"
+    assert choice.go_or_take(" ~ ") is None
+    assert choice.folder == folder / "zebra"
+
+
+@pytest.mark.parametrize(
+    ("typed", "reason"),
+    [
+        ("notes.txt", "notes.txt: expected a file that ends in .off, .obj"),
+        ("none.off", "there is no "),
+        ("x" * 5000, "File name too long"),
+        ("~nobody-of-this-name/a.off", "home"),
+        ("nul\0.off", "null"),
+    ],
+)
+def test_typed_nonsense_is_refused_with_the_reason(folder, typed, reason):
+    choice = FileChoice(folder, MESHES)
+    assert choice.go_or_take(typed) is None
+    assert reason.lower() in choice.error.lower()
+    assert choice.folder == folder
+
+
+def test_up_marks_the_folder_that_was_left_and_stops_at_the_root(folder):
+    choice = FileChoice(folder / "Apple", MESHES)
+    choice.go_up()
+    assert (choice.folder, choice.selected) == (folder, "Apple")
+    choice.go(Path("/"))
+    choice.go_up()
+    assert choice.folder == Path("/")
+
+
+def test_a_file_that_vanished_is_refused_and_the_list_read_anew(folder):
+    choice = FileChoice(folder, MESHES)
+    assert "b.off" in listed(choice)
+    choice.select(Entry("b.off", False))
+    (folder / "b.off").unlink()
+    assert choice.confirm() is None
+    assert choice.error == "b.off is no longer there"
+    assert "b.off" not in listed(choice)
+
+
+def test_arrow_keys_move_the_mark_and_stay_inside(folder):
+    choice = FileChoice(folder, MESHES)
+    names = listed(choice)
+    seen = []
+    for step in (1, 1, 1, -1, -1, -1, -1):
+        choice.move_selection(step)
+        seen.append(choice.selected)
+    assert seen == ["Apple", "zebra", "A.OBJ", "zebra", "Apple", "Apple", "Apple"]
+    for _ in range(20):
+        choice.move_selection(1)
+    assert choice.selected == names[-1]
+    choice.go(folder / "Apple")
+    assert listed(choice) == []
+    choice.move_selection(1)
+    assert choice.selected == ""
+
+
+@pytest.mark.parametrize(
+    ("typed", "file"),
+    [
+        ("work", "work.off"),
+        (" work ", "work.off"),
+        ("work.obj", "work.obj"),
+        ("work.OFF", "work.OFF"),
+        ("work.txt", "work.txt.off"),
+        ("v1.2", "v1.2.off"),
+        ("Apple/work", "Apple/work.off"),
+    ],
+)
+def test_a_name_to_save_gets_its_suffix(folder, typed, file):
+    choice = FileChoice(folder, MESHES, saving=True, name=typed)
+    assert choice.ready
+    assert choice.confirm() == folder / file
+
+
+@pytest.mark.parametrize(
+    ("typed", "reason"),
+    [("nowhere/work", "there is no folder"), ("dir", "is a folder"), ("y" * 400, "too long")],
+)
+def test_a_name_that_cannot_be_saved_is_refused(folder, typed, reason):
+    (folder / "dir.off").mkdir()
+    choice = FileChoice(folder, MESHES, saving=True, name=typed)
+    assert choice.confirm() is None
+    assert reason in choice.error
+
+
+def test_saving_needs_a_name_takes_that_of_a_marked_file_and_enters_folders(folder):
+    choice = FileChoice(folder, MESHES, saving=True)
+    assert not choice.ready
+    choice.select(Entry("b.off", False))
+    assert choice.name == "b.off"
+    assert choice.go_or_take(str(folder / "Apple" / "new")) is None
+    assert (choice.folder, choice.name) == (folder / "Apple", "new")
+    choice.name = ""
+    choice.go(folder)
+    choice.select(Entry("zebra", True))
+    assert choice.confirm() is None
+    assert choice.folder == folder / "zebra"
+
+
+def test_a_slow_folder_does_not_hold_the_window(folder, monkeypatch):
+    def slow(*words):
+        time.sleep(0.2)
+        return read_folder(*words)
+
+    monkeypatch.setattr(file_choice, "read_folder", slow)
+    choice = FileChoice(folder, MESHES)
+    start = time.perf_counter()
+    assert choice.listing() is None
+    assert time.perf_counter() - start < 0.1
+    assert "b.off" in listed(choice)
+    choice.close()

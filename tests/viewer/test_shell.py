@@ -1,0 +1,512 @@
+"""Menus, keys, dialogs, files and preferences in a running window, driven by mouse and keyboard events."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import polyscope as ps
+import polyscope.imgui as imgui
+import pytest
+
+from abfm_viewer import app, automation, shortcuts
+from abfm_viewer.actions import Actions
+from abfm_viewer.automation import Driver, DriverError
+from abfm_viewer.keyboard import _parts
+from abfm_viewer.project import save_project
+from abfm_viewer.state_folder import StateFolder
+from tests.mesh_writers import off_text
+from tests.shapes import icosphere
+
+
+@pytest.fixture
+def state(tmp_path, monkeypatch):
+    """The state folder of every `Driver` in a test, which is otherwise a new one each."""
+    folder = tmp_path / "state"
+    monkeypatch.setattr(automation, "tempfile", SimpleNamespace(TemporaryDirectory=lambda: nullcontext(str(folder))))
+    return StateFolder(folder)
+
+
+@pytest.fixture
+def gui(state):
+    """The app on a small sphere."""
+    with Driver(icosphere(2), size=(1280, 800)) as gui:
+        gui.window.dialogs.folder = state.path.parent
+        yield gui
+
+
+@pytest.fixture
+def mesh_file(tmp_path):
+    """Another sphere in a file with a blank in its name."""
+    sphere = icosphere(1)
+    path = tmp_path / "a sphere.off"
+    path.write_text(off_text(sphere.vertices, sphere.faces))
+    return path
+
+
+def opened(gui: Driver, vertices: int) -> None:
+    """Wait until a mesh of so many vertices is shown with its functions."""
+    gui.wait(lambda s: len(s.mesh.vertices) == vertices and s.values("target") is not None, 30)
+
+
+def idle(gui: Driver) -> None:
+    """Wait until everything is read and written."""
+    gui.wait(lambda s: not s.busy and not gui.window.documents.saving, 30)
+    gui.frames(3)
+
+
+# Shortcuts
+
+
+def test_keys_are_unique_and_each_one_does_something():
+    chords = [chord for shortcut in shortcuts.SHORTCUTS for chord in shortcut.chords]
+    assert len(chords) == len(set(chords))
+    for shortcut in shortcuts.SHORTCUTS:
+        assert callable(getattr(Actions, shortcut.action, None)) or shortcut.action == "reset_camera"
+        for chord in shortcut.chords:
+            assert _parts(chord)[0] > 0
+
+
+def test_the_list_in_help_names_every_key():
+    text = "\n".join(keys for keys, _ in shortcuts.listed())
+    for shortcut in shortcuts.SHORTCUTS:
+        assert shortcut.hint in text
+    assert shortcuts.hint("save").endswith("+S")
+    assert shortcuts.hint("no such action") == ""
+
+
+def test_keys_move_in_time_and_change_the_view(gui):
+    session = gui.session
+    tau = session.parameters.tau
+    for chord, time_then in (("end", tau), ("right", 1.05 * tau), ("left", tau), ("left", 0.95 * tau), ("home", 0)):
+        gui.key(chord)
+        assert session.time == pytest.approx(time_then)
+    gui.key("l")
+    assert session.view.theme == "dark"
+    gui.key("space")
+    assert session.player.playing
+    gui.key("space")
+    assert not session.player.playing
+    before = ps.get_camera_view_matrix()
+    ps.look_at((3, 4, 5), (0, 0, 0))
+    gui.key("r")
+    assert np.allclose(before, ps.get_camera_view_matrix(), atol=1e-4)
+    gui.key("ctrl+z")
+    assert session.view.theme == "light" or session.history.redo_label
+    gui.key("ctrl+shift+z")
+    assert session.history.redo_label == ""
+    assert gui.errors == {}
+
+
+def test_keys_start_hold_and_end_the_solver(gui):
+    gui.session.set_parameter(iterations=100_000, tolerance=0.0, sigma=1e-6)
+    gui.key("ctrl+enter")
+    gui.wait(lambda s: s.solver.snapshot is not None)
+    gui.key("p")
+    assert gui.session.solver.paused
+    gui.key("p")
+    assert not gui.session.solver.paused
+    gui.key("esc")
+    gui.wait(lambda s: s.solver.finished)
+    assert gui.session.solver.reason == "cancelled"
+
+
+def test_keys_typed_into_a_box_do_nothing_else(gui):
+    theme = gui.session.view.theme
+    gui.key("ctrl+shift+s")
+    gui.frames(3)
+    gui.input.write("l")
+    gui.key("r")
+    gui.key("esc")
+    assert gui.session.view.theme == theme
+    assert not gui.window.dialogs.is_open
+
+
+# Menus
+
+
+def test_every_menu_and_submenu_opens(gui):
+    for path in (["File"], ["File", "Recent"], ["Edit"], ["View"], ["View", "Layout"], ["View", "Colour map"]):
+        gui.menu(*path)
+        assert {w.label for w in gui.window.ui.widgets if w.kind == "menu" and w.text == "open"} == set(path)
+        gui.key("esc")
+        gui.frames(2)
+        assert "open" not in {w.text for w in gui.window.ui.widgets if w.kind == "menu"}
+    assert gui.errors == {}
+
+
+@pytest.mark.parametrize(
+    ("path", "name", "value"),
+    [
+        (("View", "Dark theme"), "theme", "dark"),
+        (("View", "Layout", "column"), "layout", "column"),
+        (("View", "Colour map", "abfm diverging"), "colormap", "abfm diverging"),
+        (("View", "Isolines"), "isolines", True),
+        (("View", "Colour bar"), "color_bar", False),
+        (("View", "UI scale", "1.5"), "ui_scale", 1.5),
+    ],
+)
+def test_the_view_menu_changes_the_view_and_undo_takes_it_back(gui, path, name, value):
+    before = getattr(gui.session.view, name)
+    gui.menu(*path)
+    assert getattr(gui.session.view, name) == value
+    gui.menu("Edit", "Undo")
+    assert getattr(gui.session.view, name) == before
+    gui.menu("Edit", "Redo")
+    assert getattr(gui.session.view, name) == value
+    assert gui.errors == {}
+
+
+def test_presets_and_defaults(gui):
+    gui.click("Presets")
+    first = next(w.label for w in gui.window.ui.widgets if w.kind == "item" and w.label.startswith("Fig. 3:"))
+    gui.click(first)
+    assert gui.session.parameters.tau == 2
+    gui.menu("Presets", "Reset to defaults")
+    assert gui.session.parameters.tau == 1
+
+
+def test_undo_is_grey_with_nothing_to_undo(gui):
+    gui.click("Edit")
+    assert not gui.is_enabled("Undo")
+    gui.key("esc")
+
+
+# Dialogs
+
+
+def test_a_dialog_greys_the_rest_and_keeps_the_mouse_from_the_scene(gui):
+    gui.key("f1")
+    gui.frames(3)
+    assert not gui.is_enabled("Match")
+    with pytest.raises(DriverError, match="grey"):
+        gui.click("Match")
+    before = ps.get_camera_view_matrix()
+    gui.input.drag((150, 300), (250, 350))
+    gui.input.move(150, 300)
+    gui.input.wheel(2)
+    assert np.array_equal(before, ps.get_camera_view_matrix())
+    gui.key("l")
+    assert gui.session.view.theme == "light"
+    gui.click("Close")
+    gui.frames(2)
+    assert gui.is_enabled("Match")
+    gui.input.drag((150, 300), (250, 350))
+    assert not np.array_equal(before, ps.get_camera_view_matrix())
+
+
+def test_a_mesh_is_opened_by_clicks(gui, mesh_file):
+    gui.menu("File", "Open mesh...")
+    gui.wait(lambda s: mesh_file.name in gui.labels(), 5)
+    assert not gui.is_enabled("Open")
+    gui.click(mesh_file.name)
+    gui.click("Open")
+    opened(gui, 42)
+    assert not gui.window.dialogs.is_open
+    assert gui.session.document.name == "a sphere.off"
+    gui.menu("File", "Recent")
+    gui.click(next(label for label in gui.labels() if label.endswith("a sphere.off")))
+    idle(gui)
+    assert gui.session.notice.text.startswith("opened a sphere.off")
+    gui.menu("File", "Recent", "Clear recent")
+    assert gui.window.documents.recent() == []
+
+
+def test_a_mesh_is_opened_by_a_double_click_in_another_folder(gui, mesh_file, tmp_path):
+    (tmp_path / "below").mkdir()
+    gui.window.dialogs.folder = tmp_path / "below"
+    gui.key("ctrl+o")
+    gui.wait(lambda s: "Up" in gui.labels(), 5)
+    gui.click("Up")
+    gui.wait(lambda s: mesh_file.name in gui.labels(), 5)
+    gui.double_click("below/")
+    gui.frames(3)
+    assert gui.text_of("folder") == str(tmp_path / "below")
+    gui.key("alt+up")
+    gui.wait(lambda s: mesh_file.name in gui.labels(), 5)
+    time.sleep(0.4)  # or it would be a third click in a row
+    gui.double_click(mesh_file.name)
+    opened(gui, 42)
+    assert gui.window.dialogs.folder == tmp_path
+
+
+def test_a_mesh_is_opened_by_its_typed_path_and_by_keys(gui, mesh_file, tmp_path):
+    gui.key("ctrl+o")
+    gui.frames(3)
+    gui.type("folder", str(tmp_path / "nowhere.off"))
+    assert gui.window.dialogs.is_open
+    gui.type("folder", str(mesh_file))
+    opened(gui, 42)
+    gui.session.undo()
+    gui.key("ctrl+o")
+    gui.wait(lambda s: mesh_file.name in gui.labels(), 5)
+    gui.key("down")
+    gui.key("down")
+    while gui.text_of(mesh_file.name) != "chosen":
+        gui.key("down")
+    gui.key("enter")
+    opened(gui, 42)
+
+
+def test_esc_leaves_the_box_first_and_then_the_dialog(gui):
+    gui.key("ctrl+o")
+    gui.frames(3)
+    gui.click("folder")
+    gui.key("esc")
+    assert gui.window.dialogs.is_open
+    gui.key("esc")
+    assert not gui.window.dialogs.is_open
+
+
+def test_a_project_is_saved_and_opened_again(gui, tmp_path):
+    gui.session.set_parameter(alpha=3)
+    channels = gui.session.channels
+    gui.key("ctrl+s")
+    gui.frames(3)
+    gui.type("file name", "my work")
+    gui.wait(lambda s: (tmp_path / "my work.abfm").exists(), 10)
+    idle(gui)
+    assert gui.session.path == tmp_path / "my work.abfm"
+    gui.session.set_parameter(alpha=4)
+    gui.key("ctrl+s")
+    gui.wait(lambda s: not s.unsaved, 10)
+    gui.session.set_parameter(alpha=5)
+    gui.menu("File", "Open project...")
+    gui.wait(lambda s: "my work.abfm" in gui.labels(), 5)
+    gui.double_click("my work.abfm")
+    gui.wait(lambda s: s.parameters.alpha == 4, 10)
+    assert gui.session.channels == channels
+    assert "Undo returns to" in gui.session.notice.text
+    assert gui.errors == {}
+
+
+def test_a_file_is_replaced_only_after_a_question(gui, tmp_path):
+    (tmp_path / "old.abfm").write_text("precious")
+    gui.key("ctrl+shift+s")
+    gui.frames(3)
+    gui.type("file name", "old")
+    gui.frames(3)
+    assert gui.window.dialogs.is_asking("Replace the file?")
+    gui.key("esc")
+    gui.frames(3)
+    assert (tmp_path / "old.abfm").read_text() == "precious"
+    gui.click("Save")
+    gui.frames(2)
+    gui.click("Replace")
+    idle(gui)
+    assert (tmp_path / "old.abfm").read_bytes()[:2] == b"PK"
+    assert not gui.window.dialogs.is_open
+
+
+def test_ten_thousand_files_do_not_slow_the_window_down(gui, tmp_path):
+    folder = tmp_path / "many"
+    folder.mkdir()
+    for number in range(10_000):
+        (folder / f"{number:05}.off").touch()
+    gui.window.dialogs.folder = folder
+    gui.key("ctrl+o")
+    gui.wait(lambda s: "00000.off" in gui.labels(), 10)
+    assert len(gui.window.ui.widgets) < 700
+    gui.input.move(640, 400)
+    start = time.perf_counter()
+    gui.frames(10)
+    assert (time.perf_counter() - start) / 10 < 0.15
+    gui.key("esc")
+
+
+def test_an_error_after_a_dialog_is_shown_and_the_window_lives(gui, mesh_file, capsys):
+    gui.window.dialogs.open("Open", (".off",), lambda path: 1 / 0)
+    gui.wait(lambda s: mesh_file.name in gui.labels(), 5)
+    gui.click(mesh_file.name)
+    gui.click("Open")
+    gui.frames(3)
+    assert "division by zero" in gui.session.notice.text
+    assert not gui.window.dialogs.is_open
+    assert gui.is_enabled("Match")
+    assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+def test_a_dialog_that_cannot_be_drawn_goes_away(gui, capsys):
+    gui.window.dialogs.show("Broken", [("only one column",)])
+    gui.frames(4)
+    assert not gui.window.dialogs.is_open
+    assert gui.session.notice.is_error
+    gui.window.dialogs.show("Whole", ["text"])
+    gui.frames(2)
+    gui.click("Close")
+    assert "Traceback" in capsys.readouterr().err
+
+
+# Closing, dropped files, preferences, recovery
+
+
+def test_the_window_closes_at_once_when_all_is_saved(gui):
+    gui.key("ctrl+q")
+    assert gui.window.closing
+
+
+def test_closing_with_unsaved_work_asks(gui, tmp_path):
+    gui.session.set_parameter(alpha=3)
+    gui.menu("File", "Quit")
+    gui.frames(2)
+    gui.window.actions.quit()  # a second press of the window's own button
+    gui.click("Go back")
+    gui.frames(2)
+    assert not gui.window.closing
+    assert not gui.window.dialogs.is_open
+    gui.key("ctrl+q")
+    gui.frames(2)
+    gui.click("Save")
+    gui.frames(2)
+    gui.type("file name", "kept")
+    idle(gui)
+    assert gui.window.closing
+    assert (tmp_path / "kept.abfm").exists()
+
+
+def test_unsaved_work_can_be_thrown_away(gui):
+    gui.session.set_parameter(alpha=3)
+    gui.key("ctrl+q")
+    gui.frames(2)
+    gui.click("Don't save")
+    assert gui.window.closing
+
+
+def test_dropped_files_are_opened_or_refused_in_one_line(gui, mesh_file, tmp_path):
+    gui.window._dropped([str(mesh_file), str(tmp_path / "second.off")])
+    assert "the first of 2" in gui.session.notice.text
+    opened(gui, 42)
+    gui.window._dropped([str(tmp_path / "song.mp3")])
+    assert gui.session.notice.is_error
+    assert gui.session.notice.text.startswith("song.mp3 cannot be opened: expected a file that ends in .obj")
+    gui.window._dropped([])
+    assert gui.errors == {}
+
+
+def test_preferences_are_kept_for_the_next_launch(state):
+    with Driver(icosphere(1)) as gui:
+        gui.key("l")
+        gui.menu("View", "UI scale", "1.25")
+        gui.session.solver.follow = False
+        gui.frames(2)
+    assert state.preferences() == {"theme": "dark", "ui_scale": 1.25, "follow": False}
+    with Driver(icosphere(1)) as gui:
+        assert (gui.session.view.theme, gui.session.view.ui_scale) == ("dark", 1.25)
+        assert not gui.session.solver.follow
+        assert not gui.session.unsaved
+        assert gui.session.history.undo_label == ""
+
+
+def test_the_look_of_an_opened_project_is_no_preference(state, tmp_path):
+    with Driver(icosphere(1)) as gui:
+        gui.session.set_view("look", theme="dark", ui_scale=2.0)
+        save_project(tmp_path / "dark.abfm", gui.session.document, {})
+    state.set_preference("theme", "light")
+    state.set_preference("ui_scale", 1.0)
+    for first in (icosphere(2), tmp_path / "dark.abfm"):
+        with Driver(first) as gui:
+            gui.window.documents.open(tmp_path / "dark.abfm")
+            opened(gui, 42)
+            gui.frames(3)
+            assert (gui.session.view.theme, gui.session.view.ui_scale) == ("dark", 1)
+    assert state.preferences() == {"theme": "light", "ui_scale": 1}
+
+
+def test_senseless_preferences_are_left_out(state):
+    for name, value in (("theme", "pink"), ("ui_scale", 1e9), ("follow", "maybe")):
+        state.set_preference(name, value)
+    with Driver(icosphere(1)) as gui:
+        assert (gui.session.view.theme, gui.session.view.ui_scale) == ("light", 1)
+
+
+@pytest.fixture
+def crashed(state):
+    """The copy that a process left which is gone: a sphere of 162 vertices with another alpha."""
+    with Driver(icosphere(2)) as gui:
+        gui.session.set_parameter(alpha=7)
+        document = gui.session.document
+    done = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
+    path = state.path / f"autosave-{int(done.stdout)}.abfm"
+    state.path.mkdir(parents=True, exist_ok=True)
+    save_project(path, document, {})
+    return path
+
+
+def test_work_of_a_crash_is_recovered(state, crashed):
+    with Driver(icosphere(1)) as gui:
+        gui.wait(lambda s: gui.window.dialogs.is_open, 10)
+        gui.frames(2)
+        gui.click("Recover")
+        opened(gui, 162)
+        assert gui.session.parameters.alpha == 7
+        assert gui.session.unsaved
+        assert gui.session.path is None
+        assert not crashed.exists()
+        assert (state.path / f"autosave-{os.getpid()}.abfm").exists()  # until this process writes its own
+    assert list(state.path.glob("autosave-*")) == []
+
+
+def test_work_of_a_crash_waits_or_is_thrown_away(state, crashed):
+    for answer, stays in (("Later", True), ("Discard", False)):
+        with Driver(icosphere(1)) as gui:
+            gui.wait(lambda s, gui=gui: gui.window.dialogs.is_open, 10)
+            gui.frames(2)
+            gui.click(answer)
+            gui.frames(3)
+            assert not gui.window.dialogs.is_open
+            assert len(gui.session.mesh.vertices) == 42
+        assert crashed.exists() == stays
+
+
+def test_a_damaged_copy_is_told_once(state, crashed):
+    crashed.write_bytes(b"PK")
+    with Driver(icosphere(1)) as gui:
+        gui.wait(lambda s: s.notice.is_error, 10)
+        assert "is lost" in gui.session.notice.text
+    assert not crashed.exists()
+
+
+# Launch
+
+
+def test_the_window_is_drawn_before_anything_of_the_solver_is_loaded(tmp_path):
+    code = (
+        "import sys; from abfm_viewer import app, opengl; from pathlib import Path\n"
+        "import abfm_viewer.session as s; s.Session._find_defaults = lambda self: None\n"
+        f"window = app.open_window(None, opengl.OFFSCREEN, (640, 400), Path({str(tmp_path)!r}))\n"
+        "window.tick(); print(sorted({'numba', 'scipy', 'igl', 'cholespy', 'trimesh'} & set(sys.modules)))\n"
+        "print(window.errors); window.close()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "[]\n{}\n", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["missing.off"], "there is no such file"),
+        (["missing.abfm"], "cannot read missing.abfm: No such file or directory"),
+        (["missing.npz"], "cannot read missing.npz: No such file or directory"),
+        ([__file__], "the format is not known"),
+        (["a.off", "b.off"], "'b.off' is not understood"),
+        (["--largest"], "did you mean '--largest-component'?"),
+    ],
+)
+def test_bad_words_are_one_line_and_status_2(words, expected, capsys):
+    assert app.main(words) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("abfm-viewer: ")
+    assert told.count("\n") == 1
+    assert expected in told
+
+
+def test_recent_files_begin_with_the_one_on_the_command_line(state, mesh_file):
+    with Driver(mesh_file) as gui:
+        assert gui.window.documents.recent() == [Path(mesh_file)]
+        assert imgui.GetIO().DisplaySize[0] > 0

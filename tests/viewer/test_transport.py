@@ -1,0 +1,152 @@
+"""Functions carried along the flow that is shown, at any time of the time bar."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm import AdvectionError
+from abfm_viewer.background import Latest
+from abfm_viewer.transport import Carried, FlowState, span
+from tests.viewer.sessions import PAIR, QUICK, SPHERE, until
+
+
+@pytest.fixture(scope="module")
+def match():
+    source, target = (abfm.function(SPHERE, spec) for spec in (PAIR.source, PAIR.target))
+    return abfm.match(SPHERE, source, target, QUICK)
+
+
+@pytest.fixture
+def state(match):
+    return FlowState(SPHERE, match.velocity, match.parameters)
+
+
+@pytest.fixture
+def carried():
+    carried = Carried("test")
+    yield carried
+    carried.close()
+
+
+@dataclass(frozen=True, eq=False)
+class Limited(FlowState):
+    """A flow that cannot be followed beyond some time."""
+
+    end: float = 1.0
+
+    def carry(self, function, times):
+        if times.max() > self.end:
+            raise AdvectionError("the flow overflows")
+        return super().carry(function, times)
+
+
+def distance(a, b):
+    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
+
+
+def test_a_span_has_the_exact_function_at_tau_and_hardly_another_between(match, state):
+    source = match.source[:, 0]
+    over = span(state, source)
+    assert over.note == ""
+    assert (over.times[0], over.times[-1]) == (0, 2)
+    for time, tolerance in ((0.0, 1e-7), (1.0, 1e-6), (2.0, 1e-6), (0.517, 2e-3), (1.813, 2e-3)):
+        assert distance(over.at(time), match.advect(time)) < tolerance
+
+
+def test_several_columns_are_carried_at_once(match, state):
+    over = span(state, SPHERE.vertices)
+    assert over.frames.shape == (len(over.times), len(SPHERE.vertices), 3)
+    assert distance(over.at(1.0), match.push(SPHERE.vertices, 1.0)) < 1e-6
+
+
+def test_where_the_flow_overflows_beyond_tau_the_span_ends_there(match):
+    state = Limited(SPHERE, match.velocity, match.parameters)
+    over = span(state, match.source[:, 0])
+    assert over.times[-1] == 1
+    assert over.note == "not beyond tau: the flow overflows"
+    np.testing.assert_array_equal(over.at(1.7), over.at(1.0))  # the last one known
+
+
+def test_a_flow_that_is_too_fast_for_any_time_is_an_error_and_no_end(match, carried):
+    state = Limited(SPHERE, match.velocity, match.parameters, end=0.0)
+    assert carried.at(state, match.source[:, 0], 0.5, settled=True) is None
+    until(lambda: not carried.busy)
+    assert carried.error == "the flow overflows"
+    assert carried.at(state, match.source[:, 0], 0.5, settled=True) is None
+
+
+def test_at_time_0_the_function_is_there_at_once(match, state, carried):
+    source = match.source[:, 0]
+    assert carried.at(state, source, 0.0, settled=True) is source
+    assert not carried.busy
+
+
+def test_scrubbing_shows_blends_and_a_settled_time_is_exact(match, state, carried):
+    source = match.source[:, 0]
+    assert carried.at(state, source, 0.3, settled=False) is None
+    until(lambda: not carried.busy)
+    assert distance(carried.at(state, source, 0.3, settled=False), match.advect(0.3)) < 2e-3
+    carried.at(state, source, 0.3, settled=True)
+    until(lambda: not carried.busy)
+    assert distance(carried.at(state, source, 0.3, settled=True), match.advect(0.3)) < 1e-12
+
+
+def test_while_a_new_flow_is_followed_the_old_one_is_shown(match, state, carried):
+    source = match.source[:, 0]
+    carried.at(state, source, 0.5, settled=False)
+    until(lambda: not carried.busy)
+    faster = FlowState(SPHERE, 1.1 * match.velocity, match.parameters, final=False)
+    stale = carried.at(faster, source, 0.5, settled=False)
+    assert distance(stale, match.advect(0.5)) < 2e-3
+    until(lambda: not carried.busy)
+    assert distance(carried.at(faster, source, 0.5, settled=False), match.advect(0.55)) < 5e-3
+    assert carried.at(faster, SPHERE.vertices, 0.5, settled=False) is None  # of another shape: nothing to show
+
+
+def test_the_latest_request_wins_and_failures_are_not_repeated():
+    latest, hold, calls = Latest("test"), threading.Event(), []
+
+    def job(name):
+        def compute():
+            calls.append(name)
+            if name == "first":
+                hold.wait(10)
+            if name == "bad":
+                raise AdvectionError("no\nway")
+            return name
+
+        return compute
+
+    try:
+        assert latest.ask("first", job("first")) is None
+        until(lambda: calls == ["first"])
+        latest.ask("dropped", job("dropped"))
+        latest.ask("last", job("last"))
+        assert latest.busy
+        hold.set()
+        until(lambda: not latest.busy)
+        assert (latest.ask("last", job("last")), calls) == ("last", ["first", "last"])
+
+        for _ in range(3):
+            assert latest.ask("bad", job("bad")) is None
+            until(lambda: not latest.busy)
+        assert (latest.error, calls) == ("no way", ["first", "last", "bad"])
+        latest.ask("last", job("last"))
+        until(lambda: not latest.busy)
+        assert latest.ask("last", job("last")) == "last"
+        assert latest.error == ""
+    finally:
+        latest.close()
+
+
+def test_a_request_after_closing_is_never_answered():
+    latest = Latest("test")
+    latest.ask("one", lambda: 1)
+    until(lambda: not latest.busy)
+    latest.close()
+    assert latest.ask("two", lambda: 2) is None
