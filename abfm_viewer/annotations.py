@@ -58,7 +58,8 @@ def _draw_bar(ui: Ui, bar: Bar, left: float, bottom: float) -> None:
     colors = table(bar.colors.colormap, _STEPS)
     edges = np.linspace(left, left + width, _STEPS + 1)
     for color, start, end in zip(colors, edges[:-1], edges[1:], strict=True):
-        canvas.AddRectFilled((start, top), (end + 0.5, top + height), _u32((float(color[0]), float(color[1]), float(color[2]), 1.0)))
+        red, green, blue = map(float, color)
+        canvas.AddRectFilled((start, top), (end + 0.5, top + height), _u32((red, green, blue, 1.0)))
     canvas.AddText((left, top - line - ui.px(3)), _u32(ui.colors.muted), bar.title)
     for value, share in ((bar.colors.low, 0.0), ((bar.colors.low + bar.colors.high) / 2, 0.5), (bar.colors.high, 1.0)):
         text = f"{value:.3g}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 from abfm import Parameters, TriangleMesh
 from abfm.mesh import FloatArray, IntArray
@@ -27,6 +27,7 @@ Coloring = Literal[
 FieldPart = Literal["whole", "curl-free", "divergence-free", "harmonic"]
 ClickTool = Literal["nothing", "flow line", "follow a point"]
 
+COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
 THEMES: tuple[Theme, ...] = ("light", "dark")
 LAYOUTS: tuple[Layout, ...] = ("row", "column", "advected only")
 FIELD_PARTS: tuple[FieldPart, ...] = ("whole", "curl-free", "divergence-free", "harmonic")

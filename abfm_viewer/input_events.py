@@ -1,4 +1,4 @@
-"""A mouse and a keyboard for programs: ImGui's input events, with frames drawn between them."""
+"""A mouse and a keyboard for programs: ImGui's input events, with a frame drawn after each."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ from collections.abc import Callable
 
 import polyscope.imgui as imgui
 
+Place = tuple[float, float]
+"""A point of the window, in pixels."""
+
 _MODIFIERS = {
     "ctrl": (imgui.ImGuiMod_Ctrl, imgui.ImGuiKey_LeftCtrl),
     "shift": (imgui.ImGuiMod_Shift, imgui.ImGuiKey_LeftShift),
     "alt": (imgui.ImGuiMod_Alt, imgui.ImGuiKey_LeftAlt),
 }
 _KEYS = {"left": "LeftArrow", "right": "RightArrow", "up": "UpArrow", "down": "DownArrow", "esc": "Escape"}
+_NEVER, _ALWAYS = 0.0, 1e9  # seconds within which two clicks are one double click
+_OUTSIDE = (-1.0, -1.0)
 
 
 class InputEvents:
@@ -29,32 +34,38 @@ class InputEvents:
     def move(self, x: float, y: float) -> None:
         """Move the mouse to a place of the window."""
         imgui.GetIO().AddMousePosEvent(x, y)
-        self._frames(2)
+        self._frames(1)
 
     def press(self, button: int = 0) -> None:
         """Press a mouse button; 0 is the left one."""
         imgui.GetIO().AddMouseButtonEvent(button, True)
-        self._frames(2)
+        self._frames(1)
 
     def release(self, button: int = 0) -> None:
         """Let a mouse button go."""
         imgui.GetIO().AddMouseButtonEvent(button, False)
         self._frames(2)
 
-    def click(self, x: float, y: float) -> None:
-        """Move there and click."""
+    def click(self, x: float, y: float, count: int = 1) -> None:
+        """Click somewhere, or click twice for a double click, however slow the frames are."""
+        io = imgui.GetIO()
+        seconds = io.MouseDoubleClickTime
         self.move(x, y)
-        self.press()
-        self.release()
+        for number in range(count):
+            io.MouseDoubleClickTime = _ALWAYS if number else _NEVER
+            self.press()
+            self.release()
+        io.MouseDoubleClickTime = seconds
 
-    def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 6) -> None:
-        """Drag from one place to another."""
-        self.move(*start)
-        self.press()
-        for step in range(1, steps + 1):
-            share = step / steps
-            self.move(start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
-        self.release()
+    def drag(self, *places: Place, steps: int = 3, button: int = 0) -> None:
+        """Press a button at the first place, move over the others in steps, and let go at the last."""
+        self.move(*places[0])
+        self.press(button)
+        for start, end in zip(places, places[1:], strict=False):
+            for step in range(1, steps + 1):
+                share = step / steps
+                self.move(start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
+        self.release(button)
 
     def wheel(self, amount: float) -> None:
         """Turn the wheel, upwards if positive."""
@@ -64,7 +75,7 @@ class InputEvents:
     def write(self, text: str) -> None:
         """Type characters."""
         imgui.GetIO().AddInputCharactersUTF8(text)
-        self._frames(3)
+        self._frames(2)
 
     def hold(self, modifier: str, down: bool) -> None:
         """Press or release ctrl, shift or alt."""
@@ -81,25 +92,29 @@ class InputEvents:
             If there is no such key.
         """
         *modifiers, name = chord.lower().split("+")
-        known = _KEYS.get(name, name.upper() if len(name) == 1 else name.capitalize())
+        known = _KEYS.get(name, name.upper() if len(name) <= 2 else name.capitalize())
         try:
             code = getattr(imgui, f"ImGuiKey_{known}")
             held = [modifier for modifier in modifiers if _MODIFIERS[modifier]]
         except (AttributeError, KeyError):
-            raise KeyError(f"there is no key {chord!r}; keys are such as space, ctrl+z, left, enter, a") from None
+            raise KeyError(f"there is no key {chord!r}; keys are such as space, ctrl+z, left, enter, f1, a") from None
         for modifier in held:
             self.hold(modifier, True)
         imgui.GetIO().AddKeyEvent(code, True)
-        self._frames(2)
+        self._frames(1)
         imgui.GetIO().AddKeyEvent(code, False)
         for modifier in held:
             self.hold(modifier, False)
         self._frames(2)
 
     def let_go(self) -> None:
-        """Release everything and move the mouse away."""
+        """Release everything, which also takes the keyboard from boxes and closes menus, and move the mouse away.
+
+        To be called when nothing is drawn any more that a click could hit.
+        """
         for button in range(3):
             imgui.GetIO().AddMouseButtonEvent(button, False)
         for modifier in _MODIFIERS:
             self.hold(modifier, False)
-        self.move(-1, -1)
+        self.click(1, 1)
+        self.move(*_OUTSIDE)

@@ -91,6 +91,8 @@ class Ui:
     open_sections : dict of str to bool
     scroll_to : str
         A section to bring into view in the next frame.
+    capturing : bool
+        Whether frames are drawn for a picture: polyscope does that in a new ImGui context, which remembers nothing.
     choose_to_save : callable
         Lets the user name a file to write; see `abfm_viewer.dialogs.Dialogs.save`.
     """
@@ -107,16 +109,22 @@ class Ui:
         self._texts: dict[str, str] = {}
         self._refused: dict[str, str] = {}
         self.scroll_to = ""
+        self.capturing = False
+        self._scrolls: dict[str, float] = {}
         self.choose_to_save: ChooseToSave = lambda title, suffixes, name, on_path: None
 
     # Frames, windows, structure
 
     def begin_frame(self, scale: float, name: Theme) -> None:
         """Start the record of a frame."""
-        self.widgets, self._drawn = self._drawn, []
+        self._drawn = []
         self.scale, self.colors = scale, theme.palette(name)
         self._areas = [(0, 0, *imgui.GetIO().DisplaySize)]
         self._sections, self._disabled = [""], 0
+
+    def end_frame(self) -> None:
+        """Publish the record."""
+        self.widgets = self._drawn
 
     def px(self, length: float) -> float:
         """A length in pixels, for one given at a scale of 1."""
@@ -133,6 +141,7 @@ class Ui:
             flags |= imgui.ImGuiWindowFlags_AlwaysVerticalScrollbar
         imgui.Begin(name, flags)
         self._areas.append(rect)
+        self._keep_scroll(name)
         try:
             yield
         finally:
@@ -181,6 +190,7 @@ class Ui:
             flags |= imgui.ImGuiChildFlags_AutoResizeY
             imgui.SetNextWindowSizeConstraints((0, 0), (imgui.GetContentRegionAvail()[0], height))
         imgui.BeginChild(name, (0, 0 if shrinks else height), flags)
+        self._keep_scroll("/".join([*self._sections, name]))
         left, top = imgui.GetWindowPos()
         self._areas.append((left, top, left + imgui.GetWindowWidth(), top + imgui.GetWindowHeight()))
         try:
@@ -537,6 +547,13 @@ class Ui:
                 imgui.GetStyle().GrabMinSize if kind == "slider" else 0.0,
             )
         )
+
+    def _keep_scroll(self, name: str) -> None:
+        """Remember how far the present window was scrolled; new ones, and a new context, start from there."""
+        if self.capturing or name not in self._scrolls:
+            imgui.SetScrollY(self._scrolls.setdefault(name, 0.0))
+        else:
+            self._scrolls[name] = imgui.GetScrollY()
 
     def _key(self, label: str) -> str:
         return "/".join([*self._sections, label])

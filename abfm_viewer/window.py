@@ -29,6 +29,7 @@ from abfm_viewer.persistence import Persistence
 from abfm_viewer.scene import Scene
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Rect, Ui
+from abfm_viewer.widget_file import write_widgets
 
 if TYPE_CHECKING:
     from abfm_viewer.state_folder import StateFolder
@@ -99,7 +100,7 @@ class Window:
         self.errors: dict[str, str] = {}
         self.closing = self.interrupted = False
         self.parts = areas(size, 0, 1)
-        self._capturing = self._redraws = False
+        self._redraws = False
         self._panel_seconds = self._moved_at = 0.0
         self._document: object = None
         self._style: tuple[Theme, float] | None = None
@@ -162,11 +163,11 @@ class Window:
 
     def screenshot(self, path: Path) -> None:
         """Write a picture (PNG) of the whole window: the panels as they are, though nothing is hovered or open."""
-        self._capturing = True  # polyscope calls back four times more, without a mouse
+        self.ui.capturing = True  # polyscope calls back four times more, without a mouse
         try:
             pixels = ps.screenshot_to_buffer(transparent_bg=False, include_UI=True)
         finally:
-            self._capturing = False
+            self.ui.capturing = False
         with write_atomically(path) as temporary:
             Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(temporary, format="png")
 
@@ -190,7 +191,7 @@ class Window:
         self._panel_seconds = time.perf_counter() - start
 
     def _draw(self) -> None:
-        if not self._capturing:
+        if not self.ui.capturing:
             self.frames += 1
         view = self.session.view
         if self._style is None or self._style[1] != view.ui_scale:
@@ -199,7 +200,7 @@ class Window:
             self._style = (view.theme, view.ui_scale)
             self._restyle()
         self.ui.begin_frame(view.ui_scale, view.theme)
-        if not self._capturing:
+        if not self.ui.capturing:
             self.guarded("session", self._update)
         parts = self.parts = areas(imgui.GetIO().DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
         self.guarded("scene", lambda: self.scene.update(self.session, parts.scene))
@@ -209,10 +210,13 @@ class Window:
             self.guarded("panel", lambda: right_panel.draw(self.ui, self.session, parts.panel, self.guarded))
             self.guarded("time bar", lambda: time_bar.draw(self.ui, self.session, parts.time_bar))
             self.guarded("status line", lambda: status_line.draw(self.ui, self.session, parts.status))
-        keys_are_free = not self.dialogs.is_open and not self._capturing
+        keys_are_free = not self.dialogs.is_open and not self.ui.capturing
         self.guarded("dialog", lambda: self.dialogs.draw(self.ui))
         if keys_are_free:
             self.guarded("keyboard", lambda: keyboard.do_pressed(self.actions))
+        if not self.ui.capturing:
+            self.ui.end_frame()
+            self.guarded("widget file", lambda: write_widgets(self.ui.widgets, self.frames))
 
     def _update(self) -> None:
         if self._moves():

@@ -8,6 +8,8 @@ or the first edge to slide along, counted around the vertex from the face that i
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from abfm.face_flow import FaceFlow
@@ -83,32 +85,35 @@ def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) 
 
 
 @kernel
-def advance(flow: FaceFlow, where: IndexArray, b: FloatArray, time: float) -> tuple[float, int]:
-    """Walk on for a time, at most to the next edge or vertex. Returns the time it took, and whether the way goes on."""
+def motion(flow: FaceFlow, where: IndexArray, rates: FloatArray) -> bool:
+    """How fast the walker's weights grow, into ``rates`` (3,). Whether it moves at all."""
     f, c = where[0], where[1]
-    if c >= 0:
-        speed = sliding_speed(flow, f, c)
-        goal = (c + 2) % 3 if speed > 0.0 else (c + 1) % 3
-        origin = 3 - c - goal
-        if speed == 0.0:
-            return 0.0, STAGNATION
-        used = b[origin] / abs(speed)
-        if used > time:
-            b[origin] -= time * abs(speed)
-            b[goal] = 1.0 - b[origin]
-            return time, GOING
-        return used, leave_vertex(flow, where, b, goal)
-    leave, used, moving = -1, time, False
+    if c < 0:
+        for i in range(3):
+            rates[i] = flow.rates[f, i]
+        return rates[0] != 0.0 or rates[1] != 0.0 or rates[2] != 0.0
+    speed = sliding_speed(flow, f, c)
+    rates[c] = 0.0
+    rates[(c + 1) % 3] = -speed
+    rates[(c + 2) % 3] = speed
+    return speed != 0.0
+
+
+@kernel
+def advance(
+    flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float
+) -> tuple[float, int]:
+    """Walk on, with the rates of `motion`, for a time, at most to the next edge or vertex.
+
+    Returns the time that it took, and whether the way goes on.
+    """
+    leave, used = -1, time
     for i in range(3):
-        rate = flow.rates[f, i]
-        moving = moving or rate != 0.0
-        if rate < 0.0 and b[i] <= -rate * used:
-            leave, used = i, b[i] / -rate
-    if not moving:
-        return 0.0, STAGNATION
+        if rates[i] < 0.0 and b[i] <= -rates[i] * used:
+            leave, used = i, b[i] / -rates[i]
     total = 0.0
     for i in range(3):
-        b[i] = 0.0 if i == leave else max(b[i] + used * flow.rates[f, i], 0.0)
+        b[i] = 0.0 if i == leave else max(b[i] + used * rates[i], 0.0)
         total += b[i]
     for i in range(3):
         b[i] /= total
@@ -136,12 +141,13 @@ def trace(
 
     Returns how many entries there are then, and whether the way goes on.
     """
+    rates = np.empty(3)
     now = start
     status = GOING
     while status == GOING and now < end and count < times.size:
-        used, status = advance(flow, where, b, end - now)
-        if status == STAGNATION and used == 0.0:
-            break
+        if not motion(flow, where, rates):
+            return count, STAGNATION
+        used, status = advance(flow, where, b, rates, end - now)
         now = end if used >= end - now else now + used
         times[count] = now
         faces[count] = where[0]
@@ -151,25 +157,38 @@ def trace(
 
 
 @kernel
-def noise_at(x: float, y: float, z: float, seed: int) -> float:
-    """White noise in [-0.5, 0.5), one number per unit cube of space."""
+def hashed(i: int, j: int, k: int, seed: int) -> float:
+    """A number from -1 to 1 for a point of the integer grid."""
     h = np.uint64(seed)
-    for value in (x, y, z):
-        h = (h ^ np.uint64(np.int64(np.floor(value)))) * np.uint64(0x9E3779B97F4A7C15)
+    for value in (i, j, k):
+        h = (h ^ np.uint64(value)) * np.uint64(0x9E3779B97F4A7C15)
         h ^= h >> np.uint64(29)
     h *= np.uint64(0xBF58476D1CE4E5B9)
-    h ^= h >> np.uint64(32)
-    return np.float64(h >> np.uint64(11)) * 2.0**-53 - 0.5
+    return float(np.int64(h)) * 2.0**-63
+
+
+@kernel
+def noise_at(x: float, y: float, z: float, seed: int) -> float:
+    """Noise of the integer grid between its points, of equal variance everywhere."""
+    i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
+    u, v, w = x - i, y - j, z - k
+    total = 0.0
+    for dk in range(2):
+        for dj in range(2):
+            share = (v if dj else 1.0 - v) * (w if dk else 1.0 - w)
+            total += share * ((1.0 - u) * hashed(i, j + dj, k + dk, seed) + u * hashed(i + 1, j + dj, k + dk, seed))
+    spread = (u * u + (1.0 - u) ** 2) * (v * v + (1.0 - v) ** 2) * (w * w + (1.0 - w) ** 2)
+    return total / math.sqrt(spread)
 
 
 @kernel
 def follow(
     canvas: Canvas,
     flow: FaceFlow,
-    heading: FloatArray,
     where: IndexArray,
     b: FloatArray,
     stride: int,
+    step: float,
     seed: int,
     noise: FloatArray,
     texels: IndexArray,
@@ -179,87 +198,46 @@ def follow(
     Where the streamline ends the noise goes straight on in space, so that there is as much of it everywhere.
     """
     middle = noise.size // 2
-    x, y, z = 0.0, 0.0, 0.0
-    last = where[0]
-    going = True
-    for j in range(middle + 1):
-        left = 1.0 if j else 0.0
-        if going:
-            for _ in range(CROSSINGS):
-                if left <= 0.0 or not going:
-                    break
-                if heading[where[0], 0] != 0.0 or heading[where[0], 1] != 0.0 or heading[where[0], 2] != 0.0:
-                    last = where[0]
-                used, status = advance(flow, where, b, left)
-                left -= used
-                going = status == GOING
-            going = going and left <= 0.0
-            x, y, z = 0.0, 0.0, 0.0
-            column, row = 0.0, 0.0
-            f = where[0]
-            for i in range(3):
-                vertex = canvas.faces[f, i]
-                x += b[i] * canvas.vertices[vertex, 0]
-                y += b[i] * canvas.vertices[vertex, 1]
-                z += b[i] * canvas.vertices[vertex, 2]
-                column += b[i] * canvas.corners[f, i, 0]
-                row += b[i] * canvas.corners[f, i, 1]
-        at = middle + stride * j
-        texels[at] = np.int64(row) * canvas.owners.shape[1] + np.int64(column) if going else -1
-        if not going:
-            x += stride * left * heading[last, 0]
-            y += stride * left * heading[last, 1]
-            z += stride * left * heading[last, 2]
-        noise[at] = noise_at(x, y, z, seed)
-
-
-@kernel
-def convolve(
-    canvas: Canvas,
-    ahead: FaceFlow,
-    back: FaceFlow,
-    heading: FloatArray,
-    weights: FloatArray,
-    reach: int,
-    seed: int,
-    done: IndexArray,
-    images: FloatArray,
-) -> None:
-    """Convolve noise along streamlines, with ``weights`` (P, K) into ``images`` (P, texels), where a texel's centre is
-    in its face; marks in ``done`` (texels,) what it has filled.
-
-    Each streamline also fills the texels that it meets up to ``reach`` texel lengths from where it began.
-    """
-    taps = weights.shape[1]
-    noise = np.empty(taps + 2 * reach)
-    texels = np.empty(noise.size, dtype=np.int64)
-    where = np.empty(2, dtype=np.int64)
-    b = np.empty(3)
     size = canvas.owners.shape[1]
-    for texel in range(done.size):
-        row, column = texel // size, texel % size
-        f = canvas.owners[row, column]
-        if f < 0 or done[texel]:
-            continue
-        texel_weights(canvas.corners, f, column + 0.5, row + 0.5, b)
-        if min(b[0], b[1], b[2]) < -1e-9:
-            continue
-        if heading[f, 0] == 0.0 and heading[f, 1] == 0.0 and heading[f, 2] == 0.0:
-            done[texel] = True
-            continue
-        for stride in (1, -1):
-            where[0], where[1] = f, -1
-            texel_weights(canvas.corners, f, column + 0.5, row + 0.5, b)
-            clip(b)
-            follow(canvas, ahead if stride > 0 else back, heading, where, b, stride, seed, noise, texels)
-        texels[noise.size // 2] = texel
-        for i in range(2 * reach + 1):
-            target = texels[i + taps // 2]
-            if target < 0 or done[target]:
-                continue
-            done[target] = True
-            for phase in range(weights.shape[0]):
-                total = 0.0
-                for k in range(taps):
-                    total += weights[phase, k] * noise[i + k]
-                images[phase, target] = total
+    rates = np.empty(3)
+    x, y, z, dx, dy, dz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    walked = 0.0
+    j = 1
+    for _ in range(CROSSINGS * middle):
+        f = where[0]
+        moving = motion(flow, where, rates)
+        x, y, z, column, row = 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(3):
+            vertex = canvas.faces[f, i]
+            x += b[i] * canvas.vertices[vertex, 0]
+            y += b[i] * canvas.vertices[vertex, 1]
+            z += b[i] * canvas.vertices[vertex, 2]
+            column += b[i] * canvas.corners[f, i, 0]
+            row += b[i] * canvas.corners[f, i, 1]
+        if not moving:
+            break
+        dx, dy, dz, right, up = 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(3):
+            vertex = canvas.faces[f, i]
+            dx += rates[i] * canvas.vertices[vertex, 0]
+            dy += rates[i] * canvas.vertices[vertex, 1]
+            dz += rates[i] * canvas.vertices[vertex, 2]
+            right += rates[i] * canvas.corners[f, i, 0]
+            up += rates[i] * canvas.corners[f, i, 1]
+        used, status = advance(flow, where, b, rates, step * middle - walked)
+        while j <= middle and step * j <= walked + used:
+            t = step * j - walked
+            at = middle + stride * j
+            noise[at] = noise_at(x + t * dx, y + t * dy, z + t * dz, seed)
+            texels[at] = size * int(row + t * up) + int(column + t * right)
+            j += 1
+        walked += used
+        x, y, z = x + used * dx, y + used * dy, z + used * dz
+        if j > middle or status != GOING:
+            break
+    while j <= middle:
+        t = step * j - walked
+        at = middle + stride * j
+        noise[at] = noise_at(x + t * dx, y + t * dy, z + t * dz, seed)
+        texels[at] = -1
+        j += 1

@@ -1,0 +1,154 @@
+"""Finds widgets by their label as a user would: opens sections, looks into menus, scrolls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+
+from abfm_viewer.errors import DriverError
+from abfm_viewer.input_events import InputEvents, Place
+from abfm_viewer.ui import Kind, Widget
+from abfm_viewer.window import Window
+
+_MOST_TURNS = 40
+_PIXELS_PER_TURN = 100.0
+
+
+class WidgetSearch:
+    """Looks for widgets in a window.
+
+    Parameters
+    ----------
+    window : Window
+    input : InputEvents
+
+    Attributes
+    ----------
+    found : list of Widget
+        All that were asked for, as they were then.
+    """
+
+    def __init__(self, window: Window, input: InputEvents) -> None:
+        self._window = window
+        self._input = input
+        self.found: list[Widget] = []
+
+    def find(
+        self, label: str, within: str = "", kinds: Sequence[Kind] | None = None, must_be_enabled: bool = True
+    ) -> Widget:
+        """A widget in view.
+
+        Parameters
+        ----------
+        label
+            What the user reads.
+        within
+            The section, group, menu or dialog, where a label is there twice.
+        kinds
+            What it may be; by default anything.
+
+        Raises
+        ------
+        DriverError
+            If there is none, there are several that can be used, or it is grey.
+        """
+        self._window.tick()
+        widget = self._sought(label, within, kinds)
+        if must_be_enabled and not widget.enabled:
+            raise DriverError(f"{label!r} is grey now: it cannot be used")
+        widget = self._scrolled_to(widget)
+        self.found.append(widget)
+        return widget
+
+    def drawn(self, label: str, within: str = "", kinds: Sequence[Kind] | None = None) -> Widget | None:
+        """The widget of a label in the latest frame; of several the only enabled one; None if there is none.
+
+        Raises
+        ------
+        DriverError
+            If several can be used.
+        """
+        candidates = [w for w in self._window.ui.widgets if w.label == label and (not kinds or w.kind in kinds)]
+        if within:
+            candidates = [w for w in candidates if within == w.section or within in w.section.split("/")]
+        usable = [w for w in candidates if w.enabled] or candidates
+        if len({w.section for w in usable}) > 1:
+            raise DriverError(f"{label!r} is there {len(usable)} times, in {_sections(usable)}: say within= which")
+        kinds_of_one = [w.kind for w in usable]
+        if len(usable) > 1 and sorted(kinds_of_one) != ["box", "slider"]:
+            raise DriverError(f"{label!r} is there {len(usable)} times in {_sections(usable)}: labels must differ there")
+        return max(usable, key=lambda w: w.kind == "box") if usable else None
+
+    def _sought(self, label: str, within: str, kinds: Sequence[Kind] | None) -> Widget:
+        if (widget := self.drawn(label, within, kinds)) is not None:
+            return widget
+        seen = list(self._labels())
+        for _ in self._openings(within):
+            if (widget := self.drawn(label, within, kinds)) is not None:
+                return widget
+            seen += self._labels()
+        nearest = get_close_matches(label, seen, n=3)
+        hint = f"did you mean {' or '.join(map(repr, nearest))}" if nearest else f"labels are {', '.join(seen)}"
+        raise DriverError(f"there is no {label!r}{f' in {within!r}' if within else ''} in the window; {hint}")
+
+    def _labels(self) -> list[str]:
+        return list(dict.fromkeys(widget.label for widget in self._window.ui.widgets))
+
+    def _openings(self, within: str) -> Iterator[None]:
+        """Open closed sections and menus one after the other, the one asked for first; what was opened is closed."""
+        tried: set[str] = set()
+        yield from self._open_sections(within, tried)
+        for menu in [w for w in self._window.ui.widgets if w.kind == "menu" and not w.section and w.enabled]:
+            self._input.click(*middle(menu))
+            yield
+            for submenu in [w for w in self._window.ui.widgets if w.kind == "menu" and w.section == menu.label]:
+                self._input.click(*middle(submenu))
+                yield
+            self._input.key("esc")
+            self._input.key("esc")
+
+    def _open_sections(self, within: str, tried: set[str]) -> Iterator[None]:
+        while closed := [w for w in self._window.ui.widgets if _is_closed(w) and f"{w.section}/{w.label}" not in tried]:
+            section = min(closed, key=lambda w: w.label != within)
+            tried.add(f"{section.section}/{section.label}")
+            self._toggle(section)
+            yield
+            yield from self._open_sections(within, tried)
+            self._toggle(section)
+
+    def _toggle(self, section: Widget) -> None:
+        self._input.click(*middle(self._scrolled_to(section), 0.2))
+
+    def _scrolled_to(self, widget: Widget) -> Widget:
+        """The widget after the part of the window that it is in was scrolled so far that it can be seen whole."""
+        for turn in range(_MOST_TURNS):
+            left, top, right, bottom = widget.area
+            beyond = max(top - widget.rect[1], 0.0) or min(bottom - widget.rect[3], 0.0)
+            fits = widget.rect[3] - widget.rect[1] <= bottom - top
+            if beyond == 0 or (not fits and top <= middle(widget)[1] <= bottom):
+                return widget
+            self._input.move(left + 0.02 * (right - left), (top + bottom) / 2)
+            self._input.wheel((1 if beyond > 0 else -1) * max(abs(beyond) / _PIXELS_PER_TURN, 0.3))
+            again = [w for w in self._window.ui.widgets if (w.label, w.section, w.kind) == _name(widget)]
+            if not again or (turn > 3 and again[0].rect == widget.rect):
+                break
+            widget = again[0]
+        raise DriverError(f"{widget.label!r} cannot be scrolled into view")
+
+
+def _name(widget: Widget) -> tuple[str, str, Kind]:
+    return widget.label, widget.section, widget.kind
+
+
+def _sections(widgets: Sequence[Widget]) -> str:
+    return ", ".join(repr(section) for section in dict.fromkeys(widget.section for widget in widgets))
+
+
+def _is_closed(widget: Widget) -> bool:
+    return widget.kind == "section" and widget.text == "closed" and widget.enabled
+
+
+def middle(widget: Widget, share: float = 0.5) -> Place:
+    """A point of a widget, at half its height."""
+    left, top, right, bottom = widget.rect
+    return left + share * (right - left), (top + bottom) / 2

@@ -1,0 +1,58 @@
+"""What the app remembers between launches, whatever state the folder is in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from abfm_viewer.state_folder import VARIABLE, StateFolder
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> StateFolder:
+    return StateFolder(tmp_path / "not there yet" / "state")
+
+
+def test_recent_files_come_latest_first_and_once(folder: StateFolder, tmp_path: Path) -> None:
+    files = [tmp_path / f"mesh {number}.off" for number in range(12)]
+    for file in files:
+        file.touch()
+        folder.add_recent(file)
+    folder.add_recent(files[5])
+    assert folder.recent() == [files[5], *reversed(files[6:]), *reversed(files[2:5])]
+    files[11].unlink()
+    assert files[11] not in folder.recent()
+    folder.clear_recent()
+    assert folder.recent() == []
+
+
+def test_preferences_are_kept(folder: StateFolder) -> None:
+    assert folder.preferences() == {}
+    folder.set_preference("theme", "dark")
+    folder.set_preference("ui_scale", 1.5)
+    assert StateFolder(folder.path).preferences() == {"theme": "dark", "ui_scale": 1.5}
+
+
+@pytest.mark.parametrize("content", ["", "{", "[1, 2", "null", "3", '{"a": 1}', "[" * 100_000, "[null, 3]"])
+def test_damaged_files_count_as_empty(folder: StateFolder, content: str) -> None:
+    folder.path.mkdir(parents=True)
+    for name in ("recent.json", "preferences.json"):
+        (folder.path / name).write_text(content)
+    assert folder.recent() == []
+    assert isinstance(folder.preferences(), dict)
+
+
+def test_a_folder_that_cannot_be_made_does_no_harm(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    folder = StateFolder(tmp_path / "file" / "state")
+    folder.add_recent(tmp_path / "file")
+    folder.set_preference("theme", "dark")
+    assert (folder.recent(), folder.preferences()) == ([], {})
+
+
+def test_the_environment_names_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    assert StateFolder().path == tmp_path
+    monkeypatch.delenv(VARIABLE)
+    assert StateFolder().path.name == "abfm"
