@@ -44,26 +44,33 @@ class Autosave:
         self._seconds, self._clock = seconds, clock
         self._last = clock()
         self._document: Document | None = None
+        self._has_copy = False
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._future: Future[None] | None = None
+        _make_room(self.path)
 
     def offer(self, document: Document, known: Callable[[], Mapping[str, FloatArray]], unsaved: bool) -> None:
         """Call every frame: writes a copy where it is time for one, and removes it where everything is saved.
 
         `known` gives the values of functions from other files (see `save_project`); it is called in the background.
         """
-        if self._future is not None and self._future.done():
-            problem = self._future.exception()
+        if self._future is not None:
+            if not self._future.done():
+                return
+            problem, self._future = self._future.exception(), None
             self.error = one_line(problem) if problem else ""
-            self._future = None
+            if problem:
+                self._document = None  # to be tried again
+        if not unsaved:
+            if self._has_copy:
+                self.discard()
+            return
         now = self._clock()
-        if self._future is not None or now - self._last < self._seconds:
+        if now - self._last < self._seconds:
             return
         self._last = now
-        if not unsaved:
-            self.discard()
-        elif document is not self._document:
-            self._document = document
+        if document is not self._document:
+            self._document, self._has_copy = document, True
             self._future = self._writer.submit(self._write, document, known)
         else:
             with suppress(OSError):
@@ -73,10 +80,11 @@ class Autosave:
         """Make what a crash left the copy of this process, until the next one is written."""
         with suppress(OSError):
             recovery.path.replace(self.path)
+            self._has_copy = True
 
     def discard(self) -> None:
-        """Remove the copy."""
-        self._document = None
+        """Remove the copy, also one that is being written."""
+        self._document, self._has_copy = None, False
         with suppress(OSError):
             self.path.unlink()
 
@@ -89,6 +97,8 @@ class Autosave:
 
         self.path.parent.mkdir(parents=True, exist_ok=True)
         save_project(self.path, document, known())
+        if self._document is not document:  # discarded meanwhile
+            self.path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)
@@ -97,6 +107,13 @@ class Recovery:
 
     path: Path
     written: float
+
+    def set_aside(self) -> Path:
+        """Keep one that cannot be read, perhaps by another version only, where it is not found again; its new place."""
+        place = self.path.with_name(f"unreadable-{self.path.name}")
+        with suppress(OSError):
+            self.path.replace(place)
+        return place
 
     def discard(self) -> None:
         """Remove it."""
@@ -109,13 +126,24 @@ def recoverable(folder: StateFolder, now: float | None = None) -> list[Recovery]
     found = []
     with suppress(OSError):
         for path in folder.path.glob(f"{_PREFIX}*{_SUFFIX}"):
-            with suppress(OSError, ValueError):
-                process = int(path.stem.removeprefix(_PREFIX))
+            with suppress(OSError, ValueError, OverflowError):
+                number, _, left = path.stem.removeprefix(_PREFIX).partition("-")
+                process = int(number)
                 written = path.stat().st_mtime
                 abandoned = (time.time() if now is None else now) - written > _ABANDONED
-                if abandoned or not _is_alive(process):
+                if abandoned or left or not _is_alive(process):
                     found.append(Recovery(path, written))
     return sorted(found, key=lambda recovery: recovery.written, reverse=True)
+
+
+def _make_room(path: Path) -> None:
+    """Rename what an earlier process with this one's number left, and remove halves that were being written."""
+    with suppress(OSError):
+        path.replace(path.with_stem(f"{path.stem}-{path.stat().st_mtime_ns}"))
+    with suppress(OSError):
+        for half in path.parent.glob(f".{_PREFIX}*{_SUFFIX}"):
+            if time.time() - half.stat().st_mtime > _ABANDONED:
+                half.unlink()
 
 
 def _is_alive(process: int) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import polyscope.imgui as imgui
 
@@ -26,13 +27,20 @@ class InputEvents:
     ----------
     frames : callable
         Draws a number of frames.
+
+    Attributes
+    ----------
+    place : (float, float)
+        Where the mouse is.
     """
 
     def __init__(self, frames: Callable[[int], None]) -> None:
         self._frames = frames
+        self.place: Place = _OUTSIDE
 
     def move(self, x: float, y: float) -> None:
         """Move the mouse to a place of the window."""
+        self.place = (x, y)
         imgui.GetIO().AddMousePosEvent(x, y)
         self._frames(1)
 
@@ -46,11 +54,10 @@ class InputEvents:
         imgui.GetIO().AddMouseButtonEvent(button, False)
         self._frames(2)
 
-    def click(self, x: float, y: float, count: int = 1) -> None:
-        """Click somewhere, or click twice for a double click, however slow the frames are."""
+    def click(self, count: int = 1) -> None:
+        """Click where the mouse is, or click twice for a double click, however slow the frames are."""
         io = imgui.GetIO()
         seconds = io.MouseDoubleClickTime
-        self.move(x, y)
         for number in range(count):
             io.MouseDoubleClickTime = _ALWAYS if number else _NEVER
             self.press()
@@ -61,7 +68,7 @@ class InputEvents:
         """Press a button at the first place, move over the others in steps, and let go at the last."""
         self.move(*places[0])
         self.press(button)
-        for start, end in zip(places, places[1:], strict=False):
+        for start, end in pairwise(places):
             for step in range(1, steps + 1):
                 share = step / steps
                 self.move(start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
@@ -116,5 +123,6 @@ class InputEvents:
             imgui.GetIO().AddMouseButtonEvent(button, False)
         for modifier in _MODIFIERS:
             self.hold(modifier, False)
-        self.click(1, 1)
+        self.move(1, 1)
+        self.click()
         self.move(*_OUTSIDE)

@@ -101,9 +101,8 @@ class Persistence:
         try:
             return partial(self._ask, recovery, *load_project(recovery.path))
         except AbfmError as error:
-            reason = str(error)
-            recovery.discard()
-            return lambda: self._session.say(f"unsaved work of an earlier launch is lost: {reason}", is_error=True)
+            text = f"unsaved work of an earlier launch is kept in {recovery.set_aside()}, but {error}"
+            return partial(self._session.say, text, is_error=True)
 
     def _ask(self, recovery: Recovery, document: Document, known: dict[str, FloatArray]) -> None:
         written = time.strftime("%H:%M on %d %B %Y", time.localtime(recovery.written))

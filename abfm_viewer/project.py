@@ -1,39 +1,41 @@
 """Project files (``.abfm``): a zip of JSON and arrays with everything that is needed to go on elsewhere.
 
-``project.json`` holds all that is small; ``mesh/*.npy`` the mesh, ``runs/*.npy`` the energies of earlier runs,
-``known/*.npy`` values of functions that come from other files, and ``result.npz`` the result as a file of its own.
+``project.json`` holds all that is small; ``mesh/*.npy``, ``result/*.npy`` and ``runs/*/*.npy`` the arrays of the
+document, and ``known/*.npy`` the values of functions that come from other files.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import tempfile
 import zipfile
-import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm import AbfmError, Parameters, ResultError, TriangleMesh
+from abfm import Parameters, ResultError, TriangleMesh
 from abfm.io import write_atomically
 from abfm.mesh import FloatArray
+from abfm_viewer.array_zip import read_array, read_arrays, read_bytes, write_array, write_arrays, write_text
+from abfm_viewer.colormaps import NAMES
 from abfm_viewer.document import EXTRAPOLATION, Channel, Document, Point, Run, Side, View
-from abfm_viewer.plain import PlainError, from_plain, to_plain
+from abfm_viewer.plain import from_plain, to_plain
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from abfm import Match
 
 FORMAT_VERSION = 1
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same document gives the same bytes
+_MOST_DROPPED = 10_000_000  # vertices of the mesh file that no face uses: opening makes room for them again
+
 _MESH = ("vertices", "faces", "vertex_ids")
+_RUN = ("energies", "stages")
+_RESULT = ("source", "target", "velocity", "advected", "energy_history", "stages", "weights")
+
+Plain = TypeVar("Plain")
 
 
 class ProjectError(ResultError):
@@ -41,35 +43,62 @@ class ProjectError(ResultError):
 
 
 @dataclass(frozen=True)
-class _RunHeader:
+class _State:
+    """The fields of `Document` that hold no arrays, by the same names."""
+
+    name: str
+    channels: tuple[Channel, ...]
+    channel: int
+    side: Side
+    bump: int
+    parameters: Parameters
+    mask: str
+    time: float
+    lines: tuple[Point, ...]
+    points: tuple[Point, ...]
+    view: View
+
+
+@dataclass(frozen=True)
+class _RunState:
+    """The same of `Run`."""
+
     restarts: tuple[int, ...]
     mismatch: float
     label: str
 
 
 @dataclass(frozen=True)
-class _Header:
-    """What `project.json` holds, apart from the format and the parameters."""
+class _ResultState:
+    """The same of `Match`."""
 
-    name: str
+    parameters: Parameters
+    mismatch: float
+    stop_reason: str
+    channels_given: bool
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What `project.json` holds; `known` are the functions with values, in the order of their members."""
+
     file_vertex_count: int
-    channels: tuple[Channel, ...]
-    channel: int
-    side: Side
-    bump: int
-    mask: str
-    time: float
-    lines: tuple[Point, ...]
-    points: tuple[Point, ...]
-    view: View
-    runs: tuple[_RunHeader, ...]
+    document: _State
+    runs: tuple[_RunState, ...]
+    result: _ResultState | None
+    result_has_mask: bool
     known: tuple[str, ...]
-    has_result: bool
 
 
 def terms_from_files(spec: str) -> list[str]:
-    """The terms of a function that read files, in their text form: what a project must hold the values of."""
-    from abfm.functions import Family, Sum, parse
+    """The terms of a function that read files, in their text form: what a project must hold the values of.
+
+    Raises
+    ------
+    FunctionError
+        If the text is no spec.
+    """
+    from abfm.functions import Family, Sum, parse  # not before: it takes long
 
     tree = parse(spec)
     terms = tree.terms if isinstance(tree, Sum) else (tree,)
@@ -77,7 +106,7 @@ def terms_from_files(spec: str) -> list[str]:
 
 
 def save_project(path: str | os.PathLike[str], document: Document, known: Mapping[str, FloatArray]) -> None:
-    """Write a project, whole or not at all.
+    """Write a project, whole or not at all. The same document gives the same bytes.
 
     Parameters
     ----------
@@ -90,44 +119,32 @@ def save_project(path: str | os.PathLike[str], document: Document, known: Mappin
     Raises
     ------
     ResultError
-        If it cannot be written.
+        If it would not open again, or cannot be written.
     """
-    mesh, runs = document.mesh, document.runs
+    result = document.result
     header = _Header(
-        name=document.name,
-        file_vertex_count=mesh.file_vertex_count,
-        channels=document.channels,
-        channel=document.channel,
-        side=document.side,
-        bump=document.bump,
-        mask=document.mask,
-        time=document.time,
-        lines=document.lines,
-        points=document.points,
-        view=document.view,
-        runs=tuple(_RunHeader(run.restarts, run.mismatch, run.label) for run in runs),
-        known=tuple(known),
-        has_result=document.result is not None,
+        file_vertex_count=document.mesh.file_vertex_count,
+        document=_part(_State, document),
+        runs=tuple(_part(_RunState, run) for run in document.runs),
+        result=None if result is None else _part(_ResultState, result),
+        result_has_mask=result is not None and result.mask is not None,
+        known=tuple(sorted(known)),
     )
-    content = {
-        "format_version": FORMAT_VERSION,
-        "parameters": document.parameters.to_dict(),
-        **to_plain(header),
-    }
+    text = json.dumps({"format_version": FORMAT_VERSION, **to_plain(header)}, indent=1)
+    try:
+        _header(text)
+        _check(document, known)
+    except ValueError as error:
+        raise ProjectError(f"{path} not written: {error}") from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        archive.writestr(zipfile.ZipInfo("project.json", _EPOCH), json.dumps(content, indent=1, allow_nan=False))
-        for name in _MESH:
-            _write(archive, f"mesh/{name}.npy", getattr(mesh, name))
-        for number, run in enumerate(runs):
-            _write(archive, f"runs/{number}-energies.npy", run.energies)
-            _write(archive, f"runs/{number}-stages.npy", run.stages)
-        for number, values in enumerate(known.values()):
-            _write(archive, f"known/{number}.npy", values)
-        if document.result is not None:
-            with tempfile.TemporaryDirectory() as folder:
-                result = Path(folder) / "result.npz"
-                document.result.save(result)
-                archive.writestr(zipfile.ZipInfo("result.npz", _EPOCH), result.read_bytes())
+        write_text(archive, "project.json", text)
+        write_arrays(archive, "mesh", _MESH, document.mesh)
+        for number, run in enumerate(document.runs):
+            write_arrays(archive, f"runs/{number}", _RUN, run)
+        if result is not None:
+            write_arrays(archive, "result", _RESULT if result.mask is None else (*_RESULT, "mask"), result)
+        for number, spec in enumerate(header.known):
+            write_array(archive, f"known/{number}", known[spec])
 
 
 def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, FloatArray]]:
@@ -139,42 +156,20 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
         If the file is missing, damaged, no project, or from a newer version.
     """
     with _explained(path), zipfile.ZipFile(path) as archive:
-        if "project.json" not in archive.namelist():
-            is_result = "velocity.npy" in archive.namelist()
-            raise ProjectError("it is a result, not a project" if is_result else "it holds no project.json")
-        content = json.loads(archive.read("project.json"))
-        if not isinstance(content, dict):
-            raise ProjectError("project.json is no object")
-        version = content.pop("format_version", None)
-        if isinstance(version, int) and version > FORMAT_VERSION:
-            raise ProjectError(f"it has format {version}, and this abfm reads up to {FORMAT_VERSION}: upgrade abfm")
-        if version != FORMAT_VERSION:
-            raise ProjectError(f"format_version is {version!r}; expected {FORMAT_VERSION}")
-        parameters = Parameters.from_dict(content.pop("parameters"))
-        header: _Header = from_plain(_Header, content, "project")
+        if "velocity.npy" in archive.namelist():
+            raise ProjectError("a result file, not a project; open it as a result, under a name that ends in .npz")
+        header = _header(read_bytes(archive, "project.json"))
         mesh = _mesh(archive, header.file_vertex_count)
-        _check(header, mesh, parameters)
-        runs = tuple(_run(archive, number, run) for number, run in enumerate(header.runs))
-        known = {
-            spec: _read(archive, f"known/{number}.npy", (len(mesh.vertices),), "f")
-            for number, spec in enumerate(header.known)
-        }
         document = Document(
             mesh=mesh,
-            name=header.name,
-            channels=header.channels,
-            channel=header.channel,
-            side=header.side,
-            bump=header.bump,
-            parameters=parameters,
-            mask=header.mask,
-            result=_result(archive, mesh) if header.has_result else None,
-            runs=runs,
-            time=header.time,
-            lines=header.lines,
-            points=header.points,
-            view=header.view,
+            result=None if header.result is None else _result(archive, mesh, header.result, header.result_has_mask),
+            runs=tuple(
+                Run(**read_arrays(archive, f"runs/{i}", _RUN), **vars(run)) for i, run in enumerate(header.runs)
+            ),
+            **vars(header.document),
         )
+        known = {spec: read_array(archive, f"known/{number}") for number, spec in enumerate(header.known)}
+        _check(document, known)
         return document, known
 
 
@@ -183,83 +178,110 @@ def _explained(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turn whatever damage does into one line that names the file."""
     try:
         yield
-    except zipfile.BadZipFile:
-        raise ProjectError(f"cannot read {path}: it is no project file, or was cut off") from None
+    except ProjectError as error:
+        raise ProjectError(f"{path}: {error}") from error
     except OSError as error:
-        raise ProjectError(f"cannot read {path}: {error.strerror or error}") from error
-    except (AbfmError, PlainError) as error:
-        raise ProjectError(f"cannot read {path}: {error}") from error
-    except (KeyError, ValueError, TypeError, EOFError, zlib.error, NotImplementedError, RuntimeError) as error:
-        raise ProjectError(f"cannot read {path}: the file is damaged ({' '.join(str(error).split())})") from error
+        reason = error.strerror or error
+        raise ProjectError(f"cannot read {path}: {reason}; check the path and its permissions") from error
+    except (ValueError, KeyError, EOFError, RuntimeError, OverflowError, zipfile.BadZipFile) as error:
+        reason = " ".join(str(error).split())
+        raise ProjectError(
+            f"{path}: no project of abfm, or damaged ({reason}); take another copy of the file"
+        ) from error
 
 
-def _write(archive: zipfile.ZipFile, name: str, array: NDArray[Any]) -> None:
-    with archive.open(zipfile.ZipInfo(name, _EPOCH), "w", force_zip64=True) as file:
-        np.lib.format.write_array(file, np.ascontiguousarray(array), allow_pickle=False)
+def _part(kind: type[Plain], whole: object) -> Plain:
+    """The fields of a dataclass, taken from something that has them too."""
+    return kind(**{entry.name: getattr(whole, entry.name) for entry in fields(kind)})  # type: ignore[arg-type]
 
 
-def _read(archive: zipfile.ZipFile, name: str, shape: tuple[int | None, ...], kind: str) -> NDArray[Any]:
-    """An array of a shape, with None for any length, and of a NumPy kind: "f" (finite) or "i"."""
-    with archive.open(name) as file:
-        version = np.lib.format.read_magic(file)
-        if version != (1, 0):
-            raise ProjectError(f"{name} is no array of version 1.0")
-        given, fortran, dtype = np.lib.format.read_array_header_1_0(file)
-        fits = len(given) == len(shape) and all(w in (None, g) for g, w in zip(given, shape, strict=True))
-        if not fits or fortran or dtype.kind != kind or dtype.hasobject:
-            raise ProjectError(f"{name} is a {dtype} array {given}; expected {kind} {shape}")
-        size = int(np.prod(given, dtype=object)) * dtype.itemsize
-        if size > archive.getinfo(name).file_size:
-            raise ProjectError(f"{name} is cut off")
-        array = np.frombuffer(file.read(), dtype)
-    if array.size != int(np.prod(given)):
-        raise ProjectError(f"{name} has {array.size} numbers for shape {given}")
-    if kind == "f" and not np.isfinite(array).all():
-        raise ProjectError(f"{name} has values that are not finite")
-    return array.reshape(given).copy()
+def _header(text: str | bytes) -> _Header:
+    content = json.loads(text)
+    version = content.pop("format_version", None) if isinstance(content, dict) else None
+    if isinstance(version, int) and version > FORMAT_VERSION:
+        raise ProjectError(f"written in format {version}, and this abfm reads up to {FORMAT_VERSION}; upgrade abfm")
+    _require(version == FORMAT_VERSION, f"format_version is {version!r}; expected {FORMAT_VERSION}")
+    header: _Header = from_plain(_Header, content, "project")
+    return header
 
 
 def _mesh(archive: zipfile.ZipFile, file_vertex_count: int) -> TriangleMesh:
-    """Vertices at the places that they have in the mesh file, so that they keep their numbers."""
-    vertices = _read(archive, "mesh/vertices.npy", (None, 3), "f")
-    ids = _read(archive, "mesh/vertex_ids.npy", (len(vertices),), "i")
-    faces = _read(archive, "mesh/faces.npy", (None, 3), "i")
-    ascending = len(ids) > 0 and ids[0] >= 0 and bool((np.diff(ids) > 0).all())
-    if not ascending or ids[-1] >= file_vertex_count or file_vertex_count > 100 * len(ids) + 10_000_000:
-        raise ProjectError(f"the vertices' numbers do not fit {file_vertex_count} vertices of the mesh file")
-    if faces.size and not 0 <= faces.min() <= faces.max() < len(vertices):
-        raise ProjectError(f"a face names a vertex outside 0 to {len(vertices) - 1}")
+    """The mesh, with its vertices at the places that they have in the mesh file, so that they keep their numbers."""
+    vertices, faces, ids = read_arrays(archive, "mesh", _MESH).values()
+    _check_array("mesh/vertices", vertices, (len(ids), 3), "f")
+    _check_array("mesh/faces", faces, (len(faces), 3), "i")
+    _check_array("mesh/vertex_ids", ids, (len(ids),), "i")
+    ascend = len(ids) > 0 and ids[0] >= 0 and bool((np.diff(ids) > 0).all())
+    _require(ascend and ids[-1] < file_vertex_count, f"vertex_ids do not ascend from 0 to below {file_vertex_count}")
+    _require(file_vertex_count - len(ids) <= _MOST_DROPPED, f"{file_vertex_count} vertices, and {len(ids)} are used")
+    _require(bool(((faces >= 0) & (faces < len(ids))).all()), f"mesh/faces has an index outside 0 to {len(ids) - 1}")
     placed = np.full((file_vertex_count, 3), np.nan)
     placed[ids] = vertices
-    return TriangleMesh(placed, ids[faces])
+    mesh = TriangleMesh(placed, ids[faces])
+    intact = np.array_equal(mesh.vertex_ids, ids) and np.array_equal(mesh.faces, faces)
+    _require(intact, f"the mesh needs repairs: {' '.join(mesh.messages)}")
+    return mesh
 
 
-def _check(header: _Header, mesh: TriangleMesh, parameters: Parameters) -> None:
-    """Refuse what only fits together in part."""
-    if not 0 <= header.channel < max(len(header.channels), 1):
-        raise ProjectError(f"channel {header.channel} of {len(header.channels)}")
-    if not 0 <= header.time <= EXTRAPOLATION * parameters.tau:
-        raise ProjectError(f"time {header.time:g} outside 0 to {EXTRAPOLATION * parameters.tau:g}")
-    if any(not 0 <= point.face < len(mesh.faces) for point in header.lines + header.points):
-        raise ProjectError(f"a point on a face outside 0 to {len(mesh.faces) - 1}")
+def _result(archive: zipfile.ZipFile, mesh: TriangleMesh, state: _ResultState, has_mask: bool) -> Match:
+    from abfm import Match  # not before: it takes long, and is for solved projects only
+
+    mask = read_array(archive, "result/mask") if has_mask else None
+    return Match(mesh=mesh, mask=mask, **read_arrays(archive, "result", _RESULT), **vars(state))
 
 
-def _run(archive: zipfile.ZipFile, number: int, header: _RunHeader) -> Run:
-    energies = _read(archive, f"runs/{number}-energies.npy", (None, 3), "f")
-    stages = _read(archive, f"runs/{number}-stages.npy", (len(energies),), "i")
-    return Run(energies, stages, header.restarts, header.mismatch, header.label)
+def _check(document: Document, known: Mapping[str, FloatArray]) -> None:
+    """Refuse a document that does not fit together or could not be drawn."""
+    V, F = len(document.mesh.vertices), len(document.mesh.faces)
+    for spec, values in known.items():
+        _check_array(f"the values of {spec}", values, (V,), "f")
+    for number, run in enumerate(document.runs):
+        rows = len(run.stages)
+        _check_array(f"runs/{number}/energies", run.energies, (rows, 3), "f")
+        _check_array(f"runs/{number}/stages", run.stages, (rows,), "i")
+        _require(all(0 <= row <= rows for row in run.restarts), f"run {number} of {rows} rows restarts outside them")
+    if document.result is not None:
+        _check_result(document.result, V, F)
+    for spec in [document.mask, *(spec for channel in document.channels for spec in (channel.source, channel.target))]:
+        if spec:
+            terms_from_files(spec)
+    count, end = max(len(document.channels), 1), EXTRAPOLATION * document.parameters.tau
+    _require(0 <= document.channel < count, f"channel is {document.channel}; expected 0 to {count - 1}")
+    _require(document.bump >= 0, f"bump is {document.bump}; expected 0 or more")
+    _require(0 <= document.time <= end, f"time is {document.time}; expected 0 to {end}")
+    for point in document.lines + document.points:
+        inside = min(point.barycentric) >= -1e-9 and abs(sum(point.barycentric) - 1) <= 1e-9
+        _require(0 <= point.face < F, f"a point lies on face {point.face}; expected 0 to {F - 1}")
+        _require(inside, f"a point has weights {point.barycentric}; expected 0 or more, with sum 1")
+    view, camera, colormaps = document.view, document.view.camera, ("automatic", *NAMES)
+    _require(view.colormap in colormaps, f"colormap is {view.colormap!r}; expected {' or '.join(colormaps)}")
+    _require(0 < view.ui_scale <= 10, f"ui_scale is {view.ui_scale}; expected above 0 to 10")
+    if camera is not None:
+        _require(camera.position != camera.target, f"the camera looks from {camera.position} at itself")
+        _require(0 < camera.angle < 180, f"the camera's angle is {camera.angle}; expected between 0 and 180")
 
 
-def _result(archive: zipfile.ZipFile, mesh: TriangleMesh) -> Match:
-    from abfm import load_match
+def _check_result(result: Match, V: int, F: int) -> None:
+    rows, channels = len(result.stages), len(result.weights)
+    shapes: dict[str, tuple[int, ...]] = {
+        **dict.fromkeys(("source", "target", "advected"), (V, channels)),
+        "velocity": (result.parameters.segments, F, 3),
+        "energy_history": (rows, 3),
+        "weights": (channels,),
+        **({} if result.mask is None else {"mask": (V,)}),
+    }
+    for name, shape in shapes.items():
+        _check_array(f"result/{name}", getattr(result, name), shape, "f")
+    _check_array("result/stages", result.stages, (rows,), "i")
 
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "result.npz"
-        path.write_bytes(archive.read("result.npz"))
-        try:
-            match = load_match(path)
-        except ResultError as error:
-            raise ProjectError(f"its result: {str(error).removeprefix(f'{path}: ')}") from None
-    if not np.array_equal(match.mesh.vertices, mesh.vertices) or not np.array_equal(match.mesh.faces, mesh.faces):
-        raise ProjectError("its result is on another mesh")
-    return replace(match, mesh=mesh)
+
+def _check_array(name: str, array: NDArray[Any], shape: tuple[int, ...], kind: str) -> None:
+    numbers = "reals" if kind == "f" else "integers"
+    fits = array.shape == shape and array.dtype.kind == kind
+    _require(fits, f"{name} is {array.dtype} of shape {array.shape}; expected {numbers} of shape {shape}")
+    _require(kind == "i" or bool(np.isfinite(array).all()), f"{name} has values that are not finite")
+
+
+def _require(fits: bool, problem: str) -> None:
+    if not fits:
+        raise ValueError(problem)

@@ -25,6 +25,7 @@ Rect = tuple[float, float, float, float]
 Kind = Literal["button", "checkbox", "combo", "choice", "slider", "box", "section", "menu", "item", "plot", "canvas"]
 Word = TypeVar("Word", bound=str)
 ChooseToSave = Callable[[str, tuple[str, ...], str, Callable[[Path], None]], None]
+ChooseToOpen = Callable[[str, tuple[str, ...], Callable[[Path], None]], None]
 """A title, suffixes, a default name, and what to do with the path."""
 
 _DIM = 0.4
@@ -95,6 +96,8 @@ class Ui:
         Whether frames are drawn for a picture: polyscope does that in a new ImGui context, which remembers nothing.
     choose_to_save : callable
         Lets the user name a file to write; see `abfm_viewer.dialogs.Dialogs.save`.
+    choose_to_open : callable
+        Lets the user choose a file to read; see `abfm_viewer.dialogs.Dialogs.open`.
     """
 
     def __init__(self) -> None:
@@ -112,6 +115,7 @@ class Ui:
         self.capturing = False
         self._scrolls: dict[str, float] = {}
         self.choose_to_save: ChooseToSave = lambda title, suffixes, name, on_path: None
+        self.choose_to_open: ChooseToOpen = lambda title, suffixes, on_path: None
 
     # Frames, windows, structure
 

@@ -1,4 +1,4 @@
-"""Loads and compiles what a match needs while the user looks at the first picture."""
+"""Loads and compiles what a match and its pictures need while the user looks at the first picture."""
 
 from __future__ import annotations
 
@@ -18,9 +18,12 @@ def start() -> threading.Thread:
 def _match_something() -> None:
     """A match on an octahedron; what fails here fails again, and is told, when the user presses Match."""
     from abfm import Parameters, TriangleMesh, match
+    from abfm.line_integral import line_integral_convolution
 
     corners = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
     faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
     mesh = TriangleMesh(corners, np.array(faces))
     with suppress(Exception):
-        match(mesh, corners[:, 0], corners[:, 1], Parameters(iterations=2)).advect([0.0, 0.5])
+        result = match(mesh, corners[:, 0], corners[:, 1], Parameters(iterations=2))
+        result.advect([0.0, 0.5])
+        line_integral_convolution(mesh, result.velocity[0], size=16)

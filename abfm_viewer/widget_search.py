@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
+from functools import partial
 
 from abfm_viewer.errors import DriverError
 from abfm_viewer.input_events import InputEvents, Place
 from abfm_viewer.ui import Kind, Widget
 from abfm_viewer.window import Window
 
-_MOST_TURNS = 40
+_MOST_TURNS, _MOST_CHASES = 40, 5
 _PIXELS_PER_TURN = 100.0
 
 
@@ -60,6 +61,15 @@ class WidgetSearch:
         self.found.append(widget)
         return widget
 
+    def point_at(self, widget: Widget, place: Callable[[Widget], Place]) -> None:
+        """Move the mouse to a place of a widget, which may itself move meanwhile as things above it change."""
+        for _ in range(_MOST_CHASES):
+            self._input.move(*place(widget))
+            again = self._again(widget)
+            if again is None or again.rect == widget.rect:
+                return
+            widget = again
+
     def drawn(self, label: str, within: str = "", kinds: Sequence[Kind] | None = None) -> Widget | None:
         """The widget of a label in the latest frame; of several the only enabled one; None if there is none.
 
@@ -76,7 +86,9 @@ class WidgetSearch:
             raise DriverError(f"{label!r} is there {len(usable)} times, in {_sections(usable)}: say within= which")
         kinds_of_one = [w.kind for w in usable]
         if len(usable) > 1 and sorted(kinds_of_one) != ["box", "slider"]:
-            raise DriverError(f"{label!r} is there {len(usable)} times in {_sections(usable)}: labels must differ there")
+            raise DriverError(
+                f"{label!r} is there {len(usable)} times in {_sections(usable)}: labels must differ there"
+            )
         return max(usable, key=lambda w: w.kind == "box") if usable else None
 
     def _sought(self, label: str, within: str, kinds: Sequence[Kind] | None) -> Widget:
@@ -87,6 +99,7 @@ class WidgetSearch:
             if (widget := self.drawn(label, within, kinds)) is not None:
                 return widget
             seen += self._labels()
+        seen = list(dict.fromkeys(seen))
         nearest = get_close_matches(label, seen, n=3)
         hint = f"did you mean {' or '.join(map(repr, nearest))}" if nearest else f"labels are {', '.join(seen)}"
         raise DriverError(f"there is no {label!r}{f' in {within!r}' if within else ''} in the window; {hint}")
@@ -99,10 +112,12 @@ class WidgetSearch:
         tried: set[str] = set()
         yield from self._open_sections(within, tried)
         for menu in [w for w in self._window.ui.widgets if w.kind == "menu" and not w.section and w.enabled]:
-            self._input.click(*middle(menu))
+            self._input.move(*middle(menu))
+            self._input.click()
             yield
             for submenu in [w for w in self._window.ui.widgets if w.kind == "menu" and w.section == menu.label]:
-                self._input.click(*middle(submenu))
+                self._input.move(*middle(submenu))
+                self._input.click()
                 yield
             self._input.key("esc")
             self._input.key("esc")
@@ -117,7 +132,13 @@ class WidgetSearch:
             self._toggle(section)
 
     def _toggle(self, section: Widget) -> None:
-        self._input.click(*middle(self._scrolled_to(section), 0.2))
+        self.point_at(self._scrolled_to(section), partial(middle, share=0.2))
+        self._input.click()
+
+    def _again(self, widget: Widget) -> Widget | None:
+        """The same widget in the latest frame."""
+        name = (widget.label, widget.section, widget.kind)
+        return next((w for w in self._window.ui.widgets if (w.label, w.section, w.kind) == name), None)
 
     def _scrolled_to(self, widget: Widget) -> Widget:
         """The widget after the part of the window that it is in was scrolled so far that it can be seen whole."""
@@ -129,15 +150,11 @@ class WidgetSearch:
                 return widget
             self._input.move(left + 0.02 * (right - left), (top + bottom) / 2)
             self._input.wheel((1 if beyond > 0 else -1) * max(abs(beyond) / _PIXELS_PER_TURN, 0.3))
-            again = [w for w in self._window.ui.widgets if (w.label, w.section, w.kind) == _name(widget)]
-            if not again or (turn > 3 and again[0].rect == widget.rect):
+            again = self._again(widget)
+            if again is None or (turn > 3 and again.rect == widget.rect):
                 break
-            widget = again[0]
+            widget = again
         raise DriverError(f"{widget.label!r} cannot be scrolled into view")
-
-
-def _name(widget: Widget) -> tuple[str, str, Kind]:
-    return widget.label, widget.section, widget.kind
 
 
 def _sections(widgets: Sequence[Widget]) -> str:

@@ -23,6 +23,7 @@ from abfm_viewer.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document import Theme
 from abfm_viewer.documents import Documents
+from abfm_viewer.mouse import Mouse
 from abfm_viewer.opengl import ps
 from abfm_viewer.panels import menus, right_panel, status_line, time_bar
 from abfm_viewer.persistence import Persistence
@@ -90,7 +91,7 @@ class Window:
         self.session = session
         self.ui = Ui()
         self.dialogs = Dialogs()
-        self.ui.choose_to_save = self.dialogs.save
+        self.ui.choose_to_save, self.ui.choose_to_open = self.dialogs.save, self.dialogs.open
         self.documents = Documents(session, state, self.dialogs.ask)
         self.persistence = Persistence(session, state, self.dialogs) if state else None
         self.actions = Actions(
@@ -113,6 +114,7 @@ class Window:
         ps.set_files_dropped_callback(self._dropped)
         ps.set_user_callback(self._callback)
         self.scene = Scene()
+        self.mouse = Mouse()
 
     def run(self) -> None:
         """Draw frames until the window is closed.
@@ -204,6 +206,9 @@ class Window:
             self.guarded("session", self._update)
         parts = self.parts = areas(imgui.GetIO().DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
         self.guarded("scene", lambda: self.scene.update(self.session, parts.scene))
+        if not self.ui.capturing:
+            free = not self.dialogs.is_open
+            self.guarded("mouse", lambda: self.mouse.update(self.session, self.scene, parts.scene, free))
         self.guarded("labels", lambda: draw_annotations(self.ui, self.scene, parts.scene))
         with self.ui.disabled(self.dialogs.is_open):
             self.guarded("menu", lambda: menus.draw(self.ui, self.actions))
@@ -221,7 +226,7 @@ class Window:
     def _update(self) -> None:
         if self._moves():
             self._moved_at = time.perf_counter()
-        active = bool(imgui.IsAnyItemActive())
+        active = bool(imgui.IsAnyItemActive()) or self.mouse.dragging
         if self.session.dragging and not active:
             self.session.history.seal()
         self.session.dragging = active

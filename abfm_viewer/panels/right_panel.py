@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from abfm_viewer.panels import energy, parameters, solver
+from abfm_viewer.panels import energy, functions, mesh, parameters, solver
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Rect, Ui
 
 Guard = Callable[[str, Callable[[], None]], None]
 
 _SECTIONS: tuple[tuple[str, bool, Callable[[Ui, Session], None]], ...] = (
+    ("Mesh", False, mesh.draw),
+    ("Functions", True, functions.draw),
     ("Parameters", True, parameters.draw),
     ("Energy", True, energy.draw),
 )

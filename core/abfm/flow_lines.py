@@ -47,7 +47,7 @@ class FlowLine:
     positions : (K, 3) array
         In the mesh's units.
     faces : (K,) array of int
-        A face that holds each place, the one that the path goes on in.
+        A face that holds each place.
     barycentric : (K, 3) array
         Weights of that face's corners.
     ended : str
@@ -124,9 +124,7 @@ def flow_lines(
 class _Walk:
     """Fields, the times at which each ends, and memory for one path."""
 
-    def __init__(
-        self, mesh: TriangleMesh, flows: list[FaceFlow], ends: list[float], limit: int, sign: int
-    ) -> None:
+    def __init__(self, mesh: TriangleMesh, flows: list[FaceFlow], ends: list[float], limit: int, sign: int) -> None:
         self.mesh, self.flows, self.ends, self.sign = mesh, flows, ends, sign
         self._times = np.empty(limit + 1)
         self._faces = np.empty(limit + 1, dtype=np.int64)

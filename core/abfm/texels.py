@@ -6,8 +6,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abfm.kernels import FloatArray, IndexArray, kernel
+
+FloatImage = NDArray[np.float32]
+
+ROUNDING = 1e-9
 
 
 class Canvas(NamedTuple):
@@ -23,8 +28,10 @@ class Canvas(NamedTuple):
         The slot ``3 f + k`` on the other side of the edge opposite each corner, -1 on the boundary.
     corners : (F, 3, 2) array
         Where the corners of each face lie, column and row in texels.
-    owners : (size, size) array of int
-        The face of each texel, or -1.
+    owners : (texels,) array of int
+        The face of each texel, row by row, or -1.
+    size : int
+        Texels in a row.
     """
 
     vertices: FloatArray
@@ -33,6 +40,7 @@ class Canvas(NamedTuple):
     neighbours: IndexArray
     corners: FloatArray
     owners: IndexArray
+    size: int
 
 
 @kernel
@@ -64,15 +72,29 @@ def halve_rectangles(
 
 
 @kernel
-def texel_weights(corners: FloatArray, f: int, column: float, row: float, b: FloatArray) -> None:
-    """Barycentric weights of a place in the texture, in or around face ``f``."""
-    u0, u1 = corners[f, 1, 0] - corners[f, 0, 0], corners[f, 1, 1] - corners[f, 0, 1]
-    v0, v1 = corners[f, 2, 0] - corners[f, 0, 0], corners[f, 2, 1] - corners[f, 0, 1]
-    p0, p1 = column - corners[f, 0, 0], row - corners[f, 0, 1]
+def weigh_texel(canvas: Canvas, texel: int, b: FloatArray) -> bool:
+    """Barycentric weights, for the face of a texel, of the texel's centre. Whether it is inside."""
+    f = canvas.owners[texel]
+    corners = canvas.corners[f]
+    u0, u1 = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
+    v0, v1 = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
+    p0, p1 = texel % canvas.size + 0.5 - corners[0, 0], texel // canvas.size + 0.5 - corners[0, 1]
     area = u0 * v1 - u1 * v0
     b[1] = (p0 * v1 - p1 * v0) / area
     b[2] = (u0 * p1 - u1 * p0) / area
     b[0] = 1.0 - b[1] - b[2]
+    inside: bool = min(b[0], b[1], b[2]) >= -ROUNDING
+    return inside
+
+
+@kernel
+def known_neighbours(canvas: Canvas, done: IndexArray, texel: int) -> int:
+    """How many of the four texels around are of the same face and done."""
+    count = 0
+    for other in (texel - 1, texel + 1, texel - canvas.size, texel + canvas.size):
+        if 0 <= other < done.size and canvas.owners[other] == canvas.owners[texel] and done[other]:
+            count += 1
+    return count
 
 
 @kernel
@@ -101,7 +123,7 @@ def unfold(canvas: Canvas, f: int, b: FloatArray) -> int:
         clip(b)
         return f
     i, j, k = canvas.faces[f, (c + 1) % 3], canvas.faces[f, (c + 2) % 3], canvas.faces[f, c]
-    g = slot // 3
+    g: int = slot // 3
     o = canvas.faces[g, slot % 3]
     ee, ek, eo = 0.0, 0.0, 0.0
     for x in range(3):
@@ -120,29 +142,43 @@ def unfold(canvas: Canvas, f: int, b: FloatArray) -> int:
 
 
 @kernel
-def fill_margins(canvas: Canvas, done: IndexArray, images: FloatArray) -> None:
-    """Give texels around each triangle, in ``images`` (P, texels), what lies behind its edge, from those ``done``."""
-    size = canvas.owners.shape[1]
+def fill_gaps(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
+    """Give texels inside triangles that are not ``done``, in ``images`` (P, texels), the mean of their neighbours."""
     b = np.empty(3)
     for texel in range(done.size):
-        f = canvas.owners[texel // size, texel % size]
-        if f < 0 or done[texel]:
+        if canvas.owners[texel] < 0 or done[texel] or not weigh_texel(canvas, texel, b):
             continue
-        texel_weights(canvas.corners, f, texel % size + 0.5, texel // size + 0.5, b)
-        g = unfold(canvas, f, b)
+        count = known_neighbours(canvas, done, texel)
+        for other in (texel - 1, texel + 1, texel - canvas.size, texel + canvas.size):
+            if 0 <= other < done.size and canvas.owners[other] == canvas.owners[texel] and done[other]:
+                for picture in range(images.shape[0]):
+                    images[picture, texel] += images[picture, other] / count
+        done[texel] = True
+
+
+@kernel
+def fill_margins(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
+    """Give texels around each triangle, in ``images`` (P, texels), what lies behind its edge, from those ``done``."""
+    b = np.empty(3)
+    for texel in range(done.size):
+        if canvas.owners[texel] < 0 or done[texel]:
+            continue
+        weigh_texel(canvas, texel, b)
+        g = unfold(canvas, canvas.owners[texel], b)
         x, y = -0.5, -0.5
         for i in range(3):
             x += b[i] * canvas.corners[g, i, 0]
             y += b[i] * canvas.corners[g, i, 1]
-        column, row = int(math.floor(x)), int(math.floor(y))
-        share = 0.0
-        for step in range(4):
-            i, j = min(column + step % 2, size - 1), min(row + step // 2, size - 1)
-            if canvas.owners[j, i] == g and done[j * size + i]:
-                weight = max(1.0 - abs(x - i), 0.0) * max(1.0 - abs(y - j), 0.0) + 1e-9
-                share += weight
+        column, row = math.floor(x), math.floor(y)
+        total = 0.0
+        for corner in range(4):
+            i, j = column + corner % 2, row + corner // 2
+            other = j * canvas.size + i
+            if i < canvas.size and other < done.size and canvas.owners[other] == g and done[other]:
+                weight = max(1.0 - abs(x - i), ROUNDING) * max(1.0 - abs(y - j), ROUNDING)
+                total += weight
                 for picture in range(images.shape[0]):
-                    images[picture, texel] += weight * images[picture, j * size + i]
-        if share > 0.0:
+                    images[picture, texel] += weight * images[picture, other]
+        if total > 0.0:
             for picture in range(images.shape[0]):
-                images[picture, texel] /= share
+                images[picture, texel] /= total

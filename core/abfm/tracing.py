@@ -8,19 +8,18 @@ or the first edge to slide along, counted around the vertex from the face that i
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from abfm.face_flow import FaceFlow
 from abfm.kernels import FloatArray, IndexArray, kernel
-from abfm.texels import Canvas, clip, texel_weights
+from abfm.noise import noise_at
+from abfm.texels import Canvas, FloatImage, clip, known_neighbours, weigh_texel
 
 GOING, BOUNDARY, STAGNATION = 0, 1, 2
 AT_VERTEX = 1.0 - 1e-12
 """A walker with so much weight on one corner is at the vertex."""
 CROSSINGS = 64
-"""Edges that a streamline may meet in one texel length before it counts as caught in a whirl."""
+"""Edges that a streamline may meet in one step before it counts as caught in a whirl."""
 
 
 @kernel
@@ -91,7 +90,7 @@ def motion(flow: FaceFlow, where: IndexArray, rates: FloatArray) -> bool:
     if c < 0:
         for i in range(3):
             rates[i] = flow.rates[f, i]
-        return rates[0] != 0.0 or rates[1] != 0.0 or rates[2] != 0.0
+        return bool(rates[0] != 0.0 or rates[1] != 0.0 or rates[2] != 0.0)
     speed = sliding_speed(flow, f, c)
     rates[c] = 0.0
     rates[(c + 1) % 3] = -speed
@@ -100,9 +99,7 @@ def motion(flow: FaceFlow, where: IndexArray, rates: FloatArray) -> bool:
 
 
 @kernel
-def advance(
-    flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float
-) -> tuple[float, int]:
+def advance(flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float) -> tuple[float, int]:
     """Walk on, with the rates of `motion`, for a time, at most to the next edge or vertex.
 
     Returns the time that it took, and whether the way goes on.
@@ -157,31 +154,6 @@ def trace(
 
 
 @kernel
-def hashed(i: int, j: int, k: int, seed: int) -> float:
-    """A number from -1 to 1 for a point of the integer grid."""
-    h = np.uint64(seed)
-    for value in (i, j, k):
-        h = (h ^ np.uint64(value)) * np.uint64(0x9E3779B97F4A7C15)
-        h ^= h >> np.uint64(29)
-    h *= np.uint64(0xBF58476D1CE4E5B9)
-    return float(np.int64(h)) * 2.0**-63
-
-
-@kernel
-def noise_at(x: float, y: float, z: float, seed: int) -> float:
-    """Noise of the integer grid between its points, of equal variance everywhere."""
-    i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
-    u, v, w = x - i, y - j, z - k
-    total = 0.0
-    for dk in range(2):
-        for dj in range(2):
-            share = (v if dj else 1.0 - v) * (w if dk else 1.0 - w)
-            total += share * ((1.0 - u) * hashed(i, j + dj, k + dk, seed) + u * hashed(i + 1, j + dj, k + dk, seed))
-    spread = (u * u + (1.0 - u) ** 2) * (v * v + (1.0 - v) ** 2) * (w * w + (1.0 - w) ** 2)
-    return total / math.sqrt(spread)
-
-
-@kernel
 def follow(
     canvas: Canvas,
     flow: FaceFlow,
@@ -198,11 +170,11 @@ def follow(
     Where the streamline ends the noise goes straight on in space, so that there is as much of it everywhere.
     """
     middle = noise.size // 2
-    size = canvas.owners.shape[1]
+    size = canvas.size
     rates = np.empty(3)
     x, y, z, dx, dy, dz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     walked = 0.0
-    j = 1
+    j = 0 if stride > 0 else 1
     for _ in range(CROSSINGS * middle):
         f = where[0]
         moving = motion(flow, where, rates)
@@ -224,7 +196,8 @@ def follow(
             dz += rates[i] * canvas.vertices[vertex, 2]
             right += rates[i] * canvas.corners[f, i, 0]
             up += rates[i] * canvas.corners[f, i, 1]
-        used, status = advance(flow, where, b, rates, step * middle - walked)
+        left = step * middle - walked
+        used, status = advance(flow, where, b, rates, left)
         while j <= middle and step * j <= walked + used:
             t = step * j - walked
             at = middle + stride * j
@@ -233,7 +206,7 @@ def follow(
             j += 1
         walked += used
         x, y, z = x + used * dx, y + used * dy, z + used * dz
-        if j > middle or status != GOING:
+        if used >= left or status != GOING:
             break
     while j <= middle:
         t = step * j - walked
@@ -241,3 +214,65 @@ def follow(
         noise[at] = noise_at(x + t * dx, y + t * dy, z + t * dz, seed)
         texels[at] = -1
         j += 1
+
+
+@kernel
+def weighted_sum(weights: FloatArray, values: FloatArray) -> float:
+    """Inner product in four lanes, which a processor adds up at once."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    whole = (weights.size // 4) * 4
+    for k in range(0, whole, 4):
+        a += weights[k] * values[k]
+        b += weights[k + 1] * values[k + 1]
+        c += weights[k + 2] * values[k + 2]
+        d += weights[k + 3] * values[k + 3]
+    for k in range(whole, weights.size):
+        a += weights[k] * values[k]
+    return a + b + c + d
+
+
+@kernel
+def convolve(
+    canvas: Canvas,
+    ahead: FaceFlow,
+    back: FaceFlow,
+    weights: FloatArray,
+    reach: int,
+    step: float,
+    seed: int,
+    done: IndexArray,
+    images: FloatImage,
+) -> None:
+    """Convolve noise along streamlines of two opposite flows, with ``weights`` (P, K) into ``images`` (P, texels).
+
+    Fills the texels whose centre is in their face, marked in ``done`` (texels,): each streamline all that it meets up
+    to ``reach`` steps from where it began. Where three of four neighbours are known, no streamline is worth its time.
+    """
+    half = weights.shape[1] // 2
+    noise = np.empty(2 * (half + reach) + 1)
+    texels = np.empty(noise.size, dtype=np.int64)
+    where = np.empty(2, dtype=np.int64)
+    b, begin = np.empty(3), np.empty(3)
+    for texel in range(done.size):
+        f = canvas.owners[texel]
+        if f < 0 or done[texel] or not weigh_texel(canvas, texel, begin):
+            continue
+        where[0], where[1] = f, -1
+        if not motion(ahead, where, b):
+            done[texel] = True
+            continue
+        if known_neighbours(canvas, done, texel) >= 3:
+            continue
+        clip(begin)
+        for stride in (1, -1):
+            where[0], where[1] = f, -1
+            b[:] = begin
+            follow(canvas, ahead if stride > 0 else back, where, b, stride, step, seed, noise, texels)
+        texels[half + reach] = texel
+        for i in range(2 * reach + 1):
+            target = texels[half + i]
+            if target < 0 or done[target]:
+                continue
+            done[target] = True
+            for picture in range(weights.shape[0]):
+                images[picture, target] = weighted_sum(weights[picture], noise[i : i + weights.shape[1]])

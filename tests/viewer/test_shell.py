@@ -468,8 +468,9 @@ def test_a_damaged_copy_is_told_once(state, crashed):
     crashed.write_bytes(b"PK")
     with Driver(icosphere(1)) as gui:
         gui.wait(lambda s: s.notice.is_error, 10)
-        assert "is lost" in gui.session.notice.text
+        assert "unsaved work of an earlier launch is kept in" in gui.session.notice.text
     assert not crashed.exists()
+    assert (state.path / f"unreadable-{crashed.name}").read_bytes() == b"PK"
 
 
 # Launch

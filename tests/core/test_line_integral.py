@@ -1,0 +1,213 @@
+"""Line integral convolution: grey levels stay along the flow and change across it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from abfm.errors import ParameterError
+from abfm.flow_lines import flow_lines
+from abfm.flow_maps import project_onto_surface
+from abfm.line_integral import line_integral_convolution
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.operators import face_normals
+from abfm.texels import FloatImage
+from abfm.texture_atlas import TextureAtlas, texture_atlas
+from tests.core.fields import rotation_field, tangent, wavy_field
+from tests.shapes import disc, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
+
+
+def looked_up(atlas: TextureAtlas, image: FloatImage, points: FloatArray) -> FloatArray:
+    """Bilinear filtering of a texture at points (P, 3) of the surface."""
+    found = project_onto_surface(atlas.mesh, points)
+    places = np.einsum("pc,pcx->px", found.barycentric, atlas.corners[found.faces]) - 0.5
+    low = np.minimum(np.floor(places).astype(int), atlas.size - 2)
+    (x, y), (u, v) = low.T, (places - low).T
+    rows = [(1 - u) * image[y + d, x] + u * image[y + d, x + 1] for d in (0, 1)]
+    return (1 - v) * rows[0] + v * rows[1]
+
+
+def correlation_at(
+    mesh: TriangleMesh, field: FloatArray, distance: float, atlas: TextureAtlas, image: FloatImage
+) -> float:
+    """Correlation between random points and where they get to in a walk of a length along a field."""
+    rng = np.random.default_rng(3)
+    corners = np.einsum("pc,pcx->px", rng.dirichlet([1, 1, 1], 2000), rng.normal(size=(2000, 3, 3)))
+    start = project_onto_surface(mesh, corners / np.linalg.norm(corners, axis=1, keepdims=True))
+    lines = flow_lines(mesh, field / np.linalg.norm(field, axis=1, keepdims=True), start, distance)
+    whole = [line.ended == "time" for line in lines]
+    ends = np.array([line.positions[-1] for line in lines])
+    values = looked_up(atlas, image, start.positions), looked_up(atlas, image, ends)
+    return float(np.corrcoef(values[0][whole], values[1][whole])[0, 1])
+
+
+def across(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
+    return np.cross(face_normals(mesh), field)
+
+
+@pytest.mark.parametrize("level", [2, 4, 5])
+def test_streaks_lie_along_the_flow_on_any_mesh(level: int) -> None:
+    mesh = icosphere(level)
+    field = rotation_field(mesh, [0.2, -0.3, 1])
+    atlas, image = line_integral_convolution(mesh, field, size=1024)
+    grain = 1.5 * atlas.texel_length
+    assert correlation_at(mesh, field, 3 * grain, atlas, image) > 0.85
+    assert correlation_at(mesh, field, 6 * grain, atlas, image) > 0.6
+    assert abs(correlation_at(mesh, across(mesh, field), 3 * grain, atlas, image)) < 0.15
+
+
+def test_streaks_go_on_across_the_edges_of_faces() -> None:
+    """What two faces show along their common edge is the same."""
+    mesh = icosphere(3)
+    atlas, image = line_integral_convolution(mesh, rotation_field(mesh, [0, 0, 1]), size=1024)
+    middles = []
+    for side in (0, 1):
+        face = mesh.edge_faces[:, side]
+        corner = np.argmax(mesh.face_edges[face] == np.arange(len(mesh.edges))[:, None], axis=1)
+        weights = (1 - np.eye(3)[corner]) / 2
+        places = np.einsum("ec,ecx->ex", weights, atlas.corners[face]) - 0.5
+        low = np.floor(places).astype(int)
+        (x, y), (u, v) = low.T, (places - low).T
+        rows = [(1 - u) * image[y + d, x] + u * image[y + d, x + 1] for d in (0, 1)]
+        middles.append((1 - v) * rows[0] + v * rows[1])
+    assert np.corrcoef(middles)[0, 1] > 0.9
+    assert np.median(np.abs(middles[0] - middles[1])) < 0.05
+
+
+def test_contrast_is_full_and_even() -> None:
+    mesh = icosphere(4)
+    atlas, image = line_integral_convolution(mesh, rotation_field(mesh, [0, 0, 1]), size=1024)
+    rows, columns = np.nonzero(atlas.texel_faces >= 0)
+    centres = np.abs(mesh.vertices[mesh.faces].mean(axis=1)[atlas.texel_faces[rows, columns], 2])
+    values = image[rows, columns]
+    assert image.dtype == np.float32
+    assert (image.min(), image.max()) == (0, 1)
+    assert_allclose(np.percentile(values, [2, 50, 98]), [0, 0.5, 1], rtol=0, atol=0.03)
+    for low, high in ((0, 0.3), (0.3, 0.6), (0.6, 0.9), (0.9, 1)):
+        assert_allclose(values[(centres >= low) & (centres < high)].std(), 0.24, rtol=0, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    "mesh", [tetrahedron(), hemisphere(6), torus(20, 14), square(12), disc(5), open_cylinder(9, 4)]
+)
+def test_any_field_gives_a_picture(mesh: TriangleMesh) -> None:
+    """With sinks, whirls and edges that two faces push into, down to single faces."""
+    field = tangent(mesh, np.random.default_rng(5).normal(size=(len(mesh.faces), 3)))
+    field[::7] = 0
+    _, image = line_integral_convolution(mesh, field, size=256)
+    assert np.isfinite(image).all()
+    assert image.std() > 0.1
+
+
+def test_streaks_run_evenly_up_to_a_boundary() -> None:
+    mesh = square(20)
+    field = np.tile([1.0, 0.3, 0.0], (len(mesh.faces), 1))
+    atlas, image = line_integral_convolution(mesh, field, size=512)
+    rows, columns = np.nonzero(atlas.texel_faces >= 0)
+    x = mesh.vertices[mesh.faces].mean(axis=1)[atlas.texel_faces[rows, columns], 0]
+    near, far = (image[rows, columns][chosen].std() for chosen in (x < 0.05, np.abs(x - 0.5) < 0.2))
+    assert_allclose(near, far, rtol=0.15)
+
+
+def test_no_field_is_plain_grey() -> None:
+    mesh = icosphere(2)
+    _, image = line_integral_convolution(mesh, np.zeros((len(mesh.faces), 3)), size=128, fade=True)
+    assert_array_equal(image, 0.5)
+    half = rotation_field(mesh, [0, 0, 1])
+    still = mesh.vertices[mesh.faces].mean(axis=1)[:, 0] > 0.5
+    half[still] = 0
+    atlas, image = line_integral_convolution(mesh, half, size=256)
+    rows, columns = np.nonzero(atlas.texel_faces >= 0)
+    inside = (atlas.barycentric(rows, columns) > 0.02).all(axis=1) & still[atlas.texel_faces[rows, columns]]
+    assert_array_equal(image[rows[inside], columns[inside]], 0.5)
+
+
+def test_contrast_fades_with_speed() -> None:
+    mesh = icosphere(4)
+    field = rotation_field(mesh, [0, 0, 1])
+    atlas, image = line_integral_convolution(mesh, field, size=512, fade=True)
+    rows, columns = np.nonzero(atlas.texel_faces >= 0)
+    speeds = np.linalg.norm(field, axis=1)[atlas.texel_faces[rows, columns]]
+    values = image[rows, columns]
+    slow, fast = (values[(speeds > low) & (speeds < low + 0.1)].std() for low in (0.2, 0.9))
+    assert_allclose(slow / fast, 0.25 / 0.95, rtol=0.2)
+
+
+def test_only_the_direction_matters() -> None:
+    mesh = torus(16, 10)
+    field = wavy_field(mesh, 2)
+    _, image = line_integral_convolution(mesh, field, size=256)
+    for scale in (1e-200, 1e200):
+        _, scaled = line_integral_convolution(mesh, scale * field, size=256)
+        assert_allclose(scaled, image, rtol=0, atol=0.01)
+
+
+def test_same_input_same_picture() -> None:
+    mesh = torus(16, 10)
+    field = wavy_field(mesh, 2)
+    pictures = [line_integral_convolution(mesh, field, size=256, seed=seed)[1] for seed in (0, 0, 1)]
+    assert_array_equal(pictures[0], pictures[1])
+    used = texture_atlas(mesh, 256).texel_faces >= 0
+    assert abs(np.corrcoef(pictures[0][used], pictures[2][used])[0, 1]) < 0.05
+
+
+class TestPhases:
+    mesh = icosphere(3)
+    field = rotation_field(mesh, [0, 0, 1])
+
+    def test_streaks_move_along_the_flow(self) -> None:
+        """From one phase to a later one the picture correlates best with itself a little further ahead."""
+        atlas, images = line_integral_convolution(self.mesh, self.field, size=512, length=0.15, phase=[0.0, 0.12])
+        rng = np.random.default_rng(0)
+        points = rng.normal(size=(4000, 3))
+        points /= np.linalg.norm(points, axis=1, keepdims=True)
+        radius = np.linalg.norm(points[:, :2], axis=1)
+        points, radius = points[radius > 0.5], radius[radius > 0.5]
+        before = looked_up(atlas, images[0], points)
+        shares = []
+        distances = np.linspace(-0.15, 0.15, 31) * 0.15 * self.mesh.length_scale
+        for distance in distances:
+            angle = distance / radius
+            c, s = np.cos(angle), np.sin(angle)
+            x, y, z = points.T
+            moved = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
+            shares.append(np.corrcoef(before, looked_up(atlas, images[1], moved))[0, 1])
+        assert distances[int(np.argmax(shares))] > 0.02 * 0.15 * self.mesh.length_scale
+
+    def test_are_periodic_and_of_even_contrast(self) -> None:
+        atlas, images = line_integral_convolution(self.mesh, self.field, size=256, phase=np.linspace(0, 1, 9))
+        assert images.shape == (9, 256, 256)
+        assert_allclose(images[-1], images[0], rtol=0, atol=1e-5)
+        used = atlas.texel_faces >= 0
+        deviations = [image[used].std() for image in images]
+        assert_allclose(deviations, deviations[0], rtol=0.1)
+
+    def test_one_by_one_is_the_same(self) -> None:
+        _, images = line_integral_convolution(self.mesh, self.field, size=128, phase=[0.0, 0.3])
+        _, alone = line_integral_convolution(self.mesh, self.field, size=128)
+        assert_array_equal(images[0], alone)
+
+
+class TestRefusals:
+    mesh = icosphere(0)
+    field = np.ones((20, 3))
+
+    def test_fields_that_do_not_fit(self) -> None:
+        with pytest.raises(ParameterError, match=r"shape \(12, 3\)"):
+            line_integral_convolution(self.mesh, np.ones((12, 3)))
+        with pytest.raises(ParameterError, match="not finite"):
+            line_integral_convolution(self.mesh, np.nan * self.field)
+
+    @pytest.mark.parametrize("length", [0, -1, 2, np.nan])
+    def test_lengths_out_of_range(self, length: float) -> None:
+        with pytest.raises(ParameterError, match="length"):
+            line_integral_convolution(self.mesh, self.field, length=length)
+
+    def test_other_numbers(self) -> None:
+        with pytest.raises(ParameterError, match="phase"):
+            line_integral_convolution(self.mesh, self.field, phase=np.nan)
+        with pytest.raises(ParameterError, match="seed"):
+            line_integral_convolution(self.mesh, self.field, seed=0.5)  # type: ignore[arg-type]
+        with pytest.raises(ParameterError, match="size"):
+            line_integral_convolution(self.mesh, self.field, size=0)

@@ -1,0 +1,189 @@
+"""The Driver itself: labels, sliders, sections, menus, scrolling, errors, and what a process may do with it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import polyscope.imgui as imgui
+import pytest
+from PIL import Image
+
+from abfm_viewer.automation import Driver, DriverError
+from abfm_viewer.ui import share_of
+from tests.shapes import icosphere
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_the_example_of_the_documentation(tmp_path):
+    with Driver(icosphere(2), backend="openGL3_egl", size=(1600, 1000)) as gui:
+        gui.click("Match")
+        gui.wait(lambda s: s.solver.finished, seconds=60)
+        gui.type("alpha", "10")
+        assert gui.session.parameters.alpha == 10
+        gui.drag("time", 0.5)
+        assert gui.session.time == pytest.approx(0.5, abs=0.002)
+        gui.pick(vertex=12)
+        gui.key("space")
+        assert gui.session.player.playing
+        gui.screenshot(tmp_path / "a.png")
+    assert Image.open(tmp_path / "a.png").size == (1600, 1000)
+
+
+@pytest.mark.parametrize(
+    ("label", "value"),
+    [
+        ("time", 0.0),
+        ("time", 2.0),
+        ("time", 1.234),
+        ("alpha", 1e-4),
+        ("alpha", 1e4),
+        ("alpha", 1.0),
+        ("beta", 0.0),
+        ("beta", 1e-3),
+        ("beta", 1.0),
+        ("sigma", 3e-4),
+        ("tau", 7.0),
+        ("segments", 7),
+        ("iterations", 2000),
+        ("memory", 40),
+    ],
+)
+def test_a_slider_goes_where_it_is_dragged(gui, label, value):
+    if label == "segments":
+        gui.choose("method", "linearised")
+    gui.drag(label, value)
+    slider = gui.search.find(label, kinds=("slider",))
+    pixel = 1 / (slider.rect[2] - slider.rect[0] - 20)
+    here, there = (share_of(v, slider.low, slider.high, slider.log) for v in (float(slider.text), value))
+    assert here == pytest.approx(there, abs=1.6 * pixel)
+    if value in (0.0, slider.low, slider.high):
+        assert float(slider.text) == value
+
+
+def test_what_is_not_there_is_named_with_what_is_near(gui):
+    with pytest.raises(DriverError, match="no 'Mtach' in the window; did you mean 'Match'"):
+        gui.click("Mtach")
+    with pytest.raises(DriverError, match="no 'zzz' in 'File' in the window; labels are File, "):
+        gui.click("zzz", within="File")
+    with pytest.raises(DriverError, match="'Undo' is grey"):
+        gui.click("Undo")
+    with pytest.raises(DriverError, match="time goes from 0 to 2, not to 3"):
+        gui.drag("time", 3)
+    with pytest.raises(DriverError, match="no key 'ctrl\\+nonsense'"):
+        gui.key("ctrl+nonsense")
+    with pytest.raises(DriverError, match="no surface 'ghost'; surfaces are source, "):
+        gui.pick(3, "ghost")
+    with pytest.raises(DriverError, match=r"waited 0.1 s in vain; solver: running, busy: no, status line: empty"):
+        gui.wait(lambda s: s.solver.finished, seconds=0.1)
+
+
+def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
+    from abfm_viewer.panels import right_panel
+
+    pressed = []
+
+    def draw(ui, session):
+        for side in ("source", "target"):
+            with ui.group(side), ui.disabled(side in disabled):
+                if ui.button("bump"):
+                    pressed.append(side)
+
+    disabled: set[str] = set()
+    monkeypatch.setattr(right_panel, "_SECTIONS", (("Two", True, draw), *right_panel._SECTIONS))
+    with pytest.raises(DriverError, match="'bump' is there 2 times, in 'Two/source', 'Two/target': say within="):
+        gui.click("bump")
+    gui.click("bump", within="target")
+    assert pressed == ["target"]
+    disabled.add("target")
+    gui.click("bump")
+    assert pressed == ["target", "source"]
+
+
+def test_closed_sections_are_opened_and_stay_as_they_were_where_nothing_was_found(gui):
+    gui.click("Energy")
+    assert gui.text_of("Energy", kind="section") == "closed"
+    with pytest.raises(DriverError):
+        gui.click("nowhere")
+    assert gui.text_of("Energy", kind="section") == "closed"
+    gui.check("previous runs", False)
+    assert gui.text_of("Energy", kind="section") == "open"
+    assert not gui.session.view.previous_runs
+
+
+def test_a_picture_keeps_sections_and_scrolling_and_changes_nothing(gui, tmp_path):
+    gui.check("previous runs", False)
+    gui.frames(2)
+    before, moves = [(w.label, w.rect) for w in gui.window.ui.widgets], gui.session.history.moves
+    drawn = gui.window.frames
+    gui.screenshot(tmp_path / "once.png")
+    assert gui.window.frames == drawn + 3
+    assert [(w.label, w.rect) for w in gui.window.ui.widgets] == before
+    assert gui.session.history.moves == moves
+    gui.screenshot(tmp_path / "twice.png")
+    once, twice = (np.asarray(Image.open(tmp_path / name), int) for name in ("once.png", "twice.png"))
+    assert np.abs(once - twice).mean() < 0.1
+    box = next(w.rect for w in gui.window.ui.widgets if w.label == "previous runs")
+    tick = once[int(box[1]) : int(box[3]), int(box[0]) : int(box[0] + box[3] - box[1])]
+    assert tick.std() > 1  # it is where it was on the screen, not below it
+    assert gui.session.view.previous_runs is False
+
+
+def test_nothing_is_held_from_one_driver_to_the_next():
+    with pytest.raises(ZeroDivisionError), Driver(icosphere(2), size=(900, 600)) as gui:
+        gui.input.hold("shift", True)
+        gui.click("View")
+        gui.input.press()
+        raise ZeroDivisionError
+    with Driver(icosphere(2), size=(1000, 640)) as gui:
+        io = imgui.GetIO()
+        assert not io.KeyShift
+        assert not imgui.IsAnyMouseDown()
+        assert tuple(io.DisplaySize) == (1000, 640)
+        assert not {w.label for w in gui.window.ui.widgets if w.kind == "menu" and w.text == "open"}
+        gui.click("alpha")
+        gui.input.write("77")
+    with Driver(icosphere(2), size=(900, 600)) as gui:
+        assert not imgui.GetIO().WantTextInput
+        assert gui.text_of("alpha", kind="box") == f"{gui.session.parameters.alpha:g}"
+
+
+def test_a_process_has_one_backend():
+    with (
+        pytest.raises(DriverError, match="this process draws with openGL3_egl, not openGL_mock: use one backend"),
+        Driver(icosphere(1), backend="openGL_mock"),
+    ):
+        pass
+
+
+def test_without_pictures_everything_but_pictures_works():
+    """In a process of its own."""
+    code = """
+from abfm_viewer.automation import Driver
+from tests.shapes import icosphere
+for size in ((1280, 800), (1000, 640)):
+    with Driver(icosphere(2), backend="openGL_mock", size=size) as gui:
+        gui.click("Match")
+        gui.wait(lambda s: s.solver.finished)
+        gui.type("alpha", "10")
+        gui.drag("time", 0.5)
+        before = gui.session.channels
+        gui.pick(vertex=12, surface="target")
+        print(gui.session.parameters.alpha, round(gui.session.time, 1), gui.session.channels != before, gui.errors)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert (done.stdout, done.returncode) == ("10.0 0.5 True {}\n" * 2, 0), done.stderr
+
+
+def test_it_opens_what_the_app_opens(tmp_path, matched):
+    matched.session.result.save(tmp_path / "a.npz")
+    matched.menu("File", "Save project")
+    matched.type("file name", "b")
+    matched.wait(lambda s: not s.unsaved)
+    for name in ("a.npz", "b.abfm"):
+        with Driver(tmp_path / name, size=(900, 600)) as again:
+            assert again.session.result.mismatch == matched.session.result.mismatch
+            assert not again.session.unsaved

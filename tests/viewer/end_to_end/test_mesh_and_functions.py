@@ -1,0 +1,148 @@
+"""Mesh and Functions: channels, families, Gaussians by widget and by mouse, vertex maps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from abfm_viewer.bumps import gaussians
+from abfm_viewer.panels.function_editor import _FIRST
+from tests.viewer.end_to_end.conftest import EGG
+
+
+def settled(gui):
+    """Wait until every function is evaluated."""
+    gui.wait(lambda s: not s.obstacle)
+
+
+def test_the_mesh_is_described(gui):
+    gui.click("Mesh")
+    assert gui.text_of("Mesh", kind="section") == "open"
+    gui.click("Mesh")
+
+
+def test_channels_are_added_copied_weighted_swapped_and_removed(gui):
+    session = gui.session
+    first = session.channels[0]
+    gui.click("Add", within="Functions")
+    assert len(session.channels) == 2
+    gui.drag("weight", 3)
+    assert session.active.weight == pytest.approx(3, abs=0.2)
+    gui.type("weight", "0.5")
+    gui.click("Duplicate")
+    assert [c.weight for c in session.channels] == [1, 0.5, 0.5]
+    gui.click(gui.labels()[gui.labels().index("Add") - 3])
+    assert session.active == first
+    gui.click("Swap")
+    assert session.active.source == first.target
+    gui.click("Remove")
+    gui.click("Remove")
+    assert len(session.channels) == 1
+    assert not gui.is_enabled("Remove")
+    for _ in range(7):
+        gui.key("ctrl+z")
+    assert session.channels == (first,)
+
+
+@pytest.mark.parametrize("side", ["source", "target"])
+def test_every_family_can_be_chosen_and_is_evaluated(gui, side):
+    for family in [name for name in _FIRST if name != "gaussian"]:
+        gui.choose("family", family, within=side)
+        assert gui.session.active.spec(side).startswith(family)
+        settled(gui)
+        values = gui.session.values(side)
+        assert np.isfinite(values).all()
+        assert np.ptp(values) > 0
+    gui.choose("family", "gaussian", within=side)
+    settled(gui)
+
+
+@pytest.mark.parametrize("side", ["source", "target"])
+def test_controls_of_the_families(gui, side):
+    def spec():
+        return gui.session.active.spec(side)
+
+    gui.choose("family", "eigenfunction", within=side)
+    gui.drag("index", 7, within=side)
+    gui.type("index", "4", within=side)
+    assert spec() == "eigenfunction:4"
+    gui.choose("family", "hks", within=side)
+    gui.type("time", "0.05", within=side)
+    gui.drag("eigenpairs", 30, within=side)
+    gui.choose("family", "wks", within=side)
+    gui.type("energy", "2", within=side)
+    gui.choose("family", "curvature", within=side)
+    gui.choose("family", "coordinate", within=side)
+    gui.choose("family", "geodesic", within=side)
+    gui.type("vertex", "5", within=side)
+    assert "vertex=5" in spec()
+    gui.choose("family", "indicator", within=side)
+    gui.drag("radius", 0.3, within=side)
+    gui.choose("family", "expression", within=side)
+    gui.type("formula", "x*y", within=side)
+    assert spec() == "expression:x*y"
+    gui.type("spec", "coordinate:z", within=side)
+    assert spec() == "coordinate:z"
+    gui.type("spec", "coordinate:w", within=side)
+    assert spec() == "coordinate:z"
+    settled(gui)
+
+
+@pytest.mark.parametrize("side", ["source", "target"])
+def test_gaussians_by_widget(gui, side):
+    def bumps():
+        return gaussians(gui.session.active.spec(side))
+
+    gui.type("vertex", "12", within=side)
+    gui.drag("width", 0.2, within=side)
+    gui.type("width", "0.15", within=side)
+    gui.click("Add Gaussian", within=side)
+    assert [bump.width for bump in bumps()] == [0.15, 0.15]
+    gui.type("height", "0.5", within=side)
+    gui.drag("height", -1, within=side)
+    gui.click("bump 1", within=side)
+    assert bumps()[0].vertex == (12,)
+    gui.click("bump 2", within=side)
+    gui.click("Remove Gaussian", within=side)
+    assert len(bumps()) == 1
+    settled(gui)
+
+
+@pytest.mark.parametrize("side", ["source", "target"])
+def test_gaussians_by_mouse(gui, side):
+    def bump():
+        return gaussians(gui.session.active.spec(side))[0]
+
+    before = gui.session.channels
+    gui.pick(vertex=12, surface=side)
+    assert bump().vertex == (12,)
+    neighbour = int(EGG.faces[(EGG.faces == 12).any(axis=1)][0].max())
+    gui.drag_on_surface([12, neighbour], surface=side)
+    assert bump().vertex == (neighbour,)
+    width = bump().width
+    gui.wheel(2, vertex=12, surface=side)
+    assert bump().width > width
+    settled(gui)
+    while gui.session.history.undo_label:
+        gui.key("ctrl+z")
+    assert gui.session.channels == before
+
+
+@pytest.mark.parametrize("side", ["source", "target"])
+def test_values_and_vertex_maps_from_files(gui, tmp_path, side):
+    rng = np.random.default_rng(0)
+    values, order = rng.normal(size=len(EGG.vertices)), rng.permutation(len(EGG.vertices))
+    np.save(tmp_path / "values.npy", values)
+    np.savetxt(tmp_path / "order.txt", order, fmt="%d")
+    gui.choose("family", "file", within=side)
+    gui.double_click("values.npy")
+    settled(gui)
+    np.testing.assert_array_equal(gui.session.values(side), values)
+    gui.click("Vertex map...", within=side)
+    gui.click("order.txt")
+    gui.click("Open")
+    settled(gui)
+    np.testing.assert_array_equal(gui.session.values(side), values[order])
+    gui.click("Remove the map", within=side)
+    settled(gui)
+    np.testing.assert_array_equal(gui.session.values(side), values)

@@ -1,0 +1,101 @@
+"""Parameters: every box, slider and combo, what is refused, presets and defaults."""
+
+from __future__ import annotations
+
+import pytest
+
+from abfm import Parameters
+from abfm.parameters import CHOICES
+from abfm_viewer.presets import PRESETS
+
+
+@pytest.mark.parametrize(
+    ("label", "text", "slid"),
+    [
+        ("alpha", "10", 0.1),
+        ("beta", "0.001", 1e-2),
+        ("sigma", "0.05", 1e-3),
+        ("tau", "2", 0.5),
+        ("iterations", "30", 300),
+        ("cooling_stages", "1", 4),
+        ("cooling_factor", "4", 20),
+        ("stage_iterations", "17", 60),
+        ("memory", "8", 50),
+        ("max_displacement", "0.2", 0.05),
+        ("tolerance", "0.001", 0.01),
+    ],
+)
+def test_a_number_is_typed_and_dragged_and_undone(gui, label, text, slid):
+    default = getattr(gui.session.parameters, label)
+    gui.type(label, text)
+    assert getattr(gui.session.parameters, label) == float(text)
+    gui.drag(label, slid)
+    assert getattr(gui.session.parameters, label) == pytest.approx(slid, rel=0.25)
+    gui.menu("Edit", "Undo")
+    assert getattr(gui.session.parameters, label) == float(text)
+    gui.menu("Edit", "Undo")
+    assert getattr(gui.session.parameters, label) == default
+
+
+def test_the_method_decides_what_can_be_set(gui):
+    assert not gui.is_enabled("substeps")
+    gui.choose("gradient", "bracket")
+    gui.type("substeps", "20")
+    gui.drag("substeps", 40)
+    gui.type("quadrature", "5")
+    gui.drag("quadrature", 20)
+    for choice in CHOICES["preconditioner"]:
+        gui.choose("preconditioner", choice)
+    gui.choose("method", "linearised")
+    assert not gui.is_enabled("gradient")
+    gui.type("segments", "4")
+    gui.drag("segments", 6)
+    parameters = gui.session.parameters
+    assert (parameters.method, parameters.segments, parameters.gradient) == ("linearised", 6, "bracket")
+    gui.click("Match")
+    gui.wait(lambda s: s.solver.finished)
+    assert len(gui.session.result.velocity) == 6
+    gui.choose("method", "nonlinear")
+
+
+@pytest.mark.parametrize(("label", "text"), [("alpha", "-1"), ("sigma", "0"), ("tau", "much"), ("iterations", "inf")])
+def test_what_makes_no_sense_is_refused_in_place(gui, label, text):
+    gui.type(label, text)
+    assert gui.session.parameters == Parameters()
+    assert gui.window.ui._refused
+    gui.drag(label, 0.5 if label != "iterations" else 50)
+    assert not gui.window.ui._refused
+
+
+def test_presets_set_and_defaults_return(gui):
+    gui.choose("preset", PRESETS[0].name)
+    assert PRESETS[0].holds(gui.session.parameters)
+    assert gui.text_of("preset") == PRESETS[0].name
+    gui.type("alpha", "12")
+    assert gui.text_of("preset") == "own values"
+    gui.click("Reset to defaults", within="Parameters")
+    assert gui.session.parameters == Parameters()
+    gui.key("ctrl+z")
+    assert gui.session.parameters.alpha == 12
+
+
+def test_a_mask_weighs_the_mismatch(gui):
+    gui.type("mask", "nonsense:")
+    assert gui.session.document.mask == ""
+    gui.type("mask", "expression:x>0")
+    assert gui.session.document.mask == "expression:x>0"
+    gui.wait(lambda s: not s.obstacle)
+    gui.session.amend(parameters=Parameters(iterations=5))
+    gui.click("Match")
+    gui.wait(lambda s: s.solver.finished)
+    assert gui.session.result.mask is not None
+    gui.type("mask", "")
+    assert gui.session.outdated
+
+
+def test_a_tooltip_explains_a_parameter(gui, monkeypatch):
+    shown = []
+    monkeypatch.setattr("polyscope.imgui.BeginTooltip", lambda: shown.append(True))
+    monkeypatch.setattr("polyscope.imgui.EndTooltip", lambda: None)
+    gui.hover("alpha")
+    assert shown

@@ -1,0 +1,32 @@
+"""Which widgets the window showed, and which of them tests used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from abfm_viewer.ui import Widget
+
+Name = tuple[str, str]
+"""The section, menu or dialog that a widget is in, and its label."""
+
+
+class Coverage:
+    """Names of widgets that were seen where they could be used, and of those that were used."""
+
+    def __init__(self) -> None:
+        self.seen: set[Name] = set()
+        self.used: set[Name] = set()
+
+    def see(self, widgets: Iterable[Widget]) -> None:
+        """Remember what a frame shows; what is drawn to be looked at, and files in a list, are left out."""
+        for widget in widgets:
+            if widget.enabled and widget.kind not in ("plot", "canvas"):
+                self.seen.add((widget.section, widget.label))
+
+    def use(self, widget: Widget) -> None:
+        """Remember that a test asked for a widget."""
+        self.used.add((widget.section, widget.label))
+
+    def unused(self, exempt: Iterable[str]) -> set[Name]:
+        """What was seen and not used, but for sections that begin with one of some texts."""
+        return {name for name in self.seen - self.used if not name[0].startswith(tuple(exempt))}
