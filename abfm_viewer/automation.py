@@ -21,13 +21,13 @@ from abfm_viewer.errors import DriverError as DriverError
 from abfm_viewer.input_events import InputEvents, Place
 from abfm_viewer.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.session import Session
-from abfm_viewer.ui import Kind, Widget, share_of
-from abfm_viewer.widget_search import WidgetSearch, middle
+from abfm_viewer.ui import Kind, Widget
+from abfm_viewer.widget_places import handle, middle, slider_place
+from abfm_viewer.widget_search import WidgetSearch
 from abfm_viewer.window import Window
 
 _CLICKABLE: tuple[Kind, ...] = ("button", "checkbox", "choice", "item", "combo", "section", "menu", "box", "slider")
 _SECONDS_TO_OPEN = 120.0
-_GRAB_PADDING = 2.0  # pixels, ImGui's own
 _BEYOND = 10.0  # pixels
 _FRAMES_TO_A_TOOLTIP = 30
 
@@ -226,9 +226,9 @@ class Driver:
         if not widget.low <= value <= widget.high:
             raise DriverError(f"{label} goes from {widget.low:g} to {widget.high:g}, not to {value:g}")
         now = min(max(float(widget.text), widget.low), widget.high)
-        x, y = _slider_place(widget, value)
+        x, y = slider_place(widget, value)
         x += {widget.low: -_BEYOND, widget.high: _BEYOND}.get(value, 0)  # an end is reached for sure
-        self.search.point_at(widget, partial(_slider_place, value=now))
+        self.search.point_at(widget, partial(slider_place, value=now))
         self.input.drag(self.input.place, (x, y))
 
     def choose(self, label: str, choice: str, within: str = "") -> None:
@@ -256,7 +256,7 @@ class Driver:
             raise DriverError(str(error.args[0])) from None
 
     def _click(self, widget: Widget, count: int = 1) -> None:
-        self.search.point_at(widget, _handle)
+        self.search.point_at(widget, handle)
         self.input.click(count)
 
     # Surfaces
@@ -309,19 +309,3 @@ class Driver:
 
 def _is_ready(session: Session) -> bool:
     return session.values("source") is not None and session.values("target") is not None
-
-
-def _handle(widget: Widget) -> Place:
-    """Where to click: the rectangles of some kinds hold their labels, too, of which the end may be out of view."""
-    left, top, _, bottom = widget.rect
-    if widget.kind == "checkbox":
-        return left + (bottom - top) / 2, (top + bottom) / 2
-    return middle(widget, 0.3 if widget.kind in ("box", "combo") else 0.5)
-
-
-def _slider_place(widget: Widget, value: float) -> Place:
-    """Where on a slider a value is; the grab's half width is left free at both ends, as ImGui does."""
-    share = share_of(value, widget.low, widget.high, widget.log)
-    left, _, right, _ = widget.rect
-    inset = widget.grab / 2 + _GRAB_PADDING
-    return left + inset + share * (right - left - 2 * inset), middle(widget)[1]

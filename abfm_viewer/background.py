@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import traceback
 from collections.abc import Callable, Hashable
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 from abfm import AbfmError
 
@@ -31,7 +31,11 @@ class Latest(Generic[Value]):
         What was computed last, and what for; None before.
     error : str
         Why the last request failed, in one line; empty if it did not.
+    at_once : bool
+        Of the class: compute in the caller's thread instead, as pictures off the screen need, which wait for no frame.
     """
+
+    at_once: ClassVar[bool] = False
 
     def __init__(self, name: str) -> None:
         self.key: Hashable = None
@@ -51,6 +55,9 @@ class Latest(Generic[Value]):
 
     def ask(self, key: Hashable, compute: Callable[[], Value]) -> Value | None:
         """What was computed for this key, or None and it will be, once, in the background."""
+        if Latest.at_once and key != self.key:
+            self._wanted = key
+            self._compute(key, compute)
         with self._condition:
             if key == self.key:
                 self._wanted, self._job = key, None
@@ -77,14 +84,17 @@ class Latest(Generic[Value]):
                 if self._job is None:
                     return
                 key, job, self._job = self._wanted, self._job, None
-            value: Value | None = None
-            error = ""
-            try:
-                value = job()
-            except Exception as problem:
-                if not isinstance(problem, AbfmError | MemoryError):
-                    traceback.print_exc()
-                error = one_line(problem)
+            self._compute(key, job)
             del job
-            with self._condition:
-                self.key, self.value, self.error = key, value, error
+
+    def _compute(self, key: Hashable, job: Callable[[], Value]) -> None:
+        value: Value | None = None
+        error = ""
+        try:
+            value = job()
+        except Exception as problem:
+            if not isinstance(problem, AbfmError | MemoryError):
+                traceback.print_exc()
+            error = one_line(problem)
+        with self._condition:
+            self.key, self.value, self.error = key, value, error

@@ -1,8 +1,12 @@
-"""The Gaussians of a function: which there are, and the text with one of them changed."""
+"""The Gaussians of a function: which there are, and the text with one of them changed.
+
+Counted are the terms of a sum, also of one that is composed with a vertex map.
+"""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +14,9 @@ import numpy as np
 from abfm import TriangleMesh
 from abfm.functions import Spec, Sum, parse
 from abfm.functions.gaussian import Gaussian
+from abfm.functions.permuted import Permuted
+
+_WIDTH = 0.1
 
 
 def gaussians(spec: str) -> list[Gaussian]:
@@ -23,27 +30,44 @@ def gaussians(spec: str) -> list[Gaussian]:
     return [term for term in _terms(parse(spec)) if isinstance(term, Gaussian)]
 
 
+def is_mapped(spec: str) -> bool:
+    """Whether a vertex map stands between the Gaussians and what is seen of them."""
+    return isinstance(parse(spec), Permuted)
+
+
 def changed(spec: str, bump: int, **values: Any) -> str:
-    """The spec with other parameters of one Gaussian; a vertex takes the place of x, y and z."""
-    if "vertex" in values:
-        values |= {"vertex": (values["vertex"],), "x": None, "y": None, "z": None}
-    gaussian = gaussians(spec)[bump]
-    return _replaced(spec, bump, [_rebuilt(gaussian, values)])
+    """The spec with other parameters of one Gaussian; a vertex takes the place of x, y and z.
+
+    Raises
+    ------
+    FunctionError
+        If a value is refused.
+    """
+    if values.get("vertex") is not None:
+        values |= {"x": None, "y": None, "z": None}
+    return _with_bump(spec, bump, [replace(gaussians(spec)[bump], **values)])
 
 
 def added(spec: str, mesh: TriangleMesh) -> str:
-    """The spec with one more Gaussian, as wide as the last and as far as possible from all of them."""
+    """The spec with one more Gaussian at the end, as wide as the last and as far as possible from all of them.
+
+    Raises
+    ------
+    FunctionError
+        If one of them is at a vertex that the mesh has not.
+    """
     known = gaussians(spec)
-    width = known[-1].width if known else 0.1
+    width = known[-1].width if known else _WIDTH
     centres = np.concatenate([gaussian.sources(mesh) for gaussian in known]) if known else np.array([0])
     gaps = np.min([np.linalg.norm(mesh.vertices - mesh.vertices[centre], axis=1) for centre in centres], axis=0)
     vertex = int(mesh.vertex_ids[int(np.argmax(gaps))])
-    return str(Sum((*_terms(parse(spec)), Gaussian(vertex=(vertex,), width=width))))
+    tree = parse(spec)
+    return _put(tree, (*_terms(tree), Gaussian(vertex=(vertex,), width=width)))
 
 
 def removed(spec: str, bump: int) -> str:
     """The spec without one Gaussian, unless nothing would be left."""
-    return _replaced(spec, bump, []) if len(_terms(parse(spec))) > 1 else spec
+    return _with_bump(spec, bump, []) if len(_terms(parse(spec))) > 1 else spec
 
 
 def centre(gaussian: Gaussian, mesh: TriangleMesh) -> int:
@@ -58,20 +82,20 @@ def centre(gaussian: Gaussian, mesh: TriangleMesh) -> int:
 
 
 def _terms(tree: Spec) -> tuple[Spec, ...]:
-    return tree.terms if isinstance(tree, Sum) else (tree,)
+    inner = tree.function if isinstance(tree, Permuted) else tree
+    return inner.terms if isinstance(inner, Sum) else (inner,)
 
 
-def _replaced(spec: str, bump: int, by: list[Spec]) -> str:
-    """The text with the k-th Gaussian replaced by other terms."""
-    terms: list[Spec] = []
-    seen = 0
-    for term in _terms(parse(spec)):
-        is_bump = isinstance(term, Gaussian)
-        terms += by if is_bump and seen == bump else [term]
-        seen += is_bump
-    return str(Sum(tuple(terms)) if len(terms) > 1 else terms[0])
+def _with_bump(spec: str, bump: int, by: Sequence[Spec]) -> str:
+    """The spec with other terms in the place of one Gaussian."""
+    tree = parse(spec)
+    terms = list(_terms(tree))
+    place = [number for number, term in enumerate(terms) if isinstance(term, Gaussian)][bump]
+    terms[place : place + 1] = by
+    return _put(tree, tuple(terms))
 
 
-def _rebuilt(gaussian: Gaussian, values: dict[str, Any]) -> Gaussian:
-    return replace(gaussian, **{entry.name: values[entry.name] for entry in fields(gaussian) if entry.name in values})
-
+def _put(tree: Spec, terms: tuple[Spec, ...]) -> str:
+    """The text of a sum of terms, inside the vertex map that the tree has."""
+    inner = Sum(terms) if len(terms) > 1 else terms[0]
+    return str(replace(tree, function=inner) if isinstance(tree, Permuted) else inner)

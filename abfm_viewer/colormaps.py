@@ -1,7 +1,7 @@
-"""The two colour maps of every picture: one for functions with a zero in the middle, one for the others.
+"""The colour maps of every picture: for functions with a zero in the middle, for the others, and some well-known ones.
 
-Both keep the surface readable under a light: the value that most of a surface has is a light grey, and lightness falls
-steadily away from it, so that the pictures also work in print and for colour-blind readers.
+The first two keep the surface readable under a light: the value that most of a surface has is a light grey, and
+lightness falls steadily away from it, so that the pictures also work in print and for colour-blind readers.
 """
 
 from __future__ import annotations
@@ -32,6 +32,36 @@ _STOPS = {
         (0.93, 0.000, 0.002),
         (0.66, 0.150, 0.080),
         (0.38, 0.130, 0.058),
+    ],
+    "viridis": [
+        (0.285, 0.102, -0.091),
+        (0.419, 0.016, -0.108),
+        (0.535, -0.062, -0.053),
+        (0.654, -0.120, 0.023),
+        (0.779, -0.135, 0.126),
+        (0.918, -0.039, 0.182),
+    ],
+    "magma": [
+        (0.048, -0.003, -0.033),
+        (0.309, 0.067, -0.133),
+        (0.466, 0.149, -0.077),
+        (0.621, 0.181, 0.039),
+        (0.789, 0.088, 0.097),
+        (0.979, -0.025, 0.075),
+    ],
+    "coolwarm": [
+        (0.475, 0.004, -0.181),
+        (0.762, -0.010, -0.119),
+        (0.898, 0.000, 0.000),
+        (0.767, 0.093, 0.075),
+        (0.487, 0.180, 0.074),
+    ],
+    "gray": [
+        (0.252, 0.000, 0.000),
+        (0.450, 0.000, 0.000),
+        (0.627, 0.000, 0.000),
+        (0.792, 0.000, 0.000),
+        (0.949, 0.000, 0.000),
     ],
 }
 NAMES = tuple(_STOPS)
@@ -65,17 +95,18 @@ def color_range(*functions: FloatArray) -> ColorRange:
         return ColorRange("abfm diverging", -largest, largest)
     if high - low <= 1e-12 * max(largest, 1e-300):
         return ColorRange("abfm sequential", low - 0.5, high + 0.5)
-    return ColorRange("abfm sequential", low, high)
+    return ColorRange("abfm sequential", 0.0 if abs(low) < 1e-9 * largest else low, high)
 
 
 def table(colormap: str, size: int = 256) -> FloatArray:
     """The colours of a map from its low to its high end, (size, 3) sRGB in 0 to 1."""
-    linear = _linear_table(colormap, size)
+    linear = linear_table(colormap, size)
     encoded: FloatArray = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return encoded
 
 
-def _linear_table(colormap: str, size: int) -> FloatArray:
+def linear_table(colormap: str, size: int) -> FloatArray:
+    """As `table`, in linear light, as polyscope takes colours."""
     oklab = _monotone_cubic(np.array(_STOPS[colormap]), size)
     linear: FloatArray = np.clip((oklab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0, 1)
     return linear
@@ -110,5 +141,5 @@ def image_files() -> Iterator[dict[str, str]]:
     with tempfile.TemporaryDirectory() as folder:
         paths = {name: f"{folder}/{number}.png" for number, name in enumerate(_STOPS)}
         for name, path in paths.items():
-            Image.fromarray(np.round(255 * _linear_table(name, 1024)[None]).astype(np.uint8)).save(path)
+            Image.fromarray(np.round(255 * linear_table(name, 1024)[None]).astype(np.uint8)).save(path)
         yield paths

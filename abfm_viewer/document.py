@@ -59,12 +59,16 @@ class Point:
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the window looks from: position, target and up (3,) each, and the vertical angle in degrees."""
+    """Where the window looks from: position, target and up (3,) each, and the vertical angle in degrees.
+
+    The aspect, width over height, is that of the part of the window with the surfaces; 0 where it does not matter.
+    """
 
     position: tuple[float, float, float]
     target: tuple[float, float, float]
     up: tuple[float, float, float]
     angle: float
+    aspect: float = 0.0
 
 
 @dataclass(frozen=True)

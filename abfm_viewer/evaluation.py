@@ -90,6 +90,8 @@ class Functions:
             values = self.known[spec]
         else:
             tree = parse(spec)
+            if str(tree) != spec:  # values are kept by the one text form of a function
+                return self._evaluate(str(tree))
             if isinstance(tree, Sum):
                 values = np.sum([self._evaluate(str(term)) for term in tree.terms], axis=0)
             else:

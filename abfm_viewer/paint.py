@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -9,9 +10,12 @@ import numpy as np
 
 from abfm.mesh import FloatArray
 from abfm_viewer.colormaps import ColorRange, color_range
+from abfm_viewer.document import Front
+from abfm_viewer.field_quantities import Texture
 from abfm_viewer.session import Session
 
-Kind = Literal["vertex values", "face values", "colors", "checker"]
+Kind = Literal["vertex values", "face values", "colors", "checker", "texture"]
+_LEAST_RANGE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,13 +26,15 @@ class Paint:
     ----------
     kind : Kind
     values : array
-        (V,), (F,), (V, 3) RGB from 0 to 1, or (V, 2) texture coordinates.
+        (V,), (F,), (V, 3) colours in linear light, (V, 2) texture coordinates, or (size, size, 3) texture.
     title : str
-        What the colours mean, for the label above the surface.
+        What is shown, for the label above the surface.
     colors : ColorRange or None
-        None where the values are colours themselves.
+        None where the values are colours themselves and no function's.
     bar : str
         Title of the colour bar; surfaces with the same title share one.
+    corners : (3F, 2) array or None
+        Places of the corners in a texture.
     """
 
     kind: Kind
@@ -36,6 +42,7 @@ class Paint:
     title: str
     colors: ColorRange | None = None
     bar: str = ""
+    corners: FloatArray | None = None
 
 
 def surfaces(session: Session) -> tuple[str, ...]:
@@ -48,9 +55,10 @@ def surfaces(session: Session) -> tuple[str, ...]:
 
 
 class Painter:
-    """Decides the paint of every surface; keeps what was decided while nothing that matters changes."""
+    """Decides the paint of every surface; a paint stays the same object while what it is made of does."""
 
     def __init__(self) -> None:
+        self._kept: dict[str, tuple[tuple[object, ...], Paint]] = {}
         self._range: tuple[object, object, str, ColorRange] | None = None
 
     def paint(self, session: Session, name: str) -> Paint | None:
@@ -59,23 +67,121 @@ class Painter:
         if source is None or target is None:
             return None
         colors = self._function_range(session, source, target)
+        view = session.view
         if name in ("source", "target"):
-            return Paint("vertex values", source if name == "source" else target, name, colors, "function")
+            if view.coloring in ("coordinates", "checker"):
+                return self._carried(session, name, session.mesh.vertices, name)
+            return self._kept_paint(name, "vertex values", source if name == "source" else target, name, colors)
         advected = session.advected()
         if advected is None:
             return None
         if name == "linear blend":
+            return self._blend(session, source, target, colors)
+        if name == "error":
+            return self._error(session, target, advected)
+        return self._advected(session, advected, colors)
+
+    def _advected(self, session: Session, advected: FloatArray, colors: ColorRange) -> Paint | None:
+        """The middle surface, by the view's colouring."""
+        kind = session.view.coloring
+        plain = self._kept_paint("advected", "vertex values", advected, "advected", colors)
+        if kind == "function":
+            texture = session.quantities.texture(session, advected, colors) if session.view.streaks else None
+            return plain if texture is None else self._textured(texture, colors)
+        if kind in ("coordinates", "checker"):
+            carried = session.carried_coordinates()
+            title = "carried coordinates" if kind == "coordinates" else "carried checker"
+            return plain if carried is None else self._carried(session, "advected", carried, title)
+        if kind in ("area distortion", "conformal distortion"):
+            return self._distortion(session, kind) or plain
+        return self._of_field(session) or plain
+
+    def _of_field(self, session: Session) -> Paint | None:
+        """Speed, divergence or curl."""
+        kind, part = session.view.coloring, session.view.part
+        suffix = "" if part == "whole" else f", {part} part"
+        if kind == "speed":
+            field = session.quantities.field(session)
+            if field is None:
+                return None
+            colors = _ranged(session, 0.0, max(float(field.speed.max()), _LEAST_RANGE))
+            return self._kept_paint("advected", "face values", field.speed, f"speed{suffix}", colors, "speed")
+        values = session.quantities.scalar(session)
+        if values is None:
+            return None
+        top = max(float(np.percentile(np.abs(values), 99.5)), _LEAST_RANGE)
+        colors = _ranged(session, -top, top)
+        return self._kept_paint("advected", "vertex values", values, f"{kind}{suffix}", colors, kind)
+
+    def _distortion(self, session: Session, kind: str) -> Paint | None:
+        found = session.quantities.distortion(session)
+        if found is None:
+            return None
+        source = found.area if kind == "area distortion" else found.conformal
+
+        def make() -> Paint:
+            values = np.log2(np.clip(source, 1e-6, 1e6))
+            top = max(float(np.percentile(np.abs(values), 99)), 0.05)
+            low = -top if kind == "area distortion" else 0.0
+            bar = "log2 of the area's factor" if kind == "area distortion" else "log2 of the stretches' ratio"
+            return Paint("face values", values, kind, _ranged(session, low, top), bar)
+
+        return self._keep("advected", (source, session.view.colormap), make)
+
+    def _carried(self, session: Session, name: str, coordinates: FloatArray, title: str) -> Paint:
+        """Coordinates as colours, or as places in a checkerboard."""
+        kind, vertices = session.view.coloring, session.mesh.vertices
+        front = session.view.front or Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+
+        def make() -> Paint:
+            if kind == "coordinates":
+                low, high = vertices.min(axis=0), vertices.max(axis=0)
+                share = np.clip((coordinates - low) / np.maximum(high - low, 1e-300), 0, 1)
+                return Paint("colors", share**2.2, title)
+            axes = np.stack([np.cross(front.up, front.direction), front.up])
+            return Paint("checker", (coordinates @ axes.T) / session.mesh.length_scale, title)
+
+        return self._keep(name, (coordinates, kind, front, title), make)
+
+    def _textured(self, texture: Texture, colors: ColorRange) -> Paint:
+        def make() -> Paint:
+            return Paint("texture", texture.colors, "advected, with the field", colors, "function", texture.corners)
+
+        return self._keep("advected", (texture, colors), make)
+
+    def _blend(self, session: Session, source: FloatArray, target: FloatArray, colors: ColorRange) -> Paint:
+        tau = session.parameters.tau
+        time = min(session.time, tau)
+
+        def make() -> Paint:
             from abfm.baselines import linear_blend
 
-            share = min(session.time / session.parameters.tau, 1.0)
-            return Paint("vertex values", linear_blend(source, target, share), "linear blend", colors, "function")
-        if name == "error":
+            return Paint("vertex values", linear_blend(source, target, time, tau), "linear blend", colors, "function")
+
+        return self._keep("linear blend", (source, target, time, tau, colors), make)
+
+    def _error(self, session: Session, target: FloatArray, advected: FloatArray) -> Paint:
+        def make() -> Paint:
             error = np.abs(target - advected)
-            top = max(float(error.max()), 1e-12)
-            return Paint(
-                "vertex values", error, f"error, at most {top:.3g}", _ranged(session, 0.0, top), "|target - advected|"
-            )
-        return Paint("vertex values", advected, "advected", colors, "function")
+            top = max(float(error.max()), _LEAST_RANGE)
+            bar = f"|target - advected|, at most {top:.3g}"
+            return Paint("vertex values", error, "error", _ranged(session, 0.0, top), bar)
+
+        return self._keep("error", (target, advected, session.view.colormap), make)
+
+    def _kept_paint(
+        self, name: str, kind: Kind, values: FloatArray, title: str, colors: ColorRange, bar: str = "function"
+    ) -> Paint:
+        return self._keep(name, (values, title, colors), lambda: Paint(kind, values, title, colors, bar))
+
+    def _keep(self, name: str, made_of: tuple[object, ...], make: Callable[[], Paint]) -> Paint:
+        """The paint that was made of the same things, or a new one."""
+        before = self._kept.get(name)
+        if before is not None and _same(before[0], made_of):
+            return before[1]
+        paint = make()
+        self._kept[name] = (made_of, paint)
+        return paint
 
     def _function_range(self, session: Session, source: FloatArray, target: FloatArray) -> ColorRange:
         known, wanted = self._range, session.view.colormap
@@ -87,6 +193,14 @@ class Painter:
         return known[3]
 
 
+def _same(before: tuple[object, ...], now: tuple[object, ...]) -> bool:
+    """Whether two keys have the same arrays, as objects, and equal values besides."""
+    return len(before) == len(now) and all(
+        a is b or (not isinstance(a, np.ndarray) and not isinstance(b, np.ndarray) and a == b)
+        for a, b in zip(before, now, strict=True)
+    )
+
+
 def _ranged(session: Session, low: float, high: float) -> ColorRange:
-    automatic = session.view.colormap == "automatic"
-    return ColorRange("abfm sequential" if automatic else session.view.colormap, low, high)
+    automatic = "abfm diverging" if low < 0 else "abfm sequential"
+    return ColorRange(automatic if session.view.colormap == "automatic" else session.view.colormap, low, high)

@@ -9,8 +9,9 @@ from PIL import Image
 
 from abfm import Match
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm_viewer import material, opengl, sheet
+from abfm_viewer import material, sheet
 from abfm_viewer.camera import Camera, best_view, fitted
+from abfm_viewer.canvas import canvas, drawn
 from abfm_viewer.colormaps import ColorRange, color_range
 from abfm_viewer.opengl import ps
 
@@ -68,17 +69,18 @@ def surface_pictures(
     mesh: TriangleMesh, functions: Sequence[FloatArray], colors: ColorRange, camera: Camera, layout: sheet.Grid
 ) -> list[Image.Image]:
     """Draw functions (V,) on a mesh, each on a transparent ground and in the layout's tile size."""
-    opengl.start(opengl.OFFSCREEN, layout.tile_width, layout.tile_height)
-    ps.remove_all_structures()
-    ps.set_ground_plane_mode("none")
-    surface = ps.register_surface_mesh("surface", mesh.vertices, mesh.faces, smooth_shade=True, material=material.NAME)
-    camera.place()
-    ps.set_SSAA_factor(4)
-    pictures = []
-    for function in functions:
-        surface.add_scalar_quantity(
-            "function", function, enabled=True, cmap=colors.colormap, vminmax=(colors.low, colors.high)
+    with canvas(layout.tile_width, layout.tile_height):
+        ps.remove_all_structures()
+        ps.set_ground_plane_mode("none")
+        ps.set_automatically_compute_scene_extents(True)
+        surface = ps.register_surface_mesh(
+            "surface", mesh.vertices, mesh.faces, smooth_shade=True, material=material.NAME
         )
-        pictures.append(Image.fromarray(np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=True))))
-    ps.set_SSAA_factor(1)
+        camera.place()
+        pictures = []
+        for function in functions:
+            surface.add_scalar_quantity(
+                "function", function, enabled=True, cmap=colors.colormap, vminmax=(colors.low, colors.high)
+            )
+            pictures.append(Image.fromarray(drawn(transparent=True)))
     return pictures

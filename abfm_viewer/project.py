@@ -208,9 +208,9 @@ def _header(text: str | bytes) -> _Header:
 def _mesh(archive: zipfile.ZipFile, file_vertex_count: int) -> TriangleMesh:
     """The mesh, with its vertices at the places that they have in the mesh file, so that they keep their numbers."""
     vertices, faces, ids = read_arrays(archive, "mesh", _MESH).values()
-    _check_array("mesh/vertices", vertices, (len(ids), 3), "f")
-    _check_array("mesh/faces", faces, (len(faces), 3), "i")
-    _check_array("mesh/vertex_ids", ids, (len(ids),), "i")
+    _check_array("mesh/vertex_ids", ids, (ids.size,), "i")
+    _check_array("mesh/vertices", vertices, (ids.size, 3), "f")
+    _check_array("mesh/faces", faces, (faces.size // 3, 3), "i")
     ascend = len(ids) > 0 and ids[0] >= 0 and bool((np.diff(ids) > 0).all())
     _require(ascend and ids[-1] < file_vertex_count, f"vertex_ids do not ascend from 0 to below {file_vertex_count}")
     _require(file_vertex_count - len(ids) <= _MOST_DROPPED, f"{file_vertex_count} vertices, and {len(ids)} are used")
@@ -236,7 +236,7 @@ def _check(document: Document, known: Mapping[str, FloatArray]) -> None:
     for spec, values in known.items():
         _check_array(f"the values of {spec}", values, (V,), "f")
     for number, run in enumerate(document.runs):
-        rows = len(run.stages)
+        rows = run.stages.size
         _check_array(f"runs/{number}/energies", run.energies, (rows, 3), "f")
         _check_array(f"runs/{number}/stages", run.stages, (rows,), "i")
         _require(all(0 <= row <= rows for row in run.restarts), f"run {number} of {rows} rows restarts outside them")
@@ -262,7 +262,7 @@ def _check(document: Document, known: Mapping[str, FloatArray]) -> None:
 
 
 def _check_result(result: Match, V: int, F: int) -> None:
-    rows, channels = len(result.stages), len(result.weights)
+    rows, channels = result.stages.size, result.weights.size
     shapes: dict[str, tuple[int, ...]] = {
         **dict.fromkeys(("source", "target", "advected"), (V, channels)),
         "velocity": (result.parameters.segments, F, 3),

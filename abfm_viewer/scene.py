@@ -12,12 +12,15 @@ from abfm_viewer import material, theme, viewport
 from abfm_viewer.camera import View, best_view
 from abfm_viewer.document import Camera, Front, Layout, Point
 from abfm_viewer.opengl import ps
+from abfm_viewer.overlays import Overlays
 from abfm_viewer.paint import Paint, Painter, surfaces
 from abfm_viewer.session import Session
+from abfm_viewer.turntable import Turntable, turntable
 from abfm_viewer.viewport import Rect
 
-_SPACING, _STACKING = 1.15, 1.08
+_SPACING, _STACKING = 1.15, 1.25
 _SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25
+_CHECKER, _CHECKER_COLORS = 0.03, ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))
 _PLAIN = (0.8, 0.81, 0.83)
 
 
@@ -33,6 +36,11 @@ class Hit:
 class Scene:
     """Copies of the mesh, moved apart in the vertices themselves (picks are wrong on structures with a transform).
 
+    Parameters
+    ----------
+    turns : bool
+        Whether the surfaces have room to turn (see `turn`).
+
     Attributes
     ----------
     names : tuple of str
@@ -45,15 +53,19 @@ class Scene:
         How long it took to draw the surfaces lately.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, turns: bool = False) -> None:
+        self._turns = turns
         self.names: tuple[str, ...] = ()
         self.offsets: dict[str, FloatArray] = {}
         self.paints: dict[str, Paint] = {}
         self.painter = Painter()
+        self.overlays = Overlays()
         self.redraw_seconds = 0.0
         self._mesh: TriangleMesh | None = None
         self._front: tuple[TriangleMesh, Front | None, View] | None = None
         self._heads: FloatArray = np.zeros((0, 3))
+        self._extent: FloatArray = np.zeros((0, 3))
+        self._table: Turntable | None = None
         self._frames_behind = 0
         self._layout: Layout = "row"
         self._rect: Rect = (0, 0, 1, 1)
@@ -63,12 +75,12 @@ class Scene:
         self._isolines: tuple[bool, int] = (False, 0)
         ps.remove_all_structures()
         ps.set_ground_plane_mode("none")
-        ps.set_automatically_compute_scene_extents(True)
+        ps.set_automatically_compute_scene_extents(False)  # they decide what the camera's planes cut off
 
     def update(self, session: Session, rect: Rect) -> None:
         """Make polyscope's structures show the session, in a rectangle of the window."""
         ground = theme.palette(session.view.theme).ground
-        ps.set_background_color(ground)
+        ps.set_background_color([*(channel**2.2 for channel in ground[:3]), 1.0])  # polyscope wants linear light
         names = surfaces(session)
         front = self._front_view(session)
         structure = (session.mesh, names, session.view.layout, front)
@@ -77,9 +89,9 @@ class Scene:
             self._register(session.mesh, front)
             self.frame(session, rect)
         elif rect != self._rect:
-            camera = viewport.seen(self._rect, ps.get_window_size()) if self._moved(session) else None
-            self._rect = rect
-            self.frame(session, rect, camera)
+            self.frame(session, rect)
+        else:
+            self._keep_camera(session)
         isolines = (session.view.isolines, session.view.isoline_count)
         if isolines != self._isolines:
             self._isolines, self._drawn = isolines, {}
@@ -88,6 +100,8 @@ class Scene:
             if paint is not None and not self._waits(session, name):
                 self.paints[name] = paint
                 self._show(name, paint)
+        if "advected" in self.offsets:
+            self.overlays.update(session, self.offsets)
 
     def _waits(self, session: Session, name: str) -> bool:
         """Whether a surface that follows a solve keeps its colours for this frame.
@@ -101,18 +115,29 @@ class Scene:
             self._frames_behind = (self._frames_behind + 1) % _FRAMES_PER_SLOW_REDRAW
         return self._frames_behind != 0 and not session.dragging
 
-    def frame(self, session: Session, rect: Rect, camera: Camera | None = None) -> None:
-        """Look through a camera, or the view's, or from the front so that everything fits."""
+    def frame(self, session: Session, rect: Rect, camera: Camera | None = None, whole: bool = False) -> None:
+        """Look through a camera, or the view's, or from the front so that everything fits (`whole`: see `place`)."""
         self._rect = rect
         size = ps.get_window_size()
         wanted = camera or session.view.camera
+        view = self._front_view(session)
+        if wanted is not None and self._turns:
+            view, wanted = viewport.view_of(wanted), None
         if wanted is None:
             assert self._placed is not None
-            vertices = np.concatenate([session.mesh.vertices + offset for offset in self.offsets.values()])
+            vertices = np.concatenate([self._extent + offset for offset in self.offsets.values()])
             head = self._rect[1] + 0.06 * (rect[3] - rect[1])  # room for the labels
-            wanted = viewport.fitted(vertices, self._front_view(session), (rect[0], head, rect[2], rect[3]))
-        viewport.place(wanted, rect, size)
+            wanted = viewport.fitted(vertices, view, (rect[0], head, rect[2], rect[3]))
+        viewport.place(wanted, rect, size, whole)
         self._camera = viewport.seen(rect, size)
+
+    def turn(self, degrees: float) -> None:
+        """Turn each surface about its upright axis, with what is drawn on it; call after `update`."""
+        assert self._table is not None
+        turned = {name: self._table.turned(degrees, offset) for name, offset in self.offsets.items()}
+        for name, matrix in turned.items():
+            ps.get_surface_mesh(name).set_transform(matrix)
+        self.overlays.move(turned)
 
     def camera(self) -> Camera:
         """What the window shows now."""
@@ -122,6 +147,23 @@ class Scene:
         """Look from the front again."""
         session.amend(view=replace(session.view, camera=None))
         self.frame(session, self._rect)
+
+    def turn(self, degrees: float) -> None:
+        """Turn every surface, with what is drawn on it, about its own upright axis; picks are wrong then."""
+        assert self._front is not None
+        assert self._mesh is not None
+        vertices, up = self._mesh.vertices, self._front[2].up
+        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        x, y, z = up
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        angle = np.radians(degrees)
+        rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross  # Rodrigues
+        turned = {name: ps.get_surface_mesh(name) for name in self.names}
+        for surface, structure in [*turned.items(), *self.overlays.structures()]:
+            centre = middle + self.offsets[surface]
+            transform = np.eye(4)
+            transform[:3, :3], transform[:3, 3] = rotation, centre - rotation @ centre
+            structure.set_transform(transform)
 
     def labels(self) -> dict[str, tuple[float, float]]:
         """Where to write each surface's name: above its top, wherever the camera is now."""
@@ -146,14 +188,15 @@ class Scene:
         a, b, c = map(float, weights)
         return Hit(surface, Point(face, (a, b, c)), vertex)
 
-    def _moved(self, session: Session) -> bool:
-        """Whether the user moved the camera since it was placed."""
-        if session.view.camera is not None:
-            return True
-        if self._camera is None:
-            return False
-        now = viewport.seen(self._rect, ps.get_window_size())
-        return not np.allclose([*now.position, *now.target], [*self._camera.position, *self._camera.target], rtol=1e-4)
+    def _keep_camera(self, session: Session) -> None:
+        """Put the camera into the document when the user moved it; that is no step of undo."""
+        now, before = viewport.seen(self._rect, ps.get_window_size()), self._camera
+        moved = before is None or not np.allclose(
+            [*now.position, *now.target, now.angle], [*before.position, *before.target, before.angle], rtol=1e-4
+        )
+        if moved:
+            self._camera = now
+            session.amend(view=replace(session.view, camera=now))
 
     def _front_view(self, session: Session) -> View:
         """Chosen when the mesh's first functions are known, and then kept in the document."""
@@ -173,14 +216,21 @@ class Scene:
             if ps.has_surface_mesh(name):
                 ps.remove_surface_mesh(name)
         self._drawn, self.paints = {}, {}
+        self.overlays.clear()
         sideways = np.cross(front.up, front.direction)
         axis, spacing = (-front.up, _STACKING) if self._layout == "column" else (sideways, _SPACING)
-        along = mesh.vertices @ axis
+        self._table = turntable(mesh, front.up)
+        self._extent = self._table.rims() if self._turns else mesh.vertices
+        along = self._extent @ axis
         step = spacing * (along.max() - along.min()) * axis
         self.offsets = {name: number * step for number, name in enumerate(self.names)}
         middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-        head = middle + ((mesh.vertices @ front.up).max() - middle @ front.up) * front.up
+        head = middle + ((self._extent @ front.up).max() - middle @ front.up) * front.up
         self._heads = np.array([head + offset for offset in self.offsets.values()])
+        ends = np.concatenate([self._extent + offset for offset in self.offsets.values()])
+        low, high = ends.min(axis=0), ends.max(axis=0)
+        ps.set_bounding_box(low, high)
+        ps.set_length_scale(float(np.linalg.norm(high - low)))
         for name, offset in self.offsets.items():
             ps.register_surface_mesh(
                 name,
@@ -221,9 +271,26 @@ class Scene:
             )
         elif paint.kind == "colors":
             surface.add_color_quantity(paint.kind, paint.values, enabled=True)
+        elif paint.kind == "texture":
+            surface.add_parameterization_quantity("texture corners", paint.corners, defined_on="corners")
+            surface.add_color_quantity(
+                paint.kind,
+                paint.values,
+                defined_on="texture",
+                param_name="texture corners",
+                image_origin="lower_left",
+                filter_mode="linear",
+                enabled=True,
+            )
         else:
             surface.add_parameterization_quantity(
-                paint.kind, paint.values, coords_type="world", enabled=True, viz_style="checker"
+                paint.kind,
+                paint.values,
+                coords_type="world",
+                enabled=True,
+                viz_style="checker",
+                checker_size=_CHECKER,
+                checker_colors=_CHECKER_COLORS,
             )
         self._drawn[name] = paint
 

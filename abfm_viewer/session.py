@@ -17,6 +17,8 @@ from abfm.mesh import FloatArray
 from abfm_viewer.background import Latest
 from abfm_viewer.document import EXTRAPOLATION, Channel, Document, Point, Run, Side, View
 from abfm_viewer.evaluation import Evaluated, Functions
+from abfm_viewer.exporter import Exporter
+from abfm_viewer.field_quantities import FieldQuantities
 from abfm_viewer.history import History
 from abfm_viewer.player import Player
 from abfm_viewer.solver import Solver
@@ -53,10 +55,16 @@ class Session:
     ----------
     solver : Solver
     player : Player
+    quantities : FieldQuantities
+        What can be told of the field and its flow.
+    exporter : Exporter
     notice : Notice
         What the status line says besides the solver's state.
     dragging : bool
         Whether the mouse holds a widget or a Gaussian: changes until it lets go are one step of undo.
+    exact_times : (T,) array or None
+        For pictures and movies: the times that will be shown. Functions are then carried exactly and at once, and an
+        error is raised, instead of blended from a span while better values come; None in the window.
     """
 
     def __init__(self, mesh: TriangleMesh, name: str, path: Path | None = None) -> None:
@@ -65,6 +73,7 @@ class Session:
         self.player = Player()
         self.notice = Notice("")
         self.dragging = False
+        self.exact_times: FloatArray | None = None
         self._kept: dict[int, _Kept] = {}
         self._keep(self.document, path)
         self._functions: dict[int, Functions] = {}
@@ -73,6 +82,8 @@ class Session:
         self._defaults: Latest[tuple[str, str]] = Latest("default functions")
         self._loading: Latest[Callable[[], None]] = Latest("open")
         self._load_count = 0
+        self.quantities = FieldQuantities()
+        self.exporter = Exporter()
         self._source = Carried("source")
         self._coordinates = Carried("coordinates")
         self._states: dict[int, FlowState] = {}
@@ -249,8 +260,13 @@ class Session:
 
     # Channels
 
-    def set_spec(self, side: Side, spec: str, merge: str = "") -> None:
-        """Give the active channel another source or target.
+    def set_spec(self, side: Side, spec: str, merge: str = "", bump: int | None = None) -> None:
+        """Give the active channel another source or target, and make that side active.
+
+        Parameters
+        ----------
+        bump
+            The Gaussian of that side to make active; by default the same as before, or the first of the other side.
 
         Raises
         ------
@@ -263,7 +279,12 @@ class Session:
             raise FunctionError("there is no channel yet: wait for the default functions")
         parse(spec)
         changed = replace(self.active, source=spec) if side == "source" else replace(self.active, target=spec)
-        self._set_active(changed, f"change the {side}", merge, side=side)
+        if bump is None:
+            bump = self.document.bump if side == self.document.side else 0
+        if changed == self.active:
+            self.select(side=side, bump=bump)
+        else:
+            self._set_active(changed, f"change the {side}", merge, side=side, bump=bump)
 
     def set_weight(self, weight: float, merge: str = "") -> None:
         """Give the active channel's mismatch another weight.
@@ -498,7 +519,7 @@ class Session:
             return snapshot.iteration.advected[:, self.document.channel]
         if at_end and flow.final and result is not None and not self.outdated:
             return result.advected[:, self.document.channel]
-        carried = self._source.at(flow, source, self.flow_time, self._settled)
+        carried = self._carry(self._source, flow, source)
         return source if carried is None else carried
 
     def carried_coordinates(self) -> FloatArray | None:
@@ -506,7 +527,13 @@ class Session:
         flow = self.flow
         if flow is None:
             return self.mesh.vertices
-        return self._coordinates.at(flow, self.mesh.vertices, self.flow_time, self._settled)
+        return self._carry(self._coordinates, flow, self.mesh.vertices)
+
+    def _carry(self, carried: Carried, flow: FlowState, function: FloatArray) -> FloatArray | None:
+        if self.exact_times is None:
+            return carried.at(flow, function, self.flow_time, self._settled)
+        coming = self.exact_times * flow.parameters.tau / self.parameters.tau
+        return carried.exactly(flow, function, self.flow_time, coming)
 
     @property
     def _settled(self) -> bool:
@@ -527,6 +554,11 @@ class Session:
     def flow_note(self) -> str:
         """Why the time bar cannot be followed to its end; empty if it can."""
         return self._source.error
+
+    @property
+    def flow_problem(self) -> str:
+        """Why the shown time could not be computed exactly; empty if it could."""
+        return self._source.problem or self._coordinates.problem
 
     # The frame
 
@@ -592,6 +624,8 @@ class Session:
 
     def close(self) -> None:
         """End all threads."""
+        self.exporter.close()
+        self.quantities.close()
         self.solver.close()
         for functions in self._functions.values():
             functions.close()

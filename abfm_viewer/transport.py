@@ -83,11 +83,17 @@ class Carried:
     def __init__(self, name: str) -> None:
         self._span: Latest[Span] = Latest(f"{name}: times")
         self._exact: Latest[FloatArray] = Latest(f"{name}: exact")
+        self._kept: tuple[object, dict[float, FloatArray]] = (None, {})
 
     @property
     def busy(self) -> bool:
         """Whether better values will come."""
         return self._span.busy or self._exact.busy
+
+    @property
+    def problem(self) -> str:
+        """Why the exact values at the time asked for last could not be computed; empty if they could."""
+        return self._exact.error
 
     @property
     def error(self) -> str:
@@ -105,6 +111,8 @@ class Carried:
         if time == 0:
             return function
         key = (state, _Same(function))
+        if Latest.at_once:
+            return self._exact.ask((*key, time), partial(_exactly, state, function, time))
         current = self._span.ask(key, partial(span, state, function))
         if current is None:
             stale = self._span.value
@@ -115,6 +123,30 @@ class Carried:
             if exact is not None:
                 return exact
         return current.at(time)
+
+    def exactly(self, state: FlowState, function: FloatArray, time: float, coming: FloatArray) -> FloatArray:
+        """Values at a time, computed before this returns, and with them those that are asked for next.
+
+        Parameters
+        ----------
+        coming : (T,) array
+            Times that will be asked for: together they cost much less than one by one.
+
+        Raises
+        ------
+        AdvectionError
+            If the flow overflows or is too long.
+        """
+        if time == 0:
+            return function
+        key = (state, _Same(function))
+        known = self._kept[1] if self._kept[0] == key else {}
+        if time not in known:
+            most = max(_LARGEST // 4 // function.size, 1)
+            times = np.unique([time, *coming[coming > time]])[:most]
+            known = dict(zip(times.tolist(), state.carry(function, times), strict=True))
+            self._kept = (key, known)
+        return known[time]
 
     def close(self) -> None:
         """Stop the threads."""

@@ -98,6 +98,8 @@ class Ui:
         Lets the user name a file to write; see `abfm_viewer.dialogs.Dialogs.save`.
     choose_to_open : callable
         Lets the user choose a file to read; see `abfm_viewer.dialogs.Dialogs.open`.
+    open_mesh : callable
+        Lets the user choose a mesh, and opens it.
     """
 
     def __init__(self) -> None:
@@ -116,6 +118,7 @@ class Ui:
         self._scrolls: dict[str, float] = {}
         self.choose_to_save: ChooseToSave = lambda title, suffixes, name, on_path: None
         self.choose_to_open: ChooseToOpen = lambda title, suffixes, on_path: None
+        self.open_mesh: Callable[[], None] = lambda: None
 
     # Frames, windows, structure
 

@@ -25,16 +25,22 @@ def fitted(vertices: FloatArray, view: View, rect: Rect, margin: float = 0.05) -
     return Camera(_point(position), _point(target), _point(view.up), FIELD_OF_VIEW)
 
 
-def place(camera: Camera, rect: Rect, size: tuple[int, int], aspect: float | None = None) -> None:
+def view_of(camera: Camera) -> View:
+    """The direction in which a camera looks, without its distance."""
+    backward, up = np.array(camera.position) - camera.target, np.array(camera.up)
+    return View(backward / np.linalg.norm(backward), up)
+
+
+def place(camera: Camera, rect: Rect, size: tuple[int, int], whole: bool = False) -> None:
     """Make polyscope draw what a camera sees into a rectangle of a window of a given size.
 
     Parameters
     ----------
-    aspect
-        Width over height of what the camera should see at least, where that is wider than the rectangle.
+    whole
+        See the camera's whole width, too, where the rectangle is narrower than its aspect.
     """
     width, height = rect[2] - rect[0], rect[3] - rect[1]
-    half = np.tan(np.radians(camera.angle / 2)) * max(1.0, (aspect or 0) * height / width)
+    half = np.tan(np.radians(camera.angle / 2)) * max(1.0, camera.aspect * height / width if whole else 0.0)
     position, target, up = np.array(camera.position), np.array(camera.target), np.array(camera.up)
     backward = position - target
     distance = np.linalg.norm(backward)
@@ -58,7 +64,8 @@ def seen(rect: Rect, size: tuple[int, int]) -> Camera:
     offset = _offset(rect, size) * (2 * half_window * distance / size[1])
     position = position + offset[0] * right - offset[1] * up
     angle = float(np.degrees(2 * np.arctan(half_window * height / size[1])))
-    return Camera(_point(position), _point(position - distance * backward), _point(up), angle)
+    aspect = (rect[2] - rect[0]) / height
+    return Camera(_point(position), _point(position - distance * backward), _point(up), angle, aspect)
 
 
 def projected(points: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 from functools import partial
@@ -9,10 +10,12 @@ from functools import partial
 from abfm_viewer.errors import DriverError
 from abfm_viewer.input_events import InputEvents, Place
 from abfm_viewer.ui import Kind, Widget
+from abfm_viewer.widget_places import middle
 from abfm_viewer.window import Window
 
 _MOST_TURNS, _MOST_CHASES = 40, 5
 _PIXELS_PER_TURN = 100.0
+_SECONDS_TO_READ_A_FOLDER = 1.0
 
 
 class WidgetSearch:
@@ -94,6 +97,11 @@ class WidgetSearch:
     def _sought(self, label: str, within: str, kinds: Sequence[Kind] | None) -> Widget:
         if (widget := self.drawn(label, within, kinds)) is not None:
             return widget
+        end = time.monotonic() + _SECONDS_TO_READ_A_FOLDER
+        while self._window.dialogs.is_open and time.monotonic() < end:
+            self._window.frame()
+            if (widget := self.drawn(label, within, kinds)) is not None:
+                return widget
         seen = list(self._labels())
         for _ in self._openings(within):
             if (widget := self.drawn(label, within, kinds)) is not None:
@@ -163,9 +171,3 @@ def _sections(widgets: Sequence[Widget]) -> str:
 
 def _is_closed(widget: Widget) -> bool:
     return widget.kind == "section" and widget.text == "closed" and widget.enabled
-
-
-def middle(widget: Widget, share: float = 0.5) -> Place:
-    """A point of a widget, at half its height."""
-    left, top, right, bottom = widget.rect
-    return left + share * (right - left), (top + bottom) / 2

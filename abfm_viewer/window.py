@@ -97,6 +97,7 @@ class Window:
         self.actions = Actions(
             session, self.documents, self.dialogs, self._reset_camera, self.ui.show_section, self._end
         )
+        self.ui.open_mesh = self.actions.open_mesh
         self.frames = 0
         self.errors: dict[str, str] = {}
         self.closing = self.interrupted = False

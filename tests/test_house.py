@@ -137,6 +137,45 @@ def test_run_test_reports_every_check_that_failed(house):
         assert f"\n== {name}\n" in done.stdout
 
 
+@pytest.fixture
+def bare_machine(house, tmp_path):
+    """An environment in which only a few programs are there, and Python and sudo do as if all went well."""
+    programs = tmp_path / "programs"
+    programs.mkdir()
+    for name in ("bash", "sh", "cat", "dirname", "env", "id", "touch", "chmod"):
+        (programs / name).symlink_to(shutil.which(name))
+    program(programs / "uname", "echo Linux")
+    program(programs / "sudo", 'shift; exec "$@"')
+    program(house / ".venv" / "bin" / "python", "exit 0")
+    return programs
+
+
+def run_tests(house: Path, programs: Path) -> subprocess.CompletedProcess[str]:
+    """`./run test` with these programs and no others."""
+    return subprocess.run(
+        [house / "run", "test"], capture_output=True, text=True, check=False, env={"PATH": str(programs)}
+    )
+
+
+def test_run_test_installs_what_a_window_without_a_screen_needs(house, bare_machine, tmp_path):
+    installed = f'for name in Xvfb xdotool; do touch "{bare_machine}/$name"; chmod +x "{bare_machine}/$name"; done'
+    program(bare_machine / "apt-get", f'echo "$@" >>"{tmp_path}/asked"; {installed}')
+    for _ in range(2):
+        assert run_tests(house, bare_machine).returncode == 0
+    assert (tmp_path / "asked").read_text() == "--yes --quiet install --no-install-recommends xvfb xdotool\n"
+
+
+@pytest.mark.parametrize(
+    ("apt", "advice"), [(None, "install them"), ("exit 1", "type: sudo apt-get install xvfb xdotool")]
+)
+def test_run_test_says_what_to_install_where_it_cannot(house, bare_machine, apt, advice):
+    if apt:
+        program(bare_machine / "apt-get", apt)
+    done = run_tests(house, bare_machine)
+    assert done.returncode == 0  # it goes on: the one test that needs them fails
+    assert done.stderr.splitlines()[-1].endswith(advice)
+
+
 def test_run_is_plain_enough_for_old_shells():
     subprocess.run(["bash", "-n", ROOT / "run"], check=True)
     text = (ROOT / "run").read_text()

@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure and print."""
+
     def tell(line: str) -> None:
         if not arguments.quiet:
             print(line, file=sys.stderr, flush=True)

@@ -1,25 +1,26 @@
-"""One side of a channel: which family its function is of, and that family's parameters."""
+"""One side of a channel: which family its function is of, and that family's controls."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from abfm import FunctionError
-from abfm.functions import Family, Parameter, Spec, Sum, families, parse
+from abfm.functions import Family, Spec, families, parse
 from abfm.functions.permuted import Permuted
-from abfm.mesh import TriangleMesh
+from abfm.functions.values_file import SUFFIXES, ValuesFile
 from abfm_viewer import bumps
+from abfm_viewer.active_gaussian import active_bump
 from abfm_viewer.document import Side
+from abfm_viewer.panels import family_controls
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
 
-VALUES = (".npy", ".csv", ".txt", ".gii")
 _SEVERAL = "several terms"
 _FIRST = {
+    "gaussian": "gaussian:vertex={vertex},width=0.1",
     "eigenfunction": "eigenfunction:1",
     "hks": "hks",
     "wks": "wks",
@@ -29,52 +30,27 @@ _FIRST = {
     "shape-diameter": "shape-diameter",
     "indicator": "indicator:vertex={vertex},radius=0.2",
     "expression": "expression:sin(10*x)*z",
-    "gaussian": "gaussian:vertex={vertex},width=0.1",
 }
-"""What a family begins with; `vertex` is where the side's Gaussian was."""
-
-
-@dataclass(frozen=True)
-class _Range:
-    low: float
-    high: float
-    log: bool = False
-    whole: bool = False
-
-
-_RANGES = {
-    "width": _Range(0.01, 1, log=True),
-    "height": _Range(-2, 2),
-    "radius": _Range(0.01, 1, log=True),
-    "index": _Range(0, 50, whole=True),
-    "time": _Range(1e-4, 1, log=True),
-    "energy": _Range(0, 10),
-    "eigenpairs": _Range(1, 256, whole=True),
-}
+"""What a family begins with, but for files; `vertex` is where the function was."""
+_FAMILY_TIP = "What kind of function it is. Sums of several kinds can be typed below.\n\n{name}: {summary}"
+_SPEC_TIP = "The function as text: terms with +, anything by hand. Enter takes it."
+_MAP_TIP = "Compose the function with a map of the vertices: a file with one vertex number per vertex."
 
 
 def draw(ui: Ui, session: Session, side: Side) -> None:
     """Draw the controls of the active channel's source or target."""
     assert session.active is not None
     spec = session.active.spec(side)
-    tree = parse(spec)
-    inner = tree.function if isinstance(tree, Permuted) else tree
-    editor = _Editor(ui, session, side, tree if isinstance(tree, Permuted) else None)
-    family = _family(inner)
-    names = [cls.family for cls in families() if cls is not Permuted]
-    tip = "What kind of function it is; the tooltip of each control says what it does."
-    chosen = ui.combo("family", family, names if family in names else [*names, _SEVERAL], tip)
-    if chosen != family:
-        editor.choose(chosen, str(inner))
-    elif family == "gaussian":
-        _draw_gaussians(ui, session, side, editor, str(inner))
-    elif isinstance(inner, Family):
-        for parameter in inner.parameters():
-            _draw_parameter(ui, session, inner, parameter, editor)
-        if inner.family == "expression":
-            editor.formula(inner)
-    editor.draw_map(spec)
-    typed = ui.text("spec", spec, "The function as text; sums with +, anything by hand. Enter takes it.")
+    editor = _Editor(ui, session, side, spec)
+    editor.draw_family()
+    if editor.bump is not None:
+        editor.draw_gaussians(editor.bump)
+    elif isinstance(editor.inner, Family):
+        family_controls.draw(ui, editor.inner, session.mesh, editor.put_inner)
+    if isinstance(editor.inner, ValuesFile) and ui.button("Browse...", "Choose the file."):
+        editor.choose_file()
+    editor.draw_map()
+    typed = ui.text("spec", spec, _SPEC_TIP)
     if typed is not None:
         editor.put(typed, "spec")
     ui.refusal("spec")
@@ -83,166 +59,114 @@ def draw(ui: Ui, session: Session, side: Side) -> None:
         ui.note(problem, "error")
 
 
-def _family(inner: Spec) -> str:
-    if isinstance(inner, Family):
-        return inner.family
-    only_gaussians = isinstance(inner, Sum) and len(bumps.gaussians(str(inner))) == len(inner.terms)
-    return "gaussian" if only_gaussians else _SEVERAL
-
-
 class _Editor:
-    """Puts a changed function into its place: the side, inside its vertex map if it has one."""
+    """Draws a side, and puts a changed function into its place: inside the vertex map, if the side has one."""
 
-    def __init__(self, ui: Ui, session: Session, side: Side, wrapper: Permuted | None) -> None:
-        self._ui, self._session, self._side, self._wrapper = ui, session, side, wrapper
+    def __init__(self, ui: Ui, session: Session, side: Side, spec: str) -> None:
+        self._ui, self._session, self._side, self._spec = ui, session, side, spec
+        self.bump = active_bump(session, side)
+        tree = parse(spec)
+        self._map = tree if isinstance(tree, Permuted) else None
+        self.inner: Spec = tree.function if isinstance(tree, Permuted) else tree
 
-    def put(self, spec: str, label: str, merge: str = "") -> None:
-        """Take a whole spec; if it is refused, say why under the widget of the label."""
+    def put(self, spec: str, label: str, bump: int | None = None) -> None:
+        """Take a whole spec; if it is refused, say why below the widget of the label. A drag is one step of undo."""
         try:
-            self._session.set_spec(self._side, spec, merge)
-            self._ui.refuse(label, "")
+            self._session.set_spec(self._side, spec, f"{self._side} {label}", bump)
+            self._ui.accept_all()
         except FunctionError as error:
             self._ui.refuse(label, str(error))
 
-    def put_inner(self, spec: str, label: str) -> None:
-        """Take the function inside the vertex map; a drag of the widget is one step."""
-        whole = spec if self._wrapper is None else str(replace(self._wrapper, function=parse(spec)))
-        self.put(whole, label, f"{self._side} {label}")
+    def put_inner(self, function: Spec, label: str) -> None:
+        """Take a function in the place of the one inside the vertex map."""
+        self.put(str(function if self._map is None else replace(self._map, function=function)), label)
 
-    def choose(self, family: str, now: str) -> None:
-        """Begin with another family, near where the function was."""
-        if family == "file":
-            take = partial(self._take_file, lambda path: f'file:"{path}"')
-            self._ui.choose_to_open("Open values at the vertices", VALUES, take)
-        elif family != _SEVERAL:
-            spec = _FIRST[family].format(vertex=_near(now, self._session))
-            self.put_inner(spec, "family")
+    def draw_family(self) -> None:
+        """The combo of families; a new one begins with a function that is valid on this mesh."""
+        names = [cls.family for cls in families() if cls is not Permuted]
+        now = self._family()
+        about = next((cls.summary() for cls in families() if cls.family == now), "A sum of functions.")
+        tip = _FAMILY_TIP.format(name=now, summary=about)
+        chosen = self._ui.combo("family", now, names if now in names else [*names, now], tip)
+        if chosen == "file" != now:
+            self.choose_file()
+        elif chosen != now:
+            self.put_inner(parse(_FIRST[chosen].format(vertex=self._vertex())), "family")
 
-    def formula(self, inner: Family) -> None:
-        """A box for an expression."""
-        text = str(inner).partition(":")[2]
-        typed = self._ui.text("formula", text, "In x, y and z, with sin, exp, sqrt, abs, ... and comparisons.")
-        if typed is not None:
-            self.put_inner(f"expression:{typed}", "formula")
-        self._ui.refusal("formula")
+    def draw_gaussians(self, bump: int) -> None:
+        """The controls of one Gaussian, and which one of several it is."""
+        ui, spec = self._ui, self._spec
+        known = bumps.gaussians(spec)
+        if len(known) > 1:
+            words = [f"bump {number + 1}" for number in range(len(known))]
+            tip = "The Gaussian that the mouse and the widgets below change."
+            chosen = words.index(ui.radio(words, words[bump], [tip] * len(words)))
+            if chosen != bump:
+                self._session.select(side=self._side, bump=chosen)
+                bump = chosen
+        family_controls.draw(ui, known[bump], self._session.mesh, partial(self._put_bump, bump))
+        if ui.button("Add Gaussian", "One more bump, as far as possible from the others."):
+            self._add_gaussian(len(known))
+        if len(known) > 1:
+            ui.beside_if_fits("Remove Gaussian")
+            if ui.button("Remove Gaussian", "Remove the bump that is chosen."):
+                self.put(bumps.removed(spec, bump), "family", max(bump - 1, 0))
+        ui.refusal("Add Gaussian")
 
-    def draw_map(self, spec: str) -> None:
+    def draw_map(self) -> None:
         """Buttons to compose the function with a vertex map, or not."""
-        if self._wrapper is None:
-            tip = "Compose the function with a map of the vertices: a file with one vertex number per vertex."
-            if self._ui.button("Vertex map...", tip):
-                take = partial(self._take_file, lambda path: f'permuted:"{path}"({spec})')
-                self._ui.choose_to_open("Open a vertex map", VALUES, take)
-        else:
-            if self._ui.button("Remove the map", "Take the function as it is."):
-                self.put(str(self._wrapper.function), "spec")
-            self._ui.beside()
-            self._ui.note(f"through {Path(self._wrapper.path).name}")
+        ui = self._ui
+        if self._map is None:
+            if ui.button("Vertex map...", _MAP_TIP):
+                self._choose("Open a vertex map", lambda path: Permuted(path=path, function=self.inner))
+            return
+        if ui.button("Remove the map", "Take the function as it is."):
+            self.put(str(self.inner), "spec")
+        ui.note(f"through {Path(self._map.path).name}")
 
-    def _take_file(self, form: Callable[[str], str], path: Path) -> None:
+    def choose_file(self) -> None:
+        """Let the user choose a file of values; nothing changes before."""
+        wrapper = self._map
+
+        def function(path: str) -> Spec:
+            values = ValuesFile(path=path)
+            return values if wrapper is None else replace(wrapper, function=values)
+
+        self._choose("Open values at the vertices", function)
+
+    def _choose(self, title: str, function: Callable[[str], Spec]) -> None:
+        def take(path: Path) -> None:
+            try:
+                self._session.set_spec(self._side, str(function(str(path))))
+            except FunctionError as error:
+                self._session.say(str(error), is_error=True)
+
+        self._ui.choose_to_open(title, SUFFIXES, take)
+
+    def _put_bump(self, bump: int, gaussian: Family, label: str) -> None:
+        values = {parameter.name: getattr(gaussian, parameter.name) for parameter in gaussian.parameters()}
+        self.put(bumps.changed(self._spec, bump, **values), label, bump)
+
+    def _add_gaussian(self, count: int) -> None:
         try:
-            self._session.set_spec(self._side, form(str(path).replace('"', '""')))
+            self.put(bumps.added(self._spec, self._session.mesh), "family", count)
         except FunctionError as error:
-            self._session.say(str(error), is_error=True)
+            self._ui.refuse("Add Gaussian", str(error))
 
+    def _family(self) -> str:
+        """What the combo says."""
+        if isinstance(self.inner, Family):
+            return self.inner.family
+        only_gaussians = len(bumps.gaussians(self._spec)) == len(getattr(self.inner, "terms", ()))
+        return "gaussian" if only_gaussians else _SEVERAL
 
-def _draw_gaussians(ui: Ui, session: Session, side: Side, editor: _Editor, spec: str) -> None:
-    known = bumps.gaussians(spec)
-    is_active = session.document.side == side
-    bump = min(session.document.bump, len(known) - 1) if is_active else 0
-    if len(known) > 1:
-        words = [f"bump {number + 1}" for number in range(len(known))]
-        chosen = ui.radio(words, words[bump], ["The Gaussian that the mouse and the sliders change."] * len(words))
-        if words.index(chosen) != bump:
-            session.select(side=side, bump=words.index(chosen))
-    gaussian = known[bump]
-    for parameter in gaussian.parameters():
-        if parameter.name in ("x", "y", "z"):
-            continue
-        if parameter.name == "vertex":
-            _draw_centre(ui, session, editor, spec, bump)
-        else:
-            _draw_parameter(ui, session, gaussian, parameter, editor, partial(_with_bump, spec, bump))
-    if ui.button("Add Gaussian", "One more bump, as far as possible from the others."):
-        editor.put_inner(bumps.added(spec, session.mesh), "family")
-        session.select(side=side, bump=len(known))
-    if len(known) > 1:
-        ui.beside()
-        if ui.button("Remove Gaussian", "Remove the bump that is chosen."):
-            editor.put_inner(bumps.removed(spec, bump), "family")
-            session.select(side=side, bump=max(bump - 1, 0))
-
-
-def _with_bump(spec: str, bump: int, gaussian: Family) -> str:
-    values = {entry.name: getattr(gaussian, entry.name) for entry in fields(gaussian) if entry.name != "vertex"}
-    return bumps.changed(spec, bump, **values)
-
-
-def _draw_centre(ui: Ui, session: Session, editor: _Editor, spec: str, bump: int) -> None:
-    """The vertex of a Gaussian, as the mesh file counts."""
-    try:
-        now = str(bumps.centre(bumps.gaussians(spec)[bump], session.mesh))
-    except FunctionError:
-        now = "?"
-    tip = "Where it sits, counted as in the mesh file. Or Shift-click, or Shift-drag, on the surface."
-    typed = ui.text("vertex", now, tip)
-    if typed is not None:
-        try:
-            session.mesh.local_vertex(int(typed))
-            editor.put_inner(bumps.changed(spec, bump, vertex=int(typed)), "vertex")
-        except ValueError:
-            ui.refuse("vertex", f"{typed!r} is no whole number")
-        except FunctionError as error:
-            ui.refuse("vertex", str(error))
-    ui.refusal("vertex")
-
-
-def _draw_parameter(
-    ui: Ui,
-    session: Session,
-    function: Family,
-    parameter: Parameter,
-    editor: _Editor,
-    text: Callable[[Family], str] = str,
-) -> None:
-    """The widget of one parameter; `text` makes the whole function of the changed family."""
-    name, value = parameter.name, getattr(function, parameter.name)
-    tip = parameter.summary + (f" ({parameter.unit})" if parameter.unit else "")
-    new: Any = None
-    if function.family == "expression":
-        return
-    if parameter.kind.choices:
-        chosen = ui.combo(name, value or "", parameter.kind.choices, tip)
-        new = chosen if chosen != value else None
-    elif name in _RANGES and value is not None:
-        r = _RANGES[name]
-        new = ui.number(name, float(value), r.low, r.high, tip, log=r.log, whole=r.whole)
-        new = new if new is None or not r.whole else round(new)
-    else:
-        shown = "" if value is None else ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
-        typed = ui.text(name, shown, tip, hint="none" if not parameter.required else "")
-        new = typed if typed is not None else None
-        if typed == "":
-            new = _Cleared
-    if new is not None:
-        try:
-            changed = replace(function, **{name: None if new is _Cleared else new})
-            editor.put_inner(text(changed), name)
-        except FunctionError as error:
-            ui.refuse(name, str(error))
-    if not (name in _RANGES and value is not None):
-        ui.refusal(name)
-
-
-class _Cleared:
-    """A parameter whose text was deleted."""
-
-
-def _near(spec: str, session: Session) -> int:
-    """A vertex where the function now is: its Gaussian's, or of its largest value."""
-    mesh: TriangleMesh = session.mesh
-    known = bumps.gaussians(spec)
-    if known:
-        return bumps.centre(known[0], mesh)
-    values = session.values("source")
-    return int(mesh.vertex_ids[int(values.argmax())]) if values is not None else int(mesh.vertex_ids[0])
+    def _vertex(self) -> int:
+        """Where the function now is, as the mesh file counts: at its first Gaussian, or where it is largest."""
+        mesh = self._session.mesh
+        for gaussian in bumps.gaussians(self._spec):
+            try:
+                return bumps.centre(gaussian, mesh)
+            except FunctionError:  # a vertex that was typed and is not there
+                continue
+        values = self._session.values(self._side)
+        return int(mesh.vertex_ids[0 if values is None else values.argmax()])

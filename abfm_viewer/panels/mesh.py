@@ -10,15 +10,17 @@ from abfm_viewer.ui import Ui
 def draw(ui: Ui, session: Session) -> None:
     """Draw facts and messages."""
     mesh = session.mesh
-    ui.note(f"{session.document.name}: {len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces", "ink")
-    ui.note(_topology(mesh))
-    ui.note(f"area {mesh.length_scale**2:.6g}; the solver takes its square root, {mesh.length_scale:.6g}, as 1")
+    ui.note(session.document.name, "ink")
+    ui.note(f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces; {_topology(mesh)}")
+    ui.note(f"area {mesh.length_scale**2:.4g}, of which the root, {mesh.length_scale:.4g}, is the unit of length")
     for message in mesh.messages:
         ui.note(message)
+    if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
+        ui.open_mesh()
 
 
 def _topology(mesh: TriangleMesh) -> str:
     if mesh.is_closed:
         return f"closed, genus {mesh.genus}"
     loops = mesh.boundary_loop_count
-    return f"genus {mesh.genus}, with {loops} boundary loop{'s' if loops > 1 else ''}"
+    return f"genus {mesh.genus}, {loops} boundary loop{'s' if loops > 1 else ''}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from abfm_viewer.panels import energy, functions, mesh, parameters, solver
+from abfm_viewer.panels import compare, energy, export, field, functions, maps, mesh, parameters, solver
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Rect, Ui
 
@@ -16,6 +16,10 @@ _SECTIONS: tuple[tuple[str, bool, Callable[[Ui, Session], None]], ...] = (
     ("Functions", True, functions.draw),
     ("Parameters", True, parameters.draw),
     ("Energy", True, energy.draw),
+    ("Field", False, field.draw),
+    ("Compare", False, compare.draw),
+    ("Maps", False, maps.draw),
+    ("Export", False, export.draw),
 )
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
+
 from abfm_viewer.session import Session
 from abfm_viewer.solver import advice
 from abfm_viewer.ui import Ui
+
+_STATE_HEIGHT = 68  # three lines
 
 
 def draw(ui: Ui, session: Session) -> None:
@@ -16,11 +20,17 @@ def draw(ui: Ui, session: Session) -> None:
         tip = "Find the field whose flow carries the source to the target (Ctrl+Enter)."
         if ui.button("Match", tip, primary=True, enabled=not obstacle, width=-1):
             session.match()
-        if obstacle:
-            failed = any(session.error(spec) for spec in session.specs)
-            ui.note(f"No match yet: {obstacle}", "error" if failed else "muted")
-        else:
-            _outcome(ui, session)
+        with _state(ui):
+            if obstacle:
+                failed = any(session.error(spec) for spec in session.specs)
+                ui.note(f"No match yet: {obstacle}", "error" if failed else "muted")
+            else:
+                _outcome(ui, session)
+
+
+def _state(ui: Ui) -> AbstractContextManager[None]:
+    """Room for what there is to say, always as high: what is below must not jump under the mouse."""
+    return ui.child("state", ui.px(_STATE_HEIGHT), border=False)
 
 
 def _run(ui: Ui, session: Session) -> None:
@@ -32,7 +42,13 @@ def _run(ui: Ui, session: Session) -> None:
     ui.beside()
     if ui.button("Cancel", "End the run and keep the best field so far.", width=-1):
         solver.cancel()
-    snapshot = solver.snapshot
+    with _state(ui):
+        _progress(ui, session)
+
+
+def _progress(ui: Ui, session: Session) -> None:
+    """How far a run has come."""
+    snapshot = session.solver.snapshot
     if snapshot is None:
         ui.progress(0, "")
         ui.note("Starting: factoring the norm of the field")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -25,6 +27,15 @@ def test_recent_files_come_latest_first_and_once(folder: StateFolder, tmp_path: 
     assert files[11] not in folder.recent()
     folder.clear_recent()
     assert folder.recent() == []
+
+
+def test_what_is_no_file_is_not_listed(folder: StateFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.off").touch()
+    monkeypatch.chdir(tmp_path)
+    folder.add_recent(Path("a.off"))
+    names = [None, {}, "", "a\0b", "x" * 5000, str(tmp_path), *json.loads((folder.path / "recent.json").read_text())]
+    (folder.path / "recent.json").write_text(json.dumps(names))
+    assert folder.recent() == [tmp_path / "a.off"]
 
 
 def test_preferences_are_kept(folder: StateFolder) -> None:
@@ -56,3 +67,13 @@ def test_the_environment_names_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert StateFolder().path == tmp_path
     monkeypatch.delenv(VARIABLE)
     assert StateFolder().path.name == "abfm"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="each system has its own place")
+def test_by_default_it_is_where_the_system_keeps_such_things(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert StateFolder().path == tmp_path / "abfm"
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert StateFolder().path == tmp_path / ".local" / "state" / "abfm"

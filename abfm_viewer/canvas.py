@@ -1,0 +1,81 @@
+"""Pictures of any size off the screen: every pixel is the mean of several samples, and edges fade without a halo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abfm.mesh import FloatArray
+from abfm_viewer import opengl
+from abfm_viewer.errors import DrawingError
+from abfm_viewer.opengl import ps
+
+Pixels = NDArray[np.uint8]
+
+_MOST_SAMPLES = {4: 40e6, 3: 80e6, 2: 140e6}  # samples along a side of a pixel, and the most of them in a picture
+_SMALL = 64
+# polyscope's tone mapping
+_GAMMA, _WHITE = 2.2, 0.75
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+@contextmanager
+def canvas(width: int, height: int) -> Iterator[None]:
+    """Make polyscope draw pictures of a size in pixels while the block lasts.
+
+    Raises
+    ------
+    DrawingError
+        Where the machine cannot draw, or no pictures of this size.
+    """
+    opengl.start(opengl.OFFSCREEN, _SMALL, _SMALL)
+    side = next((side for side, most in _MOST_SAMPLES.items() if width * height * side**2 <= most), 1)
+    try:
+        _resize(width, height, side)
+        yield
+    except RuntimeError as error:
+        if "OpenGl error" not in str(error):
+            raise
+        raise DrawingError(f"OpenGL cannot draw a picture of {width} x {height} pixels; choose a smaller one") from None
+    finally:
+        with suppress(RuntimeError):
+            _resize(_SMALL, _SMALL, 1)
+
+
+def drawn(transparent: bool) -> Pixels:
+    """What polyscope shows, (H, W, 3) on its background, or (H, W, 4) without."""
+    if not transparent:
+        return np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3])
+    ps.set_background_color((0.0, 0.0, 0.0, 0.0))
+    pixels = np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=True))
+    edge = (pixels[..., 3] > 0) & (pixels[..., 3] < 255)
+    pixels[edge, :3] = _without_black(pixels[edge, :3], pixels[edge, 3:])
+    return pixels
+
+
+def _resize(width: int, height: int, side: int) -> None:
+    ps.set_window_size(_SMALL, _SMALL)
+    ps.set_SSAA_factor(side)
+    ps.screenshot_to_buffer()  # polyscope takes the factor in when it draws,
+    ps.set_window_size(width, height)  # and off the screen makes its buffers anew only here
+
+
+def _without_black(colors: Pixels, alpha: Pixels) -> Pixels:
+    """Colours (n, 3) at an edge, which were mixed with black before their tones were mapped, without the black."""
+    share = alpha / 255
+    light = (np.maximum(colors, 1) / 255) ** _GAMMA
+    mapped = light @ _LUMINANCE[:, None]
+    # the inverse of the extended Reinhard curve that `_mapped` is
+    b = 1 - mapped
+    luminance = _WHITE**2 / 2 * (np.sqrt(b**2 + 4 * mapped / _WHITE**2) - b)
+    whole = luminance / share
+    encoded = np.clip(light / mapped * _mapped(whole), 0, 1) ** (1 / _GAMMA)
+    return np.round(255 * encoded).astype(np.uint8)
+
+
+def _mapped(luminance: FloatArray) -> FloatArray:
+    mapped: FloatArray = luminance * (1 + luminance / _WHITE**2) / (1 + luminance)
+    return mapped

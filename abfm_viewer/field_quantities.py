@@ -1,0 +1,214 @@
+"""What can be told of the field and its flow besides the advected function; all computed off the frame loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm_viewer.background import Latest
+from abfm_viewer.colormaps import ColorRange, linear_table
+from abfm_viewer.document import EXTRAPOLATION, FIELD_PARTS, FieldPart, Point
+from abfm_viewer.transport import FlowState
+
+if TYPE_CHECKING:
+    from abfm.flow_lines import FlowLine
+    from abfm.flow_maps import Distortion
+    from abfm_viewer.session import Session
+
+_TEXELS = 2048
+_SHADE = 0.55  # how much the darkest streak darkens
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """One part of one of the flow's fields.
+
+    Attributes
+    ----------
+    velocity : (F, 3) array
+        In the input's units.
+    speed : (F,) array
+    shares : dict of FieldPart to float
+        Of the squared norm of the whole field, for each Helmholtz-Hodge part; empty where these were not asked for.
+    """
+
+    mesh: TriangleMesh
+    velocity: FloatArray
+    speed: FloatArray
+    shares: dict[FieldPart, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """Colours (size, size, 3), linear light, and where the faces' corners lie in them, (3F, 2)."""
+
+    colors: FloatArray
+    corners: FloatArray
+
+
+class FieldQuantities:
+    """Answers with what was computed last for the same view, and None before there is anything."""
+
+    def __init__(self) -> None:
+        self._field: Latest[Field] = Latest("field")
+        self._scalar: Latest[FloatArray] = Latest("field values")
+        self._distortion: Latest[Distortion] = Latest("distortion")
+        self._texture: Latest[Texture] = Latest("streaks")
+        self._lines: Latest[list[FlowLine]] = Latest("flow lines")
+        self._paths: Latest[list[FlowLine]] = Latest("paths")
+        self._services: Sequence[Latest[object]] = (
+            self._field,
+            self._scalar,
+            self._distortion,
+            self._texture,
+            self._lines,
+            self._paths,
+        )  # type: ignore[assignment]
+
+    @property
+    def error(self) -> str:
+        """What could not be computed, in one line; empty if all could."""
+        return next((service.error for service in self._services if service.error), "")
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is still to come."""
+        return any(service.busy for service in self._services)
+
+    def field(self, session: Session) -> Field | None:
+        """The part of the field that the view asks for, at the shown time."""
+        flow = session.flow
+        if flow is None:
+            return None
+        segment = _segment(flow, session.flow_time)
+        part = session.view.part
+        found = self._field.ask((flow, segment, part), partial(_field, flow, segment, part))
+        stale = self._field.value
+        return found or (stale if stale is not None and stale.mesh is session.mesh else None)
+
+    def scalar(self, session: Session) -> FloatArray | None:
+        """Divergence or curl of the field at the vertices, (V,)."""
+        field, kind = self.field(session), session.view.coloring
+        if field is None:
+            return None
+        found = self._scalar.ask((field, kind), partial(_scalar, field, kind))
+        stale = self._scalar.value
+        return found if found is not None else stale if stale is not None and _fits(stale, session) else None
+
+    def distortion(self, session: Session) -> Distortion | None:
+        """Distortion of the flow's map at the shown time."""
+        flow, time = session.flow, session.flow_time
+        if flow is None:
+            return None
+        found = self._distortion.ask((flow, time), partial(_distortion, flow, time))
+        stale = self._distortion.value
+        fits = stale is not None and len(stale.area) == len(session.mesh.faces)
+        return found or (stale if fits else None)
+
+    def texture(self, session: Session, values: FloatArray, colors: ColorRange) -> Texture | None:
+        """Streaks along the field, coloured by a function (V,); None while they are computed."""
+        field = self.field(session)
+        if field is None or session.solver.running:
+            return None
+        return self._texture.ask((field, id(values), colors), partial(_texture, field, values, colors))
+
+    def lines(self, session: Session) -> list[FlowLine]:
+        """Flow lines through the points that were clicked on: against the flow for tau, and with it for tau."""
+        field, points = self.field(session), session.document.lines
+        if field is None or not points:
+            return []
+        assert session.flow is not None
+        tau = session.flow.parameters.tau
+        found = self._lines.ask((field, points, tau), partial(_lines, field, points, tau))
+        return found or []
+
+    def paths(self, session: Session) -> list[FlowLine]:
+        """The ways of the points that are followed, to the end of the time bar."""
+        flow, points = session.flow, session.document.points
+        if flow is None or not points:
+            return []
+        return self._paths.ask((flow, points), partial(_paths, flow, points)) or []
+
+    def close(self) -> None:
+        """Stop the threads."""
+        for service in self._services:
+            service.close()
+
+
+def _fits(values: FloatArray, session: Session) -> bool:
+    return len(values) == len(session.mesh.vertices)
+
+
+def _segment(flow: FlowState, time: float) -> int:
+    """Which of N fields acts at a time."""
+    count = len(flow.velocity)
+    return min(int(time / flow.parameters.tau * count * (1 - 1e-12)), count - 1)
+
+
+def _field(flow: FlowState, segment: int, part: FieldPart) -> Field:
+    velocity = flow.velocity[segment]
+    shares: dict[FieldPart, float] = {}
+    if part != "whole":
+        from abfm.helmholtz_hodge import helmholtz_hodge
+        from abfm.operators import face_areas
+
+        parts = dict(zip(FIELD_PARTS[1:], helmholtz_hodge(flow.mesh, velocity), strict=True))
+        norms = {name: float(face_areas(flow.mesh) @ (v**2).sum(axis=1)) for name, v in parts.items()}
+        shares = {name: norm / max(sum(norms.values()), 1e-300) for name, norm in norms.items()}
+        velocity = parts[part]
+    return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), shares)
+
+
+def _scalar(field: Field, kind: str) -> FloatArray:
+    from abfm.operators import curl, divergence
+    from abfm.vector_fields import to_frame
+
+    operator = divergence(field.mesh) if kind == "divergence" else curl(field.mesh)
+    return np.asarray(operator @ to_frame(field.mesh, field.velocity).ravel())
+
+
+def _distortion(flow: FlowState, time: float) -> Distortion:
+    from abfm.flow_maps import distortion, project_onto_surface
+
+    carried = flow.carry(flow.mesh.vertices, np.array([-time]))[0]
+    return distortion(flow.mesh, project_onto_surface(flow.mesh, carried).positions)
+
+
+def _texture(field: Field, values: FloatArray, colors: ColorRange) -> Texture:
+    from abfm.line_integral import line_integral_convolution
+
+    atlas, streaks = line_integral_convolution(field.mesh, field.velocity, size=_TEXELS)
+    share = (atlas.image(values) - colors.low) / (colors.high - colors.low)
+    table = linear_table(colors.colormap, 1024).astype(np.float32)
+    index = np.clip(share * 1023, 0, 1023).astype(np.int32)
+    shade = 1 - _SHADE + _SHADE * streaks
+    return Texture(table[index] * shade[:, :, None], atlas.corner_coordinates)
+
+
+@dataclass(frozen=True, eq=False)
+class _Starts:
+    faces: IntArray
+    barycentric: FloatArray
+
+
+def _starts(points: tuple[Point, ...]) -> _Starts:
+    return _Starts(np.array([p.face for p in points]), np.array([p.barycentric for p in points]))
+
+
+def _lines(field: Field, points: tuple[Point, ...], tau: float) -> list[FlowLine]:
+    from abfm.flow_lines import flow_lines
+
+    starts = _starts(points)
+    return [line for time in (-tau, tau) for line in flow_lines(field.mesh, field.velocity, starts, time)]
+
+
+def _paths(flow: FlowState, points: tuple[Point, ...]) -> list[FlowLine]:
+    from abfm.flow_lines import flow_lines
+
+    tau = flow.parameters.tau
+    return flow_lines(flow.mesh, flow.velocity, _starts(points), EXTRAPOLATION * tau, tau)

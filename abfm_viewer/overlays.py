@@ -1,0 +1,146 @@
+"""What is drawn over the advected surface: arrows of the field, flow lines, and points that are followed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm_viewer import material, theme
+from abfm_viewer.field_quantities import Field
+from abfm_viewer.opengl import ps
+from abfm_viewer.session import Session
+from abfm_viewer.theme import Color
+
+if TYPE_CHECKING:
+    from abfm.flow_lines import FlowLine
+
+_ARROWS, _LINES, _PATHS, _NOW, _START = (
+    "arrows",
+    "flow lines",
+    "ways of points",
+    "followed points",
+    "starts of points",
+)
+_LIFT = 0.004  # of sqrt(area): what lies on a surface is hidden by it where it bends
+_THIN, _POINT = 0.0025, 0.014
+
+
+class Overlays:
+    """polyscope's structures besides the surfaces; they are made anew when what they show changes."""
+
+    def __init__(self) -> None:
+        self._shown: dict[str, tuple[object, ...]] = {}
+
+    def update(self, session: Session, offsets: dict[str, FloatArray]) -> None:
+        """Show what the view and the document ask for."""
+        quantities = session.quantities
+        view, colors = session.view, theme.palette(session.view.theme)
+        home = offsets["advected"]
+        place = tuple(home)
+        field = quantities.field(session) if view.arrows else None
+        if field is None:
+            self._remove(_ARROWS)
+        elif self._is_new(_ARROWS, (field, view.arrow_length, view.arrow_density, view.theme, place)):
+            _draw_arrows(field, view.arrow_length, view.arrow_density, home, colors.ink)
+        lines = quantities.lines(session)
+        if not lines:
+            self._remove(_LINES)
+        elif self._is_new(_LINES, (tuple(lines), view.theme, place)):
+            _draw_curves(_LINES, session.mesh, lines, home, colors.marker)
+        self._update_paths(session, quantities.paths(session), offsets)
+
+    def _update_paths(self, session: Session, paths: list[FlowLine], offsets: dict[str, FloatArray]) -> None:
+        """The ways of points, and where they are now."""
+        if not paths:
+            for name in (_PATHS, _NOW, _START):
+                self._remove(name)
+            return
+        mesh, view, home = session.mesh, session.view, offsets["advected"]
+        color = theme.palette(view.theme).marker
+        if self._is_new(_PATHS, (tuple(paths), view.theme, tuple(home))):
+            _draw_curves(_PATHS, mesh, paths, home, color)
+        now = np.array([path.at(session.flow_time) for path in paths])
+        if self._is_new(_NOW, (tuple(paths), session.flow_time, view.theme, tuple(home))):
+            _draw_points(_NOW, mesh, now + home, color)
+        start = offsets.get("source")
+        if start is None:
+            self._remove(_START)
+        elif self._is_new(_START, (tuple(paths), view.theme, tuple(start))):
+            _draw_points(_START, mesh, np.array([path.positions[0] for path in paths]) + start, color)
+
+    def structures(self) -> Iterator[tuple[str, Any]]:
+        """What is drawn now, each with the surface that it belongs to."""
+        for name in self._shown:
+            get = ps.get_curve_network if name in (_LINES, _PATHS) else ps.get_point_cloud
+            yield "source" if name == _START else "advected", get(name)
+
+    def move(self, matrices: dict[str, FloatArray]) -> None:
+        """Move each structure as the surface that it is drawn on: matrices (4, 4) by the surfaces' names."""
+        for name in self._shown:
+            get = ps.get_curve_network if name in (_LINES, _PATHS) else ps.get_point_cloud
+            get(name).set_transform(matrices["source" if name == _START else "advected"])
+
+    def clear(self) -> None:
+        """Forget what was drawn: polyscope's structures were removed."""
+        for name in list(self._shown):
+            self._remove(name)
+
+    def _is_new(self, name: str, made_of: tuple[object, ...]) -> bool:
+        if self._shown.get(name) == made_of:
+            return False
+        self._remove(name)
+        self._shown[name] = made_of
+        return True
+
+    def _remove(self, name: str) -> None:
+        if self._shown.pop(name, None) is None:
+            return
+        if name in (_LINES, _PATHS):
+            ps.remove_curve_network(name, error_if_absent=False)
+        else:
+            ps.remove_point_cloud(name, error_if_absent=False)
+
+
+def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
+    """Faces spread over the surface: one in each cube of a grid in space whose size falls with the density, 0 to 1."""
+    centers = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
+    side = 0.12 * (0.15 / 0.12) ** (1 - min(max(density, 0.0), 1.0)) * 10 ** (-0.9 * min(max(density, 0.0), 1.0))
+    cells = np.floor(centers / side).astype(np.int64)
+    return np.asarray(np.sort(np.unique(cells, axis=0, return_index=True)[1]))
+
+
+def _draw_arrows(field: Field, length: float, density: float, home: FloatArray, color: Color) -> None:
+    mesh = field.mesh
+    fastest = float(field.speed.max())
+    faces = evenly_spread(mesh, density)
+    faces = faces[field.speed[faces] > 0.01 * fastest] if fastest > 0 else faces[:0]
+    centers = mesh.vertices[mesh.faces[faces]].mean(axis=1) + _LIFT * mesh.length_scale * _normals(mesh)[faces]
+    vectors = field.velocity[faces] * (length * mesh.length_scale / max(fastest, 1e-300))
+    cloud = ps.register_point_cloud(_ARROWS, centers + home, radius=1e-6, material=material.NAME, color=color[:3])
+    cloud.set_radius(1e-9, relative=False)
+    cloud.add_vector_quantity(
+        "field", vectors, enabled=True, vectortype="ambient", color=color[:3], radius=0.0012, material=material.NAME
+    )
+
+
+def _draw_curves(name: str, mesh: TriangleMesh, lines: list[FlowLine], home: FloatArray, color: Color) -> None:
+    nodes = np.concatenate([line.positions + _LIFT * mesh.length_scale * _normals(mesh)[line.faces] for line in lines])
+    counts = np.cumsum([len(line.positions) for line in lines])
+    edges = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
+    edges = edges[~np.isin(edges[:, 1], counts)]
+    network = ps.register_curve_network(name, nodes + home, edges, color=color[:3], material=material.NAME)
+    network.set_radius(_THIN * mesh.length_scale, relative=False)
+
+
+def _draw_points(name: str, mesh: TriangleMesh, positions: FloatArray, color: Color) -> None:
+    cloud = ps.register_point_cloud(name, positions, color=color[:3], material=material.NAME)
+    cloud.set_radius(_POINT * mesh.length_scale, relative=False)
+
+
+def _normals(mesh: TriangleMesh) -> FloatArray:
+    from abfm.operators import face_normals
+
+    return face_normals(mesh)

@@ -1,0 +1,49 @@
+"""The list of channels: pairs of a source and a target that one flow should match, each with a weight."""
+
+from __future__ import annotations
+
+from abfm import FunctionError
+from abfm.functions import Family, Sum, parse
+from abfm_viewer.session import Session
+from abfm_viewer.ui import Ui
+
+_WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves the channel out."
+
+
+def draw(ui: Ui, session: Session) -> None:
+    """Draw the list where there are several, and the buttons that change it."""
+    several = len(session.channels) > 1
+    if several:
+        for number, channel in enumerate(session.channels):
+            label = f"{number + 1}: {_short(channel.source)} to {_short(channel.target)}, weight {channel.weight:g}"
+            chosen, _ = ui.row(label, number == session.document.channel)
+            if chosen:
+                session.select(channel=number, bump=0)
+    if ui.button("Add", "One more channel: another pair of functions that the same flow should match."):
+        session.add_channel()
+    ui.beside_if_fits("Duplicate")
+    if ui.button("Duplicate", "Copy the active channel."):
+        session.duplicate_channel()
+    ui.beside_if_fits("Remove")
+    if ui.button("Remove", "Remove the active channel.", enabled=several):
+        session.remove_channel()
+    ui.beside_if_fits("Swap")
+    if ui.button("Swap", "Exchange the active channel's source and target."):
+        session.swap_channel()
+    if several and session.active is not None:
+        weight = ui.number("weight", session.active.weight, 0, 10, _WEIGHT)
+        if weight is not None:
+            try:
+                session.set_weight(weight, "weight")
+                ui.refuse("weight", "")
+            except FunctionError as error:
+                ui.refuse("weight", str(error))
+
+
+def _short(spec: str) -> str:
+    """A function in a word."""
+    tree = parse(spec)
+    if isinstance(tree, Sum):
+        words = {term.family if isinstance(term, Family) else "function" for term in tree.terms}
+        return f"{len(tree.terms)} {words.pop()}s" if len(words) == 1 else f"{len(tree.terms)} terms"
+    return tree.family if isinstance(tree, Family) else "function"

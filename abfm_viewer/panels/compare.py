@@ -1,0 +1,30 @@
+"""The result beside what a user would compare it with, in pictures and numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from abfm_viewer.session import Session
+from abfm_viewer.ui import Ui
+
+
+def draw(ui: Ui, session: Session) -> None:
+    """Draw the switches and the numbers."""
+    view = session.view
+    blend = ui.checkbox(
+        "linear blend", view.blend, "A surface with (1 - t/tau) source + t/tau target: nothing moves, it only fades."
+    )
+    error = ui.checkbox("error", view.error, "A surface with |target - advected|, on a range of its own.")
+    if (blend, error) != (view.blend, view.error):
+        session.set_view("compare", blend=blend, error=error)
+    target, advected = session.values("target"), session.advected()
+    if target is None or advected is None:
+        return
+    difference = np.abs(target - advected)
+    worst = int(np.argmax(difference))
+    ui.note(
+        f"At time {session.time:.4g} the error is at most {difference[worst]:.4g}, at vertex "
+        f"{session.mesh.vertex_ids[worst]}; on average {float(difference.mean()):.4g}."
+    )
+    if session.result is not None and not session.outdated:
+        ui.note(f"Mismatch at tau: {session.result.mismatch:.4f}, relative to the target in L2.")

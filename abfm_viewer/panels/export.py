@@ -1,0 +1,97 @@
+"""Pictures, movies and data of what the window shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from abfm_viewer.documents import known_values
+from abfm_viewer.exporter import Exporter, Known
+from abfm_viewer.session import Session
+from abfm_viewer.ui import Ui
+
+_SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}
+_OWN = "own size"
+_MOVIES, _DATA = (".mp4", ".gif"), (".npz", ".ply", ".vtu", ".csv")
+
+
+def draw(ui: Ui, session: Session) -> None:
+    """Draw the settings and the buttons."""
+    exporter = session.exporter
+    with ui.disabled(exporter.running):
+        _draw_size(ui, exporter)
+        if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
+            ui.choose_to_save("Save a picture", (".png",), "picture.png", partial(_save_picture, session))
+        ui.heading("movie")
+        _draw_movie(ui, session, exporter)
+        if ui.button(
+            "Save movie...", "The flow from one time to another (.mp4 or .gif), every frame computed exactly."
+        ):
+            ui.choose_to_save("Save a movie", _MOVIES, "movie.mp4", partial(_save_movie, session))
+        ui.heading("data")
+        if session.result is None:
+            ui.note(
+                "After a match: the result (.npz), the mesh with functions and field (.ply, .vtu), energies (.csv)."
+            )
+        tip = "The result (.npz), the mesh with functions and field (.ply, .vtu), or the energies (.csv)."
+        if ui.button("Save result...", tip, enabled=session.result is not None):
+            ui.choose_to_save("Save the result", _DATA, "match.npz", partial(_save_result, session))
+    if exporter.running:
+        ui.progress(exporter.progress, f"{100 * exporter.progress:.0f}%")
+        if ui.button("Cancel export", "Stop; an older file stays as it was."):
+            exporter.cancel()
+    elif exporter.message:
+        ui.note(exporter.message, "error" if exporter.failed else "good")
+
+
+def _draw_size(ui: Ui, exporter: Exporter) -> None:
+    picture = exporter.picture
+    names = {size: name for name, size in _SIZES.items()}
+    now = names.get((picture.width, picture.height), _OWN)
+    chosen = ui.combo("size", now, [*_SIZES, _OWN] if now == _OWN else list(_SIZES), "Of pictures and movies.")
+    if chosen != now:
+        exporter.picture = picture = replace(picture, width=_SIZES[chosen][0], height=_SIZES[chosen][1])
+    width = ui.number("pixels across", picture.width, 320, 7680, "320 to 8192.", whole=True)
+    height = ui.number("pixels down", picture.height, 240, 4320, "240 to 8192.", whole=True)
+    if width is not None:
+        picture = replace(picture, width=round(min(max(width, 320), 8192)))
+    if height is not None:
+        picture = replace(picture, height=round(min(max(height, 240), 8192)))
+    transparent = ui.checkbox("transparent", picture.transparent, "A picture without a ground, for slides and papers.")
+    bar = ui.checkbox("color bar", picture.color_bar, "Whether pictures and movies have one.")
+    exporter.picture = replace(picture, transparent=transparent, color_bar=bar)
+
+
+def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
+    movie, tau = exporter.movie, session.parameters.tau
+    seconds = ui.number("seconds", movie.seconds, 0.5, 20, "How long the movie is.")
+    fps = ui.number("fps", movie.fps, 5, 60, "Frames a second; at most 120, in a GIF 50.", whole=True)
+    start = ui.number("from", movie.start * tau, 0, session.end, "The first time shown.")
+    end = ui.number("to", movie.end * tau, 0, session.end, "The last time shown; beyond tau the flow goes on.")
+    turn = ui.number("turntable", movie.turntable, -360, 360, "How far the surfaces turn meanwhile, in degrees.")
+    exporter.movie = replace(
+        movie,
+        seconds=movie.seconds if seconds is None else min(max(seconds, 0.1), 600.0),
+        fps=movie.fps if fps is None else min(max(fps, 1.0), 120.0),
+        start=movie.start if start is None else min(max(start, 0.0), session.end) / tau,
+        end=movie.end if end is None else min(max(end, 0.0), session.end) / tau,
+        turntable=movie.turntable if turn is None else turn,
+    )
+
+
+def _save_picture(session: Session, path: Path) -> None:
+    session.exporter.save_picture(path, session.document, _known(session))
+
+
+def _save_movie(session: Session, path: Path) -> None:
+    session.exporter.save_movie(path, session.document, _known(session))
+
+
+def _save_result(session: Session, path: Path) -> None:
+    if session.result is not None:
+        session.exporter.save_result(path, session.result)
+
+
+def _known(session: Session) -> Known:
+    return partial(known_values, session.document, session.functions)

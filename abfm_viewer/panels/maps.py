@@ -1,0 +1,55 @@
+"""The flow as a map: what it does to coordinates, textures and points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from abfm_viewer.document import Coloring
+from abfm_viewer.session import Session
+from abfm_viewer.ui import Ui
+
+_COLORINGS: tuple[Coloring, ...] = (
+    "function",
+    "coordinates",
+    "checker",
+    "area distortion",
+    "conformal distortion",
+)
+_TIPS = (
+    "The advected function itself.",
+    "The coordinates as red, green and blue, carried by the flow.",
+    "A checkerboard, carried by the flow.",
+    "How much larger (red) or smaller (blue) the map makes each face.",
+    "How much the map stretches each face in one direction more than in the other.",
+)
+
+
+def draw(ui: Ui, session: Session) -> None:
+    """Draw the choice of the map's picture, and the points that are followed."""
+    view, quantities = session.view, session.quantities
+    chosen = ui.radio(_COLORINGS, view.coloring, _TIPS)
+    if chosen != view.coloring:
+        session.set_view(f"color by {chosen}", coloring=chosen)
+    if view.coloring in ("area distortion", "conformal distortion"):
+        found = quantities.distortion(session)
+        if found is not None:
+            area, angle = np.median(found.area), np.median(found.conformal)
+            ui.note(
+                f"Area's factor: median {area:.3f}, 5 to 95% {np.percentile(found.area, 5):.3f} to "
+                f"{np.percentile(found.area, 95):.3f}. Stretches' ratio: median {angle:.3f}, 95% below "
+                f"{np.percentile(found.conformal, 95):.3f}. Flipped faces: {int(found.flipped.sum())}."
+            )
+    follow = ui.checkbox(
+        "follow clicked points", view.tool == "follow a point", "A click on a surface marks a point, which then moves."
+    )
+    if follow != (view.tool == "follow a point"):
+        session.set_view("choose what a click does", tool="follow a point" if follow else "nothing")
+    paths = quantities.paths(session)
+    for point, path in zip(session.document.points, paths, strict=False):
+        x, y, z = path.at(session.flow_time)
+        corner = session.mesh.faces[point.face][int(np.argmax(point.barycentric))]
+        ui.note(f"from vertex {session.mesh.vertex_ids[corner]} to ({x:.4g}, {y:.4g}, {z:.4g})")
+    if session.document.points and ui.button("Clear points", "Follow no points any more."):
+        session.change("clear points", points=())
+    if quantities.error:
+        ui.note(quantities.error, "error")

@@ -1,0 +1,144 @@
+"""No exception ends the app: each part shows its error in its place, and the rest lives on."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import pytest
+
+import abfm
+from abfm_viewer import panels, window
+from abfm_viewer.panels import menus, status_line, time_bar
+
+PARTS = {"menu": (menus, "draw"), "time bar": (time_bar, "draw"), "status line": (status_line, "draw")}
+SECTIONS = ("Mesh", "Functions", "Parameters", "Energy", "Field", "Compare", "Maps", "Export")
+PARTS |= {"labels": (window, "draw_annotations"), "Solver": (panels.solver, "draw")}
+
+
+def fail(*_arguments, **_options):
+    raise RuntimeError("the roof leaks")
+
+
+def lives(gui):
+    """Whether the window still draws frames and answers."""
+    before = gui.window.frames
+    gui.frames(3)
+    gui.key("l")
+    gui.key("l")
+    return gui.window.frames > before + 3
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_a_part_that_fails_is_named_and_comes_back(gui, monkeypatch, capsys, part):
+    with monkeypatch.context() as patch:
+        patch.setattr(*PARTS[part], fail)
+        gui.frames(3)
+        assert gui.errors == {part: "RuntimeError: the roof leaks"}
+        assert gui.session.notice.is_error
+        assert gui.session.notice.text == f"{part}: RuntimeError: the roof leaks"
+        assert lives(gui)
+    gui.frames(2)
+    assert gui.errors == {}
+    assert capsys.readouterr().err.count("Traceback") == 1
+    gui.click("Match")
+    gui.wait(lambda s: s.solver.finished)
+
+
+def panel(section):
+    """The module that draws a section."""
+    return import_module(f"abfm_viewer.panels.{section.lower()}")
+
+
+def test_the_sections_are_these(gui):
+    assert tuple(w.label for w in gui.window.ui.widgets if w.kind == "section" and not w.section) == SECTIONS
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_a_section_that_fails_leaves_the_others(gui, monkeypatch, section):
+    gui.window.ui.open_sections[section] = True
+    with monkeypatch.context() as patch:
+        patch.setattr(panel(section), "draw", fail)
+        gui.frames(3)
+        assert gui.errors == {section: "RuntimeError: the roof leaks"}
+        assert set(SECTIONS) <= set(gui.labels())
+        assert lives(gui)
+        gui.drag("time", 0.5)
+    gui.frames(2)
+    assert gui.errors == {}
+
+
+def test_sections_that_fail_halfway_leave_imgui_whole(gui, monkeypatch):
+    def draw(ui, *_arguments):
+        with ui.group("deep"), ui.disabled(), ui.child("inner", 40), ui.section("more") as is_open:
+            assert is_open
+            fail()
+
+    with monkeypatch.context() as patch:
+        for section in SECTIONS:
+            gui.window.ui.open_sections[section] = True
+            patch.setattr(panel(section), "draw", draw)
+        assert lives(gui)
+        assert set(gui.errors) == set(SECTIONS)
+    gui.frames(2)
+    gui.type("alpha", "3")
+    assert gui.session.parameters.alpha == 3
+
+
+@pytest.mark.parametrize("method", ["update", "pick"])
+def test_a_scene_that_fails(gui, monkeypatch, method):
+    with monkeypatch.context() as patch:
+        patch.setattr(gui.window.scene, method, fail)
+        gui.input.move(100, 200)
+        gui.input.hold("shift", True)
+        gui.input.click()
+        gui.input.hold("shift", False)
+        assert set(gui.errors) <= {"scene", "mouse", "labels"}
+        assert lives(gui)
+    gui.frames(2)
+
+
+def test_a_session_that_fails(gui, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(gui.session, "update", fail)
+        gui.frames(2)
+        assert gui.errors == {"session": "RuntimeError: the roof leaks"}
+    gui.frames(2)
+    assert lives(gui)
+
+
+def test_a_dialog_that_fails_is_closed(gui, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr("abfm_viewer.dialogs.message.Message.draw", fail)
+        gui.menu("Help", "About")
+        gui.frames(2)
+        assert not gui.window.dialogs.is_open
+    assert lives(gui)
+
+
+def test_a_solver_that_fails_says_why(gui, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(abfm, "match", fail)
+        gui.click("Match")
+        gui.wait(lambda s: s.solver.finished)
+    assert gui.session.solver.failed
+    assert gui.session.notice.text == "the solver stopped: RuntimeError: the roof leaks"
+    gui.click("Match")
+    gui.wait(lambda s: s.solver.finished)
+    assert not gui.session.solver.failed
+
+
+def test_a_function_that_cannot_be_evaluated_says_why(gui):
+    gui.type("spec", "gaussian:vertex=99999,width=0.1", within="source")
+    gui.wait(lambda s: s.error("gaussian:vertex=99999,width=0.1"))
+    assert not gui.is_enabled("Match")
+    gui.key("ctrl+z")
+    gui.wait(lambda s: not s.obstacle)
+    assert gui.is_enabled("Match")
+
+
+def test_a_file_that_cannot_be_read_says_why(gui, tmp_path):
+    (tmp_path / "bad.off").write_text("OFF\nnonsense\n")
+    gui.menu("File", "Open mesh...")
+    gui.double_click("bad.off")
+    gui.wait(lambda s: s.notice.is_error)
+    assert "bad.off" in gui.session.notice.text

@@ -1,0 +1,94 @@
+"""Field, Compare and Maps: what the surfaces show, arrows, streaks, flow lines, followed points."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from abfm_viewer.document import FIELD_PARTS
+
+MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")
+
+
+def calm(gui):
+    """Wait until nothing is computed in the background."""
+    gui.wait(lambda s: not s.busy)
+    gui.frames(5)
+
+
+def test_the_advected_surface_shows_the_field(matched):
+    for coloring in ("speed", "divergence", "curl", "function"):
+        matched.choose("color by", coloring)
+        assert matched.session.view.coloring == coloring
+        calm(matched)
+    for part in (*FIELD_PARTS[1:], FIELD_PARTS[0]):
+        matched.choose("part", part)
+        assert matched.session.view.part == part
+        calm(matched)
+    assert not matched.errors
+
+
+def test_arrows_and_streaks(matched):
+    matched.check("arrows")
+    matched.drag("length", 0.2)
+    assert matched.session.view.arrow_length == pytest.approx(0.2, abs=0.01)
+    matched.type("length", "0.15", within="Field")
+    matched.drag("density", 0.8)
+    matched.type("density", "0.5", within="Field")
+    assert matched.session.view.arrow_density == 0.5
+    matched.check("streaks")
+    calm(matched)
+    matched.check("arrows", False)
+    matched.check("streaks", False)
+    calm(matched)
+    assert not matched.errors
+
+
+def test_clicks_start_flow_lines_and_follow_points(matched):
+    for tool, name, clear in (
+        ("flow line", "lines", "Clear lines"),
+        ("follow a point", "points", "Clear points"),
+    ):
+        matched.click(tool, within="Field")
+        matched.pick(vertex=12, surface="advected", modifiers=())
+        matched.pick(vertex=40, surface="source", modifiers=())
+        assert len(getattr(matched.session.document, name)) == 2
+        calm(matched)
+        matched.drag("time", 0.3)
+        matched.click(clear)
+        assert getattr(matched.session.document, name) == ()
+    matched.click("nothing", within="Field")
+    matched.pick(vertex=12, modifiers=())
+    assert matched.session.document.points == ()
+    matched.check("follow clicked points")
+    assert matched.session.view.tool == "follow a point"
+    matched.check("follow clicked points", False)
+    assert matched.session.view.tool == "nothing"
+
+
+def test_maps_color_the_advected_surface(matched):
+    for coloring in MAPS:
+        matched.click(coloring, within="Maps")
+        assert matched.session.view.coloring == coloring
+        calm(matched)
+        matched.drag("time", 0.5)
+        calm(matched)
+
+
+def test_the_comparison_has_surfaces_of_its_own(matched):
+    scene = matched.window.scene
+    matched.check("linear blend")
+    calm(matched)
+    assert len(scene.names) == 4
+    matched.check("error")
+    calm(matched)
+    assert len(scene.names) == 5
+    matched.type("time", "0.5")
+    calm(matched)
+    source, target = (matched.session.values(side) for side in ("source", "target"))
+    blend = next(name for name in scene.names if "blend" in name)
+    np.testing.assert_allclose(scene.paints[blend].values, 0.5 * (source + target), atol=1e-6)
+    matched.check("linear blend", False)
+    matched.check("error", False)
+    matched.frames(2)
+    assert scene.names == ("source", "advected", "target")

@@ -1,0 +1,208 @@
+"""Every entry of every menu, the dialogs that they open, and what the view does to the window."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from abfm import Parameters, load_mesh
+from abfm_viewer import colormaps, shortcuts
+from abfm_viewer.document import LAYOUTS
+from abfm_viewer.panels.menus import UI_SCALES
+from abfm_viewer.presets import PRESETS
+from tests.mesh_writers import off_text
+from tests.shapes import icosphere
+from tests.viewer.end_to_end.conftest import EGG
+
+
+@pytest.fixture
+def sphere_file(tmp_path):
+    """Another mesh."""
+    sphere = icosphere(2)
+    path = tmp_path / "sphere.off"
+    path.write_text(off_text(sphere.vertices, sphere.faces))
+    return path
+
+
+def test_a_mesh_is_opened_and_is_recent_then(gui, sphere_file):
+    gui.menu("File", "Open mesh...")
+    gui.click("Cancel", within="Open a mesh")
+    assert not gui.window.dialogs.is_open
+    gui.menu("File", "Open mesh...")
+    gui.click(sphere_file.name)
+    gui.click("Open")
+    gui.wait(lambda s: len(s.mesh.vertices) == 162 and s.values("target") is not None)
+    gui.key("ctrl+z")
+    assert gui.session.mesh is EGG
+    gui.menu("File", "Recent", recent_label(gui))
+    gui.wait(lambda s: len(s.mesh.vertices) == 162 and s.values("target") is not None)
+    np.testing.assert_array_equal(gui.session.mesh.faces, load_mesh(sphere_file).faces)
+    gui.menu("File", "Recent", "Clear recent")
+    assert gui.window.documents.recent() == []
+
+
+def recent_label(gui):
+    """What the menu calls the latest file."""
+    gui.click("File")
+    gui.click("Recent")
+    label = next(w.label for w in gui.window.ui.widgets if w.section == "File/Recent")
+    gui.key("esc")
+    gui.key("esc")
+    return label
+
+
+def test_folders_are_gone_through(gui, tmp_path, sphere_file):
+    (tmp_path / "inner").mkdir()
+    gui.menu("File", "Open mesh...")
+    gui.double_click("inner/")
+    gui.click("Up")
+    gui.click(sphere_file.name)
+    gui.click("Home")
+    gui.type("folder", str(tmp_path))
+    gui.double_click(sphere_file.name)
+    gui.wait(lambda s: len(s.mesh.vertices) == 162 and s.values("target") is not None)
+
+
+def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
+    matched.type("sigma", "0.02")
+    matched.drag("time", 0.7)
+    saved = matched.session.document
+    matched.menu("File", "Save project")
+    matched.type("file name", "first", enter=False)
+    matched.click("Save", within="Save the project")
+    matched.wait(lambda s: not s.unsaved)
+    matched.menu("File", "Save project as...")
+    matched.type("file name", "first", enter=False)
+    matched.click("Save", within="Save the project")
+    matched.click("Go back", within="Replace the file?")
+    matched.click("Cancel", within="Save the project")
+    matched.menu("File", "Save project as...")
+    matched.type("file name", "first", enter=False)
+    matched.click("Save", within="Save the project")
+    matched.click("Replace")
+    matched.wait(lambda _: not matched.window.documents.saving)
+    matched.click("Reset to defaults", within="Parameters")
+    matched.menu("File", "Open project...")
+    matched.double_click("first.abfm")
+    matched.wait(lambda s: s.path == tmp_path / "first.abfm" and s.parameters.sigma == 0.02)
+    opened = matched.session.document
+    for name in ("channels", "parameters", "mask", "time", "view", "lines", "points", "channel", "side", "bump"):
+        assert getattr(opened, name) == getattr(saved, name), name
+    np.testing.assert_array_equal(opened.mesh.vertices, saved.mesh.vertices)
+    np.testing.assert_array_equal(opened.mesh.faces, saved.mesh.faces)
+    np.testing.assert_array_equal(opened.result.velocity, saved.result.velocity)
+    np.testing.assert_array_equal(opened.runs[0].energies, saved.runs[0].energies)
+    matched.wait(lambda s: not s.busy)
+    assert not matched.session.unsaved
+
+
+def test_undo_goes_back_to_the_start_and_redo_to_the_end(gui):
+    start = gui.session.document
+    gui.type("alpha", "0.5")
+    gui.click("Swap")
+    gui.click("Match")
+    gui.wait(lambda s: s.solver.finished)
+    gui.drag("time", 0.4)
+    gui.menu("View", "Dark theme")
+    end = gui.session.document
+    steps = 0
+    while gui.session.history.undo_label:
+        gui.menu("Edit", "Undo")
+        steps += 1
+    assert steps >= 5
+    assert not gui.is_enabled("Undo", within="Edit")
+    gui.key("esc")
+    for name in ("channels", "parameters", "result", "runs", "view"):
+        assert getattr(gui.session.document, name) == getattr(start, name), name
+    while gui.session.history.redo_label:
+        gui.menu("Edit", "Redo")
+    for name in ("channels", "parameters", "result", "runs", "view", "time"):
+        assert getattr(gui.session.document, name) == getattr(end, name), name
+
+
+def test_light_and_dark(gui, tmp_path):
+    brightness = {}
+    for theme in ("Dark theme", "Light theme"):
+        gui.menu("View", theme)
+        gui.screenshot(tmp_path / "a.png")
+        brightness[theme] = np.asarray(Image.open(tmp_path / "a.png").convert("L")).mean()
+    assert brightness["Dark theme"] < 120 < 180 < brightness["Light theme"]
+
+
+def test_every_layout_color_map_and_scale(gui):
+    for layout in (*LAYOUTS[1:], LAYOUTS[0]):
+        gui.menu("View", "Layout", layout)
+        assert gui.session.view.layout == layout
+        assert gui.window.scene.names == (
+            ("advected",) if layout == "advected only" else ("source", "advected", "target")
+        )
+    for colormap in (*colormaps.NAMES, "automatic"):
+        gui.menu("View", "Colour map", colormap)
+        assert gui.session.view.colormap == colormap
+    for scale in (*UI_SCALES[1:], UI_SCALES[0]):
+        gui.menu("View", "UI scale", f"{scale:g}")
+        assert gui.session.view.ui_scale == scale
+        assert gui.window.parts.panel[2] - gui.window.parts.panel[0] >= 379
+    for label, name in (("Isolines", "isolines"), ("Colour bar", "color_bar")):
+        before = getattr(gui.session.view, name)
+        gui.menu("View", label)
+        assert getattr(gui.session.view, name) is not before
+
+
+def test_the_camera_turns_and_is_reset(gui):
+    before = gui.window.scene.camera()
+    gui.drag_on_surface([12, 40], modifiers=())
+    gui.input.move(100, 200)
+    gui.input.drag((100, 200), (160, 230))
+    assert not np.allclose(gui.window.scene.camera().position, before.position, rtol=1e-3)
+    gui.menu("View", "Reset camera")
+    np.testing.assert_allclose(gui.window.scene.camera().position, before.position, rtol=1e-3)
+
+
+def test_every_preset(gui):
+    for preset in PRESETS:
+        gui.menu("Presets", f"{preset.name}: {preset.about}")
+        assert preset.holds(gui.session.parameters)
+    gui.click("Reset to defaults", within="Presets")
+    assert gui.session.parameters == Parameters()
+
+
+def test_help_is_closed_again(gui):
+    for entry, title in (("Shortcuts", "Shortcuts"), ("About", "About abfm")):
+        gui.menu("Help", entry)
+        gui.click("Close", within=title)
+        assert not gui.window.dialogs.is_open
+
+
+def test_every_shortcut_is_listed_and_does_something(gui, monkeypatch):
+    called = []
+    for shortcut in shortcuts.SHORTCUTS:
+        monkeypatch.setattr(gui.window.actions, shortcut.action, lambda name=shortcut.action: called.append(name))
+    for shortcut in shortcuts.SHORTCUTS:
+        for chord in shortcut.chords:
+            called.clear()
+            gui.key(chord)
+            assert called == [shortcut.action], chord
+
+
+def test_quitting_asks_about_unsaved_work(matched, tmp_path):
+    matched.menu("File", "Quit")
+    matched.click("Go back")
+    assert not matched.window.closing
+    matched.menu("File", "Quit")
+    matched.click("Save", within="Save before closing?")
+    matched.type("file name", "last")
+    matched.wait(lambda _: matched.window.closing)
+    assert (tmp_path / "last.abfm").exists()
+    matched.window.closing = False
+    matched.type("sigma", "0.03")
+    matched.menu("File", "Quit")
+    matched.click("Don't save")
+    assert matched.window.closing
+
+
+def test_export_entries_lead_to_the_section(gui):
+    for entry in ("Export picture...", "Export movie...", "Export data..."):
+        gui.menu("File", entry)
+        assert gui.window.ui.open_sections["Export"]
