@@ -24,7 +24,7 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @contextmanager
 def canvas(width: int, height: int) -> Iterator[None]:
-    """Make polyscope draw pictures of a size in pixels while the block lasts.
+    """Make polyscope draw pictures of a size in pixels while the block lasts, and no window at the same time.
 
     Raises
     ------
@@ -73,7 +73,8 @@ def _without_black(colors: Pixels, alpha: Pixels) -> Pixels:
     luminance = _WHITE**2 / 2 * (np.sqrt(b**2 + 4 * mapped / _WHITE**2) - b)
     whole = luminance / share
     encoded = np.clip(light / mapped * _mapped(whole), 0, 1) ** (1 / _GAMMA)
-    return np.round(255 * encoded).astype(np.uint8)
+    straight: Pixels = np.round(255 * encoded).astype(np.uint8)
+    return straight
 
 
 def _mapped(luminance: FloatArray) -> FloatArray:

@@ -10,11 +10,15 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from abfm import AbfmError, Match
+from abfm import AbfmError
 from abfm.mesh import FloatArray
 from abfm_viewer.background import one_line
 from abfm_viewer.document import Document
+
+if TYPE_CHECKING:
+    from abfm import Match
 
 Known = Callable[[], dict[str, FloatArray]]
 

@@ -77,12 +77,6 @@ class Overlays:
             get = ps.get_curve_network if name in (_LINES, _PATHS) else ps.get_point_cloud
             yield "source" if name == _START else "advected", get(name)
 
-    def move(self, matrices: dict[str, FloatArray]) -> None:
-        """Move each structure as the surface that it is drawn on: matrices (4, 4) by the surfaces' names."""
-        for name in self._shown:
-            get = ps.get_curve_network if name in (_LINES, _PATHS) else ps.get_point_cloud
-            get(name).set_transform(matrices["source" if name == _START else "advected"])
-
     def clear(self) -> None:
         """Forget what was drawn: polyscope's structures were removed."""
         for name in list(self._shown):

@@ -15,7 +15,6 @@ from abfm_viewer.opengl import ps
 from abfm_viewer.overlays import Overlays
 from abfm_viewer.paint import Paint, Painter, surfaces
 from abfm_viewer.session import Session
-from abfm_viewer.turntable import Turntable, turntable
 from abfm_viewer.viewport import Rect
 
 _SPACING, _STACKING = 1.15, 1.25
@@ -36,11 +35,6 @@ class Hit:
 class Scene:
     """Copies of the mesh, moved apart in the vertices themselves (picks are wrong on structures with a transform).
 
-    Parameters
-    ----------
-    turns : bool
-        Whether the surfaces have room to turn (see `turn`).
-
     Attributes
     ----------
     names : tuple of str
@@ -53,8 +47,7 @@ class Scene:
         How long it took to draw the surfaces lately.
     """
 
-    def __init__(self, turns: bool = False) -> None:
-        self._turns = turns
+    def __init__(self) -> None:
         self.names: tuple[str, ...] = ()
         self.offsets: dict[str, FloatArray] = {}
         self.paints: dict[str, Paint] = {}
@@ -64,8 +57,6 @@ class Scene:
         self._mesh: TriangleMesh | None = None
         self._front: tuple[TriangleMesh, Front | None, View] | None = None
         self._heads: FloatArray = np.zeros((0, 3))
-        self._extent: FloatArray = np.zeros((0, 3))
-        self._table: Turntable | None = None
         self._frames_behind = 0
         self._layout: Layout = "row"
         self._rect: Rect = (0, 0, 1, 1)
@@ -120,24 +111,13 @@ class Scene:
         self._rect = rect
         size = ps.get_window_size()
         wanted = camera or session.view.camera
-        view = self._front_view(session)
-        if wanted is not None and self._turns:
-            view, wanted = viewport.view_of(wanted), None
         if wanted is None:
             assert self._placed is not None
-            vertices = np.concatenate([self._extent + offset for offset in self.offsets.values()])
+            vertices = np.concatenate([session.mesh.vertices + offset for offset in self.offsets.values()])
             head = self._rect[1] + 0.06 * (rect[3] - rect[1])  # room for the labels
-            wanted = viewport.fitted(vertices, view, (rect[0], head, rect[2], rect[3]))
+            wanted = viewport.fitted(vertices, self._front_view(session), (rect[0], head, rect[2], rect[3]))
         viewport.place(wanted, rect, size, whole)
         self._camera = viewport.seen(rect, size)
-
-    def turn(self, degrees: float) -> None:
-        """Turn each surface about its upright axis, with what is drawn on it; call after `update`."""
-        assert self._table is not None
-        turned = {name: self._table.turned(degrees, offset) for name, offset in self.offsets.items()}
-        for name, matrix in turned.items():
-            ps.get_surface_mesh(name).set_transform(matrix)
-        self.overlays.move(turned)
 
     def camera(self) -> Camera:
         """What the window shows now."""
@@ -219,15 +199,13 @@ class Scene:
         self.overlays.clear()
         sideways = np.cross(front.up, front.direction)
         axis, spacing = (-front.up, _STACKING) if self._layout == "column" else (sideways, _SPACING)
-        self._table = turntable(mesh, front.up)
-        self._extent = self._table.rims() if self._turns else mesh.vertices
-        along = self._extent @ axis
+        along = mesh.vertices @ axis
         step = spacing * (along.max() - along.min()) * axis
         self.offsets = {name: number * step for number, name in enumerate(self.names)}
         middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-        head = middle + ((self._extent @ front.up).max() - middle @ front.up) * front.up
+        head = middle + ((mesh.vertices @ front.up).max() - middle @ front.up) * front.up
         self._heads = np.array([head + offset for offset in self.offsets.values()])
-        ends = np.concatenate([self._extent + offset for offset in self.offsets.values()])
+        ends = np.concatenate([mesh.vertices + offset for offset in self.offsets.values()])
         low, high = ends.min(axis=0), ends.max(axis=0)
         ps.set_bounding_box(low, high)
         ps.set_length_scale(float(np.linalg.norm(high - low)))

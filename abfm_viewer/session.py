@@ -62,9 +62,6 @@ class Session:
         What the status line says besides the solver's state.
     dragging : bool
         Whether the mouse holds a widget or a Gaussian: changes until it lets go are one step of undo.
-    exact_times : (T,) array or None
-        For pictures and movies: the times that will be shown. Functions are then carried exactly and at once, and an
-        error is raised, instead of blended from a span while better values come; None in the window.
     """
 
     def __init__(self, mesh: TriangleMesh, name: str, path: Path | None = None) -> None:
@@ -73,7 +70,6 @@ class Session:
         self.player = Player()
         self.notice = Notice("")
         self.dragging = False
-        self.exact_times: FloatArray | None = None
         self._kept: dict[int, _Kept] = {}
         self._keep(self.document, path)
         self._functions: dict[int, Functions] = {}
@@ -519,7 +515,7 @@ class Session:
             return snapshot.iteration.advected[:, self.document.channel]
         if at_end and flow.final and result is not None and not self.outdated:
             return result.advected[:, self.document.channel]
-        carried = self._carry(self._source, flow, source)
+        carried = self._source.at(flow, source, self.flow_time, self._settled)
         return source if carried is None else carried
 
     def carried_coordinates(self) -> FloatArray | None:
@@ -527,13 +523,7 @@ class Session:
         flow = self.flow
         if flow is None:
             return self.mesh.vertices
-        return self._carry(self._coordinates, flow, self.mesh.vertices)
-
-    def _carry(self, carried: Carried, flow: FlowState, function: FloatArray) -> FloatArray | None:
-        if self.exact_times is None:
-            return carried.at(flow, function, self.flow_time, self._settled)
-        coming = self.exact_times * flow.parameters.tau / self.parameters.tau
-        return carried.exactly(flow, function, self.flow_time, coming)
+        return self._coordinates.at(flow, self.mesh.vertices, self.flow_time, self._settled)
 
     @property
     def _settled(self) -> bool:

@@ -83,7 +83,6 @@ class Carried:
     def __init__(self, name: str) -> None:
         self._span: Latest[Span] = Latest(f"{name}: times")
         self._exact: Latest[FloatArray] = Latest(f"{name}: exact")
-        self._kept: tuple[object, dict[float, FloatArray]] = (None, {})
 
     @property
     def busy(self) -> bool:
@@ -123,30 +122,6 @@ class Carried:
             if exact is not None:
                 return exact
         return current.at(time)
-
-    def exactly(self, state: FlowState, function: FloatArray, time: float, coming: FloatArray) -> FloatArray:
-        """Values at a time, computed before this returns, and with them those that are asked for next.
-
-        Parameters
-        ----------
-        coming : (T,) array
-            Times that will be asked for: together they cost much less than one by one.
-
-        Raises
-        ------
-        AdvectionError
-            If the flow overflows or is too long.
-        """
-        if time == 0:
-            return function
-        key = (state, _Same(function))
-        known = self._kept[1] if self._kept[0] == key else {}
-        if time not in known:
-            most = max(_LARGEST // 4 // function.size, 1)
-            times = np.unique([time, *coming[coming > time]])[:most]
-            known = dict(zip(times.tolist(), state.carry(function, times), strict=True))
-            self._kept = (key, known)
-        return known[time]
 
     def close(self) -> None:
         """Stop the threads."""

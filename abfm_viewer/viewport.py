@@ -25,12 +25,6 @@ def fitted(vertices: FloatArray, view: View, rect: Rect, margin: float = 0.05) -
     return Camera(_point(position), _point(target), _point(view.up), FIELD_OF_VIEW)
 
 
-def view_of(camera: Camera) -> View:
-    """The direction in which a camera looks, without its distance."""
-    backward, up = np.array(camera.position) - camera.target, np.array(camera.up)
-    return View(backward / np.linalg.norm(backward), up)
-
-
 def place(camera: Camera, rect: Rect, size: tuple[int, int], whole: bool = False) -> None:
     """Make polyscope draw what a camera sees into a rectangle of a window of a given size.
 

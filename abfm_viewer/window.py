@@ -20,6 +20,7 @@ from abfm_viewer import keyboard, opengl, style, warm_up
 from abfm_viewer.actions import Actions
 from abfm_viewer.annotations import draw_annotations
 from abfm_viewer.background import one_line
+from abfm_viewer.bump_markers import BumpMarkers
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document import Theme
 from abfm_viewer.documents import Documents
@@ -116,6 +117,7 @@ class Window:
         ps.set_user_callback(self._callback)
         self.scene = Scene()
         self.mouse = Mouse()
+        self.bump_markers = BumpMarkers()
 
     def run(self) -> None:
         """Draw frames until the window is closed.
@@ -210,6 +212,7 @@ class Window:
         if not self.ui.capturing:
             free = not self.dialogs.is_open
             self.guarded("mouse", lambda: self.mouse.update(self.session, self.scene, parts.scene, free))
+        self.guarded("markers", lambda: self.bump_markers.draw(self.ui, self.session, self.scene, parts.scene))
         self.guarded("labels", lambda: draw_annotations(self.ui, self.scene, parts.scene))
         with self.ui.disabled(self.dialogs.is_open):
             self.guarded("menu", lambda: menus.draw(self.ui, self.actions))

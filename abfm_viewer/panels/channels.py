@@ -15,7 +15,8 @@ def draw(ui: Ui, session: Session) -> None:
     several = len(session.channels) > 1
     if several:
         for number, channel in enumerate(session.channels):
-            label = f"{number + 1}: {_short(channel.source)} to {_short(channel.target)}, weight {channel.weight:g}"
+            weight = "" if channel.weight == 1 else f", weight {channel.weight:g}"
+            label = f"{number + 1}: {_short(channel.source)} to {_short(channel.target)}{weight}"
             chosen, _ = ui.row(label, number == session.document.channel)
             if chosen:
                 session.select(channel=number, bump=0)
@@ -31,10 +32,10 @@ def draw(ui: Ui, session: Session) -> None:
     if ui.button("Swap", "Exchange the active channel's source and target."):
         session.swap_channel()
     if several and session.active is not None:
-        weight = ui.number("weight", session.active.weight, 0, 10, _WEIGHT)
-        if weight is not None:
+        changed = ui.number("weight", session.active.weight, 0, 10, _WEIGHT)
+        if changed is not None:
             try:
-                session.set_weight(weight, "weight")
+                session.set_weight(changed, "weight")
                 ui.refuse("weight", "")
             except FunctionError as error:
                 ui.refuse("weight", str(error))

@@ -117,6 +117,7 @@ class _Editor:
         """Buttons to compose the function with a vertex map, or not."""
         ui = self._ui
         if self._map is None:
+            ui.beside_if_fits("Vertex map...")
             if ui.button("Vertex map...", _MAP_TIP):
                 self._choose("Open a vertex map", lambda path: Permuted(path=path, function=self.inner))
             return

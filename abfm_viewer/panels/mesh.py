@@ -12,7 +12,7 @@ def draw(ui: Ui, session: Session) -> None:
     mesh = session.mesh
     ui.note(session.document.name, "ink")
     ui.note(f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces; {_topology(mesh)}")
-    ui.note(f"area {mesh.length_scale**2:.4g}, of which the root, {mesh.length_scale:.4g}, is the unit of length")
+    ui.note(f"area {mesh.length_scale**2:.4g}; widths are fractions of its root, {mesh.length_scale:.4g}")
     for message in mesh.messages:
         ui.note(message)
     if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):

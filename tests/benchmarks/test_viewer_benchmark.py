@@ -1,0 +1,40 @@
+"""The window's benchmark on a small mesh: its report is whole, and ratios are those of the times it gives."""
+
+from __future__ import annotations
+
+import json
+import statistics
+
+import pytest
+
+from abfm_viewer import benchmark
+
+
+@pytest.fixture(scope="module")
+def report():
+    return benchmark.run(lambda line: None, subdivision=3, iterations=10, repeats=1)
+
+
+def test_report_is_whole_and_survives_json(report):
+    assert list(report) == ["launch", "throughput", "frames", "settings"]
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+    assert report["settings"]["vertices"] == 642
+
+
+def test_ratios_are_of_medians(report):
+    seconds = {name: statistics.median(times) for name, times in report["launch"]["seconds"].items()}
+    assert report["launch"]["ratio"] == seconds["app"] / seconds["bare polyscope"] > 0
+    rates = {name: statistics.median(values) for name, values in report["throughput"]["iterations_per_second"].items()}
+    assert report["throughput"]["ratio"] == rates["with window"] / rates["without"] > 0
+
+
+def test_frames_were_drawn_during_a_solve(report):
+    frames = report["frames"]
+    assert frames["count"] > 0
+    assert 0 < frames["median"] <= frames["p95"]
+
+
+def test_the_report_reads_as_lines(report):
+    lines = benchmark.format_report(report).splitlines()
+    assert [line.split()[0] for line in lines] == ["launch", "solver", "frames", "measured"]
+    assert "642 vertices" in lines[-1]

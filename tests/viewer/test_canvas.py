@@ -1,0 +1,74 @@
+"""Smooth pictures off the screen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from abfm_viewer import canvas, material
+from abfm_viewer.canvas import drawn
+from abfm_viewer.errors import DrawingError
+from abfm_viewer.opengl import ps
+from tests.shapes import icosphere
+
+GREY = (0.5, 0.5, 0.5)
+
+
+def sphere(width: int, height: int, transparent: bool, ground=(1.0, 1.0, 1.0)):
+    """A grey ball in the middle of a picture."""
+    mesh = icosphere(4)
+    with canvas.canvas(width, height):
+        ps.remove_all_structures()
+        ps.set_ground_plane_mode("none")
+        ps.set_automatically_compute_scene_extents(True)
+        ps.register_surface_mesh("ball", mesh.vertices, mesh.faces, color=GREY, material=material.NAME)
+        ps.set_vertical_fov_degrees(20)
+        ps.look_at_dir((0, 0, 8), (0, 0, 0), (0, 1, 0))
+        ps.set_background_color((*ground, 1.0))
+        return drawn(transparent)
+
+
+def test_edges_are_smooth():
+    pixels = sphere(160, 120, transparent=True)
+    assert pixels.shape == (120, 160, 4)
+    alpha = pixels[..., 3]
+    assert (alpha[0] == 0).all()
+    assert alpha[60, 80] == 255
+    assert len(np.unique(alpha)) == 17
+
+
+def test_colours_at_the_edge_are_those_inside():
+    """On black, on white: the same colours, only less of them."""
+    pixels = sphere(320, 240, transparent=True)
+    edge = (pixels[..., 3] > 60) & (pixels[..., 3] < 200)
+    rim = pixels[edge, :3].astype(int)
+    inside = pixels[pixels[..., 3] == 255][:, :3].astype(int)
+    assert inside.min() - 3 <= rim.min()
+    assert rim.max() <= inside.max() + 3
+
+
+def test_on_a_ground_the_colours_mix():
+    pixels = sphere(160, 120, transparent=False, ground=(1.0, 0.0, 0.0))
+    assert pixels.shape == (120, 160, 3)
+    assert pixels[0, 0].tolist() == [255, 0, 0]
+    row = pixels[60, :80, 0].astype(int) - pixels[60, :80, 1]
+    assert ((row > 20) & (row < 235)).any()
+
+
+def test_afterwards_pictures_are_small_and_quick_again():
+    sphere(100, 80, transparent=True)
+    assert ps.get_window_size() == (64, 64)
+    assert len(np.unique(ps.screenshot_to_buffer()[..., 3])) <= 2
+
+
+def test_what_opengl_cannot_draw_is_refused_in_one_line(monkeypatch):
+    resize = canvas._resize
+
+    def refuse(width, height, side):
+        if width > 64:
+            raise RuntimeError("[polyscope]  [EXCEPTION] OpenGl error occurred. Text: Out of memory")
+        resize(width, height, side)
+
+    monkeypatch.setattr(canvas, "_resize", refuse)
+    with pytest.raises(DrawingError, match="cannot draw a picture of 9000 x 9000 pixels; choose a smaller one"):
+        sphere(9000, 9000, transparent=False)
