@@ -132,6 +132,14 @@ def _monotone_cubic(stops: FloatArray, size: int) -> FloatArray:
     return joined
 
 
+def loaded_name(colormap: str) -> str:
+    """What polyscope calls a map of ours: it has maps of some of these names itself, and warns of a second one.
+
+    A warning stops the window until the user answers it.
+    """
+    return colormap if colormap.startswith("abfm") else f"abfm {colormap}"
+
+
 @contextmanager
 def image_files() -> Iterator[dict[str, str]]:
     """Paths of image files of all maps, by name, for polyscope; they last as long as the context.

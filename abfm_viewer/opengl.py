@@ -47,6 +47,7 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
         raise DrawingError("no screen to open a window on; without one use `abfm match` and `abfm render`")
     ps.set_verbosity(0)
     ps.set_use_prefs_file(False)
+    ps.set_display_message_popups(False)
     ps.set_program_name(title)
     try:
         ps.init(backend)
@@ -56,6 +57,6 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
         raise DrawingError(f"OpenGL did not start ({reason}); check the screen and the graphics driver") from None
     with colormaps.image_files() as files:
         for name, path in files.items():
-            ps.load_color_map(name, path)
+            ps.load_color_map(colormaps.loaded_name(name), path)
     with material.image_files() as pictures:
         ps.load_blendable_material(material.NAME, filenames=pictures)

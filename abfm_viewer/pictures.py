@@ -12,7 +12,7 @@ from abfm.mesh import FloatArray, TriangleMesh
 from abfm_viewer import material, sheet
 from abfm_viewer.camera import Camera, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
-from abfm_viewer.colormaps import ColorRange, color_range
+from abfm_viewer.colormaps import ColorRange, color_range, loaded_name
 from abfm_viewer.opengl import ps
 
 _BLUE, _BLACK, _RED, _GREY = "#2455c3", "#111111", "#c62828", "#c9c9c9"
@@ -80,7 +80,7 @@ def surface_pictures(
         pictures = []
         for function in functions:
             surface.add_scalar_quantity(
-                "function", function, enabled=True, cmap=colors.colormap, vminmax=(colors.low, colors.high)
+                "function", function, enabled=True, cmap=loaded_name(colors.colormap), vminmax=(colors.low, colors.high)
             )
             pictures.append(Image.fromarray(drawn(transparent=True)))
     return pictures

@@ -10,6 +10,7 @@ from abfm import TriangleMesh
 from abfm.mesh import FloatArray
 from abfm_viewer import material, theme, viewport
 from abfm_viewer.camera import View, best_view
+from abfm_viewer.colormaps import loaded_name
 from abfm_viewer.document import Camera, Front, Layout, Point
 from abfm_viewer.opengl import ps
 from abfm_viewer.overlays import Overlays
@@ -243,7 +244,7 @@ class Scene:
                 paint.values,
                 defined_on="vertices" if paint.kind == "vertex values" else "faces",
                 enabled=True,
-                cmap=paint.colors.colormap,
+                cmap=loaded_name(paint.colors.colormap),
                 vminmax=limits,
                 **isolines,
             )

@@ -94,7 +94,7 @@ class RealWindow:
 
     def _in_view(self, widget: dict[str, Any]) -> bool:
         """Whether a widget can be seen; if not, its panel is scrolled a bit."""
-        (left, top, right, bottom), (_, above, _, below) = widget["area"], widget["rect"]
+        (left, top, _, bottom), (_, above, _, below) = widget["area"], widget["rect"]
         if top <= above and below <= bottom:
             return True
         self.xdotool("mousemove", int(left + 4), int((top + bottom) / 2))

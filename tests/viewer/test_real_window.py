@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import sys
 
-import av
 import pytest
 
 from abfm.assets import asset_path

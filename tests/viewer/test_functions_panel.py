@@ -1,0 +1,352 @@
+"""Channels and Gaussians: in the session, in the panel Functions, and under the mouse."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from abfm_viewer import active_gaussian
+from abfm_viewer.automation import Driver
+from abfm_viewer.bumps import gaussians
+from abfm_viewer.document import Channel
+from tests.shapes import ellipsoid
+from tests.viewer.sessions import PAIR, SPHERE, opened
+
+EGG = ellipsoid(3, 1.0, 0.7, 0.55)
+SIZE = (900, 640)
+TWO = "gaussian:vertex=1 + gaussian:vertex=2 + gaussian:vertex=3"
+
+
+# In the session
+
+
+@pytest.fixture
+def session():
+    session = opened(channel=Channel(TWO, "gaussian:vertex=4 + coordinate:x + gaussian:vertex=5"))
+    yield session
+    session.close()
+
+
+def vertices(session, side):
+    return [gaussian.vertex[0] for gaussian in gaussians(session.active.spec(side))]
+
+
+def test_the_chosen_gaussian_moves_and_stays_chosen(session):
+    session.select(side="source", bump=2)
+    active_gaussian.move(session, "source", 9, "drag")
+    assert vertices(session, "source") == [1, 2, 9]
+    assert (session.document.side, session.document.bump) == ("source", 2)
+
+
+def test_a_drag_on_the_other_side_holds_its_first_gaussian_throughout(session):
+    session.select(side="source", bump=2)
+    for vertex in (7, 8, 9):
+        active_gaussian.move(session, "target", vertex, "drag")
+    assert vertices(session, "target") == [9, 5]
+    assert (session.document.side, session.document.bump) == ("target", 0)
+    session.undo()
+    assert vertices(session, "target") == [4, 5]
+    assert session.document.bump == 2
+
+
+def test_a_gaussian_that_is_there_already_becomes_the_active_one(session):
+    active_gaussian.move(session, "target", 4, "drag")
+    assert session.document.side == "target"
+
+
+def test_another_side_begins_with_its_first_gaussian(session):
+    session.select(side="source", bump=2)
+    session.set_spec("target", TWO)
+    assert session.document.bump == 0
+    session.set_spec("target", "gaussian:vertex=1 + gaussian:vertex=2", bump=1)
+    assert session.document.bump == 1
+
+
+def test_the_wheel_widens_within_limits(session):
+    session.select(side="source", bump=1)
+    active_gaussian.widen(session, "source", 1, "wheel")
+    assert [round(gaussian.width, 3) for gaussian in gaussians(session.active.source)] == [0.1, 0.112, 0.1]
+    active_gaussian.widen(session, "source", 1000, "wheel")
+    assert gaussians(session.active.source)[1].width == active_gaussian.WIDEST
+    active_gaussian.widen(session, "source", -1000, "wheel")
+    assert gaussians(session.active.source)[1].width == active_gaussian.NARROWEST
+    session.undo()
+    assert session.active.source == TWO
+
+
+def test_what_cannot_be_moved_says_what_to_do(session):
+    assert active_gaussian.why_fixed(session, "source") == ""
+    session.set_spec("source", "coordinate:x")
+    assert "choose the family gaussian" in active_gaussian.why_fixed(session, "source")
+    active_gaussian.widen(session, "source", 1, "wheel")
+    assert "choose the family gaussian" in session.notice.text
+    session.set_spec("source", "permuted:map.txt(gaussian:vertex=1)")
+    assert "type its Gaussian's vertex" in active_gaussian.why_fixed(session, "source")
+    active_gaussian.widen(session, "source", 1, "wheel")
+    assert session.active.source == "permuted:map.txt(gaussian:vertex=1,width=0.112)"
+
+
+def test_channels_are_added_copied_swapped_and_removed_one_step_each():
+    session = opened()
+    session.add_channel()
+    session.swap_channel()
+    session.duplicate_channel()
+    session.set_weight(2)
+    assert [channel.weight for channel in session.channels] == [1, 1, 2]
+    session.select(channel=0)
+    session.swap_channel()
+    session.remove_channel()
+    assert session.document.channel == 0
+    session.remove_channel()
+    session.remove_channel()
+    assert len(session.channels) == 1
+    while session.history.undo_label:
+        session.undo()
+    assert session.channels == (PAIR,)
+    session.close()
+
+
+def test_the_first_frame_does_without_the_functions():
+    code = "import sys, abfm_viewer.app; print('abfm.functions' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
+# In the panel
+
+
+@pytest.fixture
+def gui(tmp_path):
+    with Driver(EGG, size=SIZE) as gui:
+        gui.window.dialogs.folder = tmp_path
+        yield gui
+        assert not gui.errors
+
+
+def refusals(gui):
+    return list(gui.window.ui._refused.values())
+
+
+def spec(gui, side="source"):
+    return gui.session.active.spec(side)
+
+
+def test_what_is_refused_leaves_the_function_and_the_next_change_takes_the_reason_away(gui):
+    before = gui.session.channels
+    gui.type("vertex", "4242", within="source")
+    gui.type("spec", "gaussian:vortex=1", within="source")
+    gui.type("height", "high", within="source")
+    assert gui.session.channels == before
+    reasons = refusals(gui)
+    assert any("there is no vertex 4242" in reason for reason in reasons)
+    assert any("unknown key 'vortex'" in reason for reason in reasons)
+    assert any("'high' is no number" in reason for reason in reasons)
+    gui.type("height", "2", within="source")
+    assert refusals(gui) == []
+
+
+def test_from_a_vertex_that_is_not_there_every_family_can_be_reached(gui):
+    gui.type("spec", "gaussian:vertex=4242", within="target")
+    gui.wait(lambda s: s.error("gaussian:vertex=4242"))
+    gui.click("Add Gaussian", within="target")
+    assert any("there is no vertex 4242" in reason for reason in refusals(gui))
+    gui.choose("family", "geodesic", within="target")
+    assert spec(gui, "target").startswith("geodesic:vertex=")
+    gui.wait(lambda s: not s.obstacle)
+
+
+def test_a_new_family_begins_where_the_function_was(gui):
+    gui.type("vertex", "12", within="target")
+    gui.choose("family", "indicator", within="target")
+    assert spec(gui, "target") == "indicator:vertex=12,radius=0.2"
+    gui.choose("family", "coordinate", within="target")
+    gui.wait(lambda s: not s.obstacle)
+    gui.choose("family", "gaussian", within="target")
+    highest = int(np.argmax(EGG.vertices[:, 1]))
+    assert gaussians(spec(gui, "target"))[0].vertex == (highest,)
+
+
+def test_a_gaussian_is_added_and_removed_in_one_step_each(gui):
+    before = gui.session.document
+    gui.click("Add Gaussian", within="target")
+    assert (gui.session.document.side, gui.session.document.bump) == ("target", 1)
+    gui.key("ctrl+z")
+    assert gui.session.document.channels == before.channels
+    assert not gui.session.history.undo_label
+    gui.key("ctrl+y")
+    gui.click("Remove Gaussian", within="target")
+    assert gui.session.document.bump == 0
+    gui.key("ctrl+z")
+    assert len(gaussians(spec(gui, "target"))) == 2
+
+
+def test_gaussians_between_other_terms(gui):
+    gui.type("spec", "gaussian:vertex=3 + coordinate:x + gaussian:vertex=5", within="source")
+    assert gui.text_of("family", within="source") == "several terms"
+    gui.click("bump 2", within="source")
+    gui.type("width", "0.3", within="source")
+    assert spec(gui) == "gaussian:vertex=3 + coordinate:x + gaussian:vertex=5,width=0.3"
+    gui.click("bump 1", within="source")
+    gui.click("Remove Gaussian", within="source")
+    assert spec(gui) == "coordinate:x + gaussian:vertex=5,width=0.3"
+
+
+def test_a_gaussian_at_a_point_keeps_it_until_a_vertex_is_typed(gui):
+    gui.type("spec", "gaussian:x=1,y=0,z=0", within="source")
+    gui.drag("height", -1, within="source")
+    gui.type("y", "0.25", within="source")
+    gaussian = gaussians(spec(gui))[0]
+    assert (gaussian.x, gaussian.y, gaussian.z, gaussian.vertex) == (1, 0.25, 0, None)
+    gui.type("vertex", "3,4", within="source")
+    assert gaussians(spec(gui))[0].vertex == (3, 4)
+    assert "y" not in gui.labels()
+
+
+def test_both_shapes_of_an_indicator(gui):
+    gui.choose("family", "indicator", within="source")
+    gui.choose("shape", "half-space", within="source")
+    assert spec(gui).startswith("indicator:axis=y,above=")
+    gui.choose("axis", "x", within="source")
+    gui.drag("above", 0.5, within="source")
+    gui.type("below", "0.75", within="source")
+    assert spec(gui).endswith("below=0.75")
+    gui.wait(lambda s: not s.obstacle)
+    assert 0 < gui.session.values("source").mean() < 0.5
+    gui.choose("shape", "disc", within="source")
+    assert spec(gui) == "indicator:vertex=0,radius=0.2"
+
+
+def test_an_optional_parameter_can_be_set_and_cleared(gui):
+    gui.choose("family", "wks", within="source")
+    gui.type("width", "0.5", within="source")
+    assert spec(gui) == "wks:width=0.5"
+    gui.drag("width", 0.8, within="source")
+    gui.type("spec", "wks", within="source")
+    gui.type("width", "nothing", within="source")
+    assert spec(gui) == "wks"
+    assert any("width must be" in reason for reason in refusals(gui))
+
+
+def test_the_vertex_map_stays_when_what_is_inside_changes(gui, tmp_path):
+    order = np.roll(np.arange(len(EGG.vertices)), 1)
+    np.savetxt(tmp_path / "order 1.txt", order, fmt="%d")
+    np.save(tmp_path / "values.npy", EGG.vertices[:, 0])
+    gui.click("Vertex map...", within="source")
+    gui.double_click("order 1.txt")
+    gui.click("Add Gaussian", within="source")
+    gui.type("width", "0.2", within="source")
+    gui.pick(vertex=12)
+    assert "goes through a vertex map" in gui.session.notice.text
+    assert [gaussian.width for gaussian in gaussians(spec(gui))] == [0.1, 0.2]
+    gui.choose("family", "file", within="source")
+    gui.double_click("values.npy")
+    gui.wait(lambda s: not s.obstacle)
+    np.testing.assert_array_equal(gui.session.values("source"), EGG.vertices[order, 0])
+    gui.click("Browse...", within="source")
+    gui.key("escape")
+    gui.type("path", "gone.npy", within="source")
+    gui.wait(lambda s: "cannot be read" in s.error(s.active.source))
+    gui.click("Remove the map", within="source")
+    assert spec(gui) == "file:gone.npy"
+
+
+def test_a_mesh_is_opened_from_its_section(gui, tmp_path):
+    lines = ["OFF", f"{len(SPHERE.vertices)} {len(SPHERE.faces)} 0"]
+    lines += [" ".join(map(str, row)) for row in SPHERE.vertices.tolist()]
+    lines += [" ".join(map(str, [3, *row])) for row in SPHERE.faces.tolist()]
+    (tmp_path / "ball.off").write_text("\n".join(lines))
+    gui.click("Open mesh...", within="Mesh")
+    gui.double_click("ball.off")
+    gui.wait(lambda s: s.document.name == "ball.off" and not s.obstacle)
+    assert len(gui.session.mesh.vertices) == len(SPHERE.vertices)
+
+
+# Under the mouse
+
+
+def neighbours(vertex):
+    return [int(v) for v in np.unique(EGG.faces[(EGG.faces == vertex).any(axis=1)]) if v != vertex]
+
+
+def front(gui, surface="target"):
+    """A vertex in the middle of the view."""
+    view = gui.session.view.front
+    return int(np.argmax(EGG.vertices @ np.array(view.direction)))
+
+
+def test_a_drag_is_one_step_and_leaves_the_camera(gui):
+    vertex, before, camera = front(gui), gui.session.channels, gui.window.scene.camera()
+    moved = gui.session.history.moves
+    gui.drag_on_surface([vertex, *neighbours(vertex)[:2]], surface="target")
+    assert gaussians(spec(gui, "target"))[0].vertex == (neighbours(vertex)[1],)
+    assert gui.session.document.side == "target"
+    assert gui.session.history.moves - moved >= 3
+    np.testing.assert_allclose(gui.window.scene.camera().position, camera.position)
+    gui.key("ctrl+z")
+    assert gui.session.channels == before
+    assert not gui.session.history.undo_label
+
+
+def test_without_shift_the_same_drag_turns_the_camera(gui):
+    vertex, before, camera = front(gui), gui.session.channels, gui.window.scene.camera()
+    gui.pick(vertex, surface="target")  # polyscope's own mouse comes back after this
+    gui.key("ctrl+z")
+    gui.drag_on_surface([vertex, *neighbours(vertex)[:2]], surface="target", modifiers=())
+    assert gui.session.channels == before
+    assert np.linalg.norm(np.subtract(gui.window.scene.camera().position, camera.position)) > 1e-3
+
+
+def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("abfm_viewer.mouse.time.perf_counter", lambda: now[0])
+    vertex = front(gui)
+    camera = gui.window.scene.camera()
+    gui.wheel(1, vertex, surface="target")
+    gui.wheel(1, vertex, surface="target")
+    now[0] += 10
+    gui.frames(2)
+    gui.wheel(-1, vertex, surface="target")
+    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(0.112, abs=0.001)
+    np.testing.assert_allclose(gui.window.scene.camera().position, camera.position)
+    gui.session.undo()
+    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(0.125, abs=0.001)
+    gui.session.undo()
+    assert gaussians(spec(gui, "target"))[0].width == 0.1
+
+
+def test_where_there_is_no_gaussian_the_status_line_says_what_to_do(gui):
+    gui.choose("family", "coordinate", within="target")
+    before = gui.session.channels
+    gui.pick(front(gui), surface="target")
+    assert "choose the family gaussian" in gui.session.notice.text
+    gui.pick(front(gui), surface="advected")
+    assert "Shift-click on the source or the target" in gui.session.notice.text
+    assert gui.session.channels == before
+
+
+def test_a_click_places_a_point_and_a_drag_does_not(gui):
+    vertex = front(gui)
+    gui.pick(vertex, surface="advected", modifiers=())
+    assert gui.session.document.lines == gui.session.document.points == ()
+    gui.session.set_view("tool", tool="flow line")
+    gui.pick(vertex, surface="advected", modifiers=())
+    gui.session.set_view("tool", tool="follow a point")
+    gui.pick(vertex, surface="source", modifiers=())
+    assert len(gui.session.document.lines) == len(gui.session.document.points) == 1
+    (point,) = gui.session.document.points
+    position = np.array(point.barycentric) @ EGG.vertices[EGG.faces[point.face]]
+    np.testing.assert_allclose(position, EGG.vertices[vertex], atol=0.02)
+    gui.drag_on_surface([vertex, neighbours(vertex)[0], neighbours(vertex)[2]], surface="advected", modifiers=())
+    gui.pick(vertex, surface="source")
+    assert len(gui.session.document.points) == 1
+
+
+def test_a_dialog_keeps_the_mouse_from_the_surfaces(gui):
+    before = gui.session.channels
+    gui.click("Open mesh...", within="Mesh")
+    gui.pick(front(gui), surface="target")
+    assert gui.session.channels == before
+    gui.key("escape")
