@@ -1,7 +1,8 @@
-"""What is written over the surfaces: their names and the colour bars."""
+"""What is written over the surfaces, in the window and in pictures: their names and the colour bars."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,12 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.colormaps import ColorRange, table
 from abfm_viewer.scene import Scene
-from abfm_viewer.theme import Color
+from abfm_viewer.theme import Color, Palette
 from abfm_viewer.ui import Rect, Ui
 
-_BAR_WIDTH, _BAR_HEIGHT, _STEPS = 200, 12, 64
+_STEPS = 64
+# Lengths in pixels at a scale of 1.
+_BAR_WIDTH, _BAR_HEIGHT, _APART, _LEFT, _BELOW, _ABOVE, _LINE_GAP = 200, 12, 48, 18, 14, 10, 3
 
 
 @dataclass(frozen=True)
@@ -21,6 +24,48 @@ class Bar:
 
     title: str
     colors: ColorRange
+
+
+@dataclass(frozen=True)
+class Text:
+    """A line of text by its left upper corner."""
+
+    left: float
+    top: float
+    text: str
+    color: Color
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A rectangle with the colours of a map from left to right."""
+
+    rect: Rect
+    colormap: str
+
+
+@dataclass(frozen=True)
+class Pen:
+    """How large things are written.
+
+    Attributes
+    ----------
+    scale : float
+        Of all lengths but the text's.
+    line : float
+        Height of a line.
+    width : callable
+        That of a text.
+    """
+
+    scale: float
+    line: float
+    width: Callable[[str], float]
+
+    @property
+    def bar_room(self) -> float:
+        """Height of what the colour bars cover at the bottom."""
+        return 2 * self.line + self.scale * (_ABOVE + _BAR_HEIGHT + 2 * _LINE_GAP + _BELOW)
 
 
 def bars(scene: Scene) -> list[Bar]:
@@ -33,38 +78,52 @@ def bars(scene: Scene) -> list[Bar]:
     return list(found.values())
 
 
-def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -> None:
-    """Draw names and colour bars behind the panels."""
-    canvas = imgui.GetBackgroundDrawList()
-    inks = {"source": ui.colors.source, "target": ui.colors.target}
+def annotations(scene: Scene, rect: Rect, colors: Palette, pen: Pen, color_bar: bool) -> list[Text | Strip]:
+    """Everything to write, in a rectangle of the window or picture."""
+    found: list[Text | Strip] = []
+    inks = {"source": colors.source, "target": colors.target}
     for name, (x, y) in scene.labels().items():
         paint = scene.paints.get(name)
         text = paint.title if paint else name
-        width, height = imgui.CalcTextSize(text)
-        y = max(y - 1.6 * height, rect[1] + ui.px(6))
-        canvas.AddText((x - width / 2, y), _u32(inks.get(name, ui.colors.ink)), text)
-    if color_bar:
-        left = rect[0] + ui.px(18)
-        for bar in bars(scene):
-            _draw_bar(ui, bar, left, rect[3] - ui.px(14))
-            left += ui.px(_BAR_WIDTH + 48)
+        top = max(y - 1.6 * pen.line, rect[1] + 6 * pen.scale)
+        found.append(Text(x - pen.width(text) / 2, top, text, inks.get(name, colors.ink)))
+    left = rect[0] + _LEFT * pen.scale
+    for bar in bars(scene) if color_bar else ():
+        width = max(_BAR_WIDTH * pen.scale, pen.width(bar.title))
+        found += _bar(bar, left, rect[3], width, colors, pen)
+        left += width + _APART * pen.scale
+    return found
 
 
-def _draw_bar(ui: Ui, bar: Bar, left: float, bottom: float) -> None:
-    canvas = imgui.GetBackgroundDrawList()
-    line = imgui.GetTextLineHeight()
-    width, height = ui.px(_BAR_WIDTH), ui.px(_BAR_HEIGHT)
-    top = bottom - line - height - ui.px(4)
-    colors = table(bar.colors.colormap, _STEPS)
-    edges = np.linspace(left, left + width, _STEPS + 1)
-    for color, start, end in zip(colors, edges[:-1], edges[1:], strict=True):
-        red, green, blue = map(float, color)
-        canvas.AddRectFilled((start, top), (end + 0.5, top + height), _u32((red, green, blue, 1.0)))
-    canvas.AddText((left, top - line - ui.px(3)), _u32(ui.colors.muted), bar.title)
-    for value, share in ((bar.colors.low, 0.0), ((bar.colors.low + bar.colors.high) / 2, 0.5), (bar.colors.high, 1.0)):
+def _bar(bar: Bar, left: float, bottom: float, width: float, colors: Palette, pen: Pen) -> list[Text | Strip]:
+    gap = _LINE_GAP * pen.scale
+    numbers = bottom - _BELOW * pen.scale - pen.line
+    low = numbers - gap
+    high = low - _BAR_HEIGHT * pen.scale
+    found: list[Text | Strip] = [
+        Text(left, high - gap - pen.line, bar.title, colors.muted),
+        Strip((left, high, left + width, low), bar.colors.colormap),
+    ]
+    ends = bar.colors.low, bar.colors.high
+    for value, share in ((ends[0], 0.0), (sum(ends) / 2, 0.5), (ends[1], 1.0)):
         text = f"{value:.3g}"
-        offset = share * width - share * imgui.CalcTextSize(text)[0]
-        canvas.AddText((left + offset, top + height + ui.px(3)), _u32(ui.colors.ink), text)
+        found.append(Text(left + share * (width - pen.width(text)), numbers, text, colors.ink))
+    return found
+
+
+def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -> None:
+    """Draw names and colour bars behind the panels."""
+    canvas = imgui.GetBackgroundDrawList()
+    pen = Pen(ui.scale, imgui.GetTextLineHeight(), lambda text: float(imgui.CalcTextSize(text)[0]))
+    for one in annotations(scene, rect, ui.colors, pen, color_bar):
+        if isinstance(one, Text):
+            canvas.AddText((one.left, one.top), _u32(one.color), one.text)
+            continue
+        left, top, right, bottom = one.rect
+        edges = np.linspace(left, right, _STEPS + 1)
+        for color, start, end in zip(table(one.colormap, _STEPS), edges[:-1], edges[1:], strict=True):
+            red, green, blue = map(float, color)
+            canvas.AddRectFilled((start, top), (end + 0.5, bottom), _u32((red, green, blue, 1.0)))
 
 
 def _u32(color: Color) -> int:

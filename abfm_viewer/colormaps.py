@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +99,7 @@ def color_range(*functions: FloatArray) -> ColorRange:
     return ColorRange("abfm sequential", 0.0 if abs(low) < 1e-9 * largest else low, high)
 
 
+@lru_cache(maxsize=32)
 def table(colormap: str, size: int = 256) -> FloatArray:
     """The colours of a map from its low to its high end, (size, 3) sRGB in 0 to 1."""
     linear = linear_table(colormap, size)

@@ -79,7 +79,8 @@ class Mouse:
     def _place_point(self, session: Session, scene: Scene, place: tuple[float, float], over: bool) -> None:
         """Start a flow line or follow a point where the left button went down and up in one place."""
         if imgui.IsMouseClicked(0):
-            self._pressed_at = place if over and session.view.tool != "nothing" else None
+            places = over and session.view.tool != "nothing" and not imgui.IsMouseDoubleClicked(0)
+            self._pressed_at = place if places else None
         if imgui.IsMouseReleased(0) and self._pressed_at is not None:
             still = math.dist(place, self._pressed_at) <= _STILL
             self._pressed_at = None

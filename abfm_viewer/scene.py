@@ -16,6 +16,7 @@ from abfm_viewer.opengl import ps
 from abfm_viewer.overlays import Overlays
 from abfm_viewer.paint import Paint, Painter, surfaces
 from abfm_viewer.session import Session
+from abfm_viewer.turntable import Turntable, turntable
 from abfm_viewer.viewport import Rect
 
 _SPACING, _STACKING = 1.15, 1.25
@@ -36,6 +37,11 @@ class Hit:
 class Scene:
     """Copies of the mesh, moved apart in the vertices themselves (picks are wrong on structures with a transform).
 
+    Parameters
+    ----------
+    turns : bool
+        Whether the surfaces get room to turn in.
+
     Attributes
     ----------
     names : tuple of str
@@ -48,7 +54,8 @@ class Scene:
         How long it took to draw the surfaces lately.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, turns: bool = False) -> None:
+        self._turns = turns
         self.names: tuple[str, ...] = ()
         self.offsets: dict[str, FloatArray] = {}
         self.paints: dict[str, Paint] = {}
@@ -58,6 +65,8 @@ class Scene:
         self._mesh: TriangleMesh | None = None
         self._front: tuple[TriangleMesh, Front | None, View] | None = None
         self._heads: FloatArray = np.zeros((0, 3))
+        self._turntable: Turntable
+        self._extent: FloatArray = np.zeros((0, 3))
         self._frames_behind = 0
         self._layout: Layout = "row"
         self._rect: Rect = (0, 0, 1, 1)
@@ -112,11 +121,12 @@ class Scene:
         self._rect = rect
         size = ps.get_window_size()
         wanted = camera or session.view.camera
-        if wanted is None:
+        if wanted is None or self._turns:
             assert self._placed is not None
-            vertices = np.concatenate([session.mesh.vertices + offset for offset in self.offsets.values()])
+            vertices = np.concatenate([self._extent + offset for offset in self.offsets.values()])
             head = self._rect[1] + 0.06 * (rect[3] - rect[1])  # room for the labels
-            wanted = viewport.fitted(vertices, self._front_view(session), (rect[0], head, rect[2], rect[3]))
+            view = self._front_view(session) if wanted is None else viewport.view_of(wanted)
+            wanted = viewport.fitted(vertices, view, (rect[0], head, rect[2], rect[3]))
         viewport.place(wanted, rect, size, whole)
         self._camera = viewport.seen(rect, size)
 
@@ -131,20 +141,9 @@ class Scene:
 
     def turn(self, degrees: float) -> None:
         """Turn every surface, with what is drawn on it, about its own upright axis; picks are wrong then."""
-        assert self._front is not None
-        assert self._mesh is not None
-        vertices, up = self._mesh.vertices, self._front[2].up
-        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        x, y, z = up
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        angle = np.radians(degrees)
-        rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross  # Rodrigues
-        turned = {name: ps.get_surface_mesh(name) for name in self.names}
-        for surface, structure in [*turned.items(), *self.overlays.structures()]:
-            centre = middle + self.offsets[surface]
-            transform = np.eye(4)
-            transform[:3, :3], transform[:3, 3] = rotation, centre - rotation @ centre
-            structure.set_transform(transform)
+        surfaces = [(name, ps.get_surface_mesh(name)) for name in self.names]
+        for name, structure in [*surfaces, *self.overlays.structures()]:
+            structure.set_transform(self._turntable.turned(degrees, self.offsets[name]))
 
     def labels(self) -> dict[str, tuple[float, float]]:
         """Where to write each surface's name: above its top, wherever the camera is now."""
@@ -200,13 +199,15 @@ class Scene:
         self.overlays.clear()
         sideways = np.cross(front.up, front.direction)
         axis, spacing = (-front.up, _STACKING) if self._layout == "column" else (sideways, _SPACING)
-        along = mesh.vertices @ axis
+        self._turntable = turntable(mesh, front.up)
+        self._extent = self._turntable.rims() if self._turns else mesh.vertices
+        along = self._extent @ axis
         step = spacing * (along.max() - along.min()) * axis
         self.offsets = {name: number * step for number, name in enumerate(self.names)}
         middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-        head = middle + ((mesh.vertices @ front.up).max() - middle @ front.up) * front.up
+        head = middle + ((self._extent @ front.up).max() - middle @ front.up) * front.up
         self._heads = np.array([head + offset for offset in self.offsets.values()])
-        ends = np.concatenate([mesh.vertices + offset for offset in self.offsets.values()])
+        ends = np.concatenate([self._extent + offset for offset in self.offsets.values()])
         low, high = ends.min(axis=0), ends.max(axis=0)
         ps.set_bounding_box(low, high)
         ps.set_length_scale(float(np.linalg.norm(high - low)))

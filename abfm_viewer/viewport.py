@@ -25,6 +25,12 @@ def fitted(vertices: FloatArray, view: View, rect: Rect, margin: float = 0.05) -
     return Camera(_point(position), _point(target), _point(view.up), FIELD_OF_VIEW)
 
 
+def view_of(camera: Camera) -> View:
+    """The direction in which a camera looks, without its distance."""
+    backward = np.array(camera.position) - camera.target
+    return View(backward / np.linalg.norm(backward), np.array(camera.up))
+
+
 def place(camera: Camera, rect: Rect, size: tuple[int, int], whole: bool = False) -> None:
     """Make polyscope draw what a camera sees into a rectangle of a window of a given size.
 

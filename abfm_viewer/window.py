@@ -145,6 +145,7 @@ class Window:
         """End all threads, and draw nothing any more."""
         ps.clear_user_callback()
         ps.clear_files_dropped_callback()
+        ps.clear_configure_imgui_style_callback()  # a reference to this window would outlive Python itself
         self.documents.close()
         if self.persistence:
             self.persistence.close(keep_unsaved=self.interrupted)

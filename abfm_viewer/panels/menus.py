@@ -16,6 +16,8 @@ from abfm_viewer.ui import Ui
 UI_SCALES = (1.0, 1.25, 1.5, 2.0)
 _LONGEST_PATH = 60
 
+_INITIAL = Parameters()
+
 
 def draw(ui: Ui, actions: Actions) -> None:
     """Draw the menus and do what was chosen."""
@@ -100,8 +102,8 @@ def _presets(ui: Ui, actions: Actions) -> None:
         if chosen:
             session.set_parameter(label=f"preset {preset.name}", **preset.values)
     ui.separator()
-    if ui.menu_item("Reset to defaults", enabled=session.parameters != Parameters()):
-        session.set_parameter(label="reset the parameters", **Parameters().to_dict())
+    if ui.menu_item("Reset to defaults", enabled=session.parameters != _INITIAL):
+        session.set_parameter(label="reset the parameters", **_INITIAL.to_dict())
 
 
 def _help(ui: Ui, actions: Actions) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cache
 from typing import Any
 
 from abfm import AbfmError, ParameterError, Parameters
@@ -13,6 +14,7 @@ from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
 
 _OWN, _DEFAULTS = "own values", "defaults"
+_INITIAL = Parameters()
 _HELP = {entry.name: entry.metadata for entry in fields(Parameters)}
 
 
@@ -97,15 +99,15 @@ def draw(ui: Ui, session: Session) -> None:
             for number in _ADVANCED:
                 _number(ui, session, number)
             _choice(ui, session, "preconditioner")
-    enabled = parameters != Parameters()
+    enabled = parameters != _INITIAL
     if ui.button("Reset to defaults", "All parameters as they are at first.", enabled=enabled, width=-1):
-        session.set_parameter(label="reset the parameters", **Parameters().to_dict())
+        session.set_parameter(label="reset the parameters", **_INITIAL.to_dict())
         ui.accept_all()
 
 
 def _preset(ui: Ui, session: Session) -> None:
     now = preset_of(session.parameters)
-    shown = now.name if now else _DEFAULTS if session.parameters == Parameters() else _OWN
+    shown = now.name if now else _DEFAULTS if session.parameters == _INITIAL else _OWN
     about = "\n".join(f"{preset.name}: {preset.about}" for preset in PRESETS)
     chosen = ui.combo("preset", shown, [preset.name for preset in PRESETS], f"{NOTE}\n\n{about}")
     for preset in PRESETS:
@@ -160,9 +162,10 @@ def _mask(ui: Ui, session: Session) -> None:
         ui.note(problem, "error")
 
 
+@cache
 def _tip(name: str, place: str, remedy: str) -> str:
     help, symbol = _HELP[name]["help"], _HELP[name]["symbol"]
-    default = getattr(Parameters(), name)
+    default = getattr(_INITIAL, name)
     shown = f"{default:g}" if isinstance(default, int | float) else default
     in_paper = ", ".join(filter(None, [symbol.strip("*"), place])) or "not there"
     return f"{help[0].upper()}{help[1:]}. Default: {shown}.\nIn the paper: {in_paper}.\nBad result? {remedy}"

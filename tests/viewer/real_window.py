@@ -67,6 +67,11 @@ class RealWindow:
         self.xdotool("mousedown", 1)
         self.xdotool("mouseup", 1)
 
+    def menu(self, *labels: str) -> None:
+        """Open a menu and choose an entry."""
+        for label in labels:
+            self.click(label)
+
     def type(self, label: str, text: str, within: str = "", enter: bool = True) -> None:
         """Replace a box's text."""
         self.click(label, "box", within)

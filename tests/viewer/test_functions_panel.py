@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from abfm_viewer import active_gaussian
+from abfm_viewer import active_gaussian, aim
 from abfm_viewer.automation import Driver
 from abfm_viewer.bumps import gaussians
 from abfm_viewer.document import Channel
@@ -329,7 +329,7 @@ def test_where_there_is_no_gaussian_the_status_line_says_what_to_do(gui):
 
 def test_a_click_places_a_point_and_a_drag_does_not(gui):
     vertex = front(gui)
-    gui.pick(vertex, surface="advected", modifiers=())
+    gui.pick(vertex, surface="target", modifiers=())
     assert gui.session.document.lines == gui.session.document.points == ()
     gui.session.set_view("tool", tool="flow line")
     gui.pick(vertex, surface="advected", modifiers=())
@@ -342,6 +342,13 @@ def test_a_click_places_a_point_and_a_drag_does_not(gui):
     gui.drag_on_surface([vertex, neighbours(vertex)[0], neighbours(vertex)[2]], surface="advected", modifiers=())
     gui.pick(vertex, surface="source")
     assert len(gui.session.document.points) == 1
+
+
+def test_a_double_click_which_moves_the_camera_places_one_point(gui):
+    gui.session.set_view("tool", tool="flow line")
+    gui.input.move(*aim.place(gui.window, front(gui), "advected"))
+    gui.input.click(2)
+    assert len(gui.session.document.lines) == 1
 
 
 def test_a_dialog_keeps_the_mouse_from_the_surfaces(gui):

@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, Field, dataclass, field, fields
 from difflib import get_close_matches
+from functools import cache
 from typing import Any, ClassVar
 
 from abfm.errors import FunctionError
@@ -70,6 +71,7 @@ class Family(Spec):
         """Raise FunctionError where parameters that are right one by one do not fit together."""
 
     @classmethod
+    @cache
     def parameters(cls) -> tuple[Parameter, ...]:
         """All parameters, in the order of the text form."""
         return tuple(_describe(f) for f in fields(cls) if "kind" in f.metadata)

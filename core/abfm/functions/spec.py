@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NoReturn
 
 from abfm.errors import FunctionError
@@ -74,6 +75,7 @@ def families() -> tuple[type[Family], ...]:
     return tuple(_FAMILIES.values())
 
 
+@lru_cache(maxsize=256)
 def parse(text: str) -> Spec:
     """Read the text form of a function; nothing about a mesh is checked yet.
 

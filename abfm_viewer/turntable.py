@@ -1,0 +1,59 @@
+"""Surfaces that turn in a movie, each about its own upright axis, in front of a camera that stays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from abfm import TriangleMesh
+from abfm.mesh import FloatArray
+
+_POINTS_OF_A_RIM = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Turntable:
+    """The cylinder in which a mesh turns.
+
+    Attributes
+    ----------
+    middle, axis : (3,) array
+        A point of the axis, and its direction, which is one of the coordinates'.
+    radius, low, high : float
+        Distance of the mesh's farthest vertex from the axis, and its ends along the axis as seen from the middle.
+    """
+
+    middle: FloatArray
+    axis: FloatArray
+    radius: float
+    low: float
+    high: float
+
+    def rims(self) -> FloatArray:
+        """Points (2 n, 3) of the cylinder's upper and lower rim."""
+        first = np.roll(self.axis, 1)
+        angles = np.linspace(0, 2 * np.pi, _POINTS_OF_A_RIM, endpoint=False)[:, None]
+        circle = self.radius * (np.cos(angles) * first + np.sin(angles) * np.cross(self.axis, first))
+        return np.concatenate([self.middle + circle + end * self.axis for end in (self.low, self.high)])
+
+    def turned(self, degrees: float, offset: FloatArray) -> FloatArray:
+        """The matrix (4, 4) that turns a copy of the mesh which was moved by an offset (3,)."""
+        x, y, z = self.axis
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        angle = np.radians(degrees)
+        rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+        center = self.middle + offset
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = rotation, center - rotation @ center
+        return matrix
+
+
+def turntable(mesh: TriangleMesh, up: FloatArray) -> Turntable:
+    """Turn a mesh about the coordinate axis that points up most, through the middle of its bounding box."""
+    upright = int(np.argmax(np.abs(up)))
+    axis = np.sign(up[upright]) * np.eye(3)[upright]
+    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+    along = (mesh.vertices - middle) @ axis
+    radius = np.linalg.norm(mesh.vertices - middle - along[:, None] * axis, axis=1).max()
+    return Turntable(middle, axis, float(radius), float(along.min()), float(along.max()))

@@ -1,0 +1,95 @@
+"""Export: pictures, movies and data, with every setting; written files are read again."""
+
+from __future__ import annotations
+
+import csv
+
+import av
+import numpy as np
+import pytest
+from PIL import Image
+
+import abfm
+
+
+@pytest.fixture
+def small(matched):
+    """An app that exports small pictures and short movies."""
+    matched.type("pixels across", "400")
+    matched.type("pixels down", "300")
+    matched.type("seconds", "0.5")
+    matched.type("fps", "10")
+    return matched
+
+
+def exported(gui, button, path, seconds=60):
+    """Press a button, name the file, and wait until it is written."""
+    gui.click(button)
+    gui.type("file name", path.name, enter=False)
+    gui.click("Save")
+    gui.wait(lambda s: path.exists() and not s.exporter.running, seconds)
+    assert not gui.session.exporter.failed, gui.session.exporter.message
+
+
+def test_sizes_and_settings(matched):
+    exporter = matched.session.exporter
+    for name, size in (("4K", (3840, 2160)), ("8K", (7680, 4320)), ("HD", (1280, 720)), ("full HD", (1920, 1080))):
+        matched.choose("size", name)
+        assert (exporter.picture.width, exporter.picture.height) == size
+    matched.drag("pixels across", 2000)
+    matched.drag("pixels down", 1000)
+    assert exporter.picture.width == pytest.approx(2000, abs=120)
+    matched.drag("seconds", 10)
+    matched.drag("fps", 40)
+    matched.drag("from", 0.5)
+    matched.type("from", "0.25")
+    matched.drag("to", 1.5)
+    matched.type("to", "2")
+    matched.drag("turntable", 90)
+    matched.type("turntable", "-180")
+    movie = exporter.movie
+    assert (movie.start, movie.end, movie.turntable) == (0.25, 2, -180)
+
+
+def test_a_picture_has_its_size_and_its_ground(small, tmp_path):
+    exported(small, "Save picture...", tmp_path / "plain.png")
+    plain = Image.open(tmp_path / "plain.png")
+    assert plain.size == (400, 300)
+    assert np.asarray(plain.convert("RGB"), dtype=float).std() > 5
+    small.check("transparent")
+    small.check("color bar", False)
+    exported(small, "Save picture...", tmp_path / "bare.png")
+    alpha = np.asarray(Image.open(tmp_path / "bare.png").convert("RGBA"))[:, :, 3]
+    assert alpha.min() == 0
+    assert alpha.max() == 255
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+def test_a_movie_has_its_frames_and_its_size(small, tmp_path, suffix):
+    exported(small, "Save movie...", tmp_path / f"film{suffix}")
+    with av.open(tmp_path / f"film{suffix}") as movie:
+        frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
+    assert len(frames) == 5
+    assert frames[0].shape == (300, 400, 3)
+    assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.5
+
+
+def test_a_movie_is_given_up(small, tmp_path):
+    small.type("seconds", "20")
+    small.click("Save movie...")
+    small.type("file name", "long.mp4")
+    small.wait(lambda s: s.exporter.running)
+    small.click("Cancel export")
+    small.wait(lambda s: not s.exporter.running)
+    assert not (tmp_path / "long.mp4").exists()
+
+
+def test_results_and_tables_are_read_again(matched, tmp_path):
+    for suffix in (".npz", ".ply", ".vtu", ".csv"):
+        exported(matched, "Save result...", tmp_path / f"match{suffix}")
+    again = abfm.load_match(tmp_path / "match.npz")
+    np.testing.assert_array_equal(again.velocity, matched.session.result.velocity)
+    with (tmp_path / "match.csv").open() as table:
+        assert len(list(csv.reader(table))) == 1 + len(again.energy_history)
+    for suffix in (".ply", ".vtu"):
+        assert (tmp_path / f"match{suffix}").stat().st_size > 10_000
