@@ -78,11 +78,13 @@ def bars(scene: Scene) -> list[Bar]:
     return list(found.values())
 
 
-def annotations(scene: Scene, rect: Rect, colors: Palette, pen: Pen, color_bar: bool) -> list[Text | Strip]:
+def laid_out(
+    scene: Scene, rect: Rect, colors: Palette, pen: Pen, color_bar: bool = True, labels: bool = True
+) -> list[Text | Strip]:
     """Everything to write, in a rectangle of the window or picture."""
     found: list[Text | Strip] = []
     inks = {"source": colors.source, "target": colors.target}
-    for name, (x, y) in scene.labels().items():
+    for name, (x, y) in scene.labels().items() if labels else ():
         paint = scene.paints.get(name)
         text = paint.title if paint else name
         top = max(y - 1.6 * pen.line, rect[1] + 6 * pen.scale)
@@ -115,7 +117,7 @@ def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -
     """Draw names and colour bars behind the panels."""
     canvas = imgui.GetBackgroundDrawList()
     pen = Pen(ui.scale, imgui.GetTextLineHeight(), lambda text: float(imgui.CalcTextSize(text)[0]))
-    for one in annotations(scene, rect, ui.colors, pen, color_bar):
+    for one in laid_out(scene, rect, ui.colors, pen, color_bar):
         if isinstance(one, Text):
             canvas.AddText((one.left, one.top), _u32(one.color), one.text)
             continue

@@ -6,21 +6,22 @@ Nothing is blended or waited for: everything is computed when it is drawn. A pro
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from abfm import AbfmError, ParameterError
+from abfm import AbfmError, FunctionError, ParameterError
 from abfm.mesh import FloatArray
-from abfm_viewer import opengl, theme
-from abfm_viewer.annotations import Bar, bars
+from abfm_viewer import theme
+from abfm_viewer.annotations import Pen, Text, laid_out
 from abfm_viewer.background import Latest
+from abfm_viewer.canvas import Pixels, canvas, drawn
 from abfm_viewer.colormaps import table
 from abfm_viewer.document import EXTRAPOLATION, Document
-from abfm_viewer.opengl import ps
 from abfm_viewer.scene import Scene
 from abfm_viewer.session import Session
 from abfm_viewer.theme import Color
@@ -30,19 +31,31 @@ if TYPE_CHECKING:
 
 LARGEST = 8192
 """Pixels along a side."""
-_SHARP, _FAIR = 2.2e6, 9e6  # pixels: drawn 4 and 2 times as large, and then made smaller
+_TEXT, _SMALLEST_TEXT, _WINDOW_TEXT = 1 / 42, 11.0, 16.0  # of the shorter side; pixels; pixels at a scale of 1
 
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """What a picture has besides its surfaces."""
+    """What a picture has besides its surfaces.
+
+    Attributes
+    ----------
+    transparent : bool
+        No ground.
+    color_bar, labels : bool
+        The colour bars, unless the document's view hides them, and the surfaces' names.
+    turns : bool
+        Whether the surfaces get room to turn in; the document's camera then gives only the direction.
+    """
 
     transparent: bool = False
     color_bar: bool = True
+    labels: bool = True
+    turns: bool = False
 
 
 class DocumentRenderer:
-    """Draws one document.
+    """Draws one document; a context manager.
 
     Parameters
     ----------
@@ -68,105 +81,90 @@ class DocumentRenderer:
     ) -> None:
         if not all(16 <= length <= LARGEST for length in size):
             raise ParameterError(f"size is {size[0]}x{size[1]}; expected 16 to {LARGEST} pixels along each side")
+        self._document, self._known = document, known
         self._size, self._options = size, options or PictureOptions()
+        self._color_bar = self._options.color_bar and document.view.color_bar
+        self._palette = theme.palette(document.view.theme)
+        height = max(_SMALLEST_TEXT, min(size) * _TEXT)
+        self._font = ImageFont.load_default(height)
+        self._pen = Pen(height / _WINDOW_TEXT, 1.2 * height, self._font.getlength)
+        self._open = ExitStack()
+
+    def __enter__(self) -> Self:
+        try:
+            self._start()
+        except BaseException as error:
+            if not self._open.__exit__(type(error), error, error.__traceback__):
+                raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._open.__exit__(kind, error, trace)
+
+    def _start(self) -> None:
+        self._open.enter_context(canvas(*self._size))
         Latest.at_once = True
-        opengl.start(opengl.OFFSCREEN, *size)
-        ps.set_build_default_gui_panels(False)
-        self._session = Session(document.mesh, document.name)
-        self._session.restore(document, known, None)
-        self._session.update()
-        for spec in self._session.specs:
-            if self._session.error(spec):
-                raise AbfmError(f"{spec}: {self._session.error(spec)}")
-        self._scene = Scene()
-        self._scene.update(self._session, self._rect)
-        self._scene.frame(self._session, self._rect, whole=True)
-        ps.frame_tick()
+        self._open.callback(setattr, Latest, "at_once", False)
+        self._session = session = Session(self._document.mesh, self._document.name)
+        self._open.callback(session.close)
+        session.restore(self._document, self._known, None)
+        session.update()
+        for spec in session.specs:
+            if session.error(spec):
+                raise FunctionError(f"{spec}: {session.error(spec)}")
+        self._scene = Scene(self._options.turns)
+        self._scene.update(session, self._rect)
+        self._scene.frame(session, self._rect, whole=True)
 
     def picture(self, time: float, degrees: float = 0.0) -> Image.Image:
-        """The document at a time, its surfaces turned by an angle: RGBA.
+        """The document at a time, its surfaces turned by an angle: RGB, or RGBA if it is transparent.
 
         Raises
         ------
         AbfmError
             If the time is outside 0 to 2 tau, or the flow cannot be followed so far.
         """
-        session, tau = self._session, self._session.parameters.tau
-        if not 0 <= time <= EXTRAPOLATION * tau * (1 + 1e-9):
-            raise ParameterError(
-                f"time is {time:g}; expected 0 to {EXTRAPOLATION * tau:g}, which is {EXTRAPOLATION:g} tau"
-            )
+        session = self._session
+        end = EXTRAPOLATION * session.parameters.tau
+        if not 0 <= time <= end * (1 + 1e-9):
+            raise ParameterError(f"time is {time:g}; expected 0 to {end:g}, which is {EXTRAPOLATION:g} tau")
         session.amend(time=min(time, session.end))
         session.update()
         self._scene.update(session, self._rect)
-        if session.flow_problem or session.quantities.error:
-            raise AbfmError(session.flow_problem or session.quantities.error)
+        problem = session.flow_problem or session.quantities.error
+        if problem:
+            raise AbfmError(f"no picture of time {time:g}: {problem}")
         self._scene.turn(degrees)
-        pixels = self._size[0] * self._size[1]
-        ps.set_SSAA_factor(4 if pixels <= _SHARP else 2 if pixels <= _FAIR else 1)
-        drawn = ps.screenshot_to_buffer(transparent_bg=True)
-        picture = Image.fromarray(np.ascontiguousarray(drawn))
-        if not self._options.transparent:
-            ground = Image.new("RGBA", picture.size, _rgb(theme.palette(session.view.theme).ground))
-            ground.alpha_composite(picture)
-            picture = ground
+        picture = Image.fromarray(drawn(self._options.transparent))
         self._annotate(picture)
         return picture
 
-    def frames(self, start: float, end: float, count: int, turntable: float) -> Iterator[NDArray[np.uint8]]:
+    def frames(self, start: float, end: float, count: int, turntable: float) -> Iterator[Pixels]:
         """Frames (H, W, 3) of a movie from one time to another, while the surfaces turn by an angle in degrees."""
         for number in range(count):
             share = number / max(count - 1, 1)
             turned = turntable * number / count  # the first frame follows the last when it is repeated
-            picture = self.picture(start + share * (end - start), turned)
-            yield np.asarray(picture.convert("RGB"))
-
-    def close(self) -> None:
-        """End all threads."""
-        self._session.close()
+            yield np.asarray(self.picture(start + share * (end - start), turned))
 
     @property
     def _rect(self) -> Rect:
+        """What the surfaces get: all but the colour bars' room."""
         width, height = self._size
-        below = 4.2 * self._text_height if self._options.color_bar else 0.0
-        return (0.0, 0.0, float(width), height - below)
-
-    @property
-    def _text_height(self) -> float:
-        return max(11.0, min(self._size) / 42)
+        return (0.0, 0.0, float(width), height - (self._pen.bar_room if self._color_bar else 0.0))
 
     def _annotate(self, picture: Image.Image) -> None:
         """Write the surfaces' names and draw the colour bars."""
-        palette = theme.palette(self._session.view.theme)
         draw = ImageDraw.Draw(picture)
-        height = self._text_height
-        font = ImageFont.load_default(height)
-        inks = {"source": palette.source, "target": palette.target}
-        for name, (x, y) in self._scene.labels().items():
-            paint = self._scene.paints.get(name)
-            place = (x, max(y - 0.8 * height, 0.9 * height))
-            ink = _rgb(inks.get(name, palette.ink))
-            draw.text(place, paint.title if paint else name, fill=ink, font=font, anchor="mm")
-        if self._options.color_bar:
-            left = 1.2 * height
-            for bar in bars(self._scene):
-                left += self._draw_bar(draw, bar, left, _rgb(palette.ink), _rgb(palette.muted)) + 2 * height
-
-    def _draw_bar(
-        self, draw: ImageDraw.ImageDraw, bar: Bar, left: float, ink: tuple[int, ...], muted: tuple[int, ...]
-    ) -> float:
-        """One colour bar at the bottom; its width."""
-        height = self._text_height
-        font = ImageFont.load_default(0.85 * height)
-        width = round(max(11 * height, draw.textlength(bar.title, font)))
-        top = self._size[1] - 2.2 * height
-        for column, color in enumerate(np.round(255 * table(bar.colors.colormap, width)).astype(int)):
-            draw.line((left + column, top, left + column, top + 0.6 * height), fill=tuple(map(int, color)))
-        draw.text((left, top - 0.3 * height), bar.title, fill=muted, font=font, anchor="ls")
-        low, high = bar.colors.low, bar.colors.high
-        for value, share, anchor in ((low, 0.0, "lt"), ((low + high) / 2, 0.5, "mt"), (high, 1.0, "rt")):
-            draw.text((left + share * width, top + 0.9 * height), f"{value:.3g}", fill=ink, font=font, anchor=anchor)
-        return float(width)
+        whole = (0.0, 0.0, float(self._size[0]), float(self._size[1]))
+        for one in laid_out(self._scene, whole, self._palette, self._pen, self._color_bar, self._options.labels):
+            if isinstance(one, Text):
+                draw.text((one.left, one.top), one.text, fill=_rgb(one.color), font=self._font, anchor="la")
+                continue
+            left, top, right, bottom = map(round, one.rect)
+            colors = np.round(255 * table(one.colormap, max(right - left, 2))).astype(np.uint8)
+            picture.paste(Image.fromarray(np.tile(colors, (bottom - top, 1, 1))), (left, top))
 
 
 def _rgb(color: Color) -> tuple[int, int, int, int]:

@@ -155,7 +155,8 @@ class Scene:
         hit = ps.pick(screen_coords=position)
         if not hit.is_hit or hit.structure_name not in self.names or self._mesh is None:
             return None
-        return self.nearest(hit.structure_name, np.asarray(hit.position) - self.offsets[hit.structure_name])
+        weights = np.maximum(hit.structure_data["bary_coords"], 0.0)  # a pixel at an edge may lie beyond it
+        return self._hit(hit.structure_name, int(hit.structure_data["index"]), weights / weights.sum())
 
     def nearest(self, surface: str, position: FloatArray) -> Hit:
         """The point of a surface nearest to a place in the mesh's own coordinates."""
@@ -163,7 +164,10 @@ class Scene:
 
         assert self._mesh is not None
         found = project_onto_surface(self._mesh, position[None])
-        face, weights = int(found.faces[0]), found.barycentric[0]
+        return self._hit(surface, int(found.faces[0]), found.barycentric[0])
+
+    def _hit(self, surface: str, face: int, weights: FloatArray) -> Hit:
+        assert self._mesh is not None
         vertex = int(self._mesh.faces[face][np.argmax(weights)])
         a, b, c = map(float, weights)
         return Hit(surface, Point(face, (a, b, c)), vertex)
@@ -212,7 +216,7 @@ class Scene:
         ps.set_bounding_box(low, high)
         ps.set_length_scale(float(np.linalg.norm(high - low)))
         for name, offset in self.offsets.items():
-            ps.register_surface_mesh(
+            surface = ps.register_surface_mesh(
                 name,
                 mesh.vertices + offset,
                 mesh.faces,
@@ -221,6 +225,7 @@ class Scene:
                 color=_PLAIN,
                 back_face_policy="cull" if mesh.is_closed else "identical",
             )
+            surface.set_selection_mode("faces_only")  # else a pick near a vertex or an edge has no face
 
     def _show(self, name: str, paint: Paint) -> None:
         before = self._drawn.get(name)

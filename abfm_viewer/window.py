@@ -214,7 +214,7 @@ class Window:
             free = not self.dialogs.is_open
             self.guarded("mouse", lambda: self.mouse.update(self.session, self.scene, parts.scene, free))
         self.guarded("markers", lambda: self.bump_markers.draw(self.ui, self.session, self.scene, parts.scene))
-        self.guarded("labels", lambda: draw_annotations(self.ui, self.scene, parts.scene))
+        self.guarded("labels", lambda: draw_annotations(self.ui, self.scene, parts.scene, view.color_bar))
         with self.ui.disabled(self.dialogs.is_open):
             self.guarded("menu", lambda: menus.draw(self.ui, self.actions))
             self.guarded("panel", lambda: right_panel.draw(self.ui, self.session, parts.panel, self.guarded))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from abfm_viewer import material
-from abfm_viewer.colormaps import color_range, image_files, table
+from abfm_viewer import colormaps, material
+from abfm_viewer.colormaps import color_range, image_files, loaded_name, table
 
 NAMES = ["abfm sequential", "abfm diverging"]
 
@@ -55,9 +55,20 @@ def test_the_two_ends_of_the_diverging_map_weigh_the_same_and_differ():
 
 def test_image_files_hold_the_maps_in_linear_light():
     with image_files() as files:
-        assert sorted(files) == sorted(NAMES)
-        row = np.asarray(Image.open(files[NAMES[0]]))[0] / 255
-    assert row[[0, -1]] ** (1 / 2.2) == pytest.approx(table(NAMES[0])[[0, -1]], abs=0.03)
+        assert tuple(files) == colormaps.NAMES
+        rows = {name: np.asarray(Image.open(file))[0] / 255 for name, file in files.items()}
+    for name, row in rows.items():
+        assert row[[0, -1]] ** (1 / 2.2) == pytest.approx(table(name)[[0, -1]], abs=0.03)
+
+
+def test_maps_of_well_known_names_have_the_colours_that_these_are_known_for():
+    assert table("viridis")[[0, -1]] == pytest.approx(np.array([[68, 1, 84], [253, 231, 37]]) / 255, abs=0.02)
+    assert table("coolwarm")[[0, -1]] == pytest.approx(np.array([[59, 76, 192], [180, 4, 38]]) / 255, abs=0.02)
+
+
+def test_polyscope_gets_no_name_that_it_has_already():
+    assert all(loaded_name(name).startswith("abfm ") for name in colormaps.NAMES)
+    assert len({loaded_name(name) for name in colormaps.NAMES}) == len(colormaps.NAMES)
 
 
 def test_the_material_has_no_colour_of_its_own():
