@@ -150,21 +150,36 @@ class DocumentRenderer:
 
     @property
     def _rect(self) -> Rect:
-        """What the surfaces get: all but the colour bars' room."""
+        """What the surfaces get: all but the room of the names and the colour bars."""
         width, height = self._size
-        return (0.0, 0.0, float(width), height - (self._pen.bar_room if self._color_bar else 0.0))
+        above = self._pen.line if self._options.labels else 0.0
+        below = self._pen.bar_room if self._color_bar else 0.0
+        return (0.0, above, float(width), height - below)
 
     def _annotate(self, picture: Image.Image) -> None:
         """Write the surfaces' names and draw the colour bars."""
-        draw = ImageDraw.Draw(picture)
         whole = (0.0, 0.0, float(self._size[0]), float(self._size[1]))
         for one in laid_out(self._scene, whole, self._palette, self._pen, self._color_bar, self._options.labels):
             if isinstance(one, Text):
-                draw.text((one.left, one.top), one.text, fill=_rgb(one.color), font=self._font, anchor="la")
+                self._write(picture, one)
                 continue
             left, top, right, bottom = map(round, one.rect)
             colors = np.round(255 * table(one.colormap, max(right - left, 2))).astype(np.uint8)
             picture.paste(Image.fromarray(np.tile(colors, (bottom - top, 1, 1))), (left, top))
+
+    def _write(self, picture: Image.Image, text: Text) -> None:
+        """Write a text on a layer of its colour, so that its edges fade to nothing else where there is no ground."""
+        left, top = round(text.left), round(text.top)
+        red, green, blue, _ = _rgb(text.color)
+        layer = Image.new(
+            "RGBA", (round(self._pen.width(text.text)) + 2, round(self._pen.line) + 2), (red, green, blue, 0)
+        )
+        ImageDraw.Draw(layer).text((0, 0), text.text, fill=(red, green, blue, 255), font=self._font, anchor="la")
+        if picture.mode == "RGBA":
+            hidden = min(max(-left, 0), layer.width), min(max(-top, 0), layer.height)
+            picture.alpha_composite(layer, (max(left, 0), max(top, 0)), hidden)
+        else:
+            picture.paste(layer, (left, top), layer)
 
 
 def _rgb(color: Color) -> tuple[int, int, int, int]:

@@ -242,3 +242,13 @@ def functions_of_result(match: Match, path: Path) -> tuple[tuple[Channel, ...], 
     )
     mask = "" if match.mask is None else spec("mask", match.mask)
     return channels, mask, known
+
+
+def document_of_result(match: Match, path: Path) -> tuple[Document, dict[str, FloatArray]]:
+    """A document that shows a result at tau, and the values of its functions."""
+    channels, mask, known = functions_of_result(match, path)
+    parameters = match.parameters
+    document = Document(
+        match.mesh, path.name, channels, parameters=parameters, mask=mask, result=match, time=parameters.tau
+    )
+    return document, known

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from abfm import AbfmError
+from abfm.io import write_atomically
 from abfm.mesh import FloatArray
+from abfm_viewer import outputs
 from abfm_viewer.background import one_line
 from abfm_viewer.document import Document
 
@@ -21,6 +25,8 @@ if TYPE_CHECKING:
     from abfm import Match
 
 Known = Callable[[], dict[str, FloatArray]]
+PICTURES, MOVIES, DATA = (".png",), (".mp4", ".gif"), tuple(outputs.WRITERS)
+"""Suffixes."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +39,13 @@ class PictureSettings:
     color_bar: bool = True
 
     def words(self) -> list[str]:
-        """As options of `abfm render`."""
-        flags = ["--transparent"] * self.transparent + ["--no-color-bar"] * (not self.color_bar)
-        return ["--size", f"{self.width}x{self.height}", *flags]
+        """As options of `abfm render`, but for the ground."""
+        return ["--size", f"{self.width}x{self.height}", *([] if self.color_bar else ["--no-color-bar"])]
 
 
 @dataclass(frozen=True)
 class MovieSettings:
-    """A movie's times: how long it is, and which part of the flow it shows; and how far the surfaces turn."""
+    """A movie's length, which part of the flow it shows, in units of tau, and how far the surfaces turn meanwhile."""
 
     seconds: float = 4.0
     fps: float = 30.0
@@ -48,17 +53,26 @@ class MovieSettings:
     end: float = 1.0
     turntable: float = 0.0
 
-    def words(self) -> list[str]:
+    def words(self, tau: float) -> list[str]:
         """As options of `abfm render`."""
-        words = ["--seconds", self.seconds, "--fps", self.fps, "--from", self.start, "--to", self.end]
+        words = ["--seconds", self.seconds, "--fps", self.fps, "--from", self.start * tau, "--to", self.end * tau]
         return [str(word) for word in [*words, "--turntable", self.turntable]]
 
 
 class Exporter:
     """One export at a time.
 
+    Parameters
+    ----------
+    say : callable
+        Told at the end what was written, or why nothing was, and whether that is an error.
+
     Attributes
     ----------
+    picture : PictureSettings
+    movie : MovieSettings
+    window_size : (int, int)
+        Pixels of the window's part with the surfaces.
     progress : float
         Share of the frames that are drawn, 0 to 1.
     message : str
@@ -67,7 +81,9 @@ class Exporter:
         Whether `message` is an error.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, say: Callable[[str, bool], None]) -> None:
+        self._say = say
+        self.window_size = (1280, 720)
         self.progress = 0.0
         self.message = ""
         self.failed = False
@@ -84,11 +100,13 @@ class Exporter:
 
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
         """Draw the document as the window shows it."""
-        self._start(self._render, path, document, known, self.picture.words())
+        flags = ["--transparent"] if self.picture.transparent else []
+        self._start(self._render, path, PICTURES, document, known, [*self.picture.words(), *flags])
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
         """Draw the document over time."""
-        self._start(self._render, path, document, known, [*self.picture.words(), *self.movie.words()])
+        words = [*self.picture.words(), *self.movie.words(document.parameters.tau)]
+        self._start(self._render, path, MOVIES, document, known, words)
 
     def save_result(self, path: Path, match: Match) -> None:
         """Write a result in the format of the file's suffix."""
@@ -97,8 +115,9 @@ class Exporter:
     def cancel(self) -> None:
         """End the export; nothing is written, and an older file stays."""
         self._cancelled = True
-        if self._process is not None:
-            self._process.terminate()
+        process = self._process
+        if process is not None:
+            process.kill()  # all that it has written is in the folder that is removed with it
 
     def wait(self) -> None:
         """Return when nothing is being written any more."""
@@ -121,37 +140,42 @@ class Exporter:
             except Exception as error:
                 self.failed = not self._cancelled
                 self.message = "export cancelled" if self._cancelled else one_line(error)
+            self._say(self.message, self.failed)
 
         self._thread = threading.Thread(target=work, name="export", daemon=True)
         self._thread.start()
 
     def _write(self, path: Path, match: Match) -> str:
-        from abfm_viewer.cli import outputs
-
-        outputs.check(path, list(outputs.WRITERS))
+        outputs.check(path, DATA)
         outputs.write(path, match)
         return f"saved {path}"
 
-    def _render(self, path: Path, document: Document, known: Known, words: list[str]) -> str:
-        """Draw a copy of the document in a process of its own."""
+    def _render(self, path: Path, suffixes: tuple[str, ...], document: Document, known: Known, words: list[str]) -> str:
+        """Draw a copy of the document in a process of its own, and put the file in its place when it is whole."""
         from abfm_viewer.project import save_project
 
-        with tempfile.TemporaryDirectory() as folder:
-            project = Path(folder) / "export.abfm"
-            save_project(project, document, known())
-            command = [sys.executable, "-m", "abfm_viewer.cli", "render", str(project), "--out", str(path), *words]
-            with subprocess.Popen(
-                [*command, "--progress"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-            ) as self._process:
+        outputs.check(path, suffixes)
+        with tempfile.TemporaryDirectory(prefix="abfm-export-") as name:
+            folder = Path(name)
+            project, drawn, errors = folder / "export.abfm", folder / f"drawn{path.suffix}", folder / "errors.txt"
+            save_project(project, replace(document, view=replace(document.view, color_bar=True)), known())
+            command = [sys.executable, "-m", "abfm_viewer.cli", "render", str(project), "--out", str(drawn), *words]
+            environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), name)
+            with errors.open("w") as file:
+                self._process = subprocess.Popen(
+                    [*command, "--progress"], stdout=subprocess.PIPE, stderr=file, text=True, env=environment
+                )
+            with self._process as process:
                 if self._cancelled:
-                    self._process.terminate()
-                self._follow(self._process)
-                _, errors = self._process.communicate()
-                status = self._process.returncode
+                    process.kill()
+                self._follow(process)
             self._process = None
-        if status != 0:
-            lines = errors.strip().splitlines() or [f"the process that draws ended with status {status}"]
-            raise AbfmError(lines[-1].removeprefix("abfm: "))
+            if process.returncode != 0 or self._cancelled:
+                lines = errors.read_text().strip().splitlines()
+                reason = lines[-1] if lines else f"the process that draws ended with status {process.returncode}"
+                raise AbfmError(reason.removeprefix("abfm: "))
+            with write_atomically(path) as temporary:
+                shutil.copyfile(drawn, temporary)
         self.progress = 1.0
         return f"saved {path}"
 

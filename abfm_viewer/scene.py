@@ -86,6 +86,8 @@ class Scene:
         front = self._front_view(session)
         structure = (session.mesh, names, session.view.layout, front)
         if structure != (self._mesh, self.names, self._layout, self._placed):
+            if session.mesh is self._mesh and session.view.camera is not None:  # it saw other surfaces
+                session.amend(view=replace(session.view, camera=None))
             self._mesh, self.names, self._layout, self._placed = structure
             self._register(session.mesh, front)
             self.frame(session, rect)

@@ -79,7 +79,7 @@ class Session:
         self._loading: Latest[Callable[[], None]] = Latest("open")
         self._load_count = 0
         self.quantities = FieldQuantities()
-        self.exporter = Exporter()
+        self.exporter = Exporter(self.say)
         self._source = Carried("source")
         self._coordinates = Carried("coordinates")
         self._states: dict[int, FlowState] = {}

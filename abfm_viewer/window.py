@@ -209,6 +209,8 @@ class Window:
         if not self.ui.capturing:
             self.guarded("session", self._update)
         parts = self.parts = areas(imgui.GetIO().DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
+        left, top, right, bottom = parts.scene
+        self.session.exporter.window_size = (round(right - left), round(bottom - top))
         self.guarded("scene", lambda: self.scene.update(self.session, parts.scene))
         if not self.ui.capturing:
             free = not self.dialogs.is_open

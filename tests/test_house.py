@@ -69,7 +69,7 @@ def test_what_cannot_draw_says_so_in_one_line(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0
-    assert done.stderr.startswith("note: no picture: cannot draw")
+    assert done.stderr.startswith("note: no picture and no movie: cannot draw")
     assert done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]
 

@@ -10,21 +10,23 @@ from pathlib import Path
 from abfm import Match, Parameters, load_mesh
 from abfm.assets import asset_path
 from abfm.functions import function
-from abfm_viewer.cli import outputs
+from abfm_viewer import outputs
 from abfm_viewer.cli.solving import solve
 from abfm_viewer.errors import DrawingError
 
 SUMMARY = "the main job on a bundled mesh: a self-test that needs no screen"
 DESCRIPTION = """\
-Match two Gaussians on a bundled mesh with default parameters, and write the result and a picture of it.
+Match two Gaussians on a bundled mesh with default parameters, and write the result, a picture and a movie of it.
 
-The exit status is 1 when the mismatch ends above 0.05. Where the machine has no OpenGL, only the picture is missing.
+The exit status is 1 when the mismatch ends above 0.05. Where the machine has no OpenGL, only picture and movie are
+missing.
 
 Example:
   abfm demo --out out
 """
 FAILED = 1
 LARGEST_MISMATCH = 0.05
+_MOVIE_SIZE, _FRAMES, _FPS = (640, 480), 50, 25.0
 # From the chest to a thigh, a quarter of the body away.
 SOURCE, TARGET = "gaussian:vertex=394,width=0.1", "gaussian:vertex=472,width=0.1"
 
@@ -41,31 +43,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Match, draw and judge."""
     arguments.out.mkdir(parents=True, exist_ok=True)
-    result, picture = arguments.out / "demo.npz", arguments.out / "demo.png"
-    for path in (result, picture):
+    result, *drawings = (arguments.out / f"demo.{suffix}" for suffix in ("npz", "png", "mp4"))
+    for path in (result, *drawings):
         outputs.check(path, [path.suffix])
     mesh = load_mesh(asset_path("human_A.off"))
     outcome = solve(mesh, function(mesh, SOURCE), function(mesh, TARGET), Parameters(), [result], arguments.quiet)
-    drawn, why_not = (False, "") if outcome.status else _draw(outcome.match, picture)
+    drawn, why_not = (False, "") if outcome.status else _draw(outcome.match, *drawings)
     if why_not:
-        print(f"note: no picture: {why_not}", file=sys.stderr)
+        print(f"note: no picture and no movie: {why_not}", file=sys.stderr)
     if arguments.json:
-        shown = {"picture": str(picture) if drawn else None, "largest_mismatch": LARGEST_MISMATCH}
+        picture, movie = (str(path) if drawn else None for path in drawings)
+        shown = {"picture": picture, "movie": movie, "largest_mismatch": LARGEST_MISMATCH}
         print(json.dumps({"source": SOURCE, "target": TARGET, **outcome.to_dict(), **shown}))
     else:
-        print(outcome.summary() + (f", {picture}" if drawn else ""))
+        print(outcome.summary() + ("".join(f", {path}" for path in drawings) if drawn else ""))
     if outcome.match.mismatch > LARGEST_MISMATCH and not outcome.status:
         print(f"abfm: the self-test failed: mismatch above {LARGEST_MISMATCH}", file=sys.stderr)
         return FAILED
     return outcome.status
 
 
-def _draw(match: Match, path: Path) -> tuple[bool, str]:
-    """Whether the picture was drawn, or why not."""
+def _draw(match: Match, picture: Path, movie: Path) -> tuple[bool, str]:
+    """Whether a picture and a movie were drawn, or why not."""
     try:
-        from abfm_viewer.pictures import match_picture  # not before: it needs OpenGL
+        from abfm_viewer.document_pictures import DocumentRenderer  # not before: these need OpenGL
+        from abfm_viewer.documents import document_of_result
+        from abfm_viewer.movies import write_movie
+        from abfm_viewer.pictures import match_picture
 
-        outputs.write_picture(path, match_picture(match))
+        outputs.write_picture(picture, match_picture(match))
+        document, known = document_of_result(match, movie.with_suffix(".npz"))
+        with DocumentRenderer(document, known, _MOVIE_SIZE) as renderer:
+            write_movie(movie, renderer.frames(0.0, match.parameters.tau, _FRAMES, 0.0), _FPS, _FRAMES)
     except DrawingError as error:
         return False, str(error)
     return True, ""

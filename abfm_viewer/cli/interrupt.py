@@ -1,4 +1,4 @@
-"""Ctrl-C during a match: the first asks it to stop, so that its best result is kept; the second leaves at once."""
+"""Signals: what Ctrl-C and termination do to a match and to a movie."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def cancelled_by_signals(control: Control) -> Iterator[None]:
-    """Turn the first SIGINT or SIGTERM inside the block into a cancellation."""
+    """Turn the first SIGINT or SIGTERM inside the block into a cancellation, so that the best result is kept.
+
+    The second one leaves at once.
+    """
     before = {number: signal.getsignal(number) for number in _SIGNALS}
 
     def restore() -> None:
@@ -33,3 +36,17 @@ def cancelled_by_signals(control: Control) -> Iterator[None]:
         yield
     finally:
         restore()
+
+
+@contextmanager
+def interrupted_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM do inside the block what Ctrl-C does, so that nothing half-written stays."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

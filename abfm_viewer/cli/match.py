@@ -12,7 +12,8 @@ from abfm import ResultError, TriangleMesh, load_match
 from abfm.functions import families, function
 from abfm.functions.family import quoted
 from abfm.mesh import FloatArray
-from abfm_viewer.cli import options, outputs
+from abfm_viewer import outputs
+from abfm_viewer.cli import options
 from abfm_viewer.cli.solving import solve
 from abfm_viewer.exit_status import UsageError
 

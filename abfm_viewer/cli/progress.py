@@ -1,7 +1,11 @@
-"""How far a match is: a bar on a terminal, plain lines elsewhere; on stderr, so that stdout stays for results."""
+"""How far a match or a movie is: a bar on a terminal, plain lines elsewhere.
+
+On stderr, so that stdout stays for results.
+"""
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +17,7 @@ from abfm import Iteration
 
 Report = Callable[[Iteration], None]
 _LINES_EVERY = 10
+_LINES_OF_A_MOVIE = 10
 
 
 @contextmanager
@@ -60,3 +65,26 @@ def _print_line(now: Iteration) -> None:
             file=sys.stderr,
             flush=True,
         )
+
+
+@contextmanager
+def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[[int], None]]:
+    """What to call with the number of frames that are done, of `count`; for a machine a line of JSON on stdout each."""
+    if machine:
+        yield lambda frame: print(json.dumps({"frame": frame, "count": count}), flush=True)
+    elif quiet:
+        yield lambda frame: None
+    elif sys.stderr.isatty():
+        columns = (TextColumn("frame"), BarColumn(bar_width=None), TextColumn("{task.completed}/{task.total}"))
+        console = Console(stderr=True)
+        with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as bar:
+            task = bar.add_task("", total=count)
+            yield lambda frame: bar.update(task, completed=frame)
+    else:
+        step = max(count // _LINES_OF_A_MOVIE, 1)
+
+        def print_some(frame: int) -> None:
+            if frame % step == 0:
+                print(f"frame {frame} of {count}", file=sys.stderr, flush=True)
+
+        yield print_some

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import argparse
-import json
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-
-from rich.console import Console
-from rich.progress import Progress
+from typing import TYPE_CHECKING
 
 from abfm import ParameterError, load_match
 from abfm.mesh import FloatArray
-from abfm_viewer.cli import options, outputs
-from abfm_viewer.document import EXTRAPOLATION, Document
+from abfm_viewer import outputs
+from abfm_viewer.cli import options
+from abfm_viewer.cli.interrupt import interrupted_by_sigterm
+from abfm_viewer.cli.progress import frame_progress
+from abfm_viewer.document import EXTRAPOLATION, Document, Front
+from abfm_viewer.exit_status import UsageError
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 SUMMARY = "draw a result or a project"
 DESCRIPTION = """\
 Draw a result or a project: a picture (.png) or a movie of the flow (.mp4, .gif).
 
 A picture of a result is a sheet with the source, the source on its way to the target, and the target. Pictures of a
-project and all movies show what the window shows: the surfaces side by side, at the project's camera.
+project and all movies show what the window shows: the surfaces side by side, through the project's camera.
 
 Examples:
   abfm render match.npz --out match.png
@@ -31,7 +33,9 @@ Examples:
   abfm render my.abfm --out my.png --size 3840x2160 --transparent
 """
 _MOVIES = (".mp4", ".gif")
-_SIZE = {".png": (1920, 1080), ".mp4": (1280, 720), ".gif": (800, 450)}
+_SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
+_SECONDS, _FPS = 4.0, 30.0
+_OF_MOVIES = {"seconds": "--seconds", "fps": "--fps", "start": "--from", "end": "--to", "turntable": "--turntable"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,134 +44,146 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, required=True, metavar="FILE", help="the picture (.png) or movie (.mp4, .gif)"
     )
-    parser.add_argument(
-        "--size", type=options.size, metavar="WxH", help="in pixels, such as 1600x900 (default: as the kind wants)"
-    )
+    parser.add_argument("--size", type=options.size, metavar="WxH", help="in pixels, such as 1600x900")
     parser.add_argument(
         "--time",
         type=float,
         action="append",
         metavar="T",
-        help="time of a picture, 0 to 2 tau; on a sheet repeatable (default: quarters of tau; a project's own)",
+        help="time of a picture, 0 to 2 tau (default: the project's own, tau of a result); on a sheet a time to show "
+        "besides 0 and tau, repeatable (default: quarters of tau)",
     )
     parser.add_argument("--style", choices=("sheet", "window"), help="of a picture (default: by the input)")
-    parser.add_argument("--channel", type=int, default=0, metavar="C", help="which pair of functions (default: 0)")
-    parser.add_argument(
-        "--up", choices=("x", "y", "z"), default="y", help="axis that points upwards on a sheet (default: y)"
+    parser.add_argument("--channel", type=int, metavar="C", help="which pair of functions (default: 0, or the active)")
+    parser.add_argument("--up", choices=("x", "y", "z"), help="axis that points upwards (default: y, or as it is)")
+    window = parser.add_argument_group("pictures and movies of the window's style")
+    window.add_argument("--transparent", action="store_true", help="a picture without a ground")
+    window.add_argument("--no-color-bar", action="store_true", help="leave the colour bars out")
+    window.add_argument("--no-labels", action="store_true", help="leave the surfaces' names out")
+    movies = parser.add_argument_group("movies")
+    movies.add_argument("--seconds", type=options.positive, metavar="S", help="length (default: 4)")
+    movies.add_argument("--fps", type=options.positive, metavar="N", help="frames a second (default: 30)")
+    movies.add_argument("--from", type=float, dest="start", metavar="T", help="first time (default: 0)")
+    movies.add_argument("--to", type=float, dest="end", metavar="T", help="last time, at most 2 tau (default: tau)")
+    movies.add_argument(
+        "--turntable", type=float, metavar="DEGREES", help="how far the surfaces turn meanwhile (default: 0)"
     )
-    parser.add_argument("--transparent", action="store_true", help="no ground behind a window's picture")
-    parser.add_argument("--no-color-bar", action="store_true", help="no colour bar on a window's picture or movie")
-    parser.add_argument("--seconds", type=options.positive, default=4.0, metavar="S", help="of a movie (default: 4)")
-    parser.add_argument("--fps", type=options.positive, default=30.0, metavar="N", help="frames a second (default: 30)")
-    parser.add_argument("--from", type=float, default=0.0, dest="start", metavar="T", help="first time (default: 0)")
-    parser.add_argument("--to", type=float, default=None, metavar="T", help="last time of a movie (default: tau)")
-    parser.add_argument(
-        "--turntable", type=float, default=0.0, metavar="DEGREES", help="turn the surfaces meanwhile (default: 0)"
-    )
-    parser.add_argument("--progress", action="store_true", help="tell of every frame as a line of JSON")
+    parser.add_argument("--progress", action="store_true", help="print a line of JSON for every frame")
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw and write."""
     outputs.check(arguments.out, [".png", *_MOVIES])
-    is_project = arguments.input.endswith(".abfm")
-    style = arguments.style or ("window" if is_project or arguments.out.suffix in _MOVIES else "sheet")
-    if style == "sheet":
-        if is_project or arguments.out.suffix in _MOVIES:
-            raise ParameterError("--style sheet is for pictures of results (.npz to .png); leave it out")
-        return _sheet(arguments)
-    if not is_project:
-        document, known = _of_result(Path(arguments.input), arguments.channel)
-    else:
-        from abfm_viewer.project import load_project
+    path, suffix = Path(arguments.input), arguments.out.suffix
+    of_project, is_movie = path.suffix == ".abfm", suffix in _MOVIES
+    style = arguments.style or ("window" if of_project or is_movie else "sheet")
+    _check_options(arguments, style, is_movie)
+    with interrupted_by_sigterm():
+        if of_project:
+            from abfm_viewer.project import load_project
 
-        document, known = load_project(arguments.input)
-    return _window(arguments, document, known)
+            document, known = load_project(path)
+        else:
+            from abfm_viewer.documents import document_of_result
+
+            document, known = document_of_result(load_match(path), path)
+        document = _chosen(arguments, document)
+        if style == "sheet":
+            _save(arguments, _sheet(arguments, document))
+        elif is_movie:
+            _movie(arguments, document, known)
+        else:
+            _save(arguments, _picture(arguments, document, known))
+    return 0
 
 
-def _sheet(arguments: argparse.Namespace) -> int:
-    match = load_match(arguments.input)
-    _check_channel(arguments.channel, match.source.shape[1])
-    for time in arguments.time or []:
-        _check_time("--time", time, match.parameters.tau)
+def _check_options(arguments: argparse.Namespace, style: str, is_movie: bool) -> None:
+    """Refuse options that would do nothing."""
+    suffix = arguments.out.suffix
+    for name, option in _OF_MOVIES.items() if not is_movie else ():
+        if getattr(arguments, name) is not None:
+            raise UsageError(f"{option} is for movies, and {arguments.out} is a picture")
+    for name in ("transparent", "no_color_bar", "no_labels") if style == "sheet" else ():
+        if getattr(arguments, name):
+            raise UsageError(f"--{name.replace('_', '-')} is not for sheets; add --style window")
+    if is_movie:
+        from abfm_viewer.movies import FASTEST, SLOWEST
+
+        if style == "sheet":
+            raise UsageError("--style sheet is for pictures; a movie shows what the window shows")
+        if arguments.transparent:
+            raise UsageError(f"--transparent is for pictures (.png); a {suffix} file has a ground")
+        if arguments.time:
+            raise UsageError("--time is for pictures; a movie takes --from and --to")
+        if arguments.fps is not None and not SLOWEST <= arguments.fps <= FASTEST[suffix]:
+            raise UsageError(f"--fps {arguments.fps:g}: a {suffix} file takes {SLOWEST:g} to {FASTEST[suffix]:g}")
+
+
+def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
+    """The document with the channel, the times and the direction that were asked for."""
+    if arguments.channel is not None:
+        count = max(len(document.channels), 1)
+        if not 0 <= arguments.channel < count:
+            raise ParameterError(f"--channel {arguments.channel}: there are channels 0 to {count - 1}")
+        document = replace(document, channel=arguments.channel)
+    end = EXTRAPOLATION * document.parameters.tau
+    times = [("--time", time) for time in arguments.time or []]
+    times += [("--from", arguments.start), ("--to", arguments.end)]
+    for name, time in times:
+        if time is not None and not 0 <= time <= end:
+            raise ParameterError(f"{name} is {time:g}; expected 0 to {end:g}, which is {EXTRAPOLATION:g} tau")
+    return document
+
+
+def _sheet(arguments: argparse.Namespace, document: Document) -> Image.Image:
+    if document.result is None:
+        raise ParameterError(f"{arguments.input} holds no result to make a sheet of; add --style window")
     from abfm_viewer.pictures import match_picture  # not before: it needs OpenGL
 
-    picture = match_picture(match, arguments.time, arguments.size, arguments.channel, arguments.up)
-    outputs.write_picture(arguments.out, picture)
-    print(f"wrote {arguments.out} ({picture.width} x {picture.height})")
-    return 0
+    return match_picture(document.result, arguments.time, arguments.size, document.channel, arguments.up or "y")
 
 
-def _window(arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]) -> int:
-    tau, suffix = document.parameters.tau, arguments.out.suffix
-    times = arguments.time or [document.time]
-    end = tau if arguments.to is None else arguments.to
-    for name, time in (("--time", times[0]), ("--from", arguments.start), ("--to", end)):
-        _check_time(name, time, tau)
-    if len(times) > 1:
-        raise ParameterError(f"--time is given {len(times)} times; a window's picture shows one time")
+def _picture(arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]) -> Image.Image:
+    if len(arguments.time or []) > 1:
+        raise UsageError("--time is given more than once, and a picture of the window shows one time")
     from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions  # not before: it needs OpenGL
 
-    size = arguments.size or _SIZE[suffix]
-    choices = PictureOptions(arguments.transparent and suffix == ".png", not arguments.no_color_bar)
-    renderer = DocumentRenderer(document, known, size, choices)
-    try:
-        if suffix == ".png":
-            picture = renderer.picture(times[0], arguments.turntable)
-            outputs.write_picture(arguments.out, picture if choices.transparent else picture.convert("RGB"))
-            print(f"wrote {arguments.out} ({picture.width} x {picture.height})")
-            return 0
-        from abfm_viewer.movies import write_movie
-
-        count = max(round(arguments.seconds * arguments.fps), 2)
-        with _progress(arguments, count) as report:
-            frames = renderer.frames(arguments.start, end, count, arguments.turntable)
-            write_movie(arguments.out, frames, arguments.fps, count, report)
-    finally:
-        renderer.close()
-    print(f"wrote {arguments.out} ({size[0]} x {size[1]}, {count} frames)")
-    return 0
+    choices = PictureOptions(arguments.transparent, not arguments.no_color_bar, not arguments.no_labels)
+    with DocumentRenderer(_turned_up(arguments, document), known, arguments.size or _SIZE[".png"], choices) as renderer:
+        return renderer.picture(arguments.time[0] if arguments.time else document.time)
 
 
-def _of_result(path: Path, channel: int) -> tuple[Document, dict[str, FloatArray]]:
-    """A document that shows a result."""
-    from abfm_viewer.documents import functions_of_result
+def _movie(arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]) -> None:
+    from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions  # not before: it needs OpenGL
+    from abfm_viewer.movies import write_movie
 
-    match = load_match(path)
-    _check_channel(channel, match.source.shape[1])
-    channels, mask, known = functions_of_result(match, path)
-    document = Document(
-        match.mesh,
-        path.name,
-        channels,
-        channel=channel,
-        parameters=match.parameters,
-        mask=mask,
-        result=match,
-        time=match.parameters.tau,
-    )
-    return document, known
+    fps, start, turntable = arguments.fps or _FPS, arguments.start or 0.0, arguments.turntable or 0.0
+    end = document.parameters.tau if arguments.end is None else arguments.end
+    count = max(round((arguments.seconds or _SECONDS) * fps), 1)
+    width, height = arguments.size or _SIZE[arguments.out.suffix]
+    choices = PictureOptions(False, not arguments.no_color_bar, not arguments.no_labels, turns=bool(turntable))
+    renderer = DocumentRenderer(_turned_up(arguments, document), known, (width, height), choices)
+    with renderer, frame_progress(count, arguments.quiet, arguments.progress) as report:
+        write_movie(arguments.out, renderer.frames(start, end, count, turntable), fps, count, report)
+    print(f"wrote {arguments.out} ({width} x {height}, {count} frame{'s' if count > 1 else ''})")
 
 
-def _check_channel(channel: int, count: int) -> None:
-    if not 0 <= channel < count:
-        raise ParameterError(f"--channel {channel}: the result has channels 0 to {count - 1}")
+def _turned_up(arguments: argparse.Namespace, document: Document) -> Document:
+    """The document seen from where an axis that was asked for points upwards."""
+    if arguments.up is None:
+        return document
+    from abfm_viewer.camera import best_view  # not before: it needs OpenGL
+
+    functions = []
+    if document.result is not None:
+        functions = [document.result.source[:, 0], document.result.target[:, 0]]
+    view = best_view(document.mesh, *functions, up=arguments.up)
+    x, y, z = map(float, view.direction)
+    a, b, c = map(float, view.up)
+    return replace(document, view=replace(document.view, camera=None, front=Front((x, y, z), (a, b, c))))
 
 
-def _check_time(name: str, time: float, tau: float) -> None:
-    if not 0 <= time <= EXTRAPOLATION * tau:
-        raise ParameterError(f"{name} {time:g}: expected 0 to {EXTRAPOLATION * tau:g}, which is {EXTRAPOLATION:g} tau")
-
-
-@contextmanager
-def _progress(arguments: argparse.Namespace, count: int) -> Iterator[Callable[[int], None]]:
-    """What to call after every frame."""
-    if arguments.progress:
-        yield lambda frame: print(json.dumps({"frame": frame, "count": count}), flush=True)
-    elif arguments.quiet or not sys.stderr.isatty():
-        yield lambda frame: None
-    else:
-        with Progress(console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task("frames", total=count)
-            yield lambda frame: bar.update(task, completed=frame)
+def _save(arguments: argparse.Namespace, picture: Image.Image) -> None:
+    outputs.write_picture(arguments.out, picture)
+    print(f"wrote {arguments.out} ({picture.width} x {picture.height})")

@@ -10,7 +10,7 @@ from typing import Any
 
 import abfm
 from abfm import Control, Match, TriangleMesh
-from abfm_viewer.cli import outputs
+from abfm_viewer import outputs
 from abfm_viewer.cli.interrupt import cancelled_by_signals
 from abfm_viewer.cli.progress import progress
 from abfm_viewer.exit_status import INTERRUPTED

@@ -7,13 +7,12 @@ from functools import partial
 from pathlib import Path
 
 from abfm_viewer.documents import known_values
-from abfm_viewer.exporter import Exporter, Known
+from abfm_viewer.exporter import DATA, MOVIES, PICTURES, Exporter, Known
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
 
 _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}
 _OWN = "own size"
-_MOVIES, _DATA = (".mp4", ".gif"), (".npz", ".ply", ".vtu", ".csv")
 
 
 def draw(ui: Ui, session: Session) -> None:
@@ -22,13 +21,13 @@ def draw(ui: Ui, session: Session) -> None:
     with ui.disabled(exporter.running):
         _draw_size(ui, exporter)
         if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
-            ui.choose_to_save("Save a picture", (".png",), "picture.png", partial(_save_picture, session))
+            ui.choose_to_save("Save a picture", PICTURES, "picture.png", partial(_save_picture, session))
         ui.heading("movie")
         _draw_movie(ui, session, exporter)
         if ui.button(
             "Save movie...", "The flow from one time to another (.mp4 or .gif), every frame computed exactly."
         ):
-            ui.choose_to_save("Save a movie", _MOVIES, "movie.mp4", partial(_save_movie, session))
+            ui.choose_to_save("Save a movie", MOVIES, "movie.mp4", partial(_save_movie, session))
         ui.heading("data")
         if session.result is None:
             ui.note(
@@ -36,7 +35,7 @@ def draw(ui: Ui, session: Session) -> None:
             )
         tip = "The result (.npz), the mesh with functions and field (.ply, .vtu), or the energies (.csv)."
         if ui.button("Save result...", tip, enabled=session.result is not None):
-            ui.choose_to_save("Save the result", _DATA, "match.npz", partial(_save_result, session))
+            ui.choose_to_save("Save the result", DATA, "match.npz", partial(_save_result, session))
     if exporter.running:
         ui.progress(exporter.progress, f"{100 * exporter.progress:.0f}%")
         if ui.button("Cancel export", "Stop; an older file stays as it was."):
@@ -47,11 +46,12 @@ def draw(ui: Ui, session: Session) -> None:
 
 def _draw_size(ui: Ui, exporter: Exporter) -> None:
     picture = exporter.picture
-    names = {size: name for name, size in _SIZES.items()}
+    sizes = {"window": exporter.window_size, **_SIZES}
+    names = {size: name for name, size in sizes.items()}
     now = names.get((picture.width, picture.height), _OWN)
-    chosen = ui.combo("size", now, [*_SIZES, _OWN] if now == _OWN else list(_SIZES), "Of pictures and movies.")
+    chosen = ui.combo("size", now, [*sizes, _OWN] if now == _OWN else list(sizes), "Of pictures and movies.")
     if chosen != now:
-        exporter.picture = picture = replace(picture, width=_SIZES[chosen][0], height=_SIZES[chosen][1])
+        picture = replace(picture, width=sizes[chosen][0], height=sizes[chosen][1])
     width = ui.number("pixels across", picture.width, 320, 7680, "320 to 8192.", whole=True)
     height = ui.number("pixels down", picture.height, 240, 4320, "240 to 8192.", whole=True)
     if width is not None:

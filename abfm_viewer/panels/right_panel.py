@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Protocol
 
 from abfm_viewer.panels import compare, energy, export, field, functions, maps, mesh, parameters, solver
 from abfm_viewer.session import Session
@@ -11,15 +12,22 @@ from abfm_viewer.ui import Rect, Ui
 
 Guard = Callable[[str, Callable[[], None]], None]
 
-_SECTIONS: tuple[tuple[str, bool, Callable[[Ui, Session], None]], ...] = (
-    ("Mesh", False, mesh.draw),
-    ("Functions", True, functions.draw),
-    ("Parameters", True, parameters.draw),
-    ("Energy", True, energy.draw),
-    ("Field", False, field.draw),
-    ("Compare", False, compare.draw),
-    ("Maps", False, maps.draw),
-    ("Export", False, export.draw),
+
+class _Panel(Protocol):
+    """A module that draws a section."""
+
+    def draw(self, ui: Ui, session: Session) -> None: ...
+
+
+_SECTIONS: tuple[tuple[str, bool, _Panel], ...] = (
+    ("Mesh", False, mesh),
+    ("Functions", True, functions),
+    ("Parameters", True, parameters),
+    ("Energy", True, energy),
+    ("Field", False, field),
+    ("Compare", False, compare),
+    ("Maps", False, maps),
+    ("Export", False, export),
 )
 
 
@@ -28,7 +36,7 @@ def draw(ui: Ui, session: Session, rect: Rect, guarded: Guard) -> None:
     with ui.window("panel", rect):
         guarded("Solver", lambda: solver.draw(ui, session))
         with ui.child("sections", 0, border=False):
-            for label, opened, draw_section in _SECTIONS:
+            for label, opened, panel in _SECTIONS:
                 with ui.section(label, opened) as is_open:
                     if is_open:
-                        guarded(label, partial(draw_section, ui, session))
+                        guarded(label, partial(panel.draw, ui, session))

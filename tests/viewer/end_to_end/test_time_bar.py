@@ -8,7 +8,8 @@ import pytest
 
 def shown(gui):
     """The advected function at the shown time, when it is known exactly."""
-    gui.wait(lambda s: s._settled and not s.busy)
+    gui.wait(lambda s: s._settled)
+    gui.wait(lambda s: not s.busy)
     return gui.session.advected().copy()
 
 

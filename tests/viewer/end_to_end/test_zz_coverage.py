@@ -17,4 +17,5 @@ def test_every_widget_was_used(coverage, request):
     if chosen != FILES or options.keyword or any("::" in word for word in request.config.args):
         pytest.skip("only when all tests of this folder ran")
     assert len(coverage.used) > 150
-    assert coverage.unused(DYNAMIC) == set()
+    unused = sorted(coverage.unused(DYNAMIC))
+    assert unused == [], "\n".join(map(str, unused))

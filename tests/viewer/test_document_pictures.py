@@ -1,0 +1,173 @@
+"""Pictures of documents, drawn off the screen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm import AbfmError, FunctionError, ParameterError
+from abfm_viewer import opengl, viewport
+from abfm_viewer.background import Latest
+from abfm_viewer.document import Camera, Channel, Document
+from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions
+from abfm_viewer.opengl import ps
+from abfm_viewer.session import Session
+from abfm_viewer.window import Window
+from tests.shapes import ellipsoid
+
+SIZE = (480, 300)
+BARE = PictureOptions(color_bar=False, labels=False)
+EGG = ellipsoid(3, 1.0, 0.7, 0.55)
+CHANNEL = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=0.7,z=0,width=0.15")
+
+
+@pytest.fixture(scope="module")
+def document():
+    """A short match on an egg, with tau = 2."""
+    f, g = (abfm.function(EGG, CHANNEL.spec(side)) for side in ("source", "target"))
+    match = abfm.match(EGG, f, g, abfm.Parameters(tau=2, iterations=8))
+    return Document(EGG, "egg", (CHANNEL,), parameters=match.parameters, result=match, time=2.0)
+
+
+def drawn(document, size=SIZE, options=BARE, time=2.0, degrees=0.0):
+    """One picture as an array."""
+    with DocumentRenderer(document, {}, size, options) as renderer:
+        return np.asarray(renderer.picture(time, degrees)).astype(int)
+
+
+def is_empty(pixels):
+    """Where a picture on white shows nothing."""
+    return (pixels > 252).all(axis=-1)
+
+
+def touches(empty, sides=("top", "bottom", "left", "right")):
+    """Sides of a picture that something reaches."""
+    edges = {"top": empty[0], "bottom": empty[-1], "left": empty[:, 0], "right": empty[:, -1]}
+    return [side for side in sides if not edges[side].all()]
+
+
+def test_a_picture_shows_what_the_window_shows(document):
+    session = Session(EGG, "egg")
+    session.restore(document, {}, None)
+    window = Window(session, opengl.OFFSCREEN, (900, 560))
+    try:
+        while session.busy or not window.scene.paints:
+            window.frame()
+        window.tick()
+        left, top, right, bottom = map(round, window.parts.scene)
+        window.scene.frame(session, window.parts.scene, replace(window.scene.camera(), position=(5.0, 3.0, 14.0)))
+        window.tick()
+        shown = ps.screenshot_to_buffer(transparent_bg=False)[top:bottom, left:right, :3].astype(int)
+        seen = session.document
+    finally:
+        window.close()
+    assert seen.view.camera is not None
+    picture = drawn(seen, (right - left, bottom - top))
+    assert picture.shape == shown.shape
+    assert not is_empty(picture).all()
+    assert np.abs(picture - shown).mean() < 1.5
+
+
+def test_functions_are_carried_exactly(document):
+    with DocumentRenderer(document, {}, (64, 64)) as renderer:
+        for time in (0.0, 0.613, 2.0, 3.7):
+            renderer.picture(time)
+            values = renderer._scene.paints["advected"].values
+            np.testing.assert_allclose(values, document.result.advect(time), rtol=1e-10, atol=1e-12)
+    assert not Latest.at_once
+
+
+def test_frames_go_from_the_first_time_to_the_last(document):
+    with DocumentRenderer(document, {}, (120, 80), BARE) as renderer:
+        frames = list(renderer.frames(0.0, 2.0, 3, 0.0))
+        assert [frame.shape for frame in frames] == [(80, 120, 3)] * 3
+        for frame, time in zip(frames, (0.0, 1.0, 2.0), strict=True):
+            assert (frame == np.asarray(renderer.picture(time))).all()
+
+
+def test_without_a_ground_the_surfaces_stand_free(document):
+    pixels = drawn(document, options=PictureOptions(transparent=True))
+    assert pixels.shape == (SIZE[1], SIZE[0], 4)
+    assert pixels[0, 0, 3] == 0
+    assert pixels[..., 3].max() == 255
+    assert len(np.unique(pixels[..., 3])) > 10
+
+
+def test_names_and_colour_bars_are_written_and_left_out(document):
+    bare, names, bars = (
+        drawn(document, options=PictureOptions(color_bar=bar, labels=labels))
+        for bar, labels in ((False, False), (False, True), (True, False))
+    )
+    assert {(0x24, 0x55, 0xC3), (0xC6, 0x28, 0x28)} <= set(map(tuple, names.reshape(-1, 3).tolist()))
+    assert (0xC6, 0x28, 0x28) not in set(map(tuple, bare.reshape(-1, 3).tolist()))
+    assert not is_empty(bars[-50:, :200]).all()
+    assert is_empty(names[-8:]).all()
+    hidden = replace(document, view=replace(document.view, color_bar=False))
+    assert (drawn(hidden, options=PictureOptions(labels=False)) == bare).all()
+
+
+def test_a_dark_theme_has_a_dark_ground(document):
+    dark = replace(document, view=replace(document.view, theme="dark"))
+    assert np.abs(drawn(dark)[0, 0] - (0x1B, 0x1E, 0x24)).max() < 12
+
+
+def test_all_that_a_wide_window_sees_is_in_a_narrow_picture(document):
+    with DocumentRenderer(document, {}, (900, 300), BARE) as renderer:
+        renderer.picture(2.0)
+        wide = viewport.seen(renderer._rect, (900, 300))
+    assert wide.aspect == pytest.approx(3)
+    kept = replace(document, view=replace(document.view, camera=wide))
+    assert touches(is_empty(drawn(kept, (300, 300)))) == []
+    unknown = replace(document, view=replace(document.view, camera=replace(wide, aspect=0.0)))
+    assert touches(is_empty(drawn(unknown, (300, 300)))) == ["left", "right"]
+
+
+def test_turning_surfaces_stay_in_the_picture_and_come_back(document):
+    slab = ellipsoid(3, 0.3, 0.5, 1.0)
+    deep = replace(document, mesh=slab, result=None)
+    turning = replace(BARE, turns=True)
+    with DocumentRenderer(deep, {}, SIZE, turning) as renderer:
+        first = np.asarray(renderer.picture(0.0, 0.0)).astype(int)
+        widths = []
+        for degrees in range(0, 360, 45):
+            empty = is_empty(np.asarray(renderer.picture(0.0, degrees)))
+            assert touches(empty) == []
+            columns = np.diff(np.r_[True, empty.all(axis=0), True].astype(int))
+            assert (columns == -1).sum() == 3  # three surfaces, apart
+            widths.append((~empty.all(axis=0)).sum())
+        assert max(widths) > 2 * min(widths)
+        assert np.abs(np.asarray(renderer.picture(0.0, 360.0)) - first).max() <= 2
+
+
+def test_a_turning_surface_is_seen_from_the_documents_direction(document):
+    above = Camera((0.0, 9.0, 0.01), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 18.0)
+    seen = drawn(replace(document, view=replace(document.view, camera=above)), options=replace(BARE, turns=True))
+    assert touches(is_empty(seen)) == []
+    assert np.abs(seen - drawn(document, options=replace(BARE, turns=True))).mean() > 1
+
+
+@pytest.mark.parametrize("time", [-0.1, 4.1])
+def test_times_off_the_time_bar_are_refused(document, time):
+    with DocumentRenderer(document, {}, (64, 64)) as renderer, pytest.raises(ParameterError, match="0 to 4"):
+        renderer.picture(time)
+
+
+def test_a_size_out_of_range_is_refused(document):
+    with pytest.raises(ParameterError, match="9000x20; expected 16 to 8192"):
+        DocumentRenderer(document, {}, (9000, 20))
+
+
+def test_a_function_that_cannot_be_evaluated_is_named(document):
+    unknown = replace(document, channels=(Channel("gaussian:vertex=99999", CHANNEL.target),))
+    with pytest.raises(FunctionError, match="gaussian:vertex=99999: "), DocumentRenderer(unknown, {}, (64, 64)):
+        pass
+    assert not Latest.at_once
+
+
+def test_a_flow_that_overflows_is_no_picture(document):
+    wild = replace(document, result=replace(document.result, velocity=1e12 * document.result.velocity))
+    with DocumentRenderer(wild, {}, (64, 64)) as renderer, pytest.raises(AbfmError, match="no picture of time 1"):
+        renderer.picture(1.0)

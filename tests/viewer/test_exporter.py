@@ -1,0 +1,127 @@
+"""Exports beside the running app: the process that draws, its progress, and its end."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import av
+import numpy as np
+import pytest
+from PIL import Image
+
+import abfm
+from abfm_viewer.document import Channel, Document
+from abfm_viewer.exporter import Exporter, MovieSettings, PictureSettings
+from tests.shapes import icosphere
+
+CHANNEL = Channel("gaussian:x=1,y=0,z=0,width=0.2", "gaussian:x=0,y=1,z=0,width=0.2")
+
+
+@pytest.fixture(scope="module")
+def document():
+    """A short match on a sphere, with tau = 3."""
+    mesh = icosphere(2)
+    f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in ("source", "target"))
+    match = abfm.match(mesh, f, g, abfm.Parameters(tau=3, iterations=3))
+    return Document(mesh, "sphere", (CHANNEL,), parameters=match.parameters, result=match, time=3.0)
+
+
+class Told(list):
+    """What an exporter said at its end."""
+
+    def __call__(self, text, is_error):
+        self.append((text, is_error))
+
+
+@pytest.fixture
+def exporter(tmp_path, monkeypatch):
+    """One with small settings whose temporary files can be seen."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    exporter = Exporter(Told())
+    exporter.picture = PictureSettings(320, 240)
+    exporter.movie = MovieSettings(seconds=0.5, fps=10, start=0, end=2, turntable=90)
+    yield exporter
+    exporter.close()
+    assert list(temporary.iterdir()) == []
+
+
+@pytest.fixture
+def out(tmp_path):
+    """A folder for what is exported."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    return folder
+
+
+def test_a_picture_without_a_ground(exporter, document, out):
+    exporter.picture = replace(exporter.picture, transparent=True, color_bar=False)
+    exporter.save_picture(out / "a.png", document, dict)
+    exporter.wait()
+    assert exporter._say == [(f"saved {out / 'a.png'}", False)]
+    picture = Image.open(out / "a.png")
+    assert (picture.size, picture.mode) == ((320, 240), "RGBA")
+    assert picture.getextrema()[3] == (0, 255)
+
+
+def test_a_movie_tells_how_far_it_is(exporter, document, out):
+    """Its last time is 2 tau, whatever tau is."""
+    exporter.picture = replace(exporter.picture, transparent=True)
+    exporter.save_movie(out / "a.mp4", document, dict)
+    seen = set()
+    while exporter.running:
+        seen.add(exporter.progress)
+        time.sleep(0.002)
+    assert (exporter.message, exporter.failed, exporter.progress) == (f"saved {out / 'a.mp4'}", False, 1.0)
+    assert 0.0 in seen
+    assert len(seen) > 2
+    with av.open(str(out / "a.mp4")) as movie:
+        frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
+    assert (len(frames), frames[0].shape) == (5, (240, 320, 3))
+    assert np.abs(frames[0].astype(int) - frames[-1]).max() > 50
+
+
+def test_a_cancelled_movie_leaves_the_older_file(exporter, document, out):
+    path = out / "a.gif"
+    path.write_text("older")
+    exporter.movie = replace(exporter.movie, seconds=600)
+    exporter.save_movie(path, document, dict)
+    while exporter.running and exporter.progress == 0:
+        time.sleep(0.01)
+    exporter.cancel()
+    exporter.wait()
+    assert (exporter.message, exporter.failed) == ("export cancelled", False)
+    assert path.read_text() == "older"
+    assert list(out.iterdir()) == [path]
+
+
+def test_what_goes_wrong_in_the_process_is_told(exporter, document, out):
+    unknown = replace(document, channels=(Channel("gaussian:vertex=99999", CHANNEL.target),))
+    exporter.save_picture(out / "a.png", unknown, dict)
+    exporter.wait()
+    assert exporter.failed
+    assert exporter.message.startswith("gaussian:vertex=99999: ")
+    assert "\n" not in exporter.message
+    assert list(out.iterdir()) == []
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_drawn(exporter, document, out, monkeypatch):
+    monkeypatch.setattr("subprocess.Popen", None)
+    exporter.save_picture(out / "none" / "a.png", document, dict)
+    exporter.wait()
+    assert exporter.failed
+    assert "there is no folder" in exporter.message
+    exporter.save_movie(out / "a.avi", document, dict)
+    exporter.wait()
+    assert "must end in .mp4, .gif" in exporter.message
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".ply", ".vtu", ".csv"])
+def test_data_is_written_by_its_suffix(exporter, document, out, suffix):
+    path = out / f"a{suffix}"
+    exporter.save_result(path, document.result)
+    exporter.wait()
+    assert (exporter.message, exporter.failed) == (f"saved {path}", False)
+    assert path.stat().st_size > 100
