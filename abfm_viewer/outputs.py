@@ -5,12 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from PIL import Image
 
-from abfm import Match, ResultError
+from abfm import ResultError
 from abfm.io import export_energy_csv, export_ply, export_vtu, write_atomically
 from abfm.mesh import FloatArray
+
+if TYPE_CHECKING:
+    from abfm import Match
 
 
 def check(path: Path, suffixes: Collection[str]) -> None:

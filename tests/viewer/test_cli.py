@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 
+import av
 import numpy as np
 import pytest
 import trimesh
@@ -15,6 +16,8 @@ from abfm import Parameters, load_match
 from abfm.assets import asset_path
 from abfm.baselines import benchmark
 from abfm_viewer.cli import main
+from abfm_viewer.documents import document_of_result
+from abfm_viewer.project import load_project, save_project
 
 EIGHT = str(asset_path("eight.off"))
 PAIR = ["--source", "gaussian:vertex=10,width=0.2", "--target", "gaussian:vertex=40,width=0.2"]
@@ -221,6 +224,98 @@ def test_render_draws_the_channel_and_size_asked_for(result, tmp_path, capsys):
     assert "channels 0 to 1" in capsys.readouterr().err
 
 
+@pytest.fixture(scope="module")
+def project(result, tmp_path_factory):
+    """The result as a project."""
+    path = tmp_path_factory.mktemp("project") / "m.abfm"
+    save_project(path, *document_of_result(load_match(result), result))
+    return path
+
+
+def test_render_draws_a_project_as_its_window_shows_it(project, tmp_path, capsys):
+    picture = tmp_path / "a.png"
+    assert main(["render", str(project), "--out", str(picture), "--size", "400x300", "--transparent"]) == 0
+    assert capsys.readouterr().out == f"wrote {picture} (400 x 300)\n"
+    with Image.open(picture) as shown:
+        assert (shown.size, shown.mode) == ((400, 300), "RGBA")
+        assert shown.getextrema()[3] == (0, 255)
+    bare = ["--size", "400x300", "--no-color-bar", "--no-labels", "--channel", "1", "--up", "z", "--time", "0"]
+    assert main(["render", str(project), "--out", str(picture), *bare]) == 0
+    with Image.open(picture) as shown:
+        assert (shown.size, shown.mode) == ((400, 300), "RGB")
+
+
+def test_render_makes_sheets_of_projects_and_window_pictures_of_results(result, project, tmp_path):
+    sheets, windows = [], []
+    for number, path in enumerate((result, project)):
+        for style, found in (("sheet", sheets), ("window", windows)):
+            picture = tmp_path / f"{style}{number}.png"
+            assert main(["render", str(path), "--style", style, "--size", "640x400", "--out", str(picture)]) == 0
+            found.append(np.asarray(Image.open(picture)))
+    for first, second in (sheets, windows):
+        assert (first == second).all()
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+def test_render_writes_movies(suffix, result, project, tmp_path, capsys):
+    for path in (result, project):
+        movie = tmp_path / f"{path.stem}{suffix}"
+        words = ["--size", "330x240", "--seconds", "0.5", "--fps", "8", "--to", "2", "--turntable", "-90"]
+        assert main(["render", str(path), "--out", str(movie), *words]) == 0
+        captured = capsys.readouterr()
+        assert captured.out == f"wrote {movie} (330 x 240, 4 frames)\n"
+        assert captured.err == "".join(f"frame {frame} of 4\n" for frame in (1, 2, 3, 4))
+        with av.open(str(movie)) as file:
+            frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
+        assert (len(frames), frames[0].shape) == (4, (240, 330, 3))
+        assert np.abs(frames[0].astype(int) - frames[-1]).max() > 50
+
+
+def test_render_tells_machines_of_every_frame(result, tmp_path, capsys):
+    words = ["--size", "320x240", "--seconds", "0.3", "--fps", "10", "--progress"]
+    assert main(["render", str(result), "--out", str(tmp_path / "a.mp4"), *words]) == 0
+    *frames, last = capsys.readouterr().out.splitlines()
+    assert [json.loads(line) for line in frames] == [{"frame": frame, "count": 3} for frame in (1, 2, 3)]
+    assert last.startswith("wrote ")
+
+
+@pytest.mark.parametrize(
+    ("out", "words", "expected"),
+    [
+        ("a.png", ["--time", "-0.5"], "--time is -0.5; expected 0 to 2, which is 2 tau"),
+        ("a.png", ["--time", "0.5", "--time", "2.5"], "--time is 2.5; expected 0 to 2"),
+        ("a.png", ["--time", "nan"], "--time is nan"),
+        ("a.png", ["--style", "window", "--time", "0", "--time", "1"], "--time is given more than once"),
+        ("a.png", ["--transparent"], "--transparent is not for sheets; add --style window"),
+        ("a.png", ["--no-labels"], "--no-labels is not for sheets"),
+        ("a.png", ["--fps", "30"], "--fps is for movies"),
+        ("a.png", ["--style", "window", "--size", "9000x9000"], "16 to 8192"),
+        ("a.mp4", ["--to", "3"], "--to is 3; expected 0 to 2"),
+        ("a.mp4", ["--from", "-1"], "--from is -1"),
+        ("a.mp4", ["--time", "1"], "--time is for pictures"),
+        ("a.mp4", ["--style", "sheet"], "--style sheet is for pictures"),
+        ("a.mp4", ["--transparent"], "--transparent is for pictures"),
+        ("a.mp4", ["--seconds", "0"], "--seconds"),
+        ("a.gif", ["--fps", "60"], "--fps 60: a .gif file takes 0.1 to 50"),
+    ],
+)
+def test_render_refuses_what_would_make_no_sense(out, words, expected, result, tmp_path, capsys):
+    assert main(["render", str(result), "--out", str(tmp_path / out), *words]) == 2
+    captured = capsys.readouterr()
+    assert expected in captured.err
+    assert captured.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_render_has_no_sheet_of_a_project_without_a_result(project, tmp_path, capsys):
+    document, known = load_project(project)
+    path = tmp_path / "unsolved.abfm"
+    save_project(path, replace(document, result=None), known)
+    assert main(["render", str(path), "--style", "sheet", "--out", str(tmp_path / "a.png")]) == 2
+    assert "holds no result to make a sheet of" in capsys.readouterr().err
+    assert main(["render", str(path), "--size", "320x240", "--out", str(tmp_path / "a.png")]) == 0
+
+
 def test_a_damaged_result_is_refused(tmp_path, capsys):
     path = tmp_path / "m.npz"
     path.write_bytes(b"PK\x03\x04 not a zip")
@@ -233,8 +328,11 @@ def test_demo_passes_its_own_test(tmp_path, capsys):
     assert main(["demo", "--out", str(out), "--json", "--quiet"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["mismatch"] <= 0.05
-    assert sorted(path.name for path in out.iterdir()) == ["demo.npz", "demo.png"]
+    assert sorted(path.name for path in out.iterdir()) == ["demo.mp4", "demo.npz", "demo.png"]
+    assert report["movie"] == str(out / "demo.mp4")
     assert Image.open(out / "demo.png").width == 1800
+    with av.open(str(out / "demo.mp4")) as movie:
+        assert len(list(movie.decode(video=0))) == 50
 
 
 def test_demo_fails_when_the_mismatch_stays_high(tmp_path, capsys, monkeypatch):

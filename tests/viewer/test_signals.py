@@ -77,6 +77,25 @@ def test_an_interrupt_while_modules_load_is_one_line(module, program):
     assert (done.returncode, done.stderr) == (130, f"{program}: interrupted\n")
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_movie_and_leaves_the_older_file(number, tmp_path: Path):
+    result, movie = tmp_path / "m.npz", tmp_path / "m.mp4"
+    source, target = "gaussian:vertex=10,width=0.2", "gaussian:vertex=40,width=0.2"
+    words = ["--source", source, "--target", target, "--iterations", "3", "--quiet", "--out", str(result)]
+    subprocess.run([*COMMAND, "match", str(asset_path("eight.off")), *words], check=True, capture_output=True)
+    movie.write_text("older")
+    process = start("render", str(result), "--out", str(movie), "--size", "320x240", "--seconds", "60")
+    assert process.stderr is not None
+    while "frame " not in process.stderr.readline():
+        assert process.poll() is None
+    process.send_signal(number)
+    told, errors = process.communicate(timeout=60)
+    assert (process.returncode, told) == (130, "")
+    assert errors.endswith("abfm: interrupted\n")
+    assert movie.read_text() == "older"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["m.mp4", "m.npz"]
+
+
 def test_a_reader_that_has_enough_is_no_error():
     process = start("match", "--help")
     assert process.stdout is not None
