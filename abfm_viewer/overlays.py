@@ -116,7 +116,7 @@ def _draw_arrows(field: Field, length: float, density: float, home: FloatArray, 
     cloud = ps.register_point_cloud(_ARROWS, centers + home, radius=1e-6, material=material.NAME, color=color[:3])
     cloud.set_radius(1e-9, relative=False)
     cloud.add_vector_quantity(
-        "field", vectors, enabled=True, vectortype="ambient", color=color[:3], radius=0.0012, material=material.NAME
+        "field", vectors, enabled=True, vectortype="ambient", color=color[:3], radius=0.0022, material=material.NAME
     )
 
 

@@ -225,7 +225,14 @@ class Session:
         """Show a result with the channels and the mask that it was found for; `known` as for `restore`."""
         parameters = match.parameters
         document = Document(
-            match.mesh, name, channels, parameters=parameters, mask=mask, result=match, time=parameters.tau
+            mesh=match.mesh,
+            name=name,
+            channels=channels,
+            parameters=parameters,
+            mask=mask,
+            result=match,
+            runs=(Run(match.energy_history, match.stages, (), match.mismatch, name),),
+            time=parameters.tau,
         )
         self.restore(replace(document, view=replace(self.view, camera=None, front=None)), known or {}, None)
 

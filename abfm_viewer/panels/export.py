@@ -18,6 +18,9 @@ _OWN = "own size"
 def draw(ui: Ui, session: Session) -> None:
     """Draw the settings and the buttons."""
     exporter = session.exporter
+    _draw_state(ui, exporter)
+    if session.solver.running:
+        ui.note("What is saved shows the latest result, not the run that goes on.")
     with ui.disabled(exporter.running):
         _draw_size(ui, exporter)
         if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
@@ -36,6 +39,10 @@ def draw(ui: Ui, session: Session) -> None:
         tip = "The result (.npz), the mesh with functions and field (.ply, .vtu), or the energies (.csv)."
         if ui.button("Save result...", tip, enabled=session.result is not None):
             ui.choose_to_save("Save the result", DATA, "match.npz", partial(_save_result, session))
+
+
+def _draw_state(ui: Ui, exporter: Exporter) -> None:
+    """Draw how far an export is, or how the last one ended."""
     if exporter.running:
         ui.progress(exporter.progress, f"{100 * exporter.progress:.0f}%")
         if ui.button("Cancel export", "Stop; an older file stays as it was."):

@@ -36,6 +36,9 @@ def test_sizes_and_settings(matched):
     for name, size in (("4K", (3840, 2160)), ("8K", (7680, 4320)), ("HD", (1280, 720)), ("full HD", (1920, 1080))):
         matched.choose("size", name)
         assert (exporter.picture.width, exporter.picture.height) == size
+    matched.choose("size", "window")
+    left, top, right, bottom = matched.window.parts.scene
+    assert (exporter.picture.width, exporter.picture.height) == (round(right - left), round(bottom - top))
     matched.drag("pixels across", 2000)
     matched.drag("pixels down", 1000)
     assert exporter.picture.width == pytest.approx(2000, abs=120)
