@@ -120,7 +120,7 @@ class View:
     blend: bool = False
     error: bool = False
     arrows: bool = False
-    arrow_length: float = 0.08
+    arrow_length: float = 0.12
     arrow_density: float = 0.3
     part: FieldPart = "whole"
     streaks: bool = False

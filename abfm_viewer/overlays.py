@@ -24,6 +24,7 @@ _ARROWS, _LINES, _PATHS, _NOW, _START = (
     "followed points",
     "starts of points",
 )
+_HIGH = 0.012  # as _LIFT, for arrows, which are thicker
 _LIFT = 0.004  # of sqrt(area): what lies on a surface is hidden by it where it bends
 _THIN, _POINT = 0.0025, 0.014
 
@@ -111,12 +112,12 @@ def _draw_arrows(field: Field, length: float, density: float, home: FloatArray, 
     fastest = float(field.speed.max())
     faces = evenly_spread(mesh, density)
     faces = faces[field.speed[faces] > 0.01 * fastest] if fastest > 0 else faces[:0]
-    centers = mesh.vertices[mesh.faces[faces]].mean(axis=1) + _LIFT * mesh.length_scale * _normals(mesh)[faces]
+    centers = mesh.vertices[mesh.faces[faces]].mean(axis=1) + _HIGH * mesh.length_scale * _normals(mesh)[faces]
     vectors = field.velocity[faces] * (length * mesh.length_scale / max(fastest, 1e-300))
     cloud = ps.register_point_cloud(_ARROWS, centers + home, radius=1e-6, material=material.NAME, color=color[:3])
     cloud.set_radius(1e-9, relative=False)
     cloud.add_vector_quantity(
-        "field", vectors, enabled=True, vectortype="ambient", color=color[:3], radius=0.0022, material=material.NAME
+        "field", vectors, enabled=True, vectortype="ambient", color=color[:3], radius=0.0025, material=material.NAME
     )
 
 
