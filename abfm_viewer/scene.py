@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from abfm_viewer.viewport import Rect
 _SPACING, _STACKING = 1.15, 1.25
 _SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25
 _CHECKER, _CHECKER_COLORS = 0.03, ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))
+_STRIPES = 0.8  # of the light that every other stripe between isolines keeps
 _PLAIN = (0.8, 0.81, 0.83)
 
 
@@ -242,11 +244,12 @@ class Scene:
         if paint.kind in ("vertex values", "face values"):
             assert paint.colors is not None
             limits = (paint.colors.low, paint.colors.high)
-            isolines = {}
-            if self._isolines[0] and paint.kind == "vertex values":
-                period = (limits[1] - limits[0]) / max(self._isolines[1], 1)
-                isolines = {"isolines_enabled": True, "isoline_style": "contour", "isoline_period": period}
-                isolines |= {"isoline_contour_thickness": 0.4, "isoline_darkness": 0.5}
+            shown = self._isolines[0] and paint.kind == "vertex values"
+            isolines: dict[str, Any] = {"isolines_enabled": shown}  # polyscope would remember the last ones
+            if shown:  # each of these alone switches them on
+                isolines["isoline_style"] = "stripe"  # contours are black where a function hardly changes
+                isolines["isoline_period"] = (limits[1] - limits[0]) / max(self._isolines[1], 1)
+                isolines["isoline_darkness"] = _STRIPES
             surface.add_scalar_quantity(
                 paint.kind,
                 paint.values,

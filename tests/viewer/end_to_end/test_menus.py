@@ -64,6 +64,20 @@ def test_folders_are_gone_through(gui, tmp_path, sphere_file):
     gui.wait(lambda s: len(s.mesh.vertices) == 162 and s.values("target") is not None)
 
 
+def test_folders_are_gone_through_to_save(gui, tmp_path):
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "older.abfm").touch()
+    gui.menu("File", "Save project as...")
+    gui.click("older.abfm")
+    gui.double_click("inner/")
+    gui.click("Up")
+    gui.click("Home")
+    gui.type("folder", str(tmp_path / "inner"))
+    gui.type("file name", "new", enter=False)
+    gui.click("Save", within="Save the project")
+    gui.wait(lambda _: (tmp_path / "inner" / "new.abfm").exists())
+
+
 def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
     matched.type("sigma", "0.02")
     matched.drag("time", 0.7)
@@ -144,10 +158,21 @@ def test_every_layout_color_map_and_scale(gui):
         gui.menu("View", "UI scale", f"{scale:g}")
         assert gui.session.view.ui_scale == scale
         assert gui.window.parts.panel[2] - gui.window.parts.panel[0] >= 379
+
+
+def test_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
+    def picture():
+        gui.screenshot(tmp_path / "a.png")
+        return np.asarray(Image.open(tmp_path / "a.png"), int)[:440, :470]
+
+    before = picture()
     for label, name in (("Isolines", "isolines"), ("Colour bar", "color_bar")):
-        before = getattr(gui.session.view, name)
+        was = getattr(gui.session.view, name)
         gui.menu("View", label)
-        assert getattr(gui.session.view, name) is not before
+        assert getattr(gui.session.view, name) is not was
+        assert np.abs(picture() - before).mean() > 0.1
+        gui.menu("View", label)
+        assert np.abs(picture() - before).mean() < 0.01
 
 
 def test_the_camera_turns_and_is_reset(gui):

@@ -64,6 +64,16 @@ def test_controls_of_the_families(gui, side):
     def spec():
         return gui.session.active.spec(side)
 
+    def choose_each(family, label):
+        """Choose every word of a combo."""
+        gui.choose("family", family, within=side)
+        gui.click(label, within=side)
+        words = [w.label for w in gui.window.ui.widgets if w.section == f"Functions/{side}/{label}"]
+        gui.key("esc")
+        for word in words:
+            gui.choose(label, word, within=side)
+            assert word in spec()
+
     gui.choose("family", "eigenfunction", within=side)
     gui.drag("index", 7, within=side)
     gui.type("index", "4", within=side)
@@ -74,13 +84,14 @@ def test_controls_of_the_families(gui, side):
     gui.choose("family", "wks", within=side)
     gui.type("energy", "2", within=side)
     gui.type("width", "0.5", within=side)
-    gui.choose("family", "curvature", within=side)
-    gui.choose("family", "coordinate", within=side)
+    choose_each("curvature", "kind")
+    choose_each("coordinate", "axis")
     gui.choose("family", "geodesic", within=side)
     gui.type("vertex", "5", within=side)
     assert "vertex=5" in spec()
     gui.choose("family", "indicator", within=side)
     gui.drag("radius", 0.3, within=side)
+    gui.choose("shape", "disc", within=side)
     gui.choose("shape", "half-space", within=side)
     gui.choose("axis", "x", within=side)
     gui.drag("above", -0.5, within=side)
@@ -106,6 +117,8 @@ def test_gaussians_by_widget(gui, side):
     gui.type("width", "0.15", within=side)
     gui.click("Add Gaussian", within=side)
     assert [bump.width for bump in bumps()] == [0.15, 0.15]
+    for metric in ("euclidean", "geodesic"):
+        gui.choose("metric", metric, within=side)
     gui.type("height", "0.5", within=side)
     gui.drag("height", -1, within=side)
     gui.click("bump 1", within=side)
@@ -157,3 +170,8 @@ def test_values_and_vertex_maps_from_files(gui, tmp_path, side):
     gui.click("Remove the map", within=side)
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), values)
+    np.savetxt(tmp_path / "table.csv", np.stack([values, 2 * values], axis=1), delimiter=",", header="a,b", comments="")
+    gui.type("path", str(tmp_path / "table.csv"), within=side)
+    gui.type("column", "b", within=side)
+    settled(gui)
+    np.testing.assert_allclose(gui.session.values(side), 2 * values)

@@ -39,7 +39,8 @@ def test_a_number_is_typed_and_dragged_and_undone(gui, label, text, slid):
 
 def test_the_method_decides_what_can_be_set(gui):
     assert not gui.is_enabled("substeps")
-    gui.choose("gradient", "bracket")
+    for gradient in ("adjoint", "bracket"):
+        gui.choose("gradient", gradient)
     gui.type("substeps", "20")
     gui.drag("substeps", 40)
     gui.type("quadrature", "5")
@@ -68,9 +69,10 @@ def test_what_makes_no_sense_is_refused_in_place(gui, label, text):
 
 
 def test_presets_set_and_defaults_return(gui):
-    gui.choose("preset", PRESETS[0].name)
-    assert PRESETS[0].holds(gui.session.parameters)
-    assert gui.text_of("preset") == PRESETS[0].name
+    for preset in (*PRESETS[1:], PRESETS[0]):
+        gui.choose("preset", preset.name)
+        assert preset.holds(gui.session.parameters)
+        assert gui.text_of("preset") == preset.name
     gui.type("alpha", "12")
     assert gui.text_of("preset") == "own values"
     gui.click("Reset to defaults", within="Parameters")

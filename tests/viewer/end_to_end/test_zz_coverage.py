@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 FILES = {path.name for path in Path(__file__).parent.glob("test_*.py")}
-DYNAMIC = ("File/Recent", "Open a mesh", "Open a project or a result", "Open values", "Open a vertex map", "Save a")
+DYNAMIC = ("File/Recent", "Open a mesh", "Open a project or a result", "Open values", "Open a vertex map")
 """Places whose labels are the names of files."""
 
 
