@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from abfm import TriangleMesh
@@ -9,7 +11,7 @@ from abfm.mesh import FloatArray
 from abfm_viewer import viewport
 from abfm_viewer.document import Camera
 from abfm_viewer.errors import DriverError
-from abfm_viewer.input_events import Place
+from abfm_viewer.input_events import InputEvents, Place
 from abfm_viewer.scene import Hit
 from abfm_viewer.window import Window
 
@@ -19,26 +21,44 @@ _REACH = 12.0
 """Pixels from a vertex within which `nearest_vertex` finds it."""
 
 
-def place(window: Window, vertex: int, surface: str) -> Place:
-    """Where a vertex, numbered as in the mesh file, is in the window.
+def act_on(
+    window: Window,
+    input: InputEvents,
+    vertices: Sequence[int],
+    surface: str,
+    modifiers: Sequence[str],
+    act: Callable[[list[Place]], None],
+) -> None:
+    """Do something with the places of vertices while keys are held, the first one turned to the front if need be.
 
     Raises
     ------
     DriverError
-        If there is no such surface.
+        If there is no such surface, or the first vertex is hidden from every side.
     """
+    window.tick()
+    camera = _turn_to(window, vertices[0], surface)
+    try:
+        places = [_place(window, vertex, surface) for vertex in vertices]
+        for modifier in modifiers:
+            input.hold(modifier, True)
+        act(places)
+        for modifier in modifiers:
+            input.hold(modifier, False)
+    finally:
+        if camera is not None:
+            window.scene.frame(window.session, window.parts.scene, camera)
+    window.tick()
+
+
+def _place(window: Window, vertex: int, surface: str) -> Place:
+    """Where a vertex, numbered as in the mesh file, is in the window."""
     x, y, _ = viewport.projected(_position(window, vertex, surface))[0]
     return float(x), float(y)
 
 
-def turn_to(window: Window, vertex: int, surface: str) -> Camera | None:
-    """Turn the camera so that a vertex can be clicked on; the camera before, or None if it could stay.
-
-    Raises
-    ------
-    DriverError
-        If the vertex is hidden from every side.
-    """
+def _turn_to(window: Window, vertex: int, surface: str) -> Camera | None:
+    """Turn the camera so that a vertex can be clicked on; the camera before, or None if it could stay."""
     if _sees(window, vertex, surface):
         return None
     scene, session, rect = window.scene, window.session, window.parts.scene
@@ -82,7 +102,7 @@ def _position(window: Window, vertex: int, surface: str) -> FloatArray:
 
 def _sees(window: Window, vertex: int, surface: str) -> bool:
     left, top, right, bottom = window.parts.scene
-    x, y = place(window, vertex, surface)
+    x, y = _place(window, vertex, surface)
     if not (left < x < right and top < y < bottom):
         return False
     hit = window.scene.pick((x, y))

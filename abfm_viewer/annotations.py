@@ -113,10 +113,15 @@ def _bar(bar: Bar, left: float, bottom: float, width: float, colors: Palette, pe
     return found
 
 
+def window_pen(ui: Ui) -> Pen:
+    """The pen of the window, at its present scale."""
+    return Pen(ui.scale, imgui.GetTextLineHeight(), lambda text: float(imgui.CalcTextSize(text)[0]))
+
+
 def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -> None:
     """Draw names and colour bars behind the panels."""
     canvas = imgui.GetBackgroundDrawList()
-    pen = Pen(ui.scale, imgui.GetTextLineHeight(), lambda text: float(imgui.CalcTextSize(text)[0]))
+    pen = window_pen(ui)
     for one in laid_out(scene, rect, ui.colors, pen, color_bar):
         if isinstance(one, Text):
             canvas.AddText((one.left, one.top), _u32(one.color), one.text)

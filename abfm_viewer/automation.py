@@ -277,7 +277,7 @@ class Driver:
         self, vertices: Sequence[int], surface: str = "source", modifiers: Sequence[str] = ("shift",)
     ) -> None:
         """Press the mouse on the first vertex and drag it over the others; as `pick` where there is only one."""
-        self._on_surface(vertices, surface, modifiers, lambda places: self.input.drag(*places))
+        aim.act_on(self.window, self.input, vertices, surface, modifiers, lambda places: self.input.drag(*places))
 
     def wheel(self, turns: float, vertex: int, surface: str = "source", modifiers: Sequence[str] = ("shift",)) -> None:
         """Turn the wheel over a vertex; with Shift, as by default, this widens or narrows the active Gaussian."""
@@ -286,25 +286,7 @@ class Driver:
             self.input.move(*places[0])
             self.input.wheel(turns)
 
-        self._on_surface([vertex], surface, modifiers, turn)
-
-    def _on_surface(
-        self, vertices: Sequence[int], surface: str, modifiers: Sequence[str], act: Callable[[list[Place]], None]
-    ) -> None:
-        """Do something where vertices are, with keys held."""
-        self.frames(1)
-        camera = aim.turn_to(self.window, vertices[0], surface)
-        try:
-            places = [aim.place(self.window, vertex, surface) for vertex in vertices]
-            for modifier in modifiers:
-                self.input.hold(modifier, True)
-            act(places)
-            for modifier in modifiers:
-                self.input.hold(modifier, False)
-        finally:
-            if camera is not None:
-                self.window.scene.frame(self.session, self.window.parts.scene, camera)
-        self.frames(1)
+        aim.act_on(self.window, self.input, [vertex], surface, modifiers, turn)
 
 
 def _is_ready(session: Session) -> bool:

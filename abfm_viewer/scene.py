@@ -52,6 +52,8 @@ class Scene:
         How far each one was moved.
     paints : dict of str to Paint
         What each one shows.
+    room_above, room_below : float
+        What the names and the colour bars cover, in pixels: a fitted camera leaves it free.
     redraw_seconds : float
         How long it took to draw the surfaces lately.
     """
@@ -63,7 +65,7 @@ class Scene:
         self.paints: dict[str, Paint] = {}
         self.painter = Painter()
         self.overlays = Overlays()
-        self.redraw_seconds = 0.0
+        self.redraw_seconds = self.room_above = self.room_below = 0.0
         self._mesh: TriangleMesh | None = None
         self._front: tuple[TriangleMesh, Front | None, View] | None = None
         self._heads: FloatArray = np.zeros((0, 3))
@@ -128,10 +130,12 @@ class Scene:
         if wanted is None or self._turns:
             assert self._placed is not None
             vertices = np.concatenate([self._extent + offset for offset in self.offsets.values()])
-            head = self._rect[1] + 0.06 * (rect[3] - rect[1])  # room for the labels
+            head = rect[1] + max(self.room_above, 0.06 * (rect[3] - rect[1]))
+            free = (rect[0], head, rect[2], max(rect[3] - self.room_below, head + 1))
             view = self._front_view(session) if wanted is None else viewport.view_of(wanted)
-            wanted = viewport.fitted(vertices, view, (rect[0], head, rect[2], rect[3]))
-        viewport.place(wanted, rect, size, whole)
+            viewport.place(viewport.fitted(vertices, view, free), free, size, whole)
+        else:
+            viewport.place(wanted, rect, size, whole)
         self._camera = viewport.seen(rect, size)
 
     def camera(self) -> Camera:

@@ -18,7 +18,7 @@ from PIL import Image
 from abfm.io import write_atomically
 from abfm_viewer import keyboard, opengl, style, warm_up
 from abfm_viewer.actions import Actions
-from abfm_viewer.annotations import draw_annotations
+from abfm_viewer.annotations import draw_annotations, window_pen
 from abfm_viewer.background import one_line
 from abfm_viewer.bump_markers import BumpMarkers
 from abfm_viewer.dialogs import Dialogs
@@ -211,6 +211,8 @@ class Window:
         parts = self.parts = areas(imgui.GetIO().DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
         left, top, right, bottom = parts.scene
         self.session.exporter.window_size = (round(right - left), round(bottom - top))
+        pen = window_pen(self.ui)
+        self.scene.room_above, self.scene.room_below = 2.2 * pen.line, pen.bar_room if view.color_bar else 0.0
         self.guarded("scene", lambda: self.scene.update(self.session, parts.scene))
         if not self.ui.capturing:
             free = not self.dialogs.is_open
