@@ -39,7 +39,7 @@ def act_on(
     window.tick()
     camera = _turn_to(window, vertices[0], surface)
     try:
-        places = [_place(window, vertex, surface) for vertex in vertices]
+        places = [place(window, vertex, surface) for vertex in vertices]
         for modifier in modifiers:
             input.hold(modifier, True)
         act(places)
@@ -51,7 +51,7 @@ def act_on(
     window.tick()
 
 
-def _place(window: Window, vertex: int, surface: str) -> Place:
+def place(window: Window, vertex: int, surface: str) -> Place:
     """Where a vertex, numbered as in the mesh file, is in the window."""
     x, y, _ = viewport.projected(_position(window, vertex, surface))[0]
     return float(x), float(y)
@@ -102,7 +102,7 @@ def _position(window: Window, vertex: int, surface: str) -> FloatArray:
 
 def _sees(window: Window, vertex: int, surface: str) -> bool:
     left, top, right, bottom = window.parts.scene
-    x, y = _place(window, vertex, surface)
+    x, y = place(window, vertex, surface)
     if not (left < x < right and top < y < bottom):
         return False
     hit = window.scene.pick((x, y))

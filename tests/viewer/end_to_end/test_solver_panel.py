@@ -22,7 +22,8 @@ def test_match_runs_to_its_end_and_shows_the_result(gui):
 def test_pause_holds_the_run_and_resume_goes_on(running):
     running.click("Pause")
     running.wait(lambda s: s.solver.paused)
-    running.frames(3)
+    for _ in range(15):  # half a second, in which the evaluation that was under way ends
+        running.window.frame()
     held = running.session.solver.snapshot
     running.frames(10)
     assert running.session.solver.snapshot is held
