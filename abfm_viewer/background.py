@@ -70,11 +70,13 @@ class Latest(Generic[Value]):
                 self._condition.notify()
         return None
 
-    def close(self) -> None:
-        """Let the thread end when its present job has."""
+    def close(self, seconds: float = 2) -> None:
+        """End the thread; a job under way is waited for, but not for long."""
         with self._condition:
             self._closed, self._job = True, None
             self._condition.notify()
+        if self._thread is not None:
+            self._thread.join(seconds)
 
     def _work(self) -> None:
         while True:

@@ -1,5 +1,8 @@
 """The norm of fields: equal to its matrix, positive, its inverse exact, on every topology and by both solvers."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from scipy import sparse
@@ -98,6 +101,19 @@ def test_same_input_same_bits():
     m = random_field(icosphere(3))
     first, second = (Regularizer(icosphere(3), 0.1).inverse(m) for _ in range(2))
     np.testing.assert_array_equal(first, second)
+
+
+_OUTLIVES = """
+import ctypes
+from scipy import sparse
+from abfm.cholesky import factor
+ctypes.pythonapi.Py_IncRef(ctypes.py_object(factor(sparse.csr_array(sparse.eye_array(3)))))
+"""
+
+
+def test_a_factorisation_that_outlives_python_is_not_told_as_a_leak():
+    done = subprocess.run([sys.executable, "-c", _OUTLIVES], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
 
 
 def test_superlu_where_cholespy_has_no_wheel(mesh, monkeypatch):
