@@ -29,7 +29,16 @@ if sys.platform == "linux":
 
 import polyscope as ps  # noqa: E402
 
-__all__ = ["OFFSCREEN", "WINDOW", "Backend", "ps", "start"]
+__all__ = ["OFFSCREEN", "WINDOW", "Backend", "ps", "spare_a_core", "start"]
+
+
+def spare_a_core() -> None:
+    """Where Mesa draws in software, let it leave a core to the solver: call before `start`.
+
+    Its threads, by default as many as there are cores, would stop the solver's at every frame.
+    """
+    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    os.environ.setdefault("LP_NUM_THREADS", str(max(cores - 1, 1)))
 
 
 def start(backend: Backend, width: int, height: int, title: str = "abfm") -> None:

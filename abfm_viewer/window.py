@@ -107,6 +107,7 @@ class Window:
         self._panel_seconds = self._moved_at = 0.0
         self._document: object = None
         self._style: tuple[Theme, float] | None = None
+        opengl.spare_a_core()
         opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)
         ps.set_open_imgui_window_for_user_callback(False)
