@@ -1,23 +1,20 @@
 """Computes functions where they do not stop the window.
 
 The solvers behind geodesics and eigenfunctions keep the interpreter to themselves: seventeen seconds at 160,000
-vertices. On large meshes they therefore run in a process of their own, ``python -m abfm_viewer.evaluator``, which gets
-the mesh once, and then answers requests in turn. Both ends are ours: they speak pickle through pipes.
+vertices. On large meshes they therefore run in a process of their own, which gets the mesh once.
 """
 
 from __future__ import annotations
 
 import copy
-import pickle
-import subprocess
-import sys
 import threading
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.mesh import FloatArray
+from abfm.own_process import OwnProcess, ProcessEndedError, Requests
 
 OWN_PROCESS_FROM = 20_000
 """Vertices: below, computing is quick, and starting a process is not."""
@@ -36,7 +33,7 @@ class Evaluator:
     def __init__(self, mesh: TriangleMesh, own_process: bool | None = None) -> None:
         self._mesh = mesh
         self._apart = len(mesh.vertices) >= OWN_PROCESS_FROM if own_process is None else own_process
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: OwnProcess | None = None
         self._lock = threading.Lock()
         self._closed = False
 
@@ -59,7 +56,7 @@ class Evaluator:
         """End the process."""
         self._closed = True
         if self._process is not None:
-            self._process.kill()
+            self._process.close()
 
     def _answer(self, request: str, spec: str) -> Any:
         if not self._apart:
@@ -67,11 +64,9 @@ class Evaluator:
         with self._lock:
             try:
                 process = self._process or self._start()
-                assert process.stdin is not None
-                assert process.stdout is not None
-                _send(process.stdin, (request, spec))
-                answer, value = pickle.load(process.stdout)
-            except (OSError, EOFError, pickle.UnpicklingError) as error:
+                process.send((request, spec))
+                answer, value = process.receive()
+            except (OSError, ProcessEndedError) as error:
                 self._process = None
                 raise FunctionError("the process that computes functions has ended; try again") from error
         if answer == "error":
@@ -80,15 +75,13 @@ class Evaluator:
             raise MemoryError(value)
         return value
 
-    def _start(self) -> subprocess.Popen[bytes]:
+    def _start(self) -> OwnProcess:
         if self._closed:
-            raise OSError("closed")
-        command = [sys.executable, "-m", "abfm_viewer.evaluator"]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert self._process.stdin is not None
+            raise ProcessEndedError
+        self._process = OwnProcess("abfm_viewer.evaluator")
         bare = copy.copy(self._mesh)
         bare.__dict__["cache"] = {}
-        _send(self._process.stdin, bare)
+        self._process.send(bare)
         return self._process
 
 
@@ -102,19 +95,11 @@ def _compute(mesh: TriangleMesh, request: str, spec: str) -> Any:
     return function(mesh, spec)
 
 
-def _send(pipe: IO[bytes], message: object) -> None:
-    pickle.dump(message, pipe, protocol=5)
-    pipe.flush()
-
-
-def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
-    """Answer until there are no more requests."""
-    mesh = pickle.load(requests)
-    while True:
-        try:
-            request, spec = pickle.load(requests)
-        except EOFError:
-            return
+def _serve() -> None:
+    requests = Requests()
+    queue = iter(requests)
+    mesh = next(queue)
+    for request, spec in queue:
         try:
             answer: tuple[str, Any] = ("value", _compute(mesh, request, spec))
         except MemoryError as error:
@@ -123,14 +108,8 @@ def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
             answer = ("error", str(error))
         except Exception as error:
             answer = ("error", f"{type(error).__name__}: {error}")
-        _send(answers, answer)
+        requests.answer(answer)
 
 
 if __name__ == "__main__":
-    import os
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the app's business; it closes the pipe
-    _own = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print must not mix with the answers
-    _serve(sys.stdin.buffer, _own)
+    _serve()

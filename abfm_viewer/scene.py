@@ -22,6 +22,7 @@ from abfm_viewer.viewport import Rect
 
 _SPACING, _STACKING = 1.15, 1.25
 _SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25
+_FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for drawing
 _CHECKER, _CHECKER_COLORS = 0.03, ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))
 _STRIPES = 0.8  # of the light that every other stripe between isolines keeps
 _PLAIN = (0.8, 0.81, 0.83)
@@ -119,7 +120,8 @@ class Scene:
         if not session.solver.running or self.redraw_seconds <= _SLOW_REDRAW or name not in self._drawn:
             return False
         if name == self.names[0]:
-            self._frames_behind = (self._frames_behind + 1) % _FRAMES_PER_SLOW_REDRAW
+            frames = max(_FRAMES_PER_SLOW_REDRAW, round(_FRAMES_PER_SECOND_OF_REDRAW * self.redraw_seconds))
+            self._frames_behind = (self._frames_behind + 1) % frames
         return self._frames_behind != 0 and not session.dragging
 
     def frame(self, session: Session, rect: Rect, camera: Camera | None = None, whole: bool = False) -> None:

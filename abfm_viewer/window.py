@@ -15,6 +15,7 @@ import numpy as np
 import polyscope.imgui as imgui
 from PIL import Image
 
+from abfm import own_process
 from abfm.io import write_atomically
 from abfm_viewer import keyboard, opengl, style, warm_up
 from abfm_viewer.actions import Actions
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
 _IDLE_AFTER = 1.0  # seconds without anything that moves
+_FACTOR_APART_FROM = 50_000  # unknowns; smaller systems take less than two frames
 _PANEL_WIDTH, _WIDEST_PANEL = 380, 0.5
 _STATUS_HEIGHT = 28
 
@@ -107,6 +109,7 @@ class Window:
         self._panel_seconds = self._moved_at = 0.0
         self._document: object = None
         self._style: tuple[Theme, float] | None = None
+        own_process.factor_from = _FACTOR_APART_FROM
         opengl.spare_a_core()
         opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import atexit
+import threading
 import weakref
 from collections.abc import Callable
+from contextlib import suppress
 from typing import ClassVar
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from abfm import own_process
 from abfm.mesh import FloatArray
+from abfm.own_process import OwnProcess, ProcessEndedError, Requests
 
 try:
     from cholespy import CholeskySolverD, MatrixType
@@ -22,9 +26,17 @@ Solve = Callable[[FloatArray], FloatArray]
 
 
 def factor(matrix: sparse.csr_array) -> Solve:
-    """Factor a sparse symmetric positive definite matrix once; the result solves for one right-hand side (n,)."""
+    """Factor a sparse symmetric positive definite matrix once; the result solves for one right-hand side (n,).
+
+    Raises
+    ------
+    MemoryError
+        If there is not enough memory; where the work is in another process (`own_process.factor_from`), when solving.
+    """
     if matrix.shape[0] == 0:  # a mesh without inner vertices; both libraries refuse it
         return np.copy
+    if own_process.factor_from is not None and matrix.shape[0] >= own_process.factor_from:
+        return _Elsewhere(matrix)
     if CholeskySolverD is None:
         return splu(
             matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
@@ -62,3 +74,37 @@ class _Factor:
     def _release() -> None:
         for each in list(_Factor._alive):
             del each._solver
+
+
+class _Elsewhere:
+    """A factorisation in a process of its own; it is waited for when it is first used, so that several run at once."""
+
+    def __init__(self, matrix: sparse.csr_array) -> None:
+        self._lock = threading.Lock()
+        self._process = OwnProcess("abfm.cholesky")
+        self._send(matrix)
+
+    def __call__(self, b: FloatArray) -> FloatArray:
+        with self._lock:
+            self._send(b)
+            try:
+                x: FloatArray = self._process.receive()
+            except ProcessEndedError:
+                raise MemoryError("the process that factors a linear system has ended") from None
+        return x
+
+    def _send(self, message: object) -> None:
+        with suppress(ProcessEndedError):  # which is told when the answer does not come
+            self._process.send(message)
+
+
+def _serve() -> None:
+    requests = Requests()
+    queue = iter(requests)
+    solve = factor(next(queue))
+    for b in queue:
+        requests.answer(solve(b))
+
+
+if __name__ == "__main__":
+    _serve()

@@ -1,5 +1,6 @@
 """The norm of fields: equal to its matrix, positive, its inverse exact, on every topology and by both solvers."""
 
+import gc
 import subprocess
 import sys
 
@@ -8,7 +9,7 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from abfm import cholesky
+from abfm import cholesky, own_process
 from abfm.cholesky import factor
 from abfm.operators import Matrix, cotangent_laplacian, vector_norm_matrix, vertex_areas
 from abfm.regularizer import Regularizer, regularizer
@@ -136,3 +137,36 @@ def test_factor_solves(by_cholespy, monkeypatch):
         np.testing.assert_allclose(matrix @ solve(b), b, atol=1e-12)
         np.testing.assert_array_equal(b, before)
     np.testing.assert_array_equal(factor(Matrix((0, 0)))(np.empty(0)), np.empty(0))
+
+
+def test_factors_in_processes_of_their_own_give_the_same_bits(monkeypatch):
+    mesh = icosphere(3)
+    m = random_field(mesh)
+    expected = Regularizer(mesh, 0.1).inverse(m)
+    monkeypatch.setattr(own_process, "factor_from", 1000)  # the edges' system, not the vertices'
+    apart = Regularizer(mesh, 0.1)
+    for _ in range(2):
+        np.testing.assert_array_equal(apart.inverse(m), expected)
+    elsewhere = [isinstance(solve, cholesky._Elsewhere) for solve in apart._solvers]
+    assert sorted(elsewhere) == [False, True]
+
+
+def test_a_process_that_was_ended_is_told_as_want_of_memory(monkeypatch):
+    monkeypatch.setattr(own_process, "factor_from", 1)
+    solve = factor(sparse.csr_array(2 * sparse.eye_array(3)))
+    np.testing.assert_allclose(solve(np.array([2.0, 4.0, 6.0])), [1, 2, 3], rtol=1e-12)
+    solve._process.close()
+    for _ in range(2):
+        with pytest.raises(MemoryError, match="has ended"):
+            solve(np.ones(3))
+
+
+def test_a_factor_that_nobody_needs_ends_its_process(monkeypatch):
+    monkeypatch.setattr(own_process, "factor_from", 1)
+    solve = factor(sparse.csr_array(sparse.eye_array(3)))
+    solve(np.ones(3))
+    process = solve._process._process
+    assert process.poll() is None
+    del solve
+    gc.collect()
+    assert process.poll() is not None

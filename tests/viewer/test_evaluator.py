@@ -44,7 +44,7 @@ def test_a_process_that_was_ended_is_started_again() -> None:
     evaluator = Evaluator(SPARSE, own_process=True)
     evaluator.values("coordinate:x")
     assert evaluator._process is not None
-    evaluator._process.kill()
+    evaluator._process.close()
     with pytest.raises(FunctionError, match="try again"):
         evaluator.values("coordinate:x")
     np.testing.assert_array_equal(evaluator.values("coordinate:x"), SPARSE.vertices[:, 0])

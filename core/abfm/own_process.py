@@ -1,0 +1,102 @@
+"""A Python process for work that keeps the interpreter to itself, as long as a window must answer meanwhile.
+
+Both ends are ours: they speak pickle through pipes, one answer for every request.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import weakref
+from collections.abc import Iterator
+from typing import IO, Any
+
+factor_from: int | None = None
+"""Unknowns from which linear systems are factored in such a process; None, the default, for never.
+
+cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. A program with a window sets this;
+others have no use for it.
+"""
+
+
+class ProcessEndedError(Exception):
+    """The other process has ended, by `OwnProcess.close` or from outside."""
+
+
+class OwnProcess:
+    """Runs ``python -m module``, which serves `Requests`, until it is closed or nothing refers to it any more.
+
+    Parameters
+    ----------
+    module : str
+        Its name, dotted.
+    """
+
+    def __init__(self, module: str) -> None:
+        self._process = subprocess.Popen([sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self._end = weakref.finalize(self, _end, self._process)
+
+    def send(self, message: object) -> None:
+        """Send one message.
+
+        Raises
+        ------
+        ProcessEndedError
+            If nobody is there to read it.
+        """
+        assert self._process.stdin is not None
+        try:
+            _send(self._process.stdin, message)
+        except (OSError, ValueError) as error:  # a pipe that is broken, or closed by `close`
+            raise ProcessEndedError from error
+
+    def receive(self) -> Any:
+        """Wait, while other threads go on, for one message.
+
+        Raises
+        ------
+        ProcessEndedError
+            If none will come.
+        """
+        assert self._process.stdout is not None
+        try:
+            return pickle.load(self._process.stdout)
+        except (OSError, ValueError, EOFError, pickle.UnpicklingError) as error:
+            raise ProcessEndedError from error
+
+    def close(self) -> None:
+        """End the process at once; also while another thread waits for it."""
+        self._end()
+
+
+class Requests:
+    """The process's end: iterate over the requests and answer each. Ctrl-C is the other end's business."""
+
+    def __init__(self) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        self._answers = os.fdopen(os.dup(1), "wb")
+        os.dup2(2, 1)  # what libraries print must not mix with the answers
+
+    def __iter__(self) -> Iterator[Any]:
+        while True:
+            try:
+                yield pickle.load(sys.stdin.buffer)
+            except EOFError:  # the other end is gone
+                return
+
+    def answer(self, message: object) -> None:
+        """Send the answer to the latest request."""
+        _send(self._answers, message)
+
+
+def _send(pipe: IO[bytes], message: object) -> None:
+    pickle.dump(message, pipe, protocol=5)
+    pipe.flush()
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.wait()
