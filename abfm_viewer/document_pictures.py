@@ -133,7 +133,7 @@ class DocumentRenderer:
         session.amend(time=min(time, session.end))
         session.update()
         self._scene.update(session, self._rect)
-        problem = session.flow_problem or session.quantities.error
+        problem = session.shown.problem or session.quantities.error
         if problem:
             raise AbfmError(f"no picture of time {time:g}: {problem}")
         self._scene.turn(degrees)

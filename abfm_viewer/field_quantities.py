@@ -82,10 +82,10 @@ class FieldQuantities:
 
     def field(self, session: Session) -> Field | None:
         """The part of the field that the view asks for, at the shown time."""
-        flow = session.flow
+        flow = session.shown.flow
         if flow is None:
             return None
-        segment = _segment(flow, session.flow_time)
+        segment = _segment(flow, session.shown.time)
         part = session.view.part
         found = self._field.ask((flow, segment, part), partial(_field, flow, segment, part))
         stale = self._field.value
@@ -102,7 +102,7 @@ class FieldQuantities:
 
     def distortion(self, session: Session) -> Distortion | None:
         """Distortion of the flow's map at the shown time."""
-        flow, time = session.flow, session.flow_time
+        flow, time = session.shown.flow, session.shown.time
         if flow is None:
             return None
         found = self._distortion.ask((flow, time), partial(_distortion, flow, time))
@@ -122,14 +122,14 @@ class FieldQuantities:
         field, points = self.field(session), session.document.lines
         if field is None or not points:
             return []
-        assert session.flow is not None
-        tau = session.flow.parameters.tau
+        assert session.shown.flow is not None
+        tau = session.shown.flow.parameters.tau
         found = self._lines.ask((field, points, tau), partial(_lines, field, points, tau))
         return found or []
 
     def paths(self, session: Session) -> list[FlowLine]:
         """The ways of the points that are followed, to the end of the time bar."""
-        flow, points = session.flow, session.document.points
+        flow, points = session.shown.flow, session.document.points
         if flow is None or not points:
             return []
         return self._paths.ask((flow, points), partial(_paths, flow, points)) or []

@@ -63,8 +63,8 @@ class Overlays:
         color = theme.palette(view.theme).marker
         if self._is_new(_PATHS, (tuple(paths), view.theme, tuple(home))):
             _draw_curves(_PATHS, mesh, paths, home, color)
-        now = np.array([path.at(session.flow_time) for path in paths])
-        if self._is_new(_NOW, (tuple(paths), session.flow_time, view.theme, tuple(home))):
+        now = np.array([path.at(session.shown.time) for path in paths])
+        if self._is_new(_NOW, (tuple(paths), session.shown.time, view.theme, tuple(home))):
             _draw_points(_NOW, mesh, now + home, color)
         start = offsets.get("source")
         if start is None:

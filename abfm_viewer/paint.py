@@ -72,7 +72,7 @@ class Painter:
             if view.coloring in ("coordinates", "checker"):
                 return self._carried(session, name, session.mesh.vertices, name)
             return self._kept_paint(name, "vertex values", source if name == "source" else target, name, colors)
-        advected = session.advected()
+        advected = session.shown.advected()
         if advected is None:
             return None
         if name == "linear blend":
@@ -89,7 +89,7 @@ class Painter:
             texture = session.quantities.texture(session, advected, colors) if session.view.streaks else None
             return plain if texture is None else self._textured(texture, colors)
         if kind in ("coordinates", "checker"):
-            carried = session.carried_coordinates()
+            carried = session.shown.coordinates()
             title = "carried coordinates" if kind == "coordinates" else "carried checker"
             return plain if carried is None else self._carried(session, "advected", carried, title)
         if kind in ("area distortion", "conformal distortion"):

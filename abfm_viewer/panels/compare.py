@@ -17,7 +17,7 @@ def draw(ui: Ui, session: Session) -> None:
     error = ui.checkbox("error", view.error, "A surface with |target - advected|, on a range of its own.")
     if (blend, error) != (view.blend, view.error):
         session.set_view("compare", blend=blend, error=error)
-    target, advected = session.values("target"), session.advected()
+    target, advected = session.values("target"), session.shown.advected()
     if target is None or advected is None:
         return
     difference = np.abs(target - advected)

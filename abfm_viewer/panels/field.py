@@ -13,7 +13,7 @@ _ELSE = "a map"
 def draw(ui: Ui, session: Session) -> None:
     """Draw the controls and numbers of the field."""
     view, quantities = session.view, session.quantities
-    if session.flow is None:
+    if session.shown.flow is None:
         ui.note("There is a field after, and during, a match.")
     shown = view.coloring if view.coloring in _COLORINGS else _ELSE
     choices = (*_COLORINGS, _ELSE) if shown == _ELSE else _COLORINGS

@@ -46,7 +46,7 @@ def draw(ui: Ui, session: Session) -> None:
         session.set_view("choose what a click does", tool="follow a point" if follow else "nothing")
     paths = quantities.paths(session)
     for point, path in zip(session.document.points, paths, strict=False):
-        x, y, z = path.at(session.flow_time)
+        x, y, z = path.at(session.shown.time)
         corner = session.mesh.faces[point.face][int(np.argmax(point.barycentric))]
         ui.note(f"from vertex {session.mesh.vertex_ids[corner]} to ({x:.4g}, {y:.4g}, {z:.4g})")
     if session.document.points and ui.button("Clear points", "Follow no points any more."):

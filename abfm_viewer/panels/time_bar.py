@@ -78,7 +78,7 @@ def _slider(ui: Ui, session: Session) -> None:
     imgui.PopStyleColor()
     rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
     ui.record("time", "slider", rect, 0.0, session.end, f"{session.time:.6g}")
-    ui.tip(session.flow_note or "0 is the source, tau the match; beyond, the flow goes on by itself.")
+    ui.tip(session.shown.note or "0 is the source, tau the match; beyond, the flow goes on by itself.")
     if changed:
         _show(session, time)
     ui.beside(spacing)
@@ -100,7 +100,7 @@ def _track(ui: Ui, session: Session, rect: Rect) -> None:
     tint, corners = _packed((*colors.marker[:3], 0.16)), imgui.ImDrawFlags_RoundCornersRight
     canvas.AddRectFilled((middle, top), (right, bottom), tint, rounding, corners)
     canvas.AddLine((middle, top), (middle, bottom), _packed(colors.ink), ui.px(1.5))
-    note = session.flow_note
+    note = session.shown.note
     text, color = ("cannot be followed", colors.error) if note else ("extrapolation", colors.muted)
     size = imgui.CalcTextSize(text)
     place = (right - size[0] - ui.px(6), (top + bottom - size[1]) / 2)

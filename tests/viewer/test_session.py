@@ -9,8 +9,8 @@ import pytest
 
 import abfm
 from abfm import FunctionError, ParameterError, Parameters
-from abfm_viewer import session as session_module
 from abfm_viewer.document import Channel
+from abfm_viewer.notices import Notice
 from abfm_viewer.session import Session
 from tests.shapes import torus
 from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, opened, until
@@ -115,7 +115,7 @@ def test_match_shows_the_end_of_the_flow(session):
     assert session.history.undo_label == "move in time"  # moving to the end is not a step
     until(lambda: session.solver.finished, session)
     assert session.solver.reason == session.result.stop_reason
-    np.testing.assert_array_equal(session.advected(), session.result.advected[:, 0])
+    np.testing.assert_array_equal(session.shown.advected(), session.result.advected[:, 0])
     assert len(session.document.runs) == 1
     assert not session.outdated
     assert session.history.undo_label == "match"
@@ -228,7 +228,7 @@ def test_an_error_in_the_solver_is_shown_and_the_next_run_works(session, monkeyp
         patch.setattr(abfm, "match", broken)
         matched(session)
     assert (session.solver.failed, session.solver.reason) == (True, "RuntimeError: boom")
-    assert session.notice == session_module.Notice("the solver stopped: RuntimeError: boom", True)
+    assert session.notice == Notice("the solver stopped: RuntimeError: boom", True)
     assert session.result is None
     assert "boom" in capsys.readouterr().err
     matched(session)
@@ -268,18 +268,18 @@ def test_during_a_run_the_newest_iterate_is_shown_at_tau_and_followed_elsewhere(
     endless.solver.pause()
     time.sleep(0.1)
     iterate = endless.solver.snapshot.iteration
-    np.testing.assert_array_equal(endless.advected(), iterate.advected[:, 0])
-    assert not endless.flow.final
-    assert endless.flow.velocity is iterate.velocity
+    np.testing.assert_array_equal(endless.shown.advected(), iterate.advected[:, 0])
+    assert not endless.shown.flow.final
+    assert endless.shown.flow.velocity is iterate.velocity
     endless.set_time(0.5)
-    until(lambda: (endless.advected(), not endless._source.busy)[1], endless)
-    early = endless.advected()
-    expected = endless.flow.carry(endless.values("source"), np.array([0.5]))[0]
+    until(lambda: (endless.shown.advected(), not endless.shown.busy)[1], endless)
+    early = endless.shown.advected()
+    expected = endless.shown.flow.carry(endless.values("source"), np.array([0.5]))[0]
     assert np.linalg.norm(early - expected) < 5e-3 * np.linalg.norm(expected)
 
     endless.solver.resume()
     until(lambda: endless.solver.snapshot.iteration.iteration > iterate.iteration + 30, endless)
-    until(lambda: not np.allclose(endless.advected(), early, atol=1e-4), endless)  # the span followed
+    until(lambda: not np.allclose(endless.shown.advected(), early, atol=1e-4), endless)  # the span followed
 
 
 def test_after_another_tau_the_shown_time_keeps_its_place_in_the_flow(session):
@@ -287,7 +287,7 @@ def test_after_another_tau_the_shown_time_keeps_its_place_in_the_flow(session):
     session.set_time(0.5)
     session.set_parameter(tau=2.0)
     assert (session.time, session.end) == (1.0, 4.0)
-    assert session.flow_time == 0.5
+    assert session.shown.time == 0.5
     assert session.outdated
 
 
@@ -295,10 +295,10 @@ def test_a_settled_time_is_exact(session):
     matched(session)
     session.set_time(0.3)
     time.sleep(0.2)
-    until(lambda: session.advected() is not None and not session._source.busy, session)
-    until(lambda: (session.advected(), not session.busy)[1], session)
+    until(lambda: session.shown.advected() is not None and not session.shown.busy, session)
+    until(lambda: (session.shown.advected(), not session.busy)[1], session)
     exact = session.result.advect(0.3)[:, 0]
-    np.testing.assert_allclose(session.advected(), exact, atol=1e-12)
+    np.testing.assert_allclose(session.shown.advected(), exact, atol=1e-12)
 
 
 def test_playing_moves_the_time_and_is_no_step(session):
@@ -406,7 +406,7 @@ def test_undo_goes_back_over_everything_to_the_start():
 
 def test_notices_do_not_stay_forever(session, monkeypatch):
     now = [1000.0]
-    monkeypatch.setattr(session_module.clock, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
     session.say("saved\n here")
     assert session.notice.text == "saved here"
     session.update()

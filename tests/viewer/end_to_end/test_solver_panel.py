@@ -94,7 +94,7 @@ def test_scrubbing_and_dragging_go_on_during_a_run(running):
     running.drag("time", 0.4)
     assert running.session.time == pytest.approx(0.4, abs=0.01)
     running.wait(lambda s: s.busy == "")
-    before = running.session.advected().copy()
+    before = running.session.shown.advected().copy()
     running.drag("time", 1.6)
-    running.wait(lambda s: abs(s.advected() - before).max() > 0.01)
+    running.wait(lambda s: abs(s.shown.advected() - before).max() > 0.01)
     assert running.session.solver.running

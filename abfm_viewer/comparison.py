@@ -1,0 +1,65 @@
+"""Whether a result still belongs to what the document says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from abfm_viewer.document import Document
+from abfm_viewer.evaluation import Evaluated
+
+if TYPE_CHECKING:
+    from abfm import Match
+
+
+class Comparison:
+    """Compares them when one of them changed, and remembers the answer for the frames between."""
+
+    def __init__(self) -> None:
+        self._seen: list[object] = []
+        self._answer = False
+
+    def outdated(self, document: Document, specs: tuple[str, ...], found: Evaluated) -> bool:
+        """Whether the result was found for another problem; False without a result.
+
+        While new functions are being computed, the answer is the one before.
+
+        Parameters
+        ----------
+        document : Document
+        specs : tuple of str
+            Of all its functions.
+        found : Evaluated
+            Their values, as far as known.
+        """
+        result = document.result
+        if result is None:
+            return False
+        values = [found.values.get(spec) for spec in specs]
+        seen: list[object] = [result, document.parameters, document.channels, document.mask, *values]
+        before = self._seen
+        if len(seen) == len(before) and all(now is then for now, then in zip(seen, before, strict=True)):
+            return self._answer
+        is_new = not before or result is not before[0]
+        if is_new or found.errors or all(value is not None for value in values):
+            self._answer = _differs(result, document, found)
+        self._seen = seen
+        return self._answer
+
+
+def _differs(result: Match, document: Document, found: Evaluated) -> bool:
+    """Whether a result was found for other parameters or functions, as far as these are known."""
+    channels, mask = document.channels, document.mask
+    if result.parameters != document.parameters or len(channels) != result.source.shape[1]:
+        return True
+    if [channel.weight for channel in channels] != result.weights.tolist() or (mask == "") != (result.mask is None):
+        return True
+    pairs = [(channel.source, result.source[:, i]) for i, channel in enumerate(channels)]
+    pairs += [(channel.target, result.target[:, i]) for i, channel in enumerate(channels)]
+    if result.mask is not None:
+        pairs.append((mask, result.mask))
+    return any(
+        spec in found.errors or (spec in found.values and not np.array_equal(found.values[spec], then))
+        for spec, then in pairs
+    )

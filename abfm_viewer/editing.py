@@ -1,0 +1,235 @@
+"""What the user may change in a document: every change goes through here and is a step of undo."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from abfm import FunctionError, Parameters, TriangleMesh
+from abfm_viewer.document import EXTRAPOLATION, Channel, Document, Point, Side, View
+from abfm_viewer.history import History
+
+if TYPE_CHECKING:
+    from abfm import Match
+
+
+class Editing:
+    """A document and its history.
+
+    Attributes
+    ----------
+    history : History
+    time_changed : float
+        When the user last moved in time, by `time.perf_counter`.
+    """
+
+    def __init__(self, document: Document) -> None:
+        self.history = History(document)
+        self.time_changed = 0.0
+
+    @property
+    def document(self) -> Document:
+        """The present state."""
+        return self.history.document
+
+    @property
+    def mesh(self) -> TriangleMesh:
+        """The document's mesh."""
+        return self.document.mesh
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The document's channels; empty while the default functions of a new mesh are being found."""
+        return self.document.channels
+
+    @property
+    def active(self) -> Channel | None:
+        """The active channel."""
+        return self.channels[self.document.channel] if self.channels else None
+
+    @property
+    def parameters(self) -> Parameters:
+        """The document's parameters."""
+        return self.document.parameters
+
+    @property
+    def view(self) -> View:
+        """The document's view."""
+        return self.document.view
+
+    @property
+    def result(self) -> Match | None:
+        """The document's result."""
+        return self.document.result
+
+    @property
+    def time(self) -> float:
+        """The time shown."""
+        return self.document.time
+
+    @property
+    def end(self) -> float:
+        """The end of the time bar."""
+        return EXTRAPOLATION * self.parameters.tau
+
+    @property
+    def specs(self) -> tuple[str, ...]:
+        """Specs of all functions of the document, each once."""
+        specs = [spec for channel in self.channels for spec in (channel.source, channel.target)]
+        return tuple(dict.fromkeys([*specs, self.document.mask] if self.document.mask else specs))
+
+    def change(self, label: str, merge: str = "", **values: Any) -> None:
+        """Go on to a document with other values, as one step of undo; steps with the same `merge` key are one."""
+        document = replace(self.document, **values)
+        if any(getattr(document, name) is not getattr(self.document, name) for name in values):
+            self.history.change(document, label, merge)
+
+    def amend(self, **values: Any) -> None:
+        """Other values without a step of undo: what the user did not do."""
+        self.history.amend(replace(self.document, **values))
+
+    def undo(self) -> None:
+        """Take back the last step."""
+        self.history.undo()
+
+    def redo(self) -> None:
+        """Do again what was taken back."""
+        self.history.redo()
+
+    # Channels
+
+    def set_spec(self, side: Side, spec: str, merge: str = "", bump: int | None = None) -> None:
+        """Give the active channel another source or target, and make that side active.
+
+        Parameters
+        ----------
+        bump
+            The Gaussian of that side to make active; by default the same as before, or the first of the other side.
+
+        Raises
+        ------
+        FunctionError
+            If the text is no spec; whether it fits the mesh turns out when it is evaluated.
+        """
+        from abfm.functions import parse
+
+        if self.active is None:
+            raise FunctionError("there is no channel yet: wait for the default functions")
+        parse(spec)
+        changed = replace(self.active, source=spec) if side == "source" else replace(self.active, target=spec)
+        if bump is None:
+            bump = self.document.bump if side == self.document.side else 0
+        if changed == self.active:
+            self.select(side=side, bump=bump)
+        else:
+            self._set_active(changed, f"change the {side}", merge, side=side, bump=bump)
+
+    def set_weight(self, weight: float, merge: str = "") -> None:
+        """Give the active channel's mismatch another weight.
+
+        Raises
+        ------
+        FunctionError
+            If it is negative or no number, or all weights would be 0.
+        """
+        if self.active is None:
+            return
+        others = [c.weight for i, c in enumerate(self.channels) if i != self.document.channel]
+        if not (math.isfinite(weight) and weight >= 0):
+            raise FunctionError(f"weight is {weight:g}; expected a number, 0 or more")
+        if weight == 0 and not any(others):
+            raise FunctionError("weight is 0; at least one channel needs a weight above 0")
+        self._set_active(replace(self.active, weight=float(weight)), "change a weight", merge)
+
+    def add_channel(self) -> None:
+        """Add a channel of coordinates, which match already, and make it active."""
+        self._insert(Channel("coordinate:y", "coordinate:y"), "add a channel")
+
+    def duplicate_channel(self) -> None:
+        """Copy the active channel, and make the copy active."""
+        if self.active:
+            self._insert(self.active, "duplicate a channel")
+
+    def remove_channel(self) -> None:
+        """Remove the active channel unless it is the only one."""
+        if len(self.channels) > 1:
+            kept = [c for i, c in enumerate(self.channels) if i != self.document.channel]
+            self.change("remove a channel", channels=tuple(kept), channel=min(self.document.channel, len(kept) - 1))
+
+    def swap_channel(self) -> None:
+        """Exchange the active channel's source and target."""
+        if self.active:
+            swapped = replace(self.active, source=self.active.target, target=self.active.source)
+            self._set_active(swapped, "swap source and target")
+
+    def select(self, channel: int | None = None, side: Side | None = None, bump: int | None = None) -> None:
+        """Make a channel, side or Gaussian the active one."""
+        wanted = {"channel": channel, "side": side, "bump": bump}
+        values = {name: value for name, value in wanted.items() if value is not None}
+        if side is not None and side != self.document.side and bump is None:
+            values["bump"] = 0
+        if any(getattr(self.document, name) != value for name, value in values.items()):
+            self.change("select", merge="select", **values)
+
+    def _insert(self, channel: Channel, label: str) -> None:
+        place = self.document.channel + 1
+        channels = (*self.channels[:place], channel, *self.channels[place:])
+        self.change(label, channels=channels, channel=min(place, len(channels) - 1), bump=0)
+
+    def _set_active(self, channel: Channel, label: str, merge: str = "", **values: Any) -> None:
+        if channel != self.active:
+            place = self.document.channel
+            channels = (*self.channels[:place], channel, *self.channels[place + 1 :])
+            self.change(label, merge, channels=channels, **values)
+
+    # Parameters, mask, view, time
+
+    def set_parameter(self, merge: str = "", label: str = "", **values: Any) -> None:
+        """Change parameters by name; `label` is what undo calls it.
+
+        Raises
+        ------
+        ParameterError
+            If a value is refused; nothing has changed then.
+        """
+        if "method" in values and "segments" not in values:
+            values["segments"] = 0
+        parameters = Parameters(**(self.parameters.to_dict() | values))
+        if parameters != self.parameters:
+            time = min(self.time * parameters.tau / self.parameters.tau, EXTRAPOLATION * parameters.tau)
+            self.change(label or f"change {', '.join(values)}", merge, parameters=parameters, time=time)
+
+    def set_mask(self, spec: str) -> None:
+        """Weight the mismatch at each vertex by a function; empty for no mask.
+
+        Raises
+        ------
+        FunctionError
+            If the text is no spec.
+        """
+        from abfm.functions import parse
+
+        if spec:
+            parse(spec)
+        if spec != self.document.mask:
+            self.change("change the mask", mask=spec)
+
+    def set_view(self, label: str, merge: str = "", **values: Any) -> None:
+        """Change how the document is drawn."""
+        view = replace(self.view, **values)
+        if view != self.view:
+            self.change(label, merge, view=view)
+
+    def set_time(self, time: float) -> None:
+        """Show another time of the time bar."""
+        time = min(max(time, 0.0), self.end)
+        if time != self.time:
+            self.time_changed = clock.perf_counter()
+            self.change("move in time", merge="time", time=time)
+
+    def add_point(self, kind: Literal["lines", "points"], point: Point) -> None:
+        """Start a flow line ("lines") or follow a point ("points")."""
+        points = (*getattr(self.document, kind), point)
+        self.change("place a point", "", **{kind: points})
