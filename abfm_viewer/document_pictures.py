@@ -127,11 +127,7 @@ class DocumentRenderer:
             If the time is outside 0 to 2 tau, or the flow cannot be followed so far.
         """
         session = self._session
-        end = EXTRAPOLATION * session.parameters.tau
-        if not 0 <= time <= end * (1 + 1e-9):
-            raise ParameterError(f"time is {time:g}; expected 0 to {end:g}, which is {EXTRAPOLATION:g} tau")
-        session.amend(time=min(time, session.end))
-        session.update()
+        self._go_to(time)
         self._scene.update(session, self._rect)
         problem = session.shown.problem or session.quantities.error
         if problem:
@@ -143,10 +139,26 @@ class DocumentRenderer:
 
     def frames(self, start: float, end: float, count: int, turntable: float) -> Iterator[Pixels]:
         """Frames (H, W, 3) of a movie from one time to another, while the surfaces turn by an angle in degrees."""
+        if self._document.view.error:
+            self._scene.painter.largest_error = max(self._error(start), self._error(end))
         for number in range(count):
             share = number / max(count - 1, 1)
             turned = turntable * number / count  # the first frame follows the last when it is repeated
             yield np.asarray(self.picture(start + share * (end - start), turned))
+
+    def _go_to(self, time: float) -> None:
+        session = self._session
+        end = EXTRAPOLATION * session.parameters.tau
+        if not 0 <= time <= end * (1 + 1e-9):
+            raise ParameterError(f"time is {time:g}; expected 0 to {end:g}, which is {EXTRAPOLATION:g} tau")
+        session.amend(time=min(time, session.end))
+        session.update()
+
+    def _error(self, time: float) -> float:
+        """The largest pointwise error at a time."""
+        self._go_to(time)
+        target, advected = self._session.values("target"), self._session.shown.advected()
+        return 0.0 if target is None or advected is None else float(np.abs(target - advected).max())
 
     @property
     def _rect(self) -> Rect:

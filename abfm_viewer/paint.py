@@ -10,12 +10,13 @@ import numpy as np
 
 from abfm.mesh import FloatArray
 from abfm_viewer.colormaps import ColorRange, color_range
-from abfm_viewer.document import Front
+from abfm_viewer.document import Front, Side
 from abfm_viewer.field_quantities import Texture
 from abfm_viewer.session import Session
 
 Kind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _LEAST_RANGE = 1e-12
+_NO_VALUES = 0.3  # grey, in linear light
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +56,25 @@ def surfaces(session: Session) -> tuple[str, ...]:
 
 
 class Painter:
-    """Decides the paint of every surface; a paint stays the same object while what it is made of does."""
+    """Decides the paint of every surface; a paint stays the same object while what it is made of does.
+
+    Attributes
+    ----------
+    largest_error : float or None
+        The end of the error's range, for a movie, in which it must not change; by default the shown error's maximum.
+    """
 
     def __init__(self) -> None:
+        self.largest_error: float | None = None
         self._kept: dict[str, tuple[tuple[object, ...], Paint]] = {}
         self._range: tuple[object, object, str, ColorRange] | None = None
 
     def paint(self, session: Session, name: str) -> Paint | None:
         """What a surface shows now; None while nothing is known."""
+        if session.active and name in ("source", "target"):
+            side: Side = "source" if name == "source" else "target"
+            if session.error(session.active.spec(side)):
+                return self._without_values(session, side)
         source, target = session.values("source"), session.values("target")
         if source is None or target is None:
             return None
@@ -80,6 +92,11 @@ class Painter:
         if name == "error":
             return self._error(session, target, advected)
         return self._advected(session, advected, colors)
+
+    def _without_values(self, session: Session, side: Side) -> Paint:
+        count = len(session.mesh.vertices)
+        title = f"{side}: no values"
+        return self._keep(side, (count, title), lambda: Paint("colors", np.full((count, 3), _NO_VALUES), title))
 
     def _advected(self, session: Session, advected: FloatArray, colors: ColorRange) -> Paint | None:
         """The middle surface, by the view's colouring."""
@@ -161,13 +178,15 @@ class Painter:
         return self._keep("linear blend", (source, target, time, tau, colors), make)
 
     def _error(self, session: Session, target: FloatArray, advected: FloatArray) -> Paint:
+        fixed = self.largest_error
+
         def make() -> Paint:
             error = np.abs(target - advected)
-            top = max(float(error.max()), _LEAST_RANGE)
+            top = max(float(error.max()) if fixed is None else fixed, _LEAST_RANGE)
             bar = f"|target - advected|, at most {top:.3g}"
             return Paint("vertex values", error, "error", _ranged(session, 0.0, top), bar)
 
-        return self._keep("error", (target, advected, session.view.colormap), make)
+        return self._keep("error", (target, advected, session.view.colormap, fixed), make)
 
     def _kept_paint(
         self, name: str, kind: Kind, values: FloatArray, title: str, colors: ColorRange, bar: str = "function"

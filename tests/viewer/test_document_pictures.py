@@ -91,6 +91,19 @@ def test_frames_go_from_the_first_time_to_the_last(document):
             assert (frame == np.asarray(renderer.picture(time))).all()
 
 
+def test_the_range_of_the_error_stays_the_same_in_a_movie(document):
+    document = replace(document, view=replace(document.view, error=True))
+    with DocumentRenderer(document, {}, SIZE, BARE) as renderer:
+        ranges, largest = [], []
+        for _ in renderer.frames(0.0, 2.0, 3, 0.0):
+            ranges.append(renderer._scene.paints["error"].colors)
+            largest.append(renderer._scene.paints["error"].values.max())
+    f, g = document.result.source[:, 0], document.result.target[:, 0]
+    assert len(set(ranges)) == 1
+    assert (ranges[0].low, ranges[0].high) == (0, pytest.approx(abs(f - g).max()))
+    assert largest[-1] < 0.5 * largest[0]
+
+
 def test_without_a_ground_the_surfaces_stand_free(document):
     pixels = drawn(document, options=PictureOptions(transparent=True))
     assert pixels.shape == (SIZE[1], SIZE[0], 4)

@@ -1,0 +1,114 @@
+"""What surfaces show, decided without drawing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from abfm.baselines import linear_blend
+from abfm_viewer.paint import Painter, surfaces
+from tests.viewer.sessions import SPHERE, opened, until
+
+
+@pytest.fixture(scope="module")
+def matched():
+    session = opened()
+    session.match()
+    until(lambda: session.solver.finished, session)
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def session(matched):
+    document = matched.document
+    yield matched
+    matched.amend(**vars(document))
+    until(lambda: not matched.obstacle, matched)
+
+
+def show(session, **values):
+    session.amend(view=replace(session.view, **values))
+
+
+@pytest.mark.parametrize(
+    ("view", "names"),
+    [
+        ({}, ("source", "advected", "target")),
+        ({"blend": True, "error": True}, ("source", "advected", "linear blend", "error", "target")),
+        ({"layout": "advected only"}, ("advected",)),
+        ({"layout": "advected only", "error": True}, ("advected", "error")),
+    ],
+)
+def test_surfaces_stand_in_the_order_of_the_flow(session, view, names):
+    show(session, **view)
+    assert surfaces(session) == names
+
+
+def test_all_functions_share_one_range_and_one_bar(session):
+    show(session, blend=True)
+    painter = Painter()
+    paints = [painter.paint(session, name) for name in surfaces(session)]
+    assert {paint.bar for paint in paints} == {"function"}
+    low = min(session.values(side).min() for side in ("source", "target"))
+    high = max(session.values(side).max() for side in ("source", "target"))
+    assert {(paint.colors.low, paint.colors.high) for paint in paints} == {(low, high)}
+
+
+def test_a_signed_function_has_a_range_with_zero_in_the_middle(session):
+    session.set_spec("source", "eigenfunction:2")
+    until(lambda: not session.obstacle, session)
+    colors = Painter().paint(session, "source").colors
+    assert colors.low == -colors.high < 0
+
+
+def test_a_paint_is_the_same_object_until_what_it_shows_changes(session):
+    painter = Painter()
+    before = painter.paint(session, "target")
+    assert painter.paint(session, "target") is before
+    show(session, colormap="viridis")
+    assert painter.paint(session, "target").colors.colormap == "viridis"
+
+
+def test_the_linear_blend_follows_the_time(session):
+    show(session, blend=True)
+    tau = session.parameters.tau
+    for time, share in ((0.0, 0.0), (0.25 * tau, 0.25), (tau, 1.0), (1.5 * tau, 1.0)):
+        session.amend(time=time)
+        expected = linear_blend(session.values("source"), session.values("target"), share, 1.0)
+        np.testing.assert_allclose(Painter().paint(session, "linear blend").values, expected)
+
+
+def test_the_error_is_that_of_the_shown_time_and_its_range_ends_with_it(session):
+    session.amend(time=session.parameters.tau)
+    paint = Painter().paint(session, "error")
+    expected = abs(session.values("target") - session.result.advected[:, 0])
+    np.testing.assert_array_equal(paint.values, expected)
+    assert (paint.colors.low, paint.colors.high) == (0, expected.max())
+    assert f"{expected.max():.3g}" in paint.bar
+
+
+def test_coordinates_are_colours_between_the_ends_of_the_mesh(session):
+    show(session, coloring="coordinates")
+    colors = Painter().paint(session, "source").values
+    assert colors.shape == SPHERE.vertices.shape
+    np.testing.assert_array_equal(colors.argmax(axis=0), SPHERE.vertices.argmax(axis=0))
+    assert (colors.min(), colors.max()) == (0, 1)
+
+
+def test_a_side_without_values_shows_none_and_the_other_one_stays(session):
+    painter = Painter()
+    target = painter.paint(session, "target").values
+    session.set_spec("source", "eigenfunction:100000")
+    until(lambda: session.error("eigenfunction:100000"), session)
+    bare = painter.paint(session, "source")
+    assert bare.title == "source: no values"
+    assert bare.colors is None
+    assert np.ptp(bare.values) == 0
+    assert painter.paint(session, "target") is None  # keeps what it showed: no range is known
+    session.undo()
+    until(lambda: not session.obstacle, session)
+    assert painter.paint(session, "source").title == "source"
+    np.testing.assert_array_equal(painter.paint(session, "target").values, target)
