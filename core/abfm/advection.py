@@ -140,12 +140,13 @@ def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> F
     velocity : (F, 3) array
         Tangent vectors, in the mesh's length unit per unit of time.
     f : (V,) or (V, C) array
+        One value or row per vertex of the mesh, or of its file.
     t : float
         Time of either sign.
 
     Returns
     -------
-    Array of the same shape as ``f``.
+    Array of shape (V,) or (V, C).
 
     Raises
     ------
@@ -155,8 +156,9 @@ def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> F
     field, functions = np.asarray(velocity, dtype=np.float64), np.asarray(f, dtype=np.float64)
     if field.shape != (len(mesh.faces), 3):
         raise AdvectionError(f"velocity has shape {field.shape}; expected {(len(mesh.faces), 3)}, a vector per face")
-    if functions.ndim not in (1, 2) or len(functions) != len(mesh.vertices):
+    if functions.ndim not in (1, 2) or len(functions) not in (len(mesh.vertices), mesh.file_vertex_count):
         raise AdvectionError(f"f has shape {functions.shape}; expected ({len(mesh.vertices)},) or with channels")
+    functions = mesh.restrict(functions)
     if np.ndim(t) or not np.issubdtype(np.asarray(t).dtype, np.number):
         raise AdvectionError(f"t is {t!r}; expected one time")
     if not (np.isfinite(field).all() and np.isfinite(functions).all() and np.isfinite(t)):

@@ -76,7 +76,12 @@ class MatchingEnergy:
             raise FunctionError(
                 f"source has {len(self.source)} and target {len(self.target)} channels; give as many of each"
             )
-        self.mask = None if mask is None else _weights(mask, len(mesh.vertices), "mask")
+        self.mask = None
+        if mask is not None:
+            of_vertices = np.asarray(mask)
+            if of_vertices.shape == (mesh.file_vertex_count,):
+                of_vertices = mesh.restrict(of_vertices)
+            self.mask = _weights(of_vertices, len(mesh.vertices), "mask")
         self.weights = np.ones(len(self.source)) if weights is None else _weights(weights, len(self.source), "weights")
         self.metric = function_norm_matrix(self.mesh, parameters.beta, self.mask)
         self.regularizer = regularizer(self.mesh, parameters.alpha)

@@ -181,6 +181,14 @@ def test_bad_input_is_refused_in_words(velocity, f, t, words):
         advect(icosphere(3), velocity, f, t)
 
 
+def test_functions_may_come_with_the_vertices_of_the_file():
+    sphere = icosphere(2)
+    mesh = abfm.TriangleMesh(np.insert(sphere.vertices, 5, 9.0, axis=0), sphere.faces + (sphere.faces >= 5))
+    f = np.arange(len(sphere.vertices) + 1.0)
+    v = wavy_field(mesh, 0)
+    np.testing.assert_array_equal(advect(mesh, v, f, 0.1), advect(mesh, v, np.delete(f, 5), 0.1))
+
+
 def test_overflow_is_an_error_and_not_an_array():
     mesh = icosphere(1)
     v = 10 * np.random.default_rng(0).normal(size=(len(mesh.faces), 3))

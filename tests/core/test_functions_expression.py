@@ -75,3 +75,9 @@ def test_any_formula_gives_finite_values_or_function_error(formula: str) -> None
         return
     assert f.shape == X.shape
     assert np.isfinite(f).all()
+
+
+@pytest.mark.parametrize("spec", [3, None, ["gaussian"]])
+def test_what_is_no_text_is_no_function(spec):
+    with pytest.raises(FunctionError, match="expected a text"):
+        function(MESH, spec)

@@ -114,6 +114,16 @@ def test_several_channels_and_weights():
     assert match.advect(0.0) == pytest.approx(f, abs=1e-9)
 
 
+def test_a_mask_may_come_with_the_vertices_of_the_file():
+    mesh = abfm.TriangleMesh(np.insert(SPHERE.vertices, 5, 9.0, axis=0), SPHERE.faces + (SPHERE.faces >= 5))
+    mask = np.linspace(0, 1, len(SPHERE.vertices) + 1)
+    f, g = mesh.vertices[:, 0], mesh.vertices[:, 1]
+    results = [abfm.match(mesh, f, g, FEW, mask=given) for given in (mask, np.delete(mask, 5))]
+    np.testing.assert_array_equal(results[0].velocity, results[1].velocity)
+    with pytest.raises(abfm.ParameterError, match="mask has shape"):
+        abfm.match(mesh, f, g, FEW, mask=mask[:-2])
+
+
 def test_mask_frees_what_it_hides():
     """Where the mask is zero the target may be anything."""
     f, g = pair(SPHERE)

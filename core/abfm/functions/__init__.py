@@ -40,6 +40,8 @@ def function(mesh: TriangleMesh, spec: str | Spec) -> FloatArray:
         If the text is no spec, names a vertex or file that does not fit the mesh, or gives values that are not finite.
     """
     tree = parse(spec) if isinstance(spec, str) else spec
+    if not isinstance(tree, Spec):
+        raise FunctionError(f"function is {spec!r}; expected a text such as 'gaussian:vertex=12', or what parse gives")
     with np.errstate(over="ignore", invalid="ignore"):
         values = np.array(tree.evaluate(mesh), dtype=np.float64, order="C")
     bad = np.flatnonzero(~np.isfinite(values))
