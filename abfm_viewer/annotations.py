@@ -11,7 +11,8 @@ import polyscope.imgui as imgui
 from abfm_viewer.colormaps import ColorRange, table
 from abfm_viewer.scene import Scene
 from abfm_viewer.theme import Color, Palette
-from abfm_viewer.ui import Rect, Ui
+from abfm_viewer.ui import Ui
+from abfm_viewer.widget_record import Rect
 
 _STEPS = 64
 # Lengths in pixels at a scale of 1.

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from abfm_viewer.ui import Widget
+from abfm_viewer.widget_record import Widget
 
 VARIABLE = "ABFM_WIDGETS"
 """Names the file; without it none is written."""
@@ -16,7 +16,7 @@ _FRAMES = 10
 
 
 def write_widgets(widgets: Sequence[Widget], frame: int) -> None:
-    """Write the widgets of every tenth frame as JSON, a list of `abfm_viewer.ui.Widget`, if the user asked for it."""
+    """Write the widgets of every tenth frame as JSON, a list of `widget_record.Widget`, if the user asked for it."""
     name = os.environ.get(VARIABLE)
     if name and frame % _FRAMES == 0:
         temporary = Path(f"{name}.part")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abfm_viewer.input_events import Place
-from abfm_viewer.ui import Widget, share_of
+from abfm_viewer.slider_scale import share_of
+from abfm_viewer.widget_record import Widget
 
 _GRAB_PADDING = 2.0  # pixels, ImGui's own
 

@@ -31,8 +31,9 @@ from abfm_viewer.panels import menus, right_panel, status_line, time_bar
 from abfm_viewer.persistence import Persistence
 from abfm_viewer.scene import Scene
 from abfm_viewer.session import Session
-from abfm_viewer.ui import Rect, Ui
+from abfm_viewer.ui import Ui
 from abfm_viewer.widget_file import write_widgets
+from abfm_viewer.widget_record import Rect
 
 if TYPE_CHECKING:
     from abfm_viewer.state_folder import StateFolder

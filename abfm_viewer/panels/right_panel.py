@@ -8,7 +8,8 @@ from typing import Protocol
 
 from abfm_viewer.panels import compare, energy, export, field, functions, maps, mesh, parameters, solver
 from abfm_viewer.session import Session
-from abfm_viewer.ui import Rect, Ui
+from abfm_viewer.ui import Ui
+from abfm_viewer.widget_record import Rect
 
 Guard = Callable[[str, Callable[[], None]], None]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import polyscope.imgui as imgui
 
 from abfm_viewer.session import Session
-from abfm_viewer.ui import Rect, Ui
+from abfm_viewer.ui import Ui
+from abfm_viewer.widget_record import Rect
 
 
 def draw(ui: Ui, session: Session, rect: Rect) -> None:

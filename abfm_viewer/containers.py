@@ -1,0 +1,267 @@
+"""What widgets are drawn in: windows, dialogs, sections, menus and plots, with a record of what is where.
+
+Everything that opens something is a context manager, so that an error inside leaves ImGui's stacks whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import polyscope.imgui as imgui
+import polyscope.implot as implot
+
+from abfm_viewer import theme
+from abfm_viewer.document import Theme
+from abfm_viewer.theme import Palette
+from abfm_viewer.widget_record import Kind, Rect, Widget, WidgetRecord
+
+_WINDOW = (
+    imgui.ImGuiWindowFlags_NoDecoration
+    | imgui.ImGuiWindowFlags_NoMove
+    | imgui.ImGuiWindowFlags_NoSavedSettings
+    | imgui.ImGuiWindowFlags_NoBringToFrontOnFocus
+)
+_DIALOG = (
+    imgui.ImGuiWindowFlags_NoCollapse
+    | imgui.ImGuiWindowFlags_NoResize
+    | imgui.ImGuiWindowFlags_NoMove
+    | imgui.ImGuiWindowFlags_NoSavedSettings
+)
+
+
+class Containers:
+    """Opens and closes what holds widgets.
+
+    Attributes
+    ----------
+    scale : float
+        Pixels of a length of 1.
+    colors : Palette
+    open_sections : dict of str to bool
+    scroll_to : str
+        A section to bring into view in the next frame.
+    capturing : bool
+        Whether frames are drawn for a picture: polyscope does that in a new ImGui context, which remembers nothing.
+    """
+
+    def __init__(self) -> None:
+        self.scale = 1.0
+        self.colors: Palette = theme.LIGHT
+        self.open_sections: dict[str, bool] = {}
+        self.scroll_to = ""
+        self.capturing = False
+        self._widget_record = WidgetRecord()
+        self._scrolls: dict[str, float] = {}
+
+    @property
+    def widgets(self) -> list[Widget]:
+        """Those of the latest whole frame."""
+        return self._widget_record.latest
+
+    def begin_frame(self, scale: float, name: Theme) -> None:
+        """Start the record of a frame."""
+        self.scale, self.colors = scale, theme.palette(name)
+        self._widget_record.begin_frame((0, 0, *imgui.GetIO().DisplaySize))
+
+    def end_frame(self) -> None:
+        """Publish the record."""
+        self._widget_record.end_frame()
+
+    def px(self, length: float) -> float:
+        """A length in pixels, for one given at a scale of 1."""
+        return length * self.scale
+
+    @contextmanager
+    def window(self, name: str, rect: Rect, scrolls: bool = False, background: bool = True) -> Iterator[None]:
+        """A fixed panel."""
+        imgui.SetNextWindowPos(rect[:2])
+        imgui.SetNextWindowSize((rect[2] - rect[0], rect[3] - rect[1]))
+        flags = _WINDOW if background else _WINDOW | imgui.ImGuiWindowFlags_NoBackground
+        if scrolls:
+            flags &= ~imgui.ImGuiWindowFlags_NoScrollbar
+            flags |= imgui.ImGuiWindowFlags_AlwaysVerticalScrollbar
+        imgui.Begin(name, flags)
+        try:
+            with self._widget_record.area(rect):
+                self._keep_scroll(name)
+                yield
+        finally:
+            imgui.End()
+
+    def backdrop(self) -> None:
+        """A veil over the whole window that keeps the mouse from what is behind it: draw it before a dialog."""
+        imgui.SetNextWindowPos((0, 0))
+        imgui.SetNextWindowSize(tuple(imgui.GetIO().DisplaySize))
+        imgui.PushStyleColor(imgui.ImGuiCol_WindowBg, (0, 0, 0, 0.35))
+        imgui.Begin("backdrop", _WINDOW & ~imgui.ImGuiWindowFlags_NoBringToFrontOnFocus)
+        imgui.End()
+        imgui.PopStyleColor()
+
+    @contextmanager
+    def dialog(self, title: str, width: float, height: float = 0) -> Iterator[None]:
+        """A window in front of everything, in the middle; without a height it fits what is in it."""
+        display = imgui.GetIO().DisplaySize
+        size = (min(self.px(width), 0.96 * display[0]), min(self.px(height), 0.92 * display[1]))
+        imgui.SetNextWindowPos((display[0] / 2, display[1] / 2), imgui.ImGuiCond_Always, (0.5, 0.5))
+        if height:
+            imgui.SetNextWindowSize(size)
+        else:
+            imgui.SetNextWindowSizeConstraints((size[0], 0), (size[0], 0.92 * display[1]))
+        imgui.SetNextWindowFocus()
+        imgui.Begin(title, _DIALOG | (0 if height else imgui.ImGuiWindowFlags_AlwaysAutoResize))
+        try:
+            with self._widget_record.area(_window_rect()), self._widget_record.section(title):
+                yield
+        finally:
+            imgui.End()
+
+    @contextmanager
+    def child(self, name: str, height: float, border: bool = True, shrinks: bool = False) -> Iterator[None]:
+        """A part of a panel that scrolls by itself; a negative height leaves that much below it.
+
+        One that `shrinks` is as low as what is in it.
+        """
+        flags = imgui.ImGuiChildFlags_Borders if border else imgui.ImGuiChildFlags_None
+        if shrinks:
+            flags |= imgui.ImGuiChildFlags_AutoResizeY
+            imgui.SetNextWindowSizeConstraints((0, 0), (imgui.GetContentRegionAvail()[0], height))
+        imgui.BeginChild(name, (0, 0 if shrinks else height), flags)
+        try:
+            with self._widget_record.area(_window_rect()):
+                self._keep_scroll(self._widget_record.path(name))
+                yield
+        finally:
+            imgui.EndChild()
+
+    @contextmanager
+    def disabled(self, condition: bool = True) -> Iterator[None]:
+        """Grey widgets that do nothing."""
+        imgui.BeginDisabled(condition)
+        try:
+            with self._widget_record.disabled(condition):
+                yield
+        finally:
+            imgui.EndDisabled()
+
+    @contextmanager
+    def group(self, name: str) -> Iterator[None]:
+        """Widgets whose labels may also be found elsewhere: `name` tells them apart, also for the Driver."""
+        imgui.PushID(name)
+        try:
+            with self._widget_record.section(name):
+                yield
+        finally:
+            imgui.PopID()
+
+    @contextmanager
+    def section(self, label: str, opened: bool = True) -> Iterator[bool]:
+        """A collapsible part of the panel; yields whether it is open."""
+        is_open = self.open_sections.setdefault(label, opened)
+        imgui.SetNextItemOpen(is_open, imgui.ImGuiCond_Always)
+        imgui.PushStyleColor(imgui.ImGuiCol_Text, self.colors.ink)
+        now_open = imgui.CollapsingHeader(label)
+        imgui.PopStyleColor()
+        self.record(label, "section", text="open" if now_open else "closed")
+        self.open_sections[label] = now_open
+        if self.scroll_to == label:
+            imgui.SetScrollHereY(0)
+            self.scroll_to = ""
+        try:
+            with self.group(label):
+                yield now_open
+        finally:
+            if now_open:
+                imgui.Dummy((0, self.px(4)))
+
+    def show_section(self, label: str) -> None:
+        """Open a section and bring it into view in the next frame."""
+        self.open_sections[label] = True
+        self.scroll_to = label
+
+    @contextmanager
+    def menu_bar(self) -> Iterator[None]:
+        """The menu bar at the top."""
+        imgui.BeginMainMenuBar()
+        try:
+            yield
+        finally:
+            imgui.EndMainMenuBar()
+
+    @contextmanager
+    def menu(self, label: str) -> Iterator[bool]:
+        """A menu or submenu; yields whether it is open."""
+        is_open = imgui.BeginMenu(label)
+        self.record(label, "menu", text="open" if is_open else "closed")
+        try:
+            with self._widget_record.section(label):
+                yield is_open
+        finally:
+            if is_open:
+                close_by_escape()
+                imgui.EndMenu()
+
+    def menu_item(self, label: str, shortcut: str = "", checked: bool = False, enabled: bool = True) -> bool:
+        """An entry of a menu; whether it was chosen."""
+        chosen = imgui.MenuItem(label, shortcut, checked, enabled and self._widget_record.enabled)
+        self.record(label, "item", enabled=enabled, text="checked" if checked else "")
+        return bool(chosen)
+
+    @contextmanager
+    def plot(self, label: str, height: float, flags: int) -> Iterator[bool]:
+        """A plot as wide as the panel; yields whether there is something to draw on."""
+        clear = (0, 0, 0, 0)
+        colors = {
+            implot.ImPlotCol_FrameBg: clear,
+            implot.ImPlotCol_PlotBg: self.colors.ground,
+            implot.ImPlotCol_PlotBorder: self.colors.border,
+            implot.ImPlotCol_LegendBg: clear,
+            implot.ImPlotCol_LegendBorder: clear,
+            implot.ImPlotCol_AxisGrid: self.colors.border,
+            implot.ImPlotCol_AxisTick: clear,
+        }
+        for index, color in colors.items():
+            implot.PushStyleColor(index, color)
+        is_drawn = bool(implot.BeginPlot(f"##{label}", (-1, self.px(height)), flags))
+        try:
+            yield is_drawn
+        finally:
+            if is_drawn:
+                implot.EndPlot()
+            implot.PopStyleColor(len(colors))
+            self.record(label, "plot")
+
+    def record(
+        self,
+        label: str,
+        kind: Kind,
+        rect: Rect | None = None,
+        low: float = 0.0,
+        high: float = 0.0,
+        text: str = "",
+        log: bool = False,
+        enabled: bool = True,
+    ) -> None:
+        """Remember what was drawn; without a rectangle, ImGui's latest item."""
+        rect = rect or (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
+        grab = imgui.GetStyle().GrabMinSize if kind == "slider" else 0.0
+        self._widget_record.add(label, kind, rect, enabled=enabled, low=low, high=high, log=log, text=text, grab=grab)
+
+    def _keep_scroll(self, name: str) -> None:
+        """Remember how far the present window was scrolled; new ones, and a new context, start from there."""
+        if self.capturing or name not in self._scrolls:
+            imgui.SetScrollY(self._scrolls.setdefault(name, 0.0))
+        else:
+            self._scrolls[name] = imgui.GetScrollY()
+
+
+def close_by_escape() -> None:
+    """Close the menu or the list that is open; ImGui does so only with keyboard navigation."""
+    if imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
+        imgui.CloseCurrentPopup()
+
+
+def _window_rect() -> Rect:
+    """Where the window is that is drawn now."""
+    left, top = imgui.GetWindowPos()
+    return left, top, left + imgui.GetWindowWidth(), top + imgui.GetWindowHeight()
