@@ -18,6 +18,8 @@ from abfm_viewer.transport import FlowState
 if TYPE_CHECKING:
     from abfm.flow_lines import FlowLine
     from abfm.flow_maps import Distortion
+    from abfm.texels import FloatImage
+    from abfm.texture_atlas import TextureAtlas
     from abfm_viewer.session import Session
 
 _TEXELS = 2048
@@ -44,9 +46,19 @@ class Field:
 
 
 @dataclass(frozen=True, eq=False)
+class Streaks:
+    """A grey texture with streaks along a field, and the atlas that says what belongs where."""
+
+    field: Field
+    atlas: TextureAtlas
+    image: FloatImage
+
+
+@dataclass(frozen=True, eq=False)
 class Texture:
     """Colours (size, size, 3), linear light, and where the faces' corners lie in them, (3F, 2)."""
 
+    streaks: Streaks
     colors: FloatArray
     corners: FloatArray
 
@@ -58,13 +70,15 @@ class FieldQuantities:
         self._field: Latest[Field] = Latest("field")
         self._scalar: Latest[FloatArray] = Latest("field values")
         self._distortion: Latest[Distortion] = Latest("distortion")
-        self._texture: Latest[Texture] = Latest("streaks")
+        self._streaks: Latest[Streaks] = Latest("streaks")
+        self._texture: Latest[Texture] = Latest("coloured streaks")
         self._lines: Latest[list[FlowLine]] = Latest("flow lines")
         self._paths: Latest[list[FlowLine]] = Latest("paths")
         self._services: Sequence[Latest[object]] = (
             self._field,
             self._scalar,
             self._distortion,
+            self._streaks,
             self._texture,
             self._lines,
             self._paths,
@@ -111,11 +125,16 @@ class FieldQuantities:
         return found or (stale if fits else None)
 
     def texture(self, session: Session, values: FloatArray, colors: ColorRange) -> Texture | None:
-        """Streaks along the field, coloured by a function (V,); None while they are computed."""
+        """Streaks along the field, coloured by a function (V,), lately by an earlier one; None before there are any."""
         field = self.field(session)
         if field is None or session.solver.running:
             return None
-        return self._texture.ask((field, id(values), colors), partial(_texture, field, values, colors))
+        streaks = self._streaks.ask(field, partial(_streaks, field))
+        if streaks is None:
+            return None
+        found = self._texture.ask((streaks, id(values), colors), partial(_texture, streaks, values, colors))
+        stale = self._texture.value
+        return found or (stale if stale is not None and stale.streaks is streaks else None)
 
     def lines(self, session: Session) -> list[FlowLine]:
         """Flow lines through the points that were clicked on: against the flow for tau, and with it for tau."""
@@ -179,15 +198,18 @@ def _distortion(flow: FlowState, time: float) -> Distortion:
     return distortion(flow.mesh, project_onto_surface(flow.mesh, carried).positions)
 
 
-def _texture(field: Field, values: FloatArray, colors: ColorRange) -> Texture:
+def _streaks(field: Field) -> Streaks:
     from abfm.line_integral import line_integral_convolution
 
-    atlas, streaks = line_integral_convolution(field.mesh, field.velocity, size=_TEXELS)
-    share = (atlas.image(values) - colors.low) / (colors.high - colors.low)
+    return Streaks(field, *line_integral_convolution(field.mesh, field.velocity, size=_TEXELS))
+
+
+def _texture(streaks: Streaks, values: FloatArray, colors: ColorRange) -> Texture:
+    share = (streaks.atlas.image(values) - colors.low) / (colors.high - colors.low)
     table = linear_table(colors.colormap, 1024).astype(np.float32)
     index = np.clip(share * 1023, 0, 1023).astype(np.int32)
-    shade = 1 - _SHADE + _SHADE * streaks
-    return Texture(table[index] * shade[:, :, None], atlas.corner_coordinates)
+    shade = 1 - _SHADE + _SHADE * streaks.image
+    return Texture(streaks, table[index] * shade[:, :, None], streaks.atlas.corner_coordinates)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ class ShownFlow:
         self._source = Carried("source")
         self._coordinates = Carried("coordinates")
         self._latest: FlowState | None = None
+        self._latest_column: tuple[FloatArray, int, FloatArray] | None = None
 
     @property
     def flow(self) -> FlowState | None:
@@ -55,11 +56,18 @@ class ShownFlow:
         if abs(time - tau) <= 1e-9 * tau:
             snapshot, result = session.solver.snapshot, session.result
             if flow.final and result is not None and not session.outdated:
-                return result.advected[:, channel]
+                return self._column(result.advected, channel)
             if not flow.final and snapshot is not None and len(snapshot.problem.channels) == len(session.channels):
-                return snapshot.iteration.advected[:, channel]
+                return self._column(snapshot.iteration.advected, channel)
         carried = self._source.at(flow, source, time, self.settled)
         return source if carried is None else carried
+
+    def _column(self, values: FloatArray, channel: int) -> FloatArray:
+        """One channel of values (V, C): the same object every time, by which others know that nothing changed."""
+        before = self._latest_column
+        if before is None or before[0] is not values or before[1] != channel:
+            before = self._latest_column = (values, channel, values[:, channel])
+        return before[2]
 
     def coordinates(self) -> FloatArray | None:
         """The coordinates (V, 3) carried along to the shown time: where each vertex's value came from."""

@@ -78,11 +78,15 @@ def span(state: FlowState, function: FloatArray) -> Span:
 
 
 class Carried:
-    """One function, carried to the time that is shown: at once from a span, and exactly as soon as possible."""
+    """One function, carried to the time that is shown: at once from a span, and exactly as soon as possible.
+
+    Asked for the same again, it gives the same array, by which others know that nothing changed.
+    """
 
     def __init__(self, name: str) -> None:
         self._span: Latest[Span] = Latest(f"{name}: times")
         self._exact: Latest[FloatArray] = Latest(f"{name}: exact")
+        self._blended: tuple[Span, float, FloatArray] | None = None
 
     @property
     def busy(self) -> bool:
@@ -115,13 +119,19 @@ class Carried:
         current = self._span.ask(key, partial(span, state, function))
         if current is None:
             stale = self._span.value
-            return None if stale is None or stale.frames.shape[1:] != function.shape else stale.at(time)
+            return None if stale is None or stale.frames.shape[1:] != function.shape else self._blend(stale, time)
         if settled and state.final and time <= current.times[-1]:
             compute: Callable[[], FloatArray] = partial(_exactly, state, function, time)
             exact = self._exact.ask((*key, time), compute)
             if exact is not None:
                 return exact
-        return current.at(time)
+        return self._blend(current, time)
+
+    def _blend(self, span: Span, time: float) -> FloatArray:
+        before = self._blended
+        if before is None or before[0] is not span or before[1] != time:
+            before = self._blended = (span, time, span.at(time))
+        return before[2]
 
     def close(self) -> None:
         """Stop the threads."""

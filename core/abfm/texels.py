@@ -44,6 +44,19 @@ class Canvas(NamedTuple):
 
 
 @kernel
+def draw_affine(owners: IndexArray, coefficients: FloatArray, unused: float, image: FloatImage) -> None:
+    """At each texel's centre (x, y) its face's ``a + b x + c y``, with coefficients (F, 3), into (size, size)."""
+    for row in range(image.shape[0]):
+        for column in range(image.shape[1]):
+            face = owners[row, column]
+            if face < 0:
+                image[row, column] = unused
+            else:
+                a, b, c = coefficients[face]
+                image[row, column] = a + b * (column + 0.5) + c * (row + 0.5)
+
+
+@kernel
 def set_on_shelves(widths: IndexArray, heights: IndexArray, size: int, corners: IndexArray) -> bool:
     """Set rectangles of descending height on shelves of a square; lower left corners (n, 2). Whether they have room."""
     x, y, shelf = 0, 0, 0

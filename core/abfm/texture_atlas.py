@@ -72,11 +72,15 @@ class TextureAtlas:
         FunctionError
             If ``h`` does not fit the mesh.
         """
-        at_corners = channels(self.mesh, h, "h")[0][self.mesh.faces]
-        texture = np.full((self.size, self.size), unused, dtype=np.float32)
-        rows, columns = np.nonzero(self.texel_faces >= 0)
-        faces = self.texel_faces[rows, columns]
-        texture[rows, columns] = np.einsum("tc,tc->t", self.barycentric(rows, columns), at_corners[faces])
+        h0, h1, h2 = channels(self.mesh, h, "h")[0][self.mesh.faces].T
+        origin, first, second = np.moveaxis(self.corners, 1, 0)
+        u, v = first - origin, second - origin
+        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        along_x = ((h1 - h0) * v[:, 1] - (h2 - h0) * u[:, 1]) / area
+        along_y = ((h2 - h0) * u[:, 0] - (h1 - h0) * v[:, 0]) / area
+        at_zero = h0 - along_x * origin[:, 0] - along_y * origin[:, 1]
+        texture = np.empty((self.size, self.size), dtype=np.float32)
+        texels.draw_affine(self.texel_faces, np.stack([at_zero, along_x, along_y], axis=1), unused, texture)
         return texture
 
 

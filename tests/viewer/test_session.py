@@ -427,3 +427,24 @@ def test_notices_do_not_stay_forever(session, monkeypatch):
     session.set_parameter(alpha=0.3)  # the next action
     session.update()
     assert session.notice.text == ""
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0, 1.7])
+def test_what_does_not_change_stays_the_same_array(session, share):
+    """By which the surfaces know that there is nothing to draw again."""
+    matched(session)
+    session.set_time(share * session.parameters.tau)
+    until(lambda: (session.shown.advected(), session.shown.settled and not session.shown.busy)[1], session)
+    assert session.shown.advected() is session.shown.advected()
+    until(lambda: session.shown.coordinates() is not None and not session.shown.busy, session)
+    assert session.shown.coordinates() is session.shown.coordinates()
+
+
+def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endless):
+    solving(endless)
+    endless.solver.pause()
+    endless.set_time(0.3)
+    until(lambda: (endless.shown.advected(), not endless.shown.busy)[1], endless)
+    assert endless.shown.advected() is endless.shown.advected()
+    endless.set_time(endless.parameters.tau)
+    assert endless.shown.advected() is endless.shown.advected()
