@@ -98,20 +98,24 @@ class Painter:
         title = f"{side}: no values"
         return self._keep(side, (count, title), lambda: Paint("colors", np.full((count, 3), _NO_VALUES), title))
 
-    def _advected(self, session: Session, advected: FloatArray, colors: ColorRange) -> Paint | None:
+    def _advected(self, session: Session, advected: FloatArray, colors: ColorRange) -> Paint:
         """The middle surface, by the view's colouring."""
+        special = self._by_coloring(session, advected, colors)
+        return special or self._kept_paint("advected", "vertex values", advected, "advected", colors)
+
+    def _by_coloring(self, session: Session, advected: FloatArray, colors: ColorRange) -> Paint | None:
+        """What the view asks for instead of the function's colours; None where there is nothing of it yet."""
         kind = session.view.coloring
-        plain = self._kept_paint("advected", "vertex values", advected, "advected", colors)
         if kind == "function":
             texture = session.quantities.texture(session, advected, colors) if session.view.streaks else None
-            return plain if texture is None else self._textured(texture, colors)
+            return None if texture is None else self._textured(texture, colors)
         if kind in ("coordinates", "checker"):
             carried = session.shown.coordinates()
             title = "carried coordinates" if kind == "coordinates" else "carried checker"
-            return plain if carried is None else self._carried(session, "advected", carried, title)
+            return None if carried is None else self._carried(session, "advected", carried, title)
         if kind in ("area distortion", "conformal distortion"):
-            return self._distortion(session, kind) or plain
-        return self._of_field(session) or plain
+            return self._distortion(session, kind)
+        return self._of_field(session)
 
     def _of_field(self, session: Session) -> Paint | None:
         """Speed, divergence or curl."""

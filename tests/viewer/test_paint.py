@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from abfm.baselines import linear_blend
+from abfm_viewer.document import COLORINGS
 from abfm_viewer.paint import Painter, surfaces
 from tests.viewer.sessions import SPHERE, opened, until
 
@@ -70,6 +71,21 @@ def test_a_paint_is_the_same_object_until_what_it_shows_changes(session):
     assert painter.paint(session, "target") is before
     show(session, colormap="viridis")
     assert painter.paint(session, "target").colors.colormap == "viridis"
+
+
+@pytest.mark.parametrize("coloring", COLORINGS)
+@pytest.mark.parametrize("share", [0.4, 1.0])
+def test_surfaces_that_do_not_change_are_not_drawn_again(session, coloring, share):
+    show(session, coloring=coloring, blend=True, error=True)
+    session.set_time(share * session.parameters.tau)
+    painter = Painter()
+
+    def paints():
+        return [painter.paint(session, name) for name in surfaces(session)]
+
+    until(lambda: (paints(), session.shown.settled, session.busy, session.quantities.busy)[1:] == (True, "", False))
+    assert paints()[1].title != "advected" or coloring == "function"
+    assert all(now is before for now, before in zip(paints(), paints(), strict=True))
 
 
 def test_the_linear_blend_follows_the_time(session):
