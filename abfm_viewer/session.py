@@ -199,10 +199,9 @@ class Session(Editing):
         if self.obstacle:
             self.say(f"no match yet: {self.obstacle}", is_error=bool(self._evaluated.errors))
             return
-        field = self.result.velocity if self.solver.warm and self.result and self.result.mesh is self.mesh else None
-        if field is not None and len(field) not in (1, self.parameters.segments):
-            self.say(f"the current result has {len(field)} fields: starting from zero")
-            field = None
+        field = None
+        if self.solver.warm and self.result is not None and self.result.mesh is self.mesh:
+            field = self.result.start_for(self.parameters)
         self._notices.clear()
         self.player.playing = False
         self.amend(time=self.parameters.tau)

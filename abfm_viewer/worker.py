@@ -131,7 +131,7 @@ class Worker:
         try:
             while (problem := self._take()) is not None:
                 if self.result is not None:
-                    start = _carried_over(self.result, problem.parameters)
+                    start = self.result.start_for(problem.parameters)
                     self._restarts.append(self.rows)
                 match = self._solve(problem, start)
                 self.result = match
@@ -197,11 +197,3 @@ class Worker:
         """End the present solve for the next problem, but not so soon that a drag would keep it from moving."""
         if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
             self._control.cancel()
-
-
-def _carried_over(match: Match, parameters: Parameters) -> FloatArray | None:
-    """The field of a match as a start with other parameters: it moves as far by another tau."""
-    if parameters.segments != len(match.velocity) != 1:
-        return None
-    faster: FloatArray = match.velocity * (match.parameters.tau / parameters.tau)
-    return faster

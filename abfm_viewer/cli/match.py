@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abfm import ResultError, TriangleMesh, load_match
+from abfm import Parameters, ResultError, TriangleMesh, load_match
 from abfm.functions import families, function
 from abfm.functions.family import quoted
 from abfm.mesh import FloatArray
@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.quiet,
         weights=weights,
         mask=_mask(mesh, arguments.mask),
-        start=_start(mesh, arguments.start),
+        start=_start(mesh, arguments.start, parameters),
     )
     if arguments.json:
         print(json.dumps({"mesh": arguments.mesh, **outcome.to_dict()}))
@@ -113,10 +113,10 @@ def _mask(mesh: TriangleMesh, given: str | None) -> FloatArray | None:
     return function(mesh, f"file:{quoted(given)}" if Path(given).is_file() else given)
 
 
-def _start(mesh: TriangleMesh, path: str | None) -> FloatArray | None:
+def _start(mesh: TriangleMesh, path: str | None, parameters: Parameters) -> FloatArray | None:
     if path is None:
         return None
     earlier = load_match(path)
     if not np.array_equal(earlier.mesh.faces, mesh.faces):
         raise ResultError(f"--start {path} is a result on another mesh; give one on a mesh with the same faces")
-    return earlier.velocity
+    return earlier.start_for(parameters)

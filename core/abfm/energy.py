@@ -163,7 +163,7 @@ def _weights(values: ArrayLike, count: int, name: str) -> FloatArray:
     return array
 
 
-def check_fields(velocity: ArrayLike, shape: tuple[int, int, int]) -> FloatArray:
+def check_fields(velocity: ArrayLike, shape: tuple[int, int, int], name: str = "velocity") -> FloatArray:
     """Fields as (N, F, 3), for the shape (N, F, 2) of the unknowns; one field may come as (F, 3).
 
     Raises
@@ -176,7 +176,7 @@ def check_fields(velocity: ArrayLike, shape: tuple[int, int, int]) -> FloatArray
     if field.shape == expected[1:] and expected[0] == 1:
         field = field[None]
     if field.shape != expected:
-        raise ParameterError(f"velocity has shape {field.shape}; expected {expected}")
+        raise ParameterError(f"{name} has shape {field.shape}; expected {expected}")
     if not np.isfinite(field).all():
-        raise ParameterError("velocity has values that are not finite")
+        raise ParameterError(f"{name} has values that are not finite")
     return field

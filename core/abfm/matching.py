@@ -126,10 +126,10 @@ def match(
         Weight of the mismatch at each vertex, not negative.
     weights : (C,) array, optional
         Weight of each channel's mismatch, not negative.
-    start : (N, F, 3) or (F, 3) array, optional
+    start : (M, F, 3) or (F, 3) array, optional
         Fields to start from, such as an earlier ``match.velocity``, also one found for other functions or parameters;
-        a single field is used for all segments. Sigma is then not cooled again, which would lead away from a good
-        start. Zero by default.
+        those of M segments are averaged over, or repeated in, the N of these parameters. Sigma is then not cooled
+        again, which would lead away from a good start. Zero by default.
     on_iteration : callable, optional
         Called after every iteration, in this thread.
     control : Control, optional
@@ -186,10 +186,9 @@ class _Solver:
         p = self.energy.parameters
         x = np.zeros(self.energy.shape)
         if start is not None:
-            field = np.asarray(start)
-            if field.shape[-3:-2] in ((), (1,)):  # one field goes on through all segments
-                field = np.broadcast_to(field, (p.segments, *field.shape[-2:]))
-            x = to_frame(self.energy.mesh, check_fields(field, self.energy.shape) / self._scale)
+            count = max(len(np.asarray(start)), 1) if np.ndim(start) == 3 else 1
+            fields = check_fields(start, (count, *self.energy.shape[1:]), "start") / self._scale
+            x = to_frame(self.energy.mesh, np.tensordot(_averages(count, p.segments), fields, 1))
         state, reason = None, "iteration limit"
         try:
             stages = list(enumerate(zip(p.stage_sigmas(), p.stage_limits(), strict=True)))
@@ -267,6 +266,14 @@ class _Solver:
                     evaluations=self.evaluations,
                 )
             )
+
+
+def _averages(given: int, wanted: int) -> FloatArray:
+    """Weights (wanted, given) that average over even parts of a time what is constant on other even parts."""
+    begins, others = np.arange(wanted)[:, None] * given, np.arange(given) * wanted
+    overlaps = np.minimum(begins + given, others + wanted) - np.maximum(begins, others)
+    weights: FloatArray = np.maximum(overlaps, 0) / given
+    return weights
 
 
 def _check_start(point: Evaluation, given: bool) -> None:

@@ -221,6 +221,25 @@ def test_warm_start_goes_on_from_the_field():
     assert split.mismatch == pytest.approx(first.mismatch, rel=1e-6)
 
 
+@pytest.mark.parametrize(("given", "wanted"), [(2, 4), (4, 2), (3, 2), (2, 3), (3, 3)])
+def test_fields_for_other_segments_are_averaged_over_time(given, wanted):
+    """By integrals over each wanted part, here sums over parts so small that both numbers divide them."""
+    fields = np.stack([wavy_field(SPHERE, seed) for seed in range(given)])
+    fine = np.repeat(fields, wanted, axis=0).reshape(wanted, given, *fields.shape[1:])
+    p = abfm.Parameters(method="linearised", segments=wanted, iterations=0)
+    started = abfm.match(SPHERE, *pair(SPHERE), p, start=fields)
+    np.testing.assert_allclose(started.velocity, fine.mean(axis=1), atol=1e-12)
+
+
+def test_fields_for_another_tau_move_as_far():
+    f, g = pair(SPHERE)
+    first = abfm.match(SPHERE, f, g, FEW)
+    slow = replace(FEW, tau=8 * FEW.tau, iterations=0)
+    second = abfm.match(SPHERE, f, g, slow, start=first.start_for(slow))
+    np.testing.assert_allclose(second.advected, first.advected, atol=1e-9)
+    assert np.isinf(first.start_for(replace(FEW, tau=1e-310))).any()
+
+
 def test_warm_start_never_ends_worse_at_sigma():
     f, g = pair(SPHERE)
     first = abfm.match(SPHERE, f, g, abfm.Parameters(iterations=40))
@@ -240,7 +259,7 @@ def test_a_start_that_overflows_is_refused_in_words():
     f, g = pair(SPHERE)
     with pytest.raises(abfm.ParameterError, match="start"):
         abfm.match(SPHERE, f, g, start=1e9 * wavy_field(SPHERE, 0))
-    with pytest.raises(abfm.ParameterError, match="velocity has shape"):
+    with pytest.raises(abfm.ParameterError, match="start has shape"):
         abfm.match(SPHERE, f, g, start=np.zeros((2, 3)))
 
 

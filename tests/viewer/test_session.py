@@ -135,14 +135,16 @@ def test_a_second_run_starts_where_the_first_ended_if_asked_to(session):
     assert len(session.document.runs) == 3
 
 
-def test_a_warm_start_with_another_number_of_fields_starts_from_zero(session):
+def test_a_warm_start_goes_on_with_another_number_of_fields_and_another_tau(session):
     session.set_parameter(method="linearised", segments=3)
     matched(session)
-    session.set_parameter(method="nonlinear")
+    linearised = session.result.mismatch
+    session.set_parameter(method="nonlinear", tau=3.0)
     assert session.parameters.segments == 1
     session.solver.warm = True
     matched(session)
-    assert session.document.runs[-1].energies[0, 1] == 0
+    assert session.document.runs[-1].energies[0, 1] > 0
+    assert session.result.mismatch < linearised
 
 
 def test_pause_resume_and_cancel(endless):

@@ -11,7 +11,7 @@ import pytest
 import abfm
 from abfm_viewer.document import Channel
 from abfm_viewer.evaluation import Functions
-from abfm_viewer.worker import Worker, _carried_over
+from abfm_viewer.worker import Worker
 from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, problem, until
 
 
@@ -166,11 +166,12 @@ def test_a_mask_and_weights_reach_match(functions):
     assert worker.result.weights.tolist() == [2.0]
 
 
-def test_a_field_for_another_tau_moves_as_far(functions):
-    worker = Worker(problem(), functions)
-    worker.wait(30)
-    twice = _carried_over(worker.result, replace(QUICK, tau=2.0))
-    np.testing.assert_allclose(2 * twice, worker.result.velocity)
-    assert _carried_over(worker.result, replace(QUICK, method="linearised", segments=4)) is not None  # one for all
-    many = replace(worker.result, velocity=np.repeat(worker.result.velocity, 3, axis=0))
-    assert _carried_over(many, QUICK) is None
+def test_a_field_that_is_too_fast_for_other_parameters_is_no_start(functions):
+    first = Worker(problem(), functions)
+    first.wait(30)
+    start = first.result.start_for(replace(QUICK, tau=1e-310))
+    assert not np.isfinite(start).all()
+    second = Worker(problem(), functions, start)
+    second.wait(30)
+    assert second.error == ""
+    np.testing.assert_array_equal(second.result.velocity, first.result.velocity)
