@@ -14,7 +14,8 @@ from abfm_viewer.background import Latest
 from abfm_viewer.document import EXTRAPOLATION
 
 _TIMES, _TIMES_WHILE_SOLVING = 61, 17
-_LARGEST = 60_000_000  # numbers in a span, as float32
+_LONGEST = 60_000_000  # numbers in a span, as float32
+_LARGEST = 1e37  # value that can be shown in single precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +33,15 @@ class FlowState:
         Raises
         ------
         AdvectionError
-            If the flow overflows or is too long.
+            If the flow is too long, or overflows the single precision of what can be shown.
         """
+        from abfm import AdvectionError
         from abfm.match_result import push  # not before: it loads what the first frame does without
 
-        return push(self.mesh, self.velocity, self.parameters, function, times)
+        carried = push(self.mesh, self.velocity, self.parameters, function, times)
+        if np.abs(carried).max() > _LARGEST:
+            raise AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
+        return carried
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +72,7 @@ class Span:
 def span(state: FlowState, function: FloatArray) -> Span:
     """A function over the whole time bar, or up to tau where the flow overflows beyond."""
     wanted = _TIMES if state.final else _TIMES_WHILE_SOLVING
-    count = int(np.clip(_LARGEST // function.size, 9, wanted)) // 2 * 2 + 1
+    count = int(np.clip(_LONGEST // function.size, 9, wanted)) // 2 * 2 + 1
     tau = state.parameters.tau
     times = np.linspace(0, EXTRAPOLATION * tau, count)
     try:

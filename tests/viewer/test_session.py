@@ -450,3 +450,11 @@ def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endles
     assert endless.shown.advected() is endless.shown.advected()
     endless.set_time(endless.parameters.tau)
     assert endless.shown.advected() is endless.shown.advected()
+
+
+@pytest.mark.parametrize("factor", ["1e300", "1e-40"])
+def test_functions_beyond_the_screens_precision_are_refused(session, factor):
+    session.set_spec("source", f"expression:{factor}*x")
+    until(lambda: "scale it" in session.obstacle, session)
+    session.undo()
+    until(lambda: not session.obstacle, session)
