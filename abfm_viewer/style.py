@@ -70,6 +70,7 @@ def _lengths(style: imgui.ImGuiStyle, scale: float) -> None:
     def pair(x: float, y: float) -> tuple[float, float]:
         return x * scale, y * scale
 
+    style.FontScaleMain, style.FontScaleDpi = 1, scale  # polyscope sets now the one, now the other, and resets none
     style.WindowPadding, style.FramePadding = pair(10, 8), pair(8, 4)
     style.ItemSpacing, style.ItemInnerSpacing = pair(8, 6), pair(6, 4)
     style.CellPadding, style.SeparatorTextPadding = pair(6, 3), pair(0, 4)

@@ -75,8 +75,8 @@ def _view(ui: Ui, actions: Actions) -> None:
             session.set_view("change the theme", theme=theme)
     ui.separator()
     _choices(ui, actions, "Layout", "layout", {name: name for name in LAYOUTS})
-    _choices(ui, actions, "Colour map", "colormap", {name: name for name in ("automatic", *colormaps.NAMES)})
-    for label, name in (("Isolines", "isolines"), ("Colour bar", "color_bar")):
+    _choices(ui, actions, "Color map", "colormap", {name: name for name in ("automatic", *colormaps.NAMES)})
+    for label, name in (("Isolines", "isolines"), ("Color bar", "color_bar")):
         shown = getattr(view, name)
         if ui.menu_item(label, checked=shown):
             session.set_view(f"{'hide' if shown else 'show'} the {label.lower()}", "", **{name: not shown})

@@ -51,7 +51,7 @@ def _buttons(ui: Ui, session: Session) -> None:
 
 def _ways(ui: Ui, session: Session) -> None:
     player = session.player
-    player.repeat = ui.combo("repeat", player.repeat, REPEATS, "What happens at the end.", width=ui.px(84))
+    player.repeat = ui.combo("repeat", player.repeat, REPEATS, "What happens at the end.", width=ui.px(104))
     ui.beside(ui.px(12))
     imgui.SetNextItemWidth(ui.px(64))
     shown = share_of(player.speed, _SLOWEST, _FASTEST, True)

@@ -132,7 +132,7 @@ def test_keys_typed_into_a_box_do_nothing_else(gui):
 
 
 def test_every_menu_and_submenu_opens(gui):
-    for path in (["File"], ["File", "Recent"], ["Edit"], ["View"], ["View", "Layout"], ["View", "Colour map"]):
+    for path in (["File"], ["File", "Recent"], ["Edit"], ["View"], ["View", "Layout"], ["View", "Color map"]):
         gui.menu(*path)
         assert {w.label for w in gui.window.ui.widgets if w.kind == "menu" and w.text == "open"} == set(path)
         gui.key("esc")
@@ -146,9 +146,9 @@ def test_every_menu_and_submenu_opens(gui):
     [
         (("View", "Dark theme"), "theme", "dark"),
         (("View", "Layout", "column"), "layout", "column"),
-        (("View", "Colour map", "abfm diverging"), "colormap", "abfm diverging"),
+        (("View", "Color map", "abfm diverging"), "colormap", "abfm diverging"),
         (("View", "Isolines"), "isolines", True),
-        (("View", "Colour bar"), "color_bar", False),
+        (("View", "Color bar"), "color_bar", False),
         (("View", "UI scale", "1.5"), "ui_scale", 1.5),
     ],
 )
@@ -511,3 +511,14 @@ def test_recent_files_begin_with_the_one_on_the_command_line(state, mesh_file):
     with Driver(mesh_file) as gui:
         assert gui.window.documents.recent() == [Path(mesh_file)]
         assert imgui.GetIO().DisplaySize[0] > 0
+
+
+def test_a_window_has_its_own_sizes_whatever_another_one_left_in_imgui():
+    def places():
+        with Driver(icosphere(1), size=(860, 600)) as gui:
+            gui.frames(2)
+            return {(w.label, w.section): w.rect for w in gui.window.ui.widgets}
+
+    before = places()
+    imgui.GetStyle().FontScaleMain = 1.5
+    assert places() == before

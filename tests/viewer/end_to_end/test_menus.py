@@ -152,7 +152,7 @@ def test_every_layout_color_map_and_scale(gui):
             ("advected",) if layout == "advected only" else ("source", "advected", "target")
         )
     for colormap in (*colormaps.NAMES, "automatic"):
-        gui.menu("View", "Colour map", colormap)
+        gui.menu("View", "Color map", colormap)
         assert gui.session.view.colormap == colormap
     for scale in (*UI_SCALES[1:], UI_SCALES[0]):
         gui.menu("View", "UI scale", f"{scale:g}")
@@ -166,7 +166,7 @@ def test_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
         return np.asarray(Image.open(tmp_path / "a.png"), int)[:440, :470]
 
     before = picture()
-    for label, name in (("Isolines", "isolines"), ("Colour bar", "color_bar")):
+    for label, name in (("Isolines", "isolines"), ("Color bar", "color_bar")):
         was = getattr(gui.session.view, name)
         gui.menu("View", label)
         assert getattr(gui.session.view, name) is not was
