@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from abfm import AbfmError, FunctionError, TriangleMesh
+from abfm import AbfmError, TriangleMesh
 from abfm.mesh import FloatArray
 from abfm_viewer.background import Latest, one_line
 from abfm_viewer.evaluator import Evaluator
+from abfm_viewer.single_precision import check_function
 
 _KEPT = 64
-_LEAST, _LARGEST = 1e-30, 1e30  # of a function's largest value; the screen has single precision
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,8 @@ class Functions:
         return found
 
     def _evaluate(self, spec: str) -> FloatArray:
-        from abfm.functions import Sum, parse  # not before: it loads what the first frame does without
+        from abfm.functions import Sum, parse  # not before: they load what the first frame does without
+        from abfm.functions.family import shown
 
         if spec in self._cache:
             self._cache.move_to_end(spec)
@@ -97,20 +98,9 @@ class Functions:
                 values = np.sum([self._evaluate(str(term)) for term in tree.terms], axis=0)
             else:
                 values = self.evaluator.values(spec)
-        _check_size(spec, values)
+        check_function(shown(spec), values)
         values.flags.writeable = False
         self._cache[spec] = values
         while len(self._cache) > _KEPT:
             self._cache.popitem(last=False)
         return values
-
-
-def _check_size(spec: str, values: FloatArray) -> None:
-    """Refuse what the screen cannot show."""
-    from abfm.functions.family import shown
-
-    largest = float(np.abs(values).max())
-    if largest > _LARGEST or 0 < largest < _LEAST:
-        raise FunctionError(
-            f"{shown(spec)} has values up to {largest:.3g}; the window shows {_LEAST:g} to {_LARGEST:g}: scale it"
-        )

@@ -14,6 +14,7 @@ from abfm_viewer.camera import Camera, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
 from abfm_viewer.colormaps import ColorRange, color_range, loaded_name
 from abfm_viewer.opengl import ps
+from abfm_viewer.single_precision import check_mesh
 
 _BLUE, _BLACK, _RED, _GREY = "#2455c3", "#111111", "#c62828", "#c9c9c9"
 
@@ -42,7 +43,10 @@ def match_picture(
     ------
     DrawingError
         Where the machine cannot draw.
+    MeshError
+        If the mesh cannot be drawn.
     """
+    check_mesh(match.mesh)
     tau = match.parameters.tau
     moments = sorted({*(tau * np.array([0.25, 0.5, 0.75]) if times is None else times), tau})
     source, target = _channel(match.source, channel), _channel(match.target, channel)

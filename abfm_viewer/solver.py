@@ -132,8 +132,8 @@ class Solver:
         """Let the last run be as if it had not been."""
         self.reason, self.failed = "", False
 
-    def close(self, seconds: float = 5) -> None:
-        """End the thread."""
+    def close(self, seconds: float = 1) -> None:
+        """End the thread; it ends between two evaluations, which is not waited for long."""
         if self.worker:
             self.worker.cancel()
             self.worker.wait(seconds)

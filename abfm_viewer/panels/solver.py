@@ -2,48 +2,46 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+import polyscope.imgui as imgui
 
 from abfm_viewer.session import Session
 from abfm_viewer.solver import advice
 from abfm_viewer.ui import Ui
 
 _STATE_HEIGHT = 68  # three lines
+_SIDE_BUTTON = 76
 
 
 def draw(ui: Ui, session: Session) -> None:
     """Draw the buttons and the state."""
-    if session.solver.running:
-        _run(ui, session)
-    else:
-        obstacle = session.obstacle
-        tip = "Find the field whose flow carries the source to the target (Ctrl+Enter)."
-        if ui.button("Match", tip, primary=True, enabled=not obstacle, width=-1):
-            session.match()
-        with _state(ui):
-            if obstacle:
-                failed = any(session.error(spec) for spec in session.specs)
-                ui.note(f"No match yet: {obstacle}", "error" if failed else "muted")
-            else:
-                _outcome(ui, session)
+    _buttons(ui, session)
+    with ui.child("state", ui.px(_STATE_HEIGHT), border=False):  # always as high: what is below must not jump
+        if session.solver.running:
+            _progress(ui, session)
+        elif session.obstacle:
+            failed = any(session.error(spec) for spec in session.specs)
+            ui.note(f"No match yet: {session.obstacle}", "error" if failed else "muted")
+        else:
+            _outcome(ui, session)
 
 
-def _state(ui: Ui) -> AbstractContextManager[None]:
-    """Room for what there is to say, always as high: what is below must not jump under the mouse."""
-    return ui.child("state", ui.px(_STATE_HEIGHT), border=False)
-
-
-def _run(ui: Ui, session: Session) -> None:
-    """Buttons and progress of a run."""
+def _buttons(ui: Ui, session: Session) -> None:
+    """Each has its own place, so that a click on one that comes when the run has just ended does not hit another."""
     solver = session.solver
-    tip = "Let the solver go on." if solver.paused else "Hold the solver; the window stays as it is."
-    if ui.button("Resume" if solver.paused else "Pause", tip, width=ui.px(120)):
+    side = ui.px(_SIDE_BUTTON)
+    others = 2 * (side + imgui.GetStyle().ItemSpacing[0])
+    may_start = not solver.running and not session.obstacle
+    tip = "Find the field whose flow carries the source to the target (Ctrl+Enter)."
+    if ui.button("Match", tip, primary=True, enabled=may_start, width=-others):
+        session.match()
+    ui.beside()
+    tip = "Let the solver go on (P)." if solver.paused else "Hold the solver; the window stays as it is (P)."
+    if ui.button("Resume" if solver.paused else "Pause", tip, enabled=solver.running, width=side):
         solver.resume() if solver.paused else solver.pause()
     ui.beside()
-    if ui.button("Cancel", "End the run and keep the best field so far.", width=-1):
+    tip = "End the run and keep the best field so far (Esc)."
+    if ui.button("Cancel", tip, enabled=solver.running, width=-1):
         solver.cancel()
-    with _state(ui):
-        _progress(ui, session)
 
 
 def _progress(ui: Ui, session: Session) -> None:

@@ -17,7 +17,7 @@ def draw(ui: Ui, session: Session, rect: Rect) -> None:
         left, right = imgui.GetCursorPosX(), imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
         name = _cut(session.document.name, (right - left) / 3)
         details = f"{name}   {sizes}"
-        start = right - imgui.CalcTextSize(details)[0]
+        start = right - imgui.CalcTextSize(details)[0] - ui.px(2)  # else a fraction of a pixel makes it two lines
         text = session.notice.text or _state(session)
         shown = _cut(text, start - left - ui.px(16))
         ui.note(shown, "error" if session.notice.is_error else "ink")
