@@ -115,7 +115,7 @@ def _draw_arrows(field: Field, length: float, density: float, home: FloatArray, 
     centers = mesh.vertices[mesh.faces[faces]].mean(axis=1) + _HIGH * mesh.length_scale * _normals(mesh)[faces]
     vectors = field.velocity[faces] * (length * mesh.length_scale / max(fastest, 1e-300))
     cloud = ps.register_point_cloud(_ARROWS, centers + home, radius=1e-6, material=material.NAME, color=color[:3])
-    cloud.set_radius(1e-9, relative=False)
+    cloud.set_radius(1e-9 * mesh.length_scale, relative=False)
     cloud.add_vector_quantity(
         "field", vectors, enabled=True, vectortype="ambient", color=color[:3], radius=0.0025, material=material.NAME
     )

@@ -13,6 +13,10 @@ Gradient = Literal["adjoint", "bracket"]
 Preconditioner = Literal["hodge", "none"]
 
 _LARGEST_ALPHA = 1e7
+_SMALLEST, _LARGEST = 1e-30, 1e30  # numbers other than 0, whose squares neither underflow nor overflow
+_MANY = 1_000_000_000
+
+_BOUNDS = ("minimum", "open", "maximum")
 
 CHOICES = {
     "method": ("nonlinear", "linearised"),
@@ -21,8 +25,10 @@ CHOICES = {
 }
 
 
-def _parameter(default: Any, symbol: str, help: str, minimum: float | None = None, open: bool = False) -> Any:
-    metadata = {"symbol": symbol, "help": help, "minimum": minimum, "open": open}
+def _parameter(
+    default: Any, symbol: str, help: str, minimum: float | None = None, open: bool = False, maximum: int = _MANY
+) -> Any:
+    metadata = {"symbol": symbol, "help": help, "minimum": minimum, "open": open, "maximum": maximum}
     return field(default=default, metadata=metadata)
 
 
@@ -30,7 +36,8 @@ def _parameter(default: Any, symbol: str, help: str, minimum: float | None = Non
 class Parameters:
     """Parameters of a match; lengths and areas are those of the mesh scaled to unit area.
 
-    Every field's metadata has its ``symbol`` in the paper, a ``help`` text and its ``minimum`` (excluded if ``open``).
+    Every field's metadata has its ``symbol`` in the paper, a ``help`` text, its ``minimum`` (excluded if ``open``) and,
+    for whole numbers, its ``maximum``. Other numbers are 0 or between 1e-30 and 1e30, up to sign.
 
     Raises
     ------
@@ -43,14 +50,18 @@ class Parameters:
     beta: float = _parameter(0.0, "β", "weight of the mismatch's gradient: above 0, slopes must match as well", 0)
     sigma: float = _parameter(1e-3, "σ", "weight of the match against the smoothness: smaller matches closer", 0, True)
     method: Method = _parameter("nonlinear", "", "exponential flow, or the first two terms of the exponential")
-    segments: int = _parameter(0, "N", "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)", 0)
+    segments: int = _parameter(
+        0, "N", "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)", 0, False, 1000
+    )
     gradient: Gradient = _parameter(
         "adjoint", "", "exact derivative of the discrete energy, or the paper's by brackets"
     )
     substeps: int = _parameter(10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1)
     quadrature: int = _parameter(10, "k", "intervals of the time integral in the bracket gradient", 1)
     iterations: int = _parameter(150, "", "iterations at most, over all cooling stages together", 0)
-    cooling_stages: int = _parameter(3, "*", "stages of sigma, the last one at its value; 1 for no cooling", 1)
+    cooling_stages: int = _parameter(
+        3, "*", "stages of sigma, the last one at its value; 1 for no cooling", 1, False, 1000
+    )
     cooling_factor: float = _parameter(10.0, "*", "sigma is divided by this from stage to stage", 1, True)
     stage_iterations: int = _parameter(
         0, "*", "iterations at most of each stage before the last; 0 shares half of all among them", 0
@@ -58,7 +69,7 @@ class Parameters:
     preconditioner: Preconditioner = _parameter(
         "hodge", "", "exact inverse of the field's norm, or none (the paper's plain L-BFGS)"
     )
-    memory: int = _parameter(30, "", "pairs that L-BFGS remembers", 1)
+    memory: int = _parameter(30, "", "pairs that L-BFGS remembers", 1, False, 10_000)
     max_displacement: float = _parameter(
         0.1, "", "most that one iteration may change tau |v|, as a fraction of sqrt(area)", 0, True
     )
@@ -73,7 +84,7 @@ class Parameters:
                     raise ParameterError(f"{entry.name} is {value!r}; expected {expected}")
                 continue
             whole = entry.type == "int"
-            _check_number(entry.name, value, whole, entry.metadata["minimum"], entry.metadata["open"])
+            _check_number(entry.name, value, whole, **{key: entry.metadata[key] for key in _BOUNDS})
             object.__setattr__(self, entry.name, int(value) if whole else float(value))  # no NumPy scalars
         if self.alpha > _LARGEST_ALPHA:
             raise ParameterError(
@@ -120,7 +131,7 @@ class Parameters:
         return cls(**values)
 
 
-def _check_number(name: str, value: Any, whole: bool, minimum: float, open: bool) -> None:
+def _check_number(name: str, value: Any, whole: bool, minimum: float, open: bool, maximum: int) -> None:
     kind = "a whole number" if whole else "a number"
     bound = f"{'above' if open else 'at least'} {minimum:g}"
     try:
@@ -129,4 +140,14 @@ def _check_number(name: str, value: Any, whole: bool, minimum: float, open: bool
     except (TypeError, ValueError, OverflowError):
         fits = False
     if not fits:
-        raise ParameterError(f"{name} is {value!r}; expected {kind} {bound}")
+        raise ParameterError(f"{name} is {_shown(value)}; expected {kind} {bound}")
+    if whole and value > maximum:
+        raise ParameterError(f"{name} is {_shown(value)}; expected {kind} {bound} and at most {maximum}")
+    if not whole and value != 0 and not _SMALLEST <= value <= _LARGEST:
+        raise ParameterError(f"{name} is {_shown(value)}; expected a number between {_SMALLEST:g} and {_LARGEST:g}")
+
+
+def _shown(value: Any) -> str:
+    """A value for a message: 300 digits are no help."""
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -237,7 +237,6 @@ def test_fields_for_another_tau_move_as_far():
     slow = replace(FEW, tau=8 * FEW.tau, iterations=0)
     second = abfm.match(SPHERE, f, g, slow, start=first.start_for(slow))
     np.testing.assert_allclose(second.advected, first.advected, atol=1e-9)
-    assert np.isinf(first.start_for(replace(FEW, tau=1e-310))).any()
 
 
 def test_warm_start_never_ends_worse_at_sigma():
