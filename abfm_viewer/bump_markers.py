@@ -68,5 +68,5 @@ def _normal(mesh: TriangleMesh, vertex: int) -> FloatArray:
 
 def _faces_camera(place: FloatArray, normal: FloatArray) -> bool:
     view = np.asarray(ps.get_camera_view_matrix())
-    seen = view[:3, :3] @ place + view[:3, 3]
+    seen = view[:3, :3] @ viewport.units.drawn(place) + view[:3, 3]
     return bool(seen @ (view[:3, :3] @ normal) < 0)

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from abfm import AbfmError, TriangleMesh
+from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.mesh import FloatArray
 from abfm_viewer.background import Latest, one_line
 from abfm_viewer.evaluator import Evaluator
-from abfm_viewer.single_precision import check_function
 
 _KEPT = 64
+_LEAST, _LARGEST = 1e-30, 1e30  # of a function's largest value: the screen has single precision
 
 
 @dataclass(frozen=True)
@@ -98,9 +98,16 @@ class Functions:
                 values = np.sum([self._evaluate(str(term)) for term in tree.terms], axis=0)
             else:
                 values = self.evaluator.values(spec)
-        check_function(shown(spec), values)
+        _check_size(shown(spec), values)
         values.flags.writeable = False
         self._cache[spec] = values
         while len(self._cache) > _KEPT:
             self._cache.popitem(last=False)
         return values
+
+
+def _check_size(name: str, values: FloatArray) -> None:
+    """Refuse what the screen cannot show."""
+    largest = float(np.abs(values).max())
+    if largest > _LARGEST or 0 < largest < _LEAST:
+        raise FunctionError(f"{name} has values up to {largest:.3g}; {_LEAST:g} to {_LARGEST:g} can be shown: scale it")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
-from abfm_viewer import material, theme
+from abfm_viewer import material, theme, viewport
 from abfm_viewer.field_quantities import Field
 from abfm_viewer.opengl import ps
 from abfm_viewer.session import Session
@@ -65,12 +65,12 @@ class Overlays:
             _draw_curves(_PATHS, mesh, paths, home, color)
         now = np.array([path.at(session.shown.time) for path in paths])
         if self._is_new(_NOW, (tuple(paths), session.shown.time, view.theme, tuple(home))):
-            _draw_points(_NOW, mesh, now + home, color)
+            _draw_points(_NOW, now + home, color)
         start = offsets.get("source")
         if start is None:
             self._remove(_START)
         elif self._is_new(_START, (tuple(paths), view.theme, tuple(start))):
-            _draw_points(_START, mesh, np.array([path.positions[0] for path in paths]) + start, color)
+            _draw_points(_START, np.array([path.positions[0] for path in paths]) + start, color)
 
     def structures(self) -> Iterator[tuple[str, Any]]:
         """What is drawn now, each with the surface that it belongs to."""
@@ -113,9 +113,11 @@ def _draw_arrows(field: Field, length: float, density: float, home: FloatArray, 
     faces = evenly_spread(mesh, density)
     faces = faces[field.speed[faces] > 0.01 * fastest] if fastest > 0 else faces[:0]
     centers = mesh.vertices[mesh.faces[faces]].mean(axis=1) + _HIGH * mesh.length_scale * _normals(mesh)[faces]
-    vectors = field.velocity[faces] * (length * mesh.length_scale / max(fastest, 1e-300))
-    cloud = ps.register_point_cloud(_ARROWS, centers + home, radius=1e-6, material=material.NAME, color=color[:3])
-    cloud.set_radius(1e-9 * mesh.length_scale, relative=False)
+    vectors = field.velocity[faces] * (length / max(fastest, 1e-300))
+    places = viewport.units.drawn(centers + home)
+    cloud = ps.register_point_cloud(_ARROWS, places, radius=1e-6, material=material.NAME, color=color[:3])
+    cloud.reset_transform()  # polyscope remembers that of an earlier cloud of this name; likewise below
+    cloud.set_radius(1e-9, relative=False)
     cloud.add_vector_quantity(
         "field", vectors, enabled=True, vectortype="ambient", color=color[:3], radius=0.0025, material=material.NAME
     )
@@ -126,13 +128,16 @@ def _draw_curves(name: str, mesh: TriangleMesh, lines: list[FlowLine], home: Flo
     counts = np.cumsum([len(line.positions) for line in lines])
     edges = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
     edges = edges[~np.isin(edges[:, 1], counts)]
-    network = ps.register_curve_network(name, nodes + home, edges, color=color[:3], material=material.NAME)
-    network.set_radius(_THIN * mesh.length_scale, relative=False)
+    places = viewport.units.drawn(nodes + home)
+    network = ps.register_curve_network(name, places, edges, color=color[:3], material=material.NAME)
+    network.reset_transform()
+    network.set_radius(_THIN, relative=False)
 
 
-def _draw_points(name: str, mesh: TriangleMesh, positions: FloatArray, color: Color) -> None:
-    cloud = ps.register_point_cloud(name, positions, color=color[:3], material=material.NAME)
-    cloud.set_radius(_POINT * mesh.length_scale, relative=False)
+def _draw_points(name: str, positions: FloatArray, color: Color) -> None:
+    cloud = ps.register_point_cloud(name, viewport.units.drawn(positions), color=color[:3], material=material.NAME)
+    cloud.reset_transform()
+    cloud.set_radius(_POINT, relative=False)
 
 
 def _normals(mesh: TriangleMesh) -> FloatArray:

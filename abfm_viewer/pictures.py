@@ -13,8 +13,8 @@ from abfm_viewer import material, sheet
 from abfm_viewer.camera import Camera, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
 from abfm_viewer.colormaps import ColorRange, color_range, loaded_name
+from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
-from abfm_viewer.single_precision import check_mesh
 
 _BLUE, _BLACK, _RED, _GREY = "#2455c3", "#111111", "#c62828", "#c9c9c9"
 
@@ -43,17 +43,14 @@ def match_picture(
     ------
     DrawingError
         Where the machine cannot draw.
-    MeshError
-        If the mesh cannot be drawn.
     """
-    check_mesh(match.mesh)
     tau = match.parameters.tau
     moments = sorted({*(tau * np.array([0.25, 0.5, 0.75]) if times is None else times), tau})
     source, target = _channel(match.source, channel), _channel(match.target, channel)
     advected = [_channel(values, channel) for values in match.advect(moments)]
     colors = color_range(source, target)
 
-    camera = fitted(match.mesh.vertices, best_view(match.mesh, source, target, up=up))
+    camera = fitted(_places(match.mesh), best_view(match.mesh, source, target, up=up))
     layout = sheet.grid(len(moments) + 2, camera.aspect, size)
     pictures = surface_pictures(match.mesh, [source, *advected, target], colors, camera, layout)
     tiles = [sheet.Tile(pictures[0], "source", _BLUE, bold=True)]
@@ -69,16 +66,23 @@ def _channel(function: FloatArray, channel: int) -> FloatArray:
     return function.reshape(len(function), -1)[:, channel]
 
 
+def _places(mesh: TriangleMesh) -> FloatArray:
+    return drawing_units(mesh).drawn(mesh.vertices)
+
+
 def surface_pictures(
     mesh: TriangleMesh, functions: Sequence[FloatArray], colors: ColorRange, camera: Camera, layout: sheet.Grid
 ) -> list[Image.Image]:
-    """Draw functions (V,) on a mesh, each on a transparent ground and in the layout's tile size."""
+    """Draw functions (V,) on a mesh, each on a transparent ground and in the layout's tile size.
+
+    The camera is in the units that `drawing_units` gives for the mesh.
+    """
     with canvas(layout.tile_width, layout.tile_height):
         ps.remove_all_structures()
         ps.set_ground_plane_mode("none")
         ps.set_automatically_compute_scene_extents(True)
         surface = ps.register_surface_mesh(
-            "surface", mesh.vertices, mesh.faces, smooth_shade=True, material=material.NAME
+            "surface", _places(mesh), mesh.faces, smooth_shade=True, material=material.NAME
         )
         camera.place()
         pictures = []

@@ -13,6 +13,7 @@ from abfm_viewer import material, theme, viewport
 from abfm_viewer.camera import View, best_view
 from abfm_viewer.colormaps import loaded_name
 from abfm_viewer.document import Camera, Front, Layout, Point
+from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
 from abfm_viewer.overlays import Overlays
 from abfm_viewer.paint import Paint, Painter, surfaces
@@ -153,7 +154,8 @@ class Scene:
         """Turn every surface, with what is drawn on it, about its own upright axis; picks are wrong then."""
         surfaces = [(name, ps.get_surface_mesh(name)) for name in self.names]
         for name, structure in [*surfaces, *self.overlays.structures()]:
-            structure.set_transform(self._turntable.turned(degrees, self.offsets[name]))
+            center = viewport.units.drawn(self._turntable.middle + self.offsets[name])
+            structure.set_transform(self._turntable.turned(degrees, center))
 
     def labels(self) -> dict[str, tuple[float, float]]:
         """Where to write each surface's name: above its top, wherever the camera is now."""
@@ -185,10 +187,7 @@ class Scene:
     def _keep_camera(self, session: Session) -> None:
         """Put the camera into the document when the user moved it; that is no step of undo."""
         now, before = viewport.seen(self._rect, ps.get_window_size()), self._camera
-        moved = before is None or not np.allclose(
-            [*now.position, *now.target, now.angle], [*before.position, *before.target, before.angle], rtol=1e-4
-        )
-        if moved:
+        if before is None or not viewport.alike(now, before):
             self._camera = now
             session.amend(view=replace(session.view, camera=now))
 
@@ -211,6 +210,7 @@ class Scene:
                 ps.remove_surface_mesh(name)
         self._drawn, self.paints = {}, {}
         self.overlays.clear()
+        viewport.set_units(drawing_units(mesh))
         sideways = np.cross(front.up, front.direction)
         axis, spacing = (-front.up, _STACKING) if self._layout == "column" else (sideways, _SPACING)
         self._turntable = turntable(mesh, front.up)
@@ -221,20 +221,21 @@ class Scene:
         middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
         head = middle + ((self._extent @ front.up).max() - middle @ front.up) * front.up
         self._heads = np.array([head + offset for offset in self.offsets.values()])
-        ends = np.concatenate([self._extent + offset for offset in self.offsets.values()])
+        ends = viewport.units.drawn(np.concatenate([self._extent + offset for offset in self.offsets.values()]))
         low, high = ends.min(axis=0), ends.max(axis=0)
         ps.set_bounding_box(low, high)
         ps.set_length_scale(float(np.linalg.norm(high - low)))
         for name, offset in self.offsets.items():
             surface = ps.register_surface_mesh(
                 name,
-                mesh.vertices + offset,
+                viewport.units.drawn(mesh.vertices + offset),
                 mesh.faces,
                 smooth_shade=True,
                 material=material.NAME,
                 color=_PLAIN,
                 back_face_policy="cull" if mesh.is_closed else "identical",
             )
+            surface.reset_transform()  # polyscope remembers that of an earlier surface of this name
             surface.set_selection_mode("faces_only")  # else a pick near a vertex or an edge has no face
 
     def _show(self, name: str, paint: Paint) -> None:

@@ -23,7 +23,6 @@ from abfm_viewer.notices import Notice, Notices
 from abfm_viewer.player import Player
 from abfm_viewer.saved_states import SavedStates
 from abfm_viewer.shown_flow import ShownFlow
-from abfm_viewer.single_precision import check_mesh
 from abfm_viewer.solver import Solver
 from abfm_viewer.worker import Problem
 
@@ -48,7 +47,6 @@ class Session(Editing):
     """
 
     def __init__(self, mesh: TriangleMesh, name: str, path: Path | None = None) -> None:
-        check_mesh(mesh)
         super().__init__(Document(mesh, name))
         self.solver = Solver()
         self.player = Player()
@@ -110,14 +108,7 @@ class Session(Editing):
         self.load(f"opening {where.name}", read)
 
     def set_mesh(self, mesh: TriangleMesh, name: str) -> None:
-        """Show another mesh with default functions; the parameters stay.
-
-        Raises
-        ------
-        MeshError
-            If it cannot be drawn.
-        """
-        check_mesh(mesh)
+        """Show another mesh with default functions; the parameters stay."""
         self.solver.cancel()
         view = replace(self.view, camera=None, front=None)
         self.player.playing = False
@@ -157,14 +148,7 @@ class Session(Editing):
         self._loading.ask(self._load_count, read)
 
     def restore(self, document: Document, known: dict[str, FloatArray], path: Path | None, saved: bool = True) -> None:
-        """Show an opened project; `known` are values of functions from files (see `Functions`).
-
-        Raises
-        ------
-        MeshError
-            If its mesh cannot be drawn.
-        """
-        check_mesh(document.mesh)
+        """Show an opened project; `known` are values of functions from files (see `Functions`)."""
         self.solver.cancel()
         self.player.playing = False
         self._functions[id(document.mesh)] = Functions(document.mesh, known)

@@ -37,13 +37,12 @@ class Turntable:
         circle = self.radius * (np.cos(angles) * first + np.sin(angles) * np.cross(self.axis, first))
         return np.concatenate([self.middle + circle + end * self.axis for end in (self.low, self.high)])
 
-    def turned(self, degrees: float, offset: FloatArray) -> FloatArray:
-        """The matrix (4, 4) that turns a copy of the mesh which was moved by an offset (3,)."""
+    def turned(self, degrees: float, center: FloatArray) -> FloatArray:
+        """The matrix (4, 4) that turns about a parallel of the axis through a point (3,)."""
         x, y, z = self.axis
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         angle = np.radians(degrees)
         rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-        center = self.middle + offset
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = rotation, center - rotation @ center
         return matrix

@@ -1,4 +1,7 @@
-"""A camera for a part of the window: what the panels leave free, or a whole picture."""
+"""A camera for a part of the window: what the panels leave free, or a whole picture.
+
+Cameras and points are in the mesh's units; polyscope draws in others, which are set here.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,19 @@ import numpy as np
 from abfm.mesh import FloatArray
 from abfm_viewer.camera import FIELD_OF_VIEW, View
 from abfm_viewer.document import Camera
+from abfm_viewer.drawing_units import DrawingUnits
 from abfm_viewer.opengl import ps
 
 Rect = tuple[float, float, float, float]
+
+units = DrawingUnits(np.zeros(3), 1.0)
+"""What polyscope's structures and camera are in; set with `set_units`."""
+
+
+def set_units(of_what_is_drawn: DrawingUnits) -> None:
+    """Let cameras and points be converted from and to other units."""
+    global units
+    units = of_what_is_drawn
 
 
 def fitted(vertices: FloatArray, view: View, rect: Rect, margin: float = 0.05) -> Camera:
@@ -41,7 +54,8 @@ def place(camera: Camera, rect: Rect, size: tuple[int, int], whole: bool = False
     """
     width, height = rect[2] - rect[0], rect[3] - rect[1]
     half = np.tan(np.radians(camera.angle / 2)) * max(1.0, camera.aspect * height / width if whole else 0.0)
-    position, target, up = np.array(camera.position), np.array(camera.target), np.array(camera.up)
+    position, target = units.drawn(np.array([camera.position, camera.target]))
+    up = np.array(camera.up)
     backward = position - target
     distance = np.linalg.norm(backward)
     right = np.cross(up, backward) / distance
@@ -65,7 +79,14 @@ def seen(rect: Rect, size: tuple[int, int]) -> Camera:
     position = position + offset[0] * right - offset[1] * up
     angle = float(np.degrees(2 * np.arctan(half_window * height / size[1])))
     aspect = (rect[2] - rect[0]) / height
-    return Camera(_point(position), _point(position - distance * backward), _point(up), angle, aspect)
+    position, target = units.undrawn(np.array([position, position - distance * backward]))
+    return Camera(_point(position), _point(target), _point(up), angle, aspect)
+
+
+def alike(one: Camera, other: Camera) -> bool:
+    """Whether two cameras see the same, but for rounding."""
+    places = units.drawn(np.array([one.position, one.target, other.position, other.target]))
+    return bool(np.allclose(places[:2], places[2:], rtol=1e-4, atol=1e-6) and np.isclose(one.angle, other.angle, 1e-4))
 
 
 def projected(points: FloatArray) -> FloatArray:
@@ -73,7 +94,7 @@ def projected(points: FloatArray) -> FloatArray:
     width, height = ps.get_window_size()
     half = np.tan(np.radians(ps.get_vertical_fov_degrees() / 2))
     view = np.asarray(ps.get_camera_view_matrix())
-    x, y, z = view[:3, :3] @ np.atleast_2d(points).T + view[:3, 3:]
+    x, y, z = view[:3, :3] @ units.drawn(np.atleast_2d(points)).T + view[:3, 3:]
     depth = -z
     scale = height / 2 / half / np.where(np.abs(depth) > 1e-12, depth, 1e-12)
     return np.stack([width / 2 + scale * x, height / 2 - scale * y, depth], axis=1)

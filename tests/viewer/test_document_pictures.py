@@ -50,6 +50,7 @@ def touches(empty, sides=("top", "bottom", "left", "right")):
 
 
 def test_a_picture_shows_what_the_window_shows(document):
+    drawn(document, degrees=40)  # leaves nothing turned
     session = Session(EGG, "egg")
     session.restore(document, {}, None)
     window = Window(session, opengl.OFFSCREEN, (900, 560))

@@ -8,6 +8,7 @@ import pytest
 import abfm
 from abfm_viewer import camera, pictures, sheet
 from abfm_viewer.colormaps import color_range, table
+from abfm_viewer.drawing_units import drawing_units
 from tests.shapes import icosphere
 
 WHITE, BLUE, BLACK, RED = (255, 255, 255), (0x24, 0x55, 0xC3), (0x11, 0x11, 0x11), (0xC6, 0x28, 0x28)
@@ -28,7 +29,7 @@ def draw(mesh, values, size=200):
     view = camera.View(np.array([0.0, 0, 1]), np.array([0.0, 1, 0]))
     layout = sheet.Grid(0, 0, 1, 1, size, size, 1)
     [picture] = pictures.surface_pictures(
-        mesh, [values], color_range(values), camera.fitted(mesh.vertices, view, 1.0), layout
+        mesh, [values], color_range(values), camera.fitted(drawing_units(mesh).drawn(mesh.vertices), view, 1.0), layout
     )
     return np.asarray(picture)
 

@@ -1,0 +1,89 @@
+"""Meshes are drawn alike whatever their units and wherever they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm import TriangleMesh
+from abfm_viewer import viewport
+from abfm_viewer.automation import Driver
+from abfm_viewer.document import Channel, Document
+from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions
+from abfm_viewer.drawing_units import drawing_units
+from abfm_viewer.pictures import match_picture
+from tests.shapes import ellipsoid
+
+EGG = ellipsoid(3, 1.0, 0.7, 0.55)
+SIZE = (480, 300)
+CHANNEL = Channel("gaussian:vertex=5,width=0.15", "gaussian:vertex=60,width=0.15")
+PLACES = [(1e-40, 0.0), (1e-8, 0.0), (1e40, 0.0), (1.0, 1e6), (1e-3, -1e4)]
+
+
+def moved(scale: float, offset: float) -> TriangleMesh:
+    return TriangleMesh(scale * EGG.vertices + offset * np.array([1.0, -2.0, 0.5]), EGG.faces)
+
+
+def document(mesh: TriangleMesh) -> Document:
+    f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in ("source", "target"))
+    result = abfm.match(mesh, f, g, abfm.Parameters(iterations=8))
+    return Document(mesh, "egg", (CHANNEL,), parameters=result.parameters, result=result, time=1.0)
+
+
+def picture(document: Document) -> np.ndarray:
+    with DocumentRenderer(document, {}, SIZE, PictureOptions(color_bar=False)) as renderer:
+        return np.asarray(renderer.picture(1.0, 30.0)).astype(int)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return document(EGG)
+
+
+def test_units_and_back():
+    units = drawing_units(moved(1e-3, 5.0))
+    points = np.random.default_rng(0).normal(size=(4, 3))
+    np.testing.assert_allclose(units.undrawn(units.drawn(points)), points, atol=1e-12)
+    drawn = units.drawn(moved(1e-3, 5.0).vertices)
+    np.testing.assert_allclose(drawn.min(axis=0), -drawn.max(axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize(("scale", "offset"), PLACES)
+def test_pictures_are_the_same(plain, scale, offset):
+    there = document(moved(scale, offset))
+    assert abs(picture(there) - picture(plain)).mean() < 0.5
+    sheets = [np.asarray(match_picture(one.result, size=(700, 200))).astype(int) for one in (there, plain)]
+    assert abs(sheets[0] - sheets[1]).mean() < 0.5
+
+
+@pytest.mark.parametrize(("scale", "offset"), PLACES)
+def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
+    """Arrows and a flow line are drawn, a vertex is picked where it is seen, and a moved camera is kept."""
+    with Driver(document_file(moved(scale, offset), tmp_path), size=(860, 600)) as gui:
+        gui.session.set_view("look", arrows=True)
+        vertex = int(np.argmax(gui.session.mesh.vertices @ gui.window.scene._front_view(gui.session).direction))
+        gui.session.add_point("lines", gui.window.scene.nearest("advected", gui.session.mesh.vertices[vertex]).point)
+        gui.wait(lambda s: not s.busy and not s.quantities.busy)
+        gui.frames(3)
+        shown = {name for name, _ in gui.window.scene.overlays.structures()}
+        assert shown == {"advected"}
+        x, y, _ = viewport.projected(gui.session.mesh.vertices[vertex] + gui.window.scene.offsets["source"])[0]
+        hit = gui.window.scene.pick((x, y))
+        assert hit is not None
+        assert hit.surface == "source"
+        assert np.linalg.norm(gui.session.mesh.vertices[hit.vertex] - gui.session.mesh.vertices[vertex]) <= 0.4 * scale
+        assert gui.session.view.camera is None
+        gui.drag_on_surface([12, 40], modifiers=())
+        assert gui.session.view.camera is not None
+        camera = gui.session.view.camera
+        gui.frames(5)
+        assert gui.session.view.camera is camera
+
+
+def document_file(mesh: TriangleMesh, folder) -> str:
+    from abfm_viewer.project import save_project
+
+    path = folder / "egg.abfm"
+    save_project(path, document(mesh), {})
+    return str(path)
