@@ -242,9 +242,10 @@ def _check(document: Document, known: Mapping[str, FloatArray]) -> None:
         _require(all(0 <= row <= rows for row in run.restarts), f"run {number} of {rows} rows restarts outside them")
     if document.result is not None:
         _check_result(document.result, V, F)
-    for spec in [document.mask, *(spec for channel in document.channels for spec in (channel.source, channel.target))]:
-        if spec:
-            terms_from_files(spec)
+    for spec in [spec for channel in document.channels for spec in (channel.source, channel.target)]:
+        terms_from_files(spec)
+    if document.mask:
+        terms_from_files(document.mask)
     count, end = max(len(document.channels), 1), EXTRAPOLATION * document.parameters.tau
     _require(0 <= document.channel < count, f"channel is {document.channel}; expected 0 to {count - 1}")
     _require(document.bump >= 0, f"bump is {document.bump}; expected 0 or more")

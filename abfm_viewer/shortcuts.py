@@ -24,6 +24,8 @@ class Shortcut:
         Its heading in the list.
     repeats : bool
         Whether holding the key does it again and again.
+    while_typing : bool
+        Whether it holds in a text box, too, which then takes what was typed; others may mean something there.
     """
 
     action: str
@@ -31,6 +33,7 @@ class Shortcut:
     does: str
     group: str
     repeats: bool = False
+    while_typing: bool = False
 
     @property
     def hint(self) -> str:
@@ -39,14 +42,14 @@ class Shortcut:
 
 
 SHORTCUTS = (
-    Shortcut("open_mesh", ("Ctrl+O",), "open a mesh", "Files"),
-    Shortcut("open_project", ("Ctrl+Shift+O",), "open a project or a result", "Files"),
-    Shortcut("save", ("Ctrl+S",), "save the project", "Files"),
-    Shortcut("save_as", ("Ctrl+Shift+S",), "save the project under another name", "Files"),
-    Shortcut("quit", ("Ctrl+Q",), "quit", "Files"),
+    Shortcut("open_mesh", ("Ctrl+O",), "open a mesh", "Files", while_typing=True),
+    Shortcut("open_project", ("Ctrl+Shift+O",), "open a project or a result", "Files", while_typing=True),
+    Shortcut("save", ("Ctrl+S",), "save the project", "Files", while_typing=True),
+    Shortcut("save_as", ("Ctrl+Shift+S",), "save the project under another name", "Files", while_typing=True),
+    Shortcut("quit", ("Ctrl+Q",), "quit", "Files", while_typing=True),
     Shortcut("undo", ("Ctrl+Z",), "undo", "Changes", repeats=True),
     Shortcut("redo", ("Ctrl+Y", "Ctrl+Shift+Z"), "redo", "Changes", repeats=True),
-    Shortcut("match", ("Ctrl+Enter",), "match", "Solver"),
+    Shortcut("match", ("Ctrl+Enter",), "match", "Solver", while_typing=True),
     Shortcut("pause", ("P",), "pause or resume", "Solver"),
     Shortcut("cancel", ("Esc",), "cancel, and keep the best field so far", "Solver"),
     Shortcut("play", ("Space",), "play or pause", "Time"),

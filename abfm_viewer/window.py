@@ -17,7 +17,7 @@ from PIL import Image
 
 from abfm import own_process
 from abfm.io import write_atomically
-from abfm_viewer import keyboard, opengl, style, warm_up
+from abfm_viewer import opengl, style, warm_up
 from abfm_viewer.actions import Actions
 from abfm_viewer.annotations import draw_annotations, window_pen
 from abfm_viewer.background import one_line
@@ -25,6 +25,7 @@ from abfm_viewer.bump_markers import BumpMarkers
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document import Theme
 from abfm_viewer.documents import Documents
+from abfm_viewer.keyboard import Keyboard
 from abfm_viewer.mouse import Mouse
 from abfm_viewer.opengl import ps
 from abfm_viewer.panels import menus, right_panel, status_line, time_bar
@@ -122,6 +123,7 @@ class Window:
         ps.set_user_callback(self._callback)
         self.scene = Scene()
         self.mouse = Mouse()
+        self.keyboard = Keyboard()
         self.bump_markers = BumpMarkers()
 
     def run(self) -> None:
@@ -232,7 +234,7 @@ class Window:
         keys_are_free = not self.dialogs.is_open and not self.ui.capturing
         self.guarded("dialog", lambda: self.dialogs.draw(self.ui))
         if keys_are_free:
-            self.guarded("keyboard", lambda: keyboard.do_pressed(self.actions))
+            self.guarded("keyboard", lambda: self.keyboard.do_pressed(self.actions))
         if not self.ui.capturing:
             self.ui.end_frame()
             self.guarded("widget file", lambda: write_widgets(self.ui.widgets, self.frames))

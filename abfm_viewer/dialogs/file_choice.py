@@ -118,7 +118,9 @@ class FileChoice:
     def _named(self) -> Path | None:
         try:
             path = self.folder / Path(self.final_name).expanduser()
-            if path.is_dir():
+            if path.name.startswith("."):
+                self.error = f"{self.name.strip()}: begin the name with something else than a dot, which hides files"
+            elif path.is_dir():
                 self.error = f"{path.name} is a folder: choose another name"
             elif not path.parent.is_dir():
                 self.error = f"there is no folder {path.parent}"

@@ -19,7 +19,7 @@ from abfm_viewer import app, automation, shortcuts
 from abfm_viewer.actions import Actions
 from abfm_viewer.automation import Driver, DriverError
 from abfm_viewer.keyboard import _parts
-from abfm_viewer.project import save_project
+from abfm_viewer.project import load_project, save_project
 from abfm_viewer.state_folder import StateFolder
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
@@ -115,6 +115,24 @@ def test_keys_start_hold_and_end_the_solver(gui):
     gui.key("esc")
     gui.wait(lambda s: s.solver.finished)
     assert gui.session.solver.reason == "cancelled"
+
+
+def test_files_are_saved_and_matches_start_with_what_is_being_typed(gui, tmp_path):
+    gui.window.documents.save(tmp_path / "first.abfm")
+    idle(gui)
+    gui.type("tau", "3", enter=False)
+    gui.key("ctrl+s")
+    idle(gui)
+    assert gui.session.parameters.tau == 3
+    assert load_project(tmp_path / "first.abfm")[0].parameters.tau == 3
+    gui.type("iterations", "7", enter=False)
+    gui.key("ctrl+z")  # the box's own
+    assert gui.session.parameters.tau == 3
+    gui.type("iterations", "8", enter=False)
+    gui.key("ctrl+enter")
+    gui.wait(lambda s: s.solver.finished)
+    assert gui.session.result.parameters.iterations == 8
+    assert gui.errors == {}
 
 
 def test_keys_typed_into_a_box_do_nothing_else(gui):
