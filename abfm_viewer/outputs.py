@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,8 +32,13 @@ def check(path: Path, suffixes: Collection[str]) -> None:
         raise ResultError(f"cannot write {path}: there is no folder {path.parent}; make it first")
     if path.is_dir():
         raise ResultError(f"cannot write {path}: it is a folder; name a file")
-    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+    if path.exists() and not os.access(path, os.W_OK):
         raise ResultError(f"cannot write {path}: no permission; choose another place")
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise ResultError(f"cannot write {path}: {error.strerror or error}; choose another place") from None
 
 
 def _ply(path: Path, match: Match) -> None:

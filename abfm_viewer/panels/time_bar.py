@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import polyscope.imgui as imgui
 
 from abfm_viewer.player import REPEATS
@@ -87,8 +89,12 @@ def _slider(ui: Ui, session: Session) -> None:
     typed = ui.text("time", f"{session.time:.4g}", "The time that is shown, 0 to 2 tau.", width=box)
     if typed is not None:
         try:
-            _show(session, float(typed))
+            time = float(typed)
         except ValueError:
+            time = math.nan
+        if math.isfinite(time):
+            _show(session, time)
+        else:
             session.say(f"time: {typed!r} is no number", is_error=True)
 
 

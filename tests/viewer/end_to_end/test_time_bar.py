@@ -29,9 +29,11 @@ def test_scrubbing_goes_from_the_source_to_the_match_and_beyond(matched):
 
 
 def test_a_text_that_is_no_time_is_refused(matched):
-    matched.type("time", "soon")
-    assert matched.session.notice.text == "time: 'soon' is no number"
-    assert matched.session.time == 1
+    for text in ("soon", "nan", "inf"):
+        matched.type("time", text)
+        assert matched.session.notice.text == f"time: '{text}' is no number"
+        assert matched.session.time == 1
+    assert matched.errors == {}
     matched.type("time", "99")
     assert matched.session.time == 2
 
