@@ -36,6 +36,7 @@ class Camera:
     def place(self) -> None:
         """Make polyscope look through this camera."""
         ps.set_vertical_fov_degrees(FIELD_OF_VIEW)
+        ps.set_view_center_raw(self.target)  # first: the rounding of what follows depends on it
         ps.look_at_dir(self.position, self.target, self.view.up)
 
 

@@ -9,7 +9,7 @@ from PIL import Image
 
 from abfm import Match
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm_viewer import material, sheet
+from abfm_viewer import material, sheet, viewport
 from abfm_viewer.camera import Camera, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
 from abfm_viewer.colormaps import ColorRange, color_range, loaded_name
@@ -80,10 +80,9 @@ def surface_pictures(
     with canvas(layout.tile_width, layout.tile_height):
         ps.remove_all_structures()
         ps.set_ground_plane_mode("none")
-        ps.set_automatically_compute_scene_extents(True)
-        surface = ps.register_surface_mesh(
-            "surface", _places(mesh), mesh.faces, smooth_shade=True, material=material.NAME
-        )
+        places = _places(mesh)
+        viewport.set_extent(places)
+        surface = ps.register_surface_mesh("surface", places, mesh.faces, smooth_shade=True, material=material.NAME)
         camera.place()
         pictures = []
         for function in functions:

@@ -82,7 +82,6 @@ class Scene:
         self._isolines: tuple[bool, int] = (False, 0)
         ps.remove_all_structures()
         ps.set_ground_plane_mode("none")
-        ps.set_automatically_compute_scene_extents(False)  # they decide what the camera's planes cut off
 
     def update(self, session: Session, rect: Rect) -> None:
         """Make polyscope's structures show the session, in a rectangle of the window."""
@@ -222,9 +221,7 @@ class Scene:
         head = middle + ((self._extent @ front.up).max() - middle @ front.up) * front.up
         self._heads = np.array([head + offset for offset in self.offsets.values()])
         ends = viewport.units.drawn(np.concatenate([self._extent + offset for offset in self.offsets.values()]))
-        low, high = ends.min(axis=0), ends.max(axis=0)
-        ps.set_bounding_box(low, high)
-        ps.set_length_scale(float(np.linalg.norm(high - low)))
+        viewport.set_extent(ends)
         for name, offset in self.offsets.items():
             surface = ps.register_surface_mesh(
                 name,

@@ -25,6 +25,14 @@ def set_units(of_what_is_drawn: DrawingUnits) -> None:
     units = of_what_is_drawn
 
 
+def set_extent(points: FloatArray) -> None:
+    """Let the camera see no farther than points (P, 3), in the units that are drawn."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    ps.set_automatically_compute_scene_extents(False)
+    ps.set_bounding_box(low, high)
+    ps.set_length_scale(float(np.linalg.norm(high - low)))
+
+
 def fitted(vertices: FloatArray, view: View, rect: Rect, margin: float = 0.05) -> Camera:
     """The nearest camera in a direction that sees all vertices (V, 3) in a rectangle of the window."""
     aspect = (rect[2] - rect[0]) / (rect[3] - rect[1])
