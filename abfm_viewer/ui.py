@@ -10,10 +10,12 @@ from typing import Literal, TypeVar
 import polyscope.imgui as imgui
 
 from abfm_viewer.containers import Containers, close_by_escape
+from abfm_viewer.document import Theme
 from abfm_viewer.slider_scale import share_of, value_at
 from abfm_viewer.theme import Color
 
 Word = TypeVar("Word", bound=str)
+_AWAY = 8  # how far the mouse moves before tooltips come again
 ChooseToSave = Callable[[str, tuple[str, ...], str, Callable[[Path], None]], None]
 ChooseToOpen = Callable[[str, tuple[str, ...], Callable[[Path], None]], None]
 """A title, suffixes, a default name, and what to do with the path."""
@@ -36,9 +38,19 @@ class Ui(Containers):
         super().__init__()
         self._texts: dict[str, str] = {}
         self._refused: dict[str, str] = {}
+        self._clicked_at: tuple[float, float] | None = None
         self.choose_to_save: ChooseToSave = lambda title, suffixes, name, on_path: None
         self.choose_to_open: ChooseToOpen = lambda title, suffixes, on_path: None
         self.open_mesh: Callable[[], None] = lambda: None
+
+    def begin_frame(self, scale: float, name: Theme) -> None:
+        """Start the record of a frame."""
+        super().begin_frame(scale, name)
+        x, y = imgui.GetIO().MousePos
+        if imgui.IsMouseClicked(0):
+            self._clicked_at = (x, y)
+        elif self._clicked_at and math.dist(self._clicked_at, (x, y)) > self.px(_AWAY):
+            self._clicked_at = None
 
     # Widgets
 
@@ -230,8 +242,12 @@ class Ui(Containers):
             imgui.SameLine()
 
     def tip(self, text: str) -> None:
-        """A tooltip for the widget before; also where it is disabled."""
-        if text and imgui.IsItemHovered(imgui.ImGuiHoveredFlags_AllowWhenDisabled | imgui.ImGuiHoveredFlags_DelayShort):
+        """A tooltip for the widget before; also where it is disabled.
+
+        Who has just clicked wants to see what comes of it: there is none until the mouse moves.
+        """
+        flags = imgui.ImGuiHoveredFlags_AllowWhenDisabled | imgui.ImGuiHoveredFlags_DelayShort
+        if text and self._clicked_at is None and imgui.IsItemHovered(flags):
             imgui.BeginTooltip()
             imgui.PushTextWrapPos(self.px(340))
             imgui.TextUnformatted(text)

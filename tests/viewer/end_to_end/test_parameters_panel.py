@@ -101,3 +101,11 @@ def test_a_tooltip_explains_a_parameter(gui, monkeypatch):
     monkeypatch.setattr("polyscope.imgui.EndTooltip", lambda: None)
     gui.hover("alpha")
     assert shown
+    gui.click("Match")
+    gui.frames(2)
+    shown.clear()
+    gui.frames(40)
+    assert not shown  # the mouse rests where it was clicked
+    gui.hover("Pause")
+    assert shown
+    gui.click("Cancel")
