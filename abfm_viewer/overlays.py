@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm_viewer import material, theme, viewport
+from abfm_viewer.arrow_mesh import arrow_mesh
 from abfm_viewer.field_quantities import Field
 from abfm_viewer.opengl import ps
 from abfm_viewer.session import Session
@@ -24,9 +26,19 @@ _ARROWS, _LINES, _PATHS, _NOW, _START = (
     "followed points",
     "starts of points",
 )
+_CURVES = (ps.get_curve_network, ps.remove_curve_network)
+_CLOUD = (ps.get_point_cloud, ps.remove_point_cloud)
+_STRUCTURES: dict[str, tuple[Callable[..., Any], Callable[..., None]]] = {
+    _ARROWS: (ps.get_surface_mesh, ps.remove_surface_mesh),
+    _LINES: _CURVES,
+    _PATHS: _CURVES,
+    _NOW: _CLOUD,
+    _START: _CLOUD,
+}
+"""How to get and how to remove each of them."""
 _HIGH = 0.012  # as _LIFT, for arrows, which are thicker
 _LIFT = 0.004  # of sqrt(area): what lies on a surface is hidden by it where it bends
-_THIN, _POINT = 0.0025, 0.014
+_THIN, _THICK, _POINT = 0.0025, 0.0035, 0.014  # radii of lines, arrows and points
 
 
 class Overlays:
@@ -42,7 +54,7 @@ class Overlays:
         home = offsets["advected"]
         place = tuple(home)
         field = quantities.field(session) if view.arrows else None
-        if field is None:
+        if field is None or not field.speed.any():
             self._remove(_ARROWS)
         elif self._is_new(_ARROWS, (field, view.arrow_length, view.arrow_density, view.theme, place)):
             _draw_arrows(field, view.arrow_length, view.arrow_density, home, colors.ink)
@@ -75,8 +87,19 @@ class Overlays:
     def structures(self) -> Iterator[tuple[str, Any]]:
         """What is drawn now, each with the surface that it belongs to."""
         for name in self._shown:
-            get = ps.get_curve_network if name in (_LINES, _PATHS) else ps.get_point_cloud
-            yield "source" if name == _START else "advected", get(name)
+            yield "source" if name == _START else "advected", _STRUCTURES[name][0](name)
+
+    @contextmanager
+    def hidden(self) -> Iterator[None]:
+        """Nothing of it is in the way of a pick in the block."""
+        structures = [structure for _, structure in self.structures()]
+        for structure in structures:
+            structure.set_enabled(False)
+        try:
+            yield
+        finally:
+            for structure in structures:
+                structure.set_enabled(True)
 
     def clear(self) -> None:
         """Forget what was drawn: polyscope's structures were removed."""
@@ -93,10 +116,7 @@ class Overlays:
     def _remove(self, name: str) -> None:
         if self._shown.pop(name, None) is None:
             return
-        if name in (_LINES, _PATHS):
-            ps.remove_curve_network(name, error_if_absent=False)
-        else:
-            ps.remove_point_cloud(name, error_if_absent=False)
+        _STRUCTURES[name][1](name, error_if_absent=False)
 
 
 def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
@@ -111,16 +131,12 @@ def _draw_arrows(field: Field, length: float, density: float, home: FloatArray, 
     mesh = field.mesh
     fastest = float(field.speed.max())
     faces = evenly_spread(mesh, density)
-    faces = faces[field.speed[faces] > 0.01 * fastest] if fastest > 0 else faces[:0]
+    faces = np.union1d(faces[field.speed[faces] > 0.01 * fastest], field.speed.argmax())
     centers = mesh.vertices[mesh.faces[faces]].mean(axis=1) + _HIGH * mesh.length_scale * _normals(mesh)[faces]
-    vectors = field.velocity[faces] * (length / max(fastest, 1e-300))
-    places = viewport.units.drawn(centers + home)
-    cloud = ps.register_point_cloud(_ARROWS, places, radius=1e-6, material=material.NAME, color=color[:3])
-    cloud.reset_transform()  # polyscope remembers that of an earlier cloud of this name; likewise below
-    cloud.set_radius(1e-9, relative=False)
-    cloud.add_vector_quantity(
-        "field", vectors, enabled=True, vectortype="ambient", color=color[:3], radius=0.0025, material=material.NAME
-    )
+    vectors = field.velocity[faces] * (length / fastest)
+    triangles = arrow_mesh(viewport.units.drawn(centers + home), vectors, _THICK)
+    arrows = ps.register_surface_mesh(_ARROWS, *triangles, smooth_shade=False, material=material.NAME, color=color[:3])
+    arrows.reset_transform()  # polyscope remembers that of earlier structures of this name; likewise below
 
 
 def _draw_curves(name: str, mesh: TriangleMesh, lines: list[FlowLine], home: FloatArray, color: Color) -> None:

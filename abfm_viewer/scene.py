@@ -164,6 +164,9 @@ class Scene:
     def pick(self, position: tuple[float, float]) -> Hit | None:
         """The point of a surface under a place of the window."""
         hit = ps.pick(screen_coords=position)
+        if hit.is_hit and hit.structure_name not in self.names:
+            with self.overlays.hidden():
+                hit = ps.pick(screen_coords=position)
         if not hit.is_hit or hit.structure_name not in self.names or self._mesh is None:
             return None
         weights = np.maximum(hit.structure_data["bary_coords"], 0.0)  # a pixel at an edge may lie beyond it

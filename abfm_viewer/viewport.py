@@ -8,12 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.mesh import FloatArray
-from abfm_viewer.camera import FIELD_OF_VIEW, View
+from abfm_viewer.camera import View
 from abfm_viewer.document import Camera
 from abfm_viewer.drawing_units import DrawingUnits
 from abfm_viewer.opengl import ps
 
 Rect = tuple[float, float, float, float]
+
+_FIELD_OF_VIEW = 9.0  # degrees, vertical: so narrow that the surfaces in a row look alike
 
 units = DrawingUnits(np.zeros(3), 1.0)
 """What polyscope's structures and camera are in; set with `set_units`."""
@@ -30,7 +32,7 @@ def set_extent(points: FloatArray) -> None:
     low, high = points.min(axis=0), points.max(axis=0)
     ps.set_automatically_compute_scene_extents(False)
     ps.set_bounding_box(low, high)
-    ps.set_length_scale(float(np.linalg.norm(high - low)))
+    ps.set_length_scale(2 * float(np.linalg.norm(high - low)))  # also gives the step of the mouse wheel
 
 
 def fitted(vertices: FloatArray, view: View, rect: Rect, margin: float = 0.05) -> Camera:
@@ -40,10 +42,10 @@ def fitted(vertices: FloatArray, view: View, rect: Rect, margin: float = 0.05) -
     x, y, z = axes @ vertices.T
     middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])
     extent = np.maximum(np.abs(x - middle[0]) / aspect, np.abs(y - middle[1])) * (1 + 2 * margin)
-    distance = float((z - middle[2] + extent / np.tan(np.radians(FIELD_OF_VIEW / 2))).max())
+    distance = float((z - middle[2] + extent / np.tan(np.radians(_FIELD_OF_VIEW / 2))).max())
     target = middle @ axes
     position = target + distance * view.direction
-    return Camera(_point(position), _point(target), _point(view.up), FIELD_OF_VIEW)
+    return Camera(_point(position), _point(target), _point(view.up), _FIELD_OF_VIEW)
 
 
 def view_of(camera: Camera) -> View:

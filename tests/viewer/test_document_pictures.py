@@ -49,6 +49,12 @@ def touches(empty, sides=("top", "bottom", "left", "right")):
     return [side for side in sides if not edges[side].all()]
 
 
+def shapes(pixels):
+    """How many a picture shows side by side."""
+    used = ~is_empty(pixels).all(axis=0)
+    return int((np.diff(used.astype(int), prepend=0) == 1).sum())
+
+
 def test_a_picture_shows_what_the_window_shows(document):
     drawn(document, degrees=40)  # leaves nothing turned
     session = Session(EGG, "egg")
@@ -138,8 +144,9 @@ def test_all_that_a_wide_window_sees_is_in_a_narrow_picture(document):
     assert wide.aspect == pytest.approx(3)
     kept = replace(document, view=replace(document.view, camera=wide))
     assert touches(is_empty(drawn(kept, (300, 300)))) == []
+    assert shapes(drawn(kept, (300, 300))) == 3
     unknown = replace(document, view=replace(document.view, camera=replace(wide, aspect=0.0)))
-    assert touches(is_empty(drawn(unknown, (300, 300)))) != []
+    assert shapes(drawn(unknown, (300, 300))) == 1
 
 
 def test_turning_surfaces_stay_in_the_picture_and_come_back(document):

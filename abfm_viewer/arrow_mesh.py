@@ -1,0 +1,65 @@
+"""Arrows as triangles: polyscope's own are cast per pixel, and frayed where they are thin."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from abfm.mesh import FloatArray, IntArray
+
+_SIDES = 10
+_HEAD_RADIUS, _HEAD_LENGTH = 2.4, 7.0  # in radii of the shaft
+_LONGEST_HEAD = 0.5  # of the arrow
+
+
+def arrow_mesh(starts: FloatArray, vectors: FloatArray, radius: float) -> tuple[FloatArray, IntArray]:
+    """Closed arrows, all of a piece.
+
+    Parameters
+    ----------
+    starts, vectors : (n, 3) arrays
+        Arrows of length 0 are left out.
+    radius : float
+        Of the shafts; arrows too short for their heads are thinner.
+
+    Returns
+    -------
+    vertices : (V, 3) array
+    faces : (F, 3) array of int
+        Counterclockwise from outside.
+    """
+    lengths = np.linalg.norm(vectors, axis=1)
+    starts, vectors, lengths = (values[lengths > 0] for values in (starts, vectors, lengths))
+    head = np.minimum(_HEAD_LENGTH * radius, _LONGEST_HEAD * lengths)
+    thickness = head / _HEAD_LENGTH
+    # a profile from the tail's middle over four rings to the tip, turned about the arrow
+    along = np.stack([0 * lengths, 0 * lengths, lengths - head, lengths - head, lengths], axis=1)
+    widths = thickness[:, None] * np.array([0.0, 1.0, 1.0, _HEAD_RADIUS, 0.0])
+    axis = vectors / lengths[:, None]
+    first = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=1)])
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    around = np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * np.cross(axis, first)[:, None]
+    centers = starts[:, None] + along[:, :, None] * axis[:, None]
+    rings = centers[:, 1:4, None] + widths[:, 1:4, None, None] * around[:, None]
+    vertices = np.concatenate([centers[:, :1], rings.reshape(len(starts), 3 * _SIDES, 3), centers[:, 4:]], axis=1)
+    faces = _faces()
+    count = vertices.shape[1]
+    shifted: IntArray = (faces + count * np.arange(len(starts))[:, None, None]).reshape(-1, 3)
+    return vertices.reshape(-1, 3), shifted
+
+
+def _faces() -> IntArray:
+    """Of one arrow: vertex 0 at the tail, three rings, and the tip."""
+    here = np.arange(_SIDES)
+    there = (here + 1) % _SIDES
+    tip = 1 + 3 * _SIDES
+    rings = [1 + ring * _SIDES for ring in range(3)]
+    parts = [np.stack([0 * here, rings[0] + there, rings[0] + here], axis=1)]
+    for low, high in pairwise(rings):
+        parts.append(np.stack([low + here, low + there, high + there], axis=1))
+        parts.append(np.stack([low + here, high + there, high + here], axis=1))
+    parts.append(np.stack([rings[2] + here, rings[2] + there, 0 * here + tip], axis=1))
+    faces: IntArray = np.concatenate(parts)
+    return faces
