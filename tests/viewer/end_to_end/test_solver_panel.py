@@ -15,7 +15,9 @@ def test_match_runs_to_its_end_and_shows_the_result(gui):
     assert session.time == session.parameters.tau
     assert not session.outdated
     assert len(session.document.runs) == 1
-    assert "Cancel" not in gui.labels()
+    assert gui.is_enabled("Match")
+    assert not gui.is_enabled("Pause")
+    assert not gui.is_enabled("Cancel")
     assert gui.is_enabled("Match")
 
 
