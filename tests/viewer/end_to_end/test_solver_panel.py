@@ -18,7 +18,6 @@ def test_match_runs_to_its_end_and_shows_the_result(gui):
     assert gui.is_enabled("Match")
     assert not gui.is_enabled("Pause")
     assert not gui.is_enabled("Cancel")
-    assert gui.is_enabled("Match")
 
 
 def test_pause_holds_the_run_and_resume_goes_on(running):
