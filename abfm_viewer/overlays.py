@@ -36,6 +36,8 @@ _STRUCTURES: dict[str, tuple[Callable[..., Any], Callable[..., None]]] = {
     _START: _CLOUD,
 }
 """How to get and how to remove each of them."""
+_FAST = 98  # percentile of the speeds shown that gets the view's length
+_SLOW, _LONGEST = 0.01, 1.25  # of it: below there is no arrow, and none is longer
 _HIGH = 0.012  # as _LIFT, for arrows, which are thicker
 _LIFT = 0.004  # of sqrt(area): what lies on a surface is hidden by it where it bends
 _THIN, _THICK, _POINT = 0.0025, 0.0035, 0.014  # radii of lines, arrows and points
@@ -120,20 +122,26 @@ class Overlays:
 
 
 def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
-    """Faces spread over the surface: one in each cube of a grid in space whose size falls with the density, 0 to 1."""
+    """Faces spread over the surface: the largest in each cube of a grid whose size falls with the density, 0 to 1."""
+    from abfm.operators import face_areas
+
     centers = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
     side = 0.12 * (0.15 / 0.12) ** (1 - min(max(density, 0.0), 1.0)) * 10 ** (-0.9 * min(max(density, 0.0), 1.0))
-    cells = np.floor(centers / side).astype(np.int64)
-    return np.asarray(np.sort(np.unique(cells, axis=0, return_index=True)[1]))
+    by_size = np.argsort(-face_areas(mesh), kind="stable")
+    cells = np.floor(centers[by_size] / side).astype(np.int64)
+    return np.asarray(np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]]))
 
 
 def _draw_arrows(field: Field, length: float, density: float, home: FloatArray, color: Color) -> None:
     mesh = field.mesh
-    fastest = float(field.speed.max())
     faces = evenly_spread(mesh, density)
-    faces = np.union1d(faces[field.speed[faces] > 0.01 * fastest], field.speed.argmax())
+    if not field.speed[faces].any():
+        faces = np.array([field.speed.argmax()])
+    fast = np.percentile(field.speed[faces][field.speed[faces] > 0], _FAST)  # the speed of slivers runs wild
+    faces = faces[field.speed[faces] > _SLOW * fast]
+    capped = np.minimum(1, _LONGEST * fast / field.speed[faces])
+    vectors = (length / fast * capped)[:, None] * field.velocity[faces]
     centers = mesh.vertices[mesh.faces[faces]].mean(axis=1) + _HIGH * mesh.length_scale * _normals(mesh)[faces]
-    vectors = field.velocity[faces] * (length / fastest)
     triangles = arrow_mesh(viewport.units.drawn(centers + home), vectors, _THICK)
     arrows = ps.register_surface_mesh(_ARROWS, *triangles, smooth_shade=False, material=material.NAME, color=color[:3])
     arrows.reset_transform()  # polyscope remembers that of earlier structures of this name; likewise below
