@@ -70,7 +70,7 @@ class Latest(Generic[Value]):
                 self._condition.notify()
         return None
 
-    def close(self, seconds: float = 2) -> None:
+    def close(self, seconds: float = 0.5) -> None:
         """End the thread; a job under way is waited for, but not for long."""
         with self._condition:
             self._closed, self._job = True, None

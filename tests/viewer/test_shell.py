@@ -540,3 +540,29 @@ def test_a_window_has_its_own_sizes_whatever_another_one_left_in_imgui():
     before = places()
     imgui.GetStyle().FontScaleMain = 1.5
     assert places() == before
+
+
+_CLOSED = """
+import sys
+from pathlib import Path
+from abfm_viewer.app import open_window
+from abfm.assets import asset_path
+window = open_window(asset_path("human_A.off"), "openGL3_egl", (400, 300), state_folder=Path(sys.argv[2]))
+session = window.session
+while session.obstacle:
+    window.frame()
+session.set_view("look", streaks=True)
+session.set_parameter(iterations=10 if sys.argv[1] == "streaks" else 100_000, tolerance=0)
+session.match()
+while session.solver.snapshot is None or (sys.argv[1] == "streaks" and not session.quantities.busy):
+    window.frame()
+window.close()
+"""
+
+
+@pytest.mark.parametrize("moment", ["solver", "streaks"])
+def test_closing_in_the_middle_of_work_leaves_nothing_behind(moment, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", _CLOSED, moment, str(tmp_path)], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
