@@ -554,7 +554,7 @@ while session.obstacle:
 session.set_view("look", streaks=True)
 session.set_parameter(iterations=10 if sys.argv[1] == "streaks" else 100_000, tolerance=0)
 session.match()
-while session.solver.snapshot is None or (sys.argv[1] == "streaks" and not session.quantities.busy):
+while not (session.quantities._streaks.busy if sys.argv[1] == "streaks" else session.solver.snapshot):
     window.frame()
 window.close()
 """
