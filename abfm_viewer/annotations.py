@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import polyscope.imgui as imgui
 
+from abfm_viewer.abbreviation import cut
 from abfm_viewer.colormaps import ColorRange, table
 from abfm_viewer.scene import Scene
 from abfm_viewer.theme import Color, Palette
@@ -83,34 +85,59 @@ def laid_out(
     scene: Scene, rect: Rect, colors: Palette, pen: Pen, color_bar: bool = True, labels: bool = True
 ) -> list[Text | Strip]:
     """Everything to write, in a rectangle of the window or picture."""
-    found: list[Text | Strip] = []
+    found: list[Text | Strip] = [*_names(scene, rect, colors, pen)] if labels else []
+    if color_bar:
+        found += _bars(bars(scene), rect, colors, pen)
+    return found
+
+
+def _names(scene: Scene, rect: Rect, colors: Palette, pen: Pen) -> list[Text]:
+    """Those of the surfaces; in a row each has the room up to its neighbours'."""
+    places = scene.labels()
+    centers = sorted(x for x, _ in places.values())
+    room = min((right - left for left, right in pairwise(centers)), default=rect[2] - rect[0]) - 4 * pen.scale
     inks = {"source": colors.source, "target": colors.target}
-    for name, (x, y) in scene.labels().items() if labels else ():
+    found = []
+    for name, (x, y) in places.items():
         paint = scene.paints.get(name)
-        text = paint.title if paint else name
-        top = max(y - 1.6 * pen.line, rect[1] + 6 * pen.scale)
-        found.append(Text(x - pen.width(text) / 2, top, text, inks.get(name, colors.ink)))
-    left = rect[0] + _LEFT * pen.scale
-    for bar in bars(scene) if color_bar else ():
-        width = max(_BAR_WIDTH * pen.scale, pen.width(bar.title))
+        title = paint.title if paint else name
+        if scene.stacked:
+            left, top = x - pen.width(title) - pen.line, y - pen.line / 2
+        else:
+            title = cut(title, room, pen.width)
+            left, top = x - pen.width(title) / 2, max(y - 1.6 * pen.line, rect[1] + 6 * pen.scale)
+        found.append(Text(left, top, title, inks.get(name, colors.ink)))
+    return found
+
+
+def _bars(needed: list[Bar], rect: Rect, colors: Palette, pen: Pen) -> list[Text | Strip]:
+    """Colour bars side by side, narrower where there is little room."""
+    found: list[Text | Strip] = []
+    left, apart, count = rect[0] + _LEFT * pen.scale, _APART * pen.scale, max(len(needed), 1)
+    room = (rect[2] - _LEFT * pen.scale - left - (count - 1) * apart) / count
+    for bar in needed:
+        width = min(max(_BAR_WIDTH * pen.scale, pen.width(bar.title)), max(room, apart))
         found += _bar(bar, left, rect[3], width, colors, pen)
-        left += width + _APART * pen.scale
+        left += width + apart
     return found
 
 
 def _bar(bar: Bar, left: float, bottom: float, width: float, colors: Palette, pen: Pen) -> list[Text | Strip]:
     gap = _LINE_GAP * pen.scale
     numbers = bottom - _BELOW * pen.scale - pen.line
-    low = numbers - gap
-    high = low - _BAR_HEIGHT * pen.scale
+    bottom = numbers - gap
+    top = bottom - _BAR_HEIGHT * pen.scale
     found: list[Text | Strip] = [
-        Text(left, high - gap - pen.line, bar.title, colors.muted),
-        Strip((left, high, left + width, low), bar.colors.colormap),
+        Text(left, top - gap - pen.line, cut(bar.title, width, pen.width), colors.muted),
+        Strip((left, top, left + width, bottom), bar.colors.colormap),
     ]
-    ends = bar.colors.low, bar.colors.high
-    for value, share in ((ends[0], 0.0), (sum(ends) / 2, 0.5), (ends[1], 1.0)):
-        text = f"{value:.3g}"
-        found.append(Text(left + share * (width - pen.width(text)), numbers, text, colors.ink))
+    low, high = bar.colors.low, bar.colors.high
+    texts = [f"{value:.3g}" for value in (low, (low + high) / 2, high)]
+    first, middle, last = map(pen.width, texts)
+    crowded = (width - middle) / 2 < max(first, last) + pen.line / 2
+    for text, share in zip(texts, (0.0, 0.5, 1.0), strict=True):
+        if share != 0.5 or not crowded:
+            found.append(Text(left + share * (width - pen.width(text)), numbers, text, colors.ink))
     return found
 
 

@@ -166,7 +166,7 @@ class Painter:
 
     def _textured(self, texture: Texture, colors: ColorRange) -> Paint:
         def make() -> Paint:
-            return Paint("texture", texture.colors, "advected, with the field", colors, "function", texture.corners)
+            return Paint("texture", texture.colors, "advected", colors, "function", texture.corners)
 
         return self._keep("advected", (texture, colors), make)
 

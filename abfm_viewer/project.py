@@ -257,6 +257,13 @@ def _check(document: Document, known: Mapping[str, FloatArray]) -> None:
     view, camera, colormaps = document.view, document.view.camera, ("automatic", *NAMES)
     _require(view.colormap in colormaps, f"colormap is {view.colormap!r}; expected {' or '.join(colormaps)}")
     _require(0 < view.ui_scale <= 10, f"ui_scale is {view.ui_scale}; expected above 0 to 10")
+    _require(0 < view.arrow_length <= 10, f"arrow_length is {view.arrow_length}; expected above 0 to 10")
+    _require(0 <= view.arrow_density <= 1, f"arrow_density is {view.arrow_density}; expected 0 to 1")
+    _require(0 < view.isoline_count <= 1000, f"isoline_count is {view.isoline_count}; expected 1 to 1000")
+    if view.front is not None:
+        axes = np.array([view.front.direction, view.front.up])
+        upright = bool(np.allclose(axes @ axes.T, np.eye(2), atol=1e-6))
+        _require(upright, f"front is {view.front}; expected two unit vectors at a right angle")
     if camera is not None:
         _require(camera.position != camera.target, f"the camera looks from {camera.position} at itself")
         _require(0 < camera.angle < 180, f"the camera's angle is {camera.angle}; expected between 0 and 180")

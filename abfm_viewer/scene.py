@@ -156,8 +156,13 @@ class Scene:
             center = viewport.units.drawn(self._turntable.middle + self.offsets[name])
             structure.set_transform(self._turntable.turned(degrees, center))
 
+    @property
+    def stacked(self) -> bool:
+        """Whether the surfaces stand one above the other."""
+        return self._layout == "column"
+
     def labels(self) -> dict[str, tuple[float, float]]:
-        """Where to write each surface's name: above its top, wherever the camera is now."""
+        """Where to write each surface's name: above this place, or to its left where they are stacked."""
         places = viewport.projected(self._heads)
         return {name: (x, y) for name, (x, y, depth) in zip(self.names, places, strict=True) if depth > 0}
 
@@ -221,7 +226,8 @@ class Scene:
         step = spacing * (along.max() - along.min()) * axis
         self.offsets = {name: number * step for number, name in enumerate(self.names)}
         middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-        head = middle + ((self._extent @ front.up).max() - middle @ front.up) * front.up
+        outwards = -sideways if self._layout == "column" else front.up
+        head = middle + ((self._extent @ outwards).max() - middle @ outwards) * outwards
         self._heads = np.array([head + offset for offset in self.offsets.values()])
         ends = viewport.units.drawn(np.concatenate([self._extent + offset for offset in self.offsets.values()]))
         viewport.set_extent(ends)

@@ -30,7 +30,7 @@ def draw(ui: Ui, session: Session) -> None:
     if view.arrows:
         length = ui.number("length", view.arrow_length, 0.01, 0.4, "Of the longest, as a fraction of sqrt(area).")
         if length is not None and length > 0:
-            session.set_view("arrows' length", "length", arrow_length=length)
+            session.set_view("arrows' length", "length", arrow_length=min(max(length, 0.001), 10.0))
         density = ui.number("density", view.arrow_density, 0, 1, "How many arrows there are.")
         if density is not None:
             session.set_view("arrows' density", "density", arrow_density=min(max(density, 0.0), 1.0))

@@ -8,7 +8,7 @@ from abfm_viewer.session import Session
 from abfm_viewer.solver import advice
 from abfm_viewer.ui import Ui
 
-_STATE_HEIGHT = 68  # three lines
+_STATE_HEIGHT = 90  # four lines
 _SIDE_BUTTON = 76
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import polyscope.imgui as imgui
 
+from abfm_viewer.abbreviation import cut
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
 from abfm_viewer.widget_record import Rect
@@ -15,11 +16,11 @@ def draw(ui: Ui, session: Session, rect: Rect) -> None:
         mesh = session.mesh
         sizes = f"{len(mesh.vertices):,} vertices   {imgui.GetIO().Framerate:.0f} fps"
         left, right = imgui.GetCursorPosX(), imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
-        name = _cut(session.document.name, (right - left) / 3)
+        name = cut(session.document.name, (right - left) / 3, _width)
         details = f"{name}   {sizes}"
         start = right - imgui.CalcTextSize(details)[0] - ui.px(2)  # else a fraction of a pixel makes it two lines
         text = session.notice.text or _state(session)
-        shown = _cut(text, start - left - ui.px(16))
+        shown = cut(text, start - left - ui.px(16), _width)
         ui.note(shown, "error" if session.notice.is_error else "ink")
         if shown != text:
             ui.tip(text)
@@ -43,13 +44,5 @@ def _state(session: Session) -> str:
     return f"{result.stop_reason}, mismatch {result.mismatch:.3g}{', outdated' if session.outdated else ''}"
 
 
-def _cut(text: str, width: float) -> str:
-    """A text, or as much of it as fits, with an ellipsis."""
-    if imgui.CalcTextSize(text)[0] <= width:
-        return text
-    low, high = 0, len(text)
-    while low < high:
-        middle = (low + high + 1) // 2
-        fits = imgui.CalcTextSize(text[:middle].rstrip() + "...")[0] <= width
-        low, high = (middle, high) if fits else (low, middle - 1)
-    return text[:low].rstrip() + "..."
+def _width(text: str) -> float:
+    return float(imgui.CalcTextSize(text)[0])

@@ -112,7 +112,8 @@ def _track(ui: Ui, session: Session, rect: Rect) -> None:
     text, color = ("cannot be followed", colors.error) if note else ("extrapolation", colors.muted)
     size = imgui.CalcTextSize(text)
     place = (right - size[0] - ui.px(6), (top + bottom - size[1]) / 2)
-    canvas.AddText(place, _packed(color), text)
+    if place[0] > middle + ui.px(12):
+        canvas.AddText(place, _packed(color), text)
     canvas.AddText((middle - ui.px(6) - imgui.CalcTextSize("tau")[0], place[1]), _packed(colors.ink), "tau")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import subprocess
 import sys
@@ -189,6 +190,13 @@ class TestRoundTrip:
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 vectors = st.tuples(numbers, numbers, numbers)
+
+
+def turned(angle: float) -> Front:
+    """A front at an angle about x."""
+    return Front((0.0, -math.sin(angle), math.cos(angle)), (0.0, math.cos(angle), math.sin(angle)))
+
+
 views = st.builds(
     View,
     theme=st.sampled_from(THEMES),
@@ -198,9 +206,9 @@ views = st.builds(
     isolines=st.booleans(),
     isoline_count=st.integers(1, 100),
     coloring=st.sampled_from(COLORINGS),
-    arrow_length=numbers,
-    arrow_density=numbers,
-    front=st.none() | st.builds(Front, vectors, vectors),
+    arrow_length=st.floats(0.001, 10),
+    arrow_density=st.floats(0, 1),
+    front=st.none() | st.builds(turned, st.floats(-10, 10)),
     camera=st.none() | st.builds(Camera, vectors, st.just((0.5, 1.5, 2.5)), vectors, st.floats(1, 179)),
     part=st.sampled_from(FIELD_PARTS),
     tool=st.sampled_from(CLICK_TOOLS),
