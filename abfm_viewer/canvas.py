@@ -16,6 +16,7 @@ from abfm_viewer.opengl import ps
 Pixels = NDArray[np.uint8]
 
 _MOST_SAMPLES = {4: 40e6, 3: 80e6, 2: 140e6}  # samples along a side of a pixel, and the most of them in a picture
+_LONGEST_SIDE = 16384  # in samples: what graphics cards take
 _SMALL = 64
 # polyscope's tone mapping
 _GAMMA, _WHITE = 2.2, 0.75
@@ -32,7 +33,15 @@ def canvas(width: int, height: int) -> Iterator[None]:
         Where the machine cannot draw, or no pictures of this size.
     """
     opengl.start(opengl.OFFSCREEN, _SMALL, _SMALL)
-    side = next((side for side, most in _MOST_SAMPLES.items() if width * height * side**2 <= most), 1)
+    longest = max(width, height)
+    side = next(
+        (
+            side
+            for side, most in _MOST_SAMPLES.items()
+            if width * height * side**2 <= most and longest * side <= _LONGEST_SIDE
+        ),
+        1,
+    )
     try:
         _resize(width, height, side)
         yield

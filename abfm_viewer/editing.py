@@ -153,9 +153,11 @@ class Editing:
             self._insert(self.active, "duplicate a channel")
 
     def remove_channel(self) -> None:
-        """Remove the active channel unless it is the only one."""
+        """Remove the active channel unless it is the only one; if no other one has a weight, they all get weight 1."""
         if len(self.channels) > 1:
             kept = [c for i, c in enumerate(self.channels) if i != self.document.channel]
+            if not any(channel.weight for channel in kept):
+                kept = [replace(channel, weight=1.0) for channel in kept]
             self.change("remove a channel", channels=tuple(kept), channel=min(self.document.channel, len(kept) - 1))
 
     def swap_channel(self) -> None:

@@ -106,7 +106,7 @@ class Exporter:
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
         """Draw the document over time."""
         words = [*self.picture.words(), *self.movie.words(document.parameters.tau)]
-        self._start(self._render, path, MOVIES, document, known, words)
+        self._start(self._render_movie, path, self.movie.fps, document, known, words)
 
     def save_result(self, path: Path, match: Match) -> None:
         """Write a result in the format of the file's suffix."""
@@ -149,6 +149,14 @@ class Exporter:
         outputs.check(path, DATA)
         outputs.write(path, match)
         return f"saved {path}"
+
+    def _render_movie(self, path: Path, fps: float, document: Document, known: Known, words: list[str]) -> str:
+        from abfm_viewer.movies import FASTEST  # not before: it loads what the first frame does without
+
+        fastest = FASTEST.get(path.suffix, fps)
+        if fps > fastest:
+            raise AbfmError(f"fps is {fps:g}; a {path.suffix} file takes at most {fastest:g}")
+        return self._render(path, MOVIES, document, known, words)
 
     def _render(self, path: Path, suffixes: tuple[str, ...], document: Document, known: Known, words: list[str]) -> str:
         """Draw a copy of the document in a process of its own, and put the file in its place when it is whole."""

@@ -72,3 +72,10 @@ def test_what_opengl_cannot_draw_is_refused_in_one_line(monkeypatch):
     monkeypatch.setattr(canvas, "_resize", refuse)
     with pytest.raises(DrawingError, match="cannot draw a picture of 9000 x 9000 pixels; choose a smaller one"):
         sphere(9000, 9000, transparent=False)
+
+
+@pytest.mark.parametrize("size", [(8192, 100), (100, 8192)])
+def test_long_pictures_have_fewer_samples_than_opengl_can_take(size):
+    with canvas.canvas(*size):
+        ps.remove_all_structures()
+        assert drawn(transparent=False).shape == (size[1], size[0], 3)

@@ -66,6 +66,14 @@ def test_a_picture_without_a_ground(exporter, document, out):
     assert picture.getextrema()[3] == (0, 255)
 
 
+def test_a_rate_that_the_format_has_not_is_refused_in_the_panels_words(exporter, document, out):
+    exporter.movie = replace(exporter.movie, fps=60)
+    exporter.save_movie(out / "a.gif", document, dict)
+    exporter.wait()
+    assert exporter._say == [("fps is 60; a .gif file takes at most 50", True)]
+    assert list(out.iterdir()) == []
+
+
 def test_a_movie_tells_how_far_it_is(exporter, document, out):
     """Its last time is 2 tau, whatever tau is."""
     exporter.picture = replace(exporter.picture, transparent=True)

@@ -458,3 +458,14 @@ def test_functions_beyond_the_screens_precision_are_refused(session, factor):
     until(lambda: "scale it" in session.obstacle, session)
     session.undo()
     until(lambda: not session.obstacle, session)
+
+
+def test_the_channels_that_are_left_can_be_matched(session):
+    session.add_channel()
+    session.select(channel=0)
+    session.set_weight(0)
+    session.select(channel=1)
+    session.remove_channel()
+    assert [channel.weight for channel in session.channels] == [1]
+    session.undo()
+    assert [channel.weight for channel in session.channels] == [0, 1]
