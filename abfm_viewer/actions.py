@@ -71,16 +71,22 @@ class Actions:
         session = self.session
         if self.documents.saving:
             self.documents.when_saved(self.quit)
-        elif not session.unsaved:
+        elif not (session.unsaved or session.solver.running):
             self._close()
         elif not self.dialogs.is_asking(_QUIT):
-            text = f"{session.document.name} has changes that are in no file."
+            name = session.document.name
+            unsaved = "is being matched; the best field so far is" if session.solver.running else "has changes that are"
+            text = f"{name} {unsaved} in no file."
             buttons = {
-                "Save": lambda: self._save_then(self._close),
+                "Save": self._save_and_close,
                 "Don't save": self._close,
                 "Go back": None,
             }
             self.dialogs.ask(_QUIT, text, buttons)
+
+    def _save_and_close(self) -> None:
+        self.session.end_run()
+        self._save_then(self._close)
 
     def _save_then(self, then: Callable[[], None] | None) -> None:
         if self.session.path is None:

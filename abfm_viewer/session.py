@@ -29,6 +29,8 @@ from abfm_viewer.worker import Problem
 if TYPE_CHECKING:
     from abfm import Match
 
+_SECONDS_TO_END = 10.0
+
 
 class Session(Editing):
     """One document, its history, its solver and its player. Knows nothing of the window.
@@ -207,6 +209,13 @@ class Session(Editing):
         self.amend(time=self.parameters.tau)
         self.solver.start(self.problem, self.functions, field)
 
+    def end_run(self) -> None:
+        """End the run, if there is one, and take its best field; the evaluation under way is waited for."""
+        if self.solver.worker is not None:
+            self.solver.cancel()
+            self.solver.worker.wait(_SECONDS_TO_END)
+            self._collect()
+
     @property
     def outdated(self) -> bool:
         """Whether the result belongs to another problem than the document now says."""
@@ -246,9 +255,7 @@ class Session(Editing):
         self._evaluate()
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
-        ended = self.solver.collect()
-        if ended is not None:
-            self._take_result(*ended)
+        self._collect()
         if self.player.playing:
             self.amend(time=self.player.advance(self.time, elapsed, self.parameters.tau, self.end))
 
@@ -284,6 +291,11 @@ class Session(Editing):
             evaluated = self.functions.ask(self.specs)
             if evaluated is not None:
                 self._evaluated = evaluated
+
+    def _collect(self) -> None:
+        ended = self.solver.collect()
+        if ended is not None:
+            self._take_result(*ended)
 
     def _take_result(self, match: Match | None, run: Run | None, problem: Problem) -> None:
         if problem.mesh is not self.mesh:  # it was replaced meanwhile

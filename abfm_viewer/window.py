@@ -132,9 +132,10 @@ class Window:
         Raises
         ------
         KeyboardInterrupt
-            After Ctrl-C on the terminal, between two frames: inside one it would stop polyscope for good.
+            After Ctrl-C on the terminal or SIGTERM, between two frames: inside one it would stop polyscope for good.
         """
-        before = signal.signal(signal.SIGINT, self._interrupt)
+        signals = (signal.SIGINT, signal.SIGTERM)
+        before = [signal.signal(number, self._interrupt) for number in signals]
         try:
             self.frame()
             warm_up.start()
@@ -144,7 +145,8 @@ class Window:
                     self._once("closing", self.actions.quit)
         finally:
             self.close()
-            signal.signal(signal.SIGINT, before)
+            for number, handler in zip(signals, before, strict=True):
+                signal.signal(number, handler)
         if self.interrupted:
             raise KeyboardInterrupt
 

@@ -566,3 +566,26 @@ def test_closing_in_the_middle_of_work_leaves_nothing_behind(moment, tmp_path):
         [sys.executable, "-c", _CLOSED, moment, str(tmp_path)], capture_output=True, text=True, check=False, timeout=60
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_quitting_during_a_run_asks_and_saves_its_best_field(gui, tmp_path):
+    path = tmp_path / "run.abfm"
+    gui.session.set_parameter(iterations=100_000, tolerance=0.0, sigma=1e-6)
+    gui.window.documents.save(path)
+    idle(gui)
+    gui.session.match()
+    gui.wait(lambda s: s.solver.run is not None and len(s.solver.run.stages) > 5)
+    assert not gui.session.unsaved
+    gui.key("ctrl+q")
+    gui.frames(2)
+    gui.click("Go back")
+    assert gui.session.solver.running
+    assert not gui.window.closing
+    gui.session.solver.pause()
+    gui.key("ctrl+q")
+    gui.frames(2)
+    gui.click("Save")
+    gui.wait(lambda s: gui.window.closing)
+    saved = load_project(path)[0]
+    assert saved.result.stop_reason == "cancelled"
+    assert len(saved.runs[0].stages) > 5
