@@ -1,0 +1,146 @@
+"""What an experiment is: a set-up ready to run, and what running it finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from abfm.experiments.sheet import Sheet
+from abfm.functions import function
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.parameters import Parameters
+
+Report = Callable[[str, float], None]
+"""Told what is being done, in a few words, and which share of the experiment is behind it."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A measured number.
+
+    Attributes
+    ----------
+    name : str
+        What was measured, with its unit.
+    value : float
+        Finite.
+    bound : float or None
+        What the value must not exceed.
+    claim : str
+        What the paper says about it, if anything.
+    reproduces : bool or None
+        Whether the value bears the claim out; None without a claim.
+    """
+
+    name: str
+    value: float
+    bound: float | None = None
+    claim: str = ""
+    reproduces: bool | None = None
+
+    @property
+    def passes(self) -> bool | None:
+        """Whether the value keeps the bound; None without one."""
+        return None if self.bound is None else bool(self.value <= self.bound)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As it stands in a figure's JSON."""
+        return {
+            "name": self.name,
+            "value": float(self.value),
+            "bound": None if self.bound is None else float(self.bound),
+            "pass": self.passes,
+            "claim": self.claim,
+            "reproduces": None if self.reproduces is None else bool(self.reproduces),
+        }
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Setup:
+    """A problem ready to run, in the app as well.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+    name : str
+        What the mesh is called.
+    sources, targets : tuple of str
+        One spec of `abfm.functions` per channel; a spec that `values` names has these values.
+    values : mapping of str to (V,) array
+        Functions that no text describes, by the spec of a file, ``file:name.npy``, that need not exist.
+    parameters : Parameters
+    velocity : (N, F, 3) array or None
+        The field that the experiment is about, where it is given and not sought.
+    """
+
+    mesh: TriangleMesh
+    name: str
+    sources: tuple[str, ...]
+    targets: tuple[str, ...]
+    values: Mapping[str, FloatArray] = field(default_factory=dict)
+    parameters: Parameters
+    velocity: FloatArray | None = None
+
+    @property
+    def source(self) -> FloatArray:
+        """The sources' values, (V, C)."""
+        return self._evaluate(self.sources)
+
+    @property
+    def target(self) -> FloatArray:
+        """The targets' values, (V, C)."""
+        return self._evaluate(self.targets)
+
+    def _evaluate(self, specs: tuple[str, ...]) -> FloatArray:
+        known = self.values
+        return np.stack([known[spec] if spec in known else function(self.mesh, spec) for spec in specs], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What running an experiment found.
+
+    Attributes
+    ----------
+    measures : tuple of Measure
+    sheet : Sheet
+        The figure, to be drawn.
+    setting : str
+        What was run: mesh, functions, parameters, in a sentence or two.
+    """
+
+    measures: tuple[Measure, ...]
+    sheet: Sheet
+    setting: str
+
+
+S = TypeVar("S", bound=Setup)
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment(Generic[S]):
+    """A figure of the paper as a set-up that can be run again.
+
+    Attributes
+    ----------
+    number : int
+        The figure's number in the paper.
+    title : str
+        A few words for a menu.
+    claim : str
+        What the paper shows with it.
+    set_up : callable
+        Given a mesh, or None for the experiment's own, and whether to be small (for tests: a few seconds, coarse
+        meshes), makes the set-up; `MeshError` says why a mesh will not do.
+    run : callable
+        Runs a set-up. The same set-up gives the same findings.
+    """
+
+    number: int
+    title: str
+    claim: str
+    set_up: Callable[[TriangleMesh | None, bool], S]
+    run: Callable[[S, Report], Findings]
