@@ -66,6 +66,8 @@ _STOPS = {
     ],
 }
 NAMES = tuple(_STOPS)
+CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))
+"""Of the fields of a checkerboard, in linear light."""
 _TO_LMS = np.array(
     [[1, 0.3963377774, 0.2158037573], [1, -0.1055613458, -0.0638541728], [1, -0.0894841775, -1.2914855480]]
 )

@@ -11,7 +11,7 @@ from abfm import TriangleMesh
 from abfm.mesh import FloatArray
 from abfm_viewer import material, theme, viewport
 from abfm_viewer.camera import View, best_view
-from abfm_viewer.colormaps import loaded_name
+from abfm_viewer.colormaps import CHECKER_COLORS, loaded_name
 from abfm_viewer.document import Camera, Front, Layout, Point
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
@@ -24,7 +24,7 @@ from abfm_viewer.viewport import Rect
 _SPACING, _STACKING = 1.15, 1.25
 _SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25
 _FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for drawing
-_CHECKER, _CHECKER_COLORS = 0.03, ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))
+_CHECKER = 0.03
 _STRIPES = 0.8  # of the light that every other stripe between isolines keeps
 _PLAIN = (0.8, 0.81, 0.83)
 
@@ -293,7 +293,7 @@ class Scene:
                 enabled=True,
                 viz_style="checker",
                 checker_size=_CHECKER,
-                checker_colors=_CHECKER_COLORS,
+                checker_colors=CHECKER_COLORS,
             )
         self._drawn[name] = paint
 

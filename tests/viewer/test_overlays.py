@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from abfm.operators import face_areas
-from abfm_viewer import overlays
+from abfm_viewer import marks
 from abfm_viewer.automation import Driver
-from abfm_viewer.field_quantities import Field
 from abfm_viewer.opengl import ps
 from tests.shapes import icosphere
 
@@ -25,12 +24,11 @@ def arrows(monkeypatch):
             found.update(starts=starts, vectors=vectors)
             return arrow_mesh(starts, vectors, radius)
 
-        arrow_mesh = overlays.arrow_mesh
-        monkeypatch.setattr(overlays, "arrow_mesh", kept)
+        arrow_mesh = marks.arrow_mesh
+        monkeypatch.setattr(marks, "arrow_mesh", kept)
 
         def draw(velocity, density=0.5):
-            speed = np.linalg.norm(velocity, axis=1)
-            overlays._draw_arrows(Field(SPHERE, velocity, speed, {}), 0.1, density, np.zeros(3), (0, 0, 0, 1))
+            marks.draw_arrows("arrows", SPHERE, velocity, 0.1, density, lambda places: places, (0, 0, 0))
             return found["vectors"]
 
         yield draw
@@ -38,7 +36,7 @@ def arrows(monkeypatch):
 
 
 def test_faces_are_spread_and_the_largest_of_their_places():
-    faces = [overlays.evenly_spread(SPHERE, density) for density in (0.0, 0.5, 1.0)]
+    faces = [marks.evenly_spread(SPHERE, density) for density in (0.0, 0.5, 1.0)]
     assert len(faces[0]) < len(faces[1]) < len(faces[2])
     for chosen in faces:
         assert len(np.unique(chosen)) == len(chosen)
@@ -49,7 +47,7 @@ def test_arrows_are_along_the_field_and_one_outlier_leaves_them_their_length(arr
     velocity = np.cross(SPHERE.vertices[SPHERE.faces].mean(axis=1), [0, 0, 1.0])
     usual = np.linalg.norm(arrows(velocity), axis=1)
     assert usual.max() == pytest.approx(0.1, rel=0.05)
-    velocity[overlays.evenly_spread(SPHERE, 0.5)[3]] *= 1e6
+    velocity[marks.evenly_spread(SPHERE, 0.5)[3]] *= 1e6
     wild = np.linalg.norm(arrows(velocity), axis=1)
     assert np.sort(wild)[-2] == pytest.approx(0.1, rel=0.05)
     assert wild.max() == pytest.approx(0.125, rel=0.05)
@@ -57,6 +55,6 @@ def test_arrows_are_along_the_field_and_one_outlier_leaves_them_their_length(arr
 
 def test_a_field_that_moves_nothing_but_one_face_has_one_arrow(arrows):
     velocity = np.zeros((len(SPHERE.faces), 3))
-    hidden = np.setdiff1d(np.arange(len(SPHERE.faces)), overlays.evenly_spread(SPHERE, 0.5))[0]
+    hidden = np.setdiff1d(np.arange(len(SPHERE.faces)), marks.evenly_spread(SPHERE, 0.5))[0]
     velocity[hidden] = 1e-100 * (SPHERE.vertices[SPHERE.faces[hidden, 1]] - SPHERE.vertices[SPHERE.faces[hidden, 0]])
     assert np.linalg.norm(arrows(velocity), axis=1) == pytest.approx([0.1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from abfm.mesh import FloatArray, TriangleMesh
@@ -150,8 +150,11 @@ class Sheet:
     seen : tuple of (V,) arrays
         Functions on the first panel's mesh whose remarkable parts the camera must show; by default those of the
         source and target panels.
+    one_view : bool
+        Whether all meshes are seen from the direction of the first: poses of one body.
     """
 
     rows: tuple[tuple[Panel | Plot, ...], ...]
     up: Up = "y"
-    seen: tuple[FloatArray, ...] = field(default=())
+    seen: tuple[FloatArray, ...] = ()
+    one_view: bool = False

@@ -1,0 +1,159 @@
+"""Pictures of a figure's panels, drawn off the screen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from PIL import Image
+
+from abfm.experiments.sheet import Checker, Coordinates, Panel, Sheet, Streaks, Values
+from abfm.line_integral import line_integral_convolution
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm_viewer import marks, material, viewport
+from abfm_viewer.camera import Camera, View, best_view, fitted
+from abfm_viewer.canvas import canvas, drawn
+from abfm_viewer.colormaps import CHECKER_COLORS, ColorRange, color_range, loaded_name
+from abfm_viewer.drawing_units import drawing_units
+from abfm_viewer.opengl import ps
+from abfm_viewer.streak_texture import streak_texture
+
+NARROWEST, WIDEST = 0.45, 1.9  # width over height of a panel
+_PLAIN = (0.8, 0.81, 0.83)
+_INK = (0.1, 0.1, 0.12)
+POINT_COLORS = ((1.0, 0.45, 0.0), (0.45, 0.1, 0.75), (0.0, 0.5, 0.25), (0.85, 0.0, 0.45), (0.0, 0.4, 0.8))
+"""Colours of marked points, in linear light."""
+_ARROW_LENGTH, _ARROW_DENSITY = 0.12, 0.3
+_POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
+_TEXELS = 2048
+
+
+def panels(sheet: Sheet) -> list[Panel]:
+    """All panels of a sheet, row by row."""
+    return [cell for row in sheet.rows for cell in row if isinstance(cell, Panel)]
+
+
+def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
+    """The range of each colour bar, by its title, in the order in which they are first used."""
+    values: dict[str, list[FloatArray]] = {}
+    for panel in panels(sheet):
+        paint = panel.paint
+        if isinstance(paint, Values | Streaks) and paint.values is not None:
+            values.setdefault(paint.bar, []).append(paint.values)
+    return {bar: color_range(*functions) for bar, functions in values.items()}
+
+
+def cameras(sheet: Sheet) -> dict[TriangleMesh, Camera]:
+    """One camera for each mesh, that shows what the sources and targets on it have to show."""
+    views: dict[TriangleMesh, View] = {}
+    for panel in panels(sheet):
+        if panel.mesh in views:
+            continue
+        if views and sheet.one_view:
+            views[panel.mesh] = next(iter(views.values()))
+            continue
+        seen = sheet.seen if not views and sheet.seen else _remarkable(sheet, panel.mesh)
+        views[panel.mesh] = best_view(panel.mesh, *seen, up=sheet.up)
+    return {mesh: _camera(mesh, view) for mesh, view in views.items()}
+
+
+def _remarkable(sheet: Sheet, mesh: TriangleMesh) -> list[FloatArray]:
+    found = []
+    for panel in panels(sheet):
+        paint = panel.paint
+        if panel.mesh is mesh and panel.frame in ("source", "target") and isinstance(paint, Values):
+            found.append(paint.values)
+    return [values for values in found if len(values) == len(mesh.vertices)]
+
+
+def _camera(mesh: TriangleMesh, view: View) -> Camera:
+    places = drawing_units(mesh).drawn(mesh.vertices)
+    aspect = fitted(places, view).aspect
+    return fitted(places, view, min(max(aspect, NARROWEST), WIDEST))
+
+
+def panel_pictures(
+    sheet: Sheet,
+    sizes: Sequence[tuple[int, int]],
+    ranges: Mapping[str, ColorRange],
+    views: Mapping[TriangleMesh, Camera],
+) -> list[Image.Image]:
+    """Draw all panels of a sheet, in sizes (width, height) in pixels, on a transparent ground.
+
+    Raises
+    ------
+    DrawingError
+        Where the machine cannot draw.
+    """
+    pictures: list[Image.Image | None] = [None] * len(sizes)
+    everything = panels(sheet)
+    for size in dict.fromkeys(sizes):  # the canvas is made once for each size
+        with canvas(*size):
+            for number in (i for i, other in enumerate(sizes) if other == size):
+                panel = everything[number]
+                _show(panel, ranges)
+                views[panel.mesh].place()
+                pictures[number] = Image.fromarray(drawn(transparent=True))
+    return [picture for picture in pictures if picture is not None]
+
+
+def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
+    mesh = panel.mesh
+    units = drawing_units(mesh)
+    places = units.drawn(mesh.vertices)
+    ps.remove_all_structures()
+    ps.set_ground_plane_mode("none")
+    viewport.set_extent(places)
+    surface = ps.register_surface_mesh(
+        "surface",
+        places,
+        mesh.faces,
+        smooth_shade=True,
+        material=material.NAME,
+        color=_PLAIN,
+        back_face_policy="cull" if mesh.is_closed else "identical",
+    )
+    paint = panel.paint
+    if isinstance(paint, Values):
+        colors = ranges[paint.bar]
+        surface.add_scalar_quantity(
+            "values",
+            paint.values,
+            defined_on="vertices" if len(paint.values) == len(mesh.vertices) else "faces",
+            enabled=True,
+            cmap=loaded_name(colors.colormap),
+            vminmax=(colors.low, colors.high),
+        )
+    elif isinstance(paint, Coordinates):
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        share = np.clip((paint.positions - low) / np.maximum(high - low, 1e-300), 0, 1)
+        surface.add_color_quantity("coordinates", share**2.2, enabled=True)
+    elif isinstance(paint, Checker):
+        surface.add_parameterization_quantity(
+            "checker",
+            paint.coordinates,
+            coords_type="world",
+            enabled=True,
+            viz_style="checker",
+            checker_size=1.0,
+            checker_colors=CHECKER_COLORS,
+        )
+    else:
+        atlas, image = line_integral_convolution(mesh, paint.velocity, size=_TEXELS)
+        surface.add_parameterization_quantity("corners", atlas.corner_coordinates, defined_on="corners")
+        surface.add_color_quantity(
+            "streaks",
+            streak_texture(atlas, image, paint.values, None if paint.values is None else ranges[paint.bar]),
+            defined_on="texture",
+            param_name="corners",
+            image_origin="lower_left",
+            filter_mode="linear",
+            enabled=True,
+        )
+    if panel.arrows is not None:
+        marks.draw_arrows("arrows", mesh, panel.arrows, _ARROW_LENGTH, _ARROW_DENSITY, units.drawn, _INK)
+    if panel.lines:
+        marks.draw_curves("lines", panel.lines, units.drawn, _INK, _LINE)
+    for number, point in enumerate([] if panel.points is None else panel.points):
+        color = POINT_COLORS[number % len(POINT_COLORS)]
+        marks.draw_points(f"point {number}", point[None], units.drawn, color, _POINT)

@@ -1,0 +1,54 @@
+"""Pictures of a figure's plots, and the font of its sheets, by matplotlib."""
+
+from __future__ import annotations
+
+from itertools import cycle
+
+import numpy as np
+from matplotlib import font_manager
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image, ImageFont
+
+from abfm.experiments.sheet import Plot
+
+CURVE_COLORS = ("#111111", "#2455c3", "#c62828", "#1b7a43", "#b26a00", "#6b3fa0")
+_FAINT = "#8a909c"
+_DPI = 100
+
+
+def font(pixels: float) -> ImageFont.FreeTypeFont:
+    """The font of plots in another size: it has the paper's Greek letters."""
+    return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), pixels)
+
+
+def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
+    """Draw a plot in a size (width, height) and with a height of text in pixels, on white."""
+    figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    points = text * 72 / _DPI
+    axes = figure.add_subplot()
+    colors, styles = cycle(CURVE_COLORS), cycle(("--", ":", "-."))
+    for curve in plot.curves:
+        axes.plot(
+            curve.x,
+            curve.y,
+            label=curve.name,
+            color=_FAINT if curve.faint else next(colors),
+            linestyle=next(styles) if curve.faint else "-",
+            linewidth=points / 7,
+        )
+    if plot.log_y:
+        axes.set_yscale("log")
+    axes.set_xlabel(plot.x_title, fontsize=points)
+    axes.set_ylabel(plot.y_title, fontsize=points)
+    axes.tick_params(labelsize=0.9 * points)
+    axes.grid(color="#e3e6eb", linewidth=1)
+    axes.set_axisbelow(True)
+    axes.margins(x=0)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    if len(plot.curves) > 1:
+        axes.legend(fontsize=0.9 * points, frameon=False)
+    canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba()).copy())
