@@ -11,7 +11,7 @@ import numpy as np
 
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm_viewer.background import Latest
-from abfm_viewer.colormaps import ColorRange, linear_table
+from abfm_viewer.colormaps import ColorRange
 from abfm_viewer.document import EXTRAPOLATION, FIELD_PARTS, FieldPart, Point
 from abfm_viewer.transport import FlowState
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from abfm_viewer.session import Session
 
 _TEXELS = 2048
-_SHADE = 0.55  # how much the darkest streak darkens
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +58,7 @@ class Texture:
     """Colours (size, size, 3), linear light, and where the faces' corners lie in them, (3F, 2)."""
 
     streaks: Streaks
-    colors: FloatArray
+    colors: FloatImage
     corners: FloatArray
 
 
@@ -205,11 +204,10 @@ def _streaks(field: Field) -> Streaks:
 
 
 def _texture(streaks: Streaks, values: FloatArray, colors: ColorRange) -> Texture:
-    share = (streaks.atlas.image(values) - colors.low) / (colors.high - colors.low)
-    table = linear_table(colors.colormap, 1024).astype(np.float32)
-    index = np.clip(share * 1023, 0, 1023).astype(np.int32)
-    shade = 1 - _SHADE + _SHADE * streaks.image
-    return Texture(streaks, table[index] * shade[:, :, None], streaks.atlas.corner_coordinates)
+    from abfm_viewer.streak_texture import streak_texture
+
+    texture = streak_texture(streaks.atlas, streaks.image, values, colors)
+    return Texture(streaks, texture, streaks.atlas.corner_coordinates)
 
 
 @dataclass(frozen=True, eq=False)

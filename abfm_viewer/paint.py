@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abfm.mesh import FloatArray
 from abfm_viewer.colormaps import ColorRange, color_range
@@ -39,7 +40,7 @@ class Paint:
     """
 
     kind: Kind
-    values: FloatArray
+    values: FloatArray | NDArray[np.float32]
     title: str
     colors: ColorRange | None = None
     bar: str = ""

@@ -8,6 +8,7 @@ import pytest
 from abfm import line_integral
 from abfm_viewer import field_quantities
 from abfm_viewer.colormaps import color_range
+from abfm_viewer.streak_texture import SHADE
 from tests.viewer.sessions import opened, until
 
 
@@ -70,7 +71,7 @@ def test_coloured_streaks_are_those_of_the_function_and_darker(session):
         colors,
     ).colors
     assert (found.colors <= bright + 1e-6).all()
-    dark = 1 - field_quantities._SHADE
+    dark = 1 - SHADE
     assert (found.colors >= dark * bright - 1e-6).all()
 
 
