@@ -88,3 +88,25 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
                 print(f"frame {frame} of {count}", file=sys.stderr, flush=True)
 
         yield print_some
+
+
+@contextmanager
+def share_progress(title: str, quiet: bool) -> Iterator[Callable[[str, float], None]]:
+    """What to call with what is being done, in a few words, and which share of everything is behind it."""
+    if quiet:
+        yield lambda text, share: None
+    elif sys.stderr.isatty():
+        columns = (TextColumn(title), BarColumn(bar_width=None), TextColumn("{task.fields[text]}"))
+        with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task("", total=1.0, text="")
+            yield lambda text, share: bar.update(task, completed=share, text=text)
+    else:
+        said = ""
+
+        def print_new(text: str, share: float) -> None:
+            nonlocal said
+            if text != said:
+                said = text
+                print(f"{title}: {text}", file=sys.stderr, flush=True)
+
+        yield print_new

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import io
 from itertools import cycle
 
-import numpy as np
 from matplotlib import font_manager
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image, ImageFont
 
@@ -25,7 +24,6 @@ def font(pixels: float) -> ImageFont.FreeTypeFont:
 def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
     """Draw a plot in a size (width, height) and with a height of text in pixels, on white."""
     figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
-    canvas = FigureCanvasAgg(figure)
     points = text * 72 / _DPI
     axes = figure.add_subplot()
     colors, styles = cycle(CURVE_COLORS), cycle(("--", ":", "-."))
@@ -50,5 +48,6 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
         axes.spines[side].set_visible(False)
     if len(plot.curves) > 1:
         axes.legend(fontsize=0.9 * points, frameon=False)
-    canvas.draw()
-    return Image.fromarray(np.asarray(canvas.buffer_rgba()).copy())
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png")
+    return Image.open(stream).convert("RGB")

@@ -1,0 +1,162 @@
+"""`abfm figure`: a figure of the paper, or all of them, computed, measured and drawn."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from abfm import AbfmError, TriangleMesh, load_mesh
+from abfm.io import write_atomically
+from abfm_viewer import outputs
+from abfm_viewer.cli.interrupt import interrupted_by_sigterm
+from abfm_viewer.cli.progress import share_progress
+from abfm_viewer.errors import DrawingError
+from abfm_viewer.exit_status import UsageError
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+    from abfm.experiments.sheet import Sheet
+    from abfm_viewer.figures.page import Entry
+
+SUMMARY = "a figure of the paper, computed, measured and drawn"
+DESCRIPTION = """\
+Compute a figure of the paper, or all of them, anew: figure-N.png is drawn in the paper's arrangement (blue frames for
+the source, red for the target, black for the result), figure-N.json holds what was measured, with the bounds that it
+keeps or not and whether the paper's claims reproduce. `all` also writes index.html, a page with everything.
+
+The meshes are bundled or generated; --mesh computes the figure on another one. All figures take about ten minutes.
+
+Examples:
+  abfm figure 3 --out figures
+  abfm figure all --out figures
+  abfm figure 1 --mesh bunny.obj --out figures
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("figure", metavar="N|all", help="number of the figure, 1 to 13, or all")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder, made if missing")
+    parser.add_argument("--mesh", metavar="FILE", help="compute the figure on this mesh instead of its own")
+    parser.add_argument("--up", choices=("x", "y", "z"), help="axis that points upwards (default: y for a --mesh)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object with everything that was measured")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compute, draw and write."""
+    from abfm.experiments import FIGURES  # not before: this loads the solver
+
+    numbers = FIGURES if arguments.figure == "all" else (_number(arguments.figure, FIGURES),)
+    mesh = load_mesh(arguments.mesh) if arguments.mesh else None
+    _make_folder(arguments.out)
+    for number in numbers:
+        for suffix in (".png", ".json"):
+            outputs.check(arguments.out / f"figure-{number}{suffix}", [suffix])
+    if arguments.figure == "all":
+        outputs.check(arguments.out / "index.html", [".html"])
+    entries = []
+    with interrupted_by_sigterm():
+        for number in numbers:
+            entry = _compute(number, mesh, arguments)
+            _write(entry, arguments.out)
+            if not arguments.json:
+                _print(entry)
+            entries.append(entry)
+        if arguments.figure == "all":
+            from abfm_viewer.figures.page import page
+
+            _write_text(arguments.out / "index.html", page(entries))
+    if arguments.json:
+        print(json.dumps({"figures": [_described(entry) for entry in entries]}))
+    elif arguments.figure == "all":
+        print(f"wrote {arguments.out / 'index.html'}")
+    return 0
+
+
+def _number(text: str, figures: tuple[int, ...]) -> int:
+    if text not in map(str, figures):
+        raise UsageError(f"there is no figure {text!r}; expected a number from {figures[0]} to {figures[-1]}, or all")
+    return int(text)
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"cannot make the folder {path}: {error.strerror or error}; choose another") from None
+
+
+def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespace) -> Entry:
+    """Run an experiment; when all are wanted, one that a mesh does not allow is told on the page."""
+    from abfm.experiments import experiment
+    from abfm_viewer.figures.page import Entry
+
+    of = experiment(number)
+    try:
+        with share_progress(f"figure {number}", arguments.quiet) as report:
+            setup = of.set_up(mesh, False)
+            if arguments.mesh:
+                setup = replace(setup, name=Path(arguments.mesh).name)
+            findings = of.run(setup, report)
+            report("drawing", 1.0)
+            sheet = replace(findings.sheet, up=arguments.up or ("y" if mesh else findings.sheet.up))
+            picture, problem = _drawn(sheet)
+    except AbfmError as error:
+        if arguments.figure != "all":
+            raise
+        return Entry(number, of.title, of.claim, problem=f"Not on this mesh: {error}")
+    return Entry(number, of.title, of.claim, findings.setting, findings.measures, picture, problem)
+
+
+def _drawn(sheet: Sheet) -> tuple[Image.Image | None, str]:
+    """The picture, or why there is none."""
+    try:
+        from abfm_viewer.figures.sheet_picture import sheet_picture  # not before: it needs OpenGL
+
+        return sheet_picture(sheet), ""
+    except DrawingError as error:
+        return None, f"no picture: {error}"
+
+
+def _write(entry: Entry, folder: Path) -> None:
+    if entry.picture is not None:
+        outputs.write_picture(folder / f"figure-{entry.number}.png", entry.picture)
+    _write_text(folder / f"figure-{entry.number}.json", json.dumps(_described(entry), indent=1) + "\n")
+
+
+def _write_text(path: Path, text: str) -> None:
+    with write_atomically(path) as temporary:
+        Path(temporary).write_text(text, encoding="utf-8")
+
+
+def _described(entry: Entry) -> dict[str, Any]:
+    """What stands in a figure's JSON."""
+    return {
+        "figure": entry.number,
+        "title": entry.title,
+        "claim": entry.claim,
+        "setting": entry.setting,
+        "problem": entry.problem,
+        "measures": [measure.to_dict() for measure in entry.measures],
+    }
+
+
+def _print(entry: Entry) -> None:
+    print(f"figure {entry.number}: {entry.title}")
+    for measure in entry.measures:
+        bound = "" if measure.bound is None else f"  (at most {measure.bound:g}: {_word(measure.passes)})"
+        claim = "" if measure.reproduces is None else f"  [{_word(measure.reproduces)}: {measure.claim}]"
+        print(f"  {measure.value:10.4g}  {measure.name}{bound}{claim}")
+    if entry.problem:
+        print(f"note: figure {entry.number}: {entry.problem}", file=sys.stderr)
+    sys.stdout.flush()
+
+
+def _word(holds: bool | None) -> str:
+    return "yes" if holds else "no"
