@@ -107,6 +107,10 @@ class Documents:
         if len(paths) > 1:
             self._session.say(f"opening {paths[0].name}, the first of {len(paths)} files ...")
 
+    def open_figure(self, figure: int) -> None:
+        """Open a figure of the paper in the background, ready to match."""
+        self._session.load(f"setting up figure {figure}", partial(self._read_figure, figure))
+
     def save(self, path: Path, then: Callable[[], None] | None = None) -> None:
         """Write the project in the background, and do something when it is written."""
         document = self._session.document
@@ -187,6 +191,17 @@ class Documents:
         match = load_match(path)
         channels, mask, known = functions_of_result(match, path)
         return partial(self._show, path, partial(self._session.set_result, match, path.name, channels, known, mask))
+
+    def _read_figure(self, figure: int) -> Callable[[], None]:
+        from abfm_viewer.presets import figure_document
+
+        document, known = figure_document(figure, self._session.view)
+        ready = "its field is given: play its flow" if document.result else "press Match"
+        return partial(self._show_figure, document, known, f"figure {figure} is ready: {ready}")
+
+    def _show_figure(self, document: Document, known: dict[str, FloatArray], text: str) -> None:
+        self._session.restore(document, known, None)
+        self._session.say(text)
 
     def _as_here(self, document: Document) -> Document:
         """A project at the size that the user needs on this screen."""

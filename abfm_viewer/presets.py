@@ -1,88 +1,58 @@
-"""Parameters of the paper's experiments, from its Table 1."""
+"""The paper's figures as documents that are ready to match."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
-from abfm import Parameters
+from abfm.mesh import FloatArray
+from abfm_viewer.document import Channel, Document, View
 
-_STAGES, _FACTOR = 3, 10.0
+_PLAIN: dict[str, Any] = {
+    "camera": None,
+    "front": None,
+    "coloring": "function",
+    "blend": False,
+    "error": False,
+    "arrows": False,
+    "part": "whole",
+    "streaks": False,
+}
+_SHOWN: dict[int, dict[str, Any]] = {
+    1: {"blend": True},
+    2: {"streaks": True},
+    5: {"streaks": True},
+    6: {"streaks": True},
+    8: {"error": True},
+    9: {"coloring": "coordinates"},
+    10: {"coloring": "coordinates"},
+    11: {"coloring": "checker"},
+    12: {"coloring": "checker"},
+    13: {"coloring": "checker"},
+}
+"""What a figure shows besides the functions."""
 
 
-@dataclass(frozen=True)
-class Preset:
-    """A row of Table 1.
+def figure_document(figure: int, view: View) -> tuple[Document, dict[str, FloatArray]]:
+    """A figure of the paper, drawn in a view's theme and layout, and the values of functions that no text describes.
 
-    Attributes
-    ----------
-    name : str
-        The figure, as the paper numbers it.
-    about : str
-        What is matched there.
-    values : mapping of names to values
-        The parameters that the row sets; the others stay.
+    It is set up in a process of its own, in seconds.
+
+    Raises
+    ------
+    AbfmError
+        If it cannot be set up.
     """
+    from abfm.experiments.set_up_apart import set_up_apart  # not before: it takes long
 
-    name: str
-    about: str
-    values: Mapping[str, Any]
-
-    def holds(self, parameters: Parameters) -> bool:
-        """Whether these parameters are the row's."""
-        return all(getattr(parameters, name) == value for name, value in self.values.items())
-
-
-def _row(
-    figure: int,
-    about: str,
-    tau: float,
-    alpha: float,
-    beta: float,
-    sigma: float,
-    *,
-    cooled: bool = False,
-    N: int | None = None,
-    n: int | None = None,
-) -> Preset:
-    """A row as it is printed: a starred sigma is the first one, which cooling divides by 10 from stage to stage."""
-    values: dict[str, Any] = {
-        "tau": float(tau),
-        "alpha": float(alpha),
-        "beta": float(beta),
-        "sigma": sigma / _FACTOR ** (_STAGES - 1) if cooled else sigma,
-        "method": "nonlinear" if N is None else "linearised",
-        "segments": 1 if N is None else N,
-        "cooling_stages": _STAGES if cooled else 1,
-        "cooling_factor": _FACTOR,
-        "stage_iterations": 0,
-    }
-    if n is not None:
-        values["substeps"] = n
-    return Preset(f"Fig. {figure}", about, values)
-
-
-PRESETS = (
-    _row(1, "a function and its displaced copy", 1, 1, 0, 1e-2, cooled=True, n=10),
-    _row(3, "one wide Gaussian becomes two narrow ones", 2, 1e3, 1e-5, 1e-4, n=40),
-    _row(7, "eigenfunction 7 becomes eigenfunction 8", 1, 1e3, 0, 1e-1, cooled=True, N=20),
-    _row(8, "optical flow: the target was advected by a known field", 10, 1e3, 0, 1e-2, cooled=True, n=200),
-    _row(9, "a function and its mirror image, a large deformation", 1, 1, 1e-4, 5e-3, n=20),
-    _row(10, "a function and its mirror image, on a surface with creases", 1, 1e3, 0, 1e-2, cooled=True, n=20),
-    _row(11, "two functions with jumps become smooth ones", 1, 1, 0, 1e-2, cooled=True, N=10),
-    _row(12, "coordinate functions between two poses of a body", 1, 1, 0, 1e-2, cooled=True, N=10),
-)
-"""The rows of Table 1 in its order."""
-
-NOTE = (
-    "Table 1 of the paper: tau, alpha, beta, sigma, N and n as printed. The paper's meshes keep their own size, those "
-    "here are scaled to unit area, so alpha, beta and sigma weigh differently. A starred sigma is the first of three "
-    "cooling stages here, each 10 times smaller; iterations, gradient and optimiser stay as they are."
-)
-"""What a preset takes over from the paper, and what it does not."""
-
-
-def preset_of(parameters: Parameters) -> Preset | None:
-    """The first row of Table 1 that these parameters follow, if any."""
-    return next((preset for preset in PRESETS if preset.holds(parameters)), None)
+    setup, given = set_up_apart(figure)
+    document = Document(
+        setup.mesh,
+        setup.name,
+        tuple(Channel(source, target) for source, target in zip(setup.sources, setup.targets, strict=True)),
+        parameters=setup.parameters,
+        result=given,
+        time=setup.parameters.tau if given else 0.0,
+        view=replace(view, **{**_PLAIN, **_SHOWN.get(figure, {})}),
+    )
+    return document, dict(setup.values)

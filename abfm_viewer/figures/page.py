@@ -10,7 +10,7 @@ from html import escape
 
 from PIL import Image
 
-from abfm.experiments import Measure
+from abfm.experiments.experiment import Measure
 from abfm.experiments.table_1 import NOTE, TABLE_1
 
 _STYLE = """

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from abfm import Parameters
+from abfm.experiments import FIGURES, TITLES
 from abfm_viewer import colormaps
 from abfm_viewer.actions import Actions
 from abfm_viewer.document import LAYOUTS, THEMES
-from abfm_viewer.presets import NOTE, PRESETS
 from abfm_viewer.shortcuts import hint
 from abfm_viewer.ui import Ui
 
@@ -17,6 +17,10 @@ UI_SCALES = (1.0, 1.25, 1.5, 2.0)
 _LONGEST_PATH = 60
 
 _INITIAL = Parameters()
+_FIGURE = (
+    "The mesh, the functions and the parameters of this figure of the paper, ready to match; where the figure is about "
+    "a given field, its flow. Only the parameters, from Table 1: in the section Parameters."
+)
 
 
 def draw(ui: Ui, actions: Actions) -> None:
@@ -96,11 +100,11 @@ def _choices(ui: Ui, actions: Actions, label: str, name: str, choices: dict[str,
 
 def _presets(ui: Ui, actions: Actions) -> None:
     session = actions.session
-    for preset in PRESETS:
-        chosen = ui.menu_item(f"{preset.name}: {preset.about}", checked=preset.holds(session.parameters))
-        ui.tip(NOTE)
+    for figure in FIGURES:
+        chosen = ui.menu_item(f"Figure {figure}: {TITLES[figure]}")
+        ui.tip(_FIGURE)
         if chosen:
-            session.set_parameter(label=f"preset {preset.name}", **preset.values)
+            actions.documents.open_figure(figure)
     ui.separator()
     if ui.menu_item("Reset to defaults", enabled=session.parameters != _INITIAL):
         session.set_parameter(label="reset the parameters", **_INITIAL.to_dict())

@@ -7,9 +7,10 @@ from functools import cache
 from typing import Any
 
 from abfm import AbfmError, ParameterError, Parameters
+from abfm.experiments import TITLES
+from abfm.experiments.table_1 import NOTE, TABLE_1, row_of
 from abfm.parameters import CHOICES
 from abfm_viewer.panels.solver import draw_switches
-from abfm_viewer.presets import NOTE, PRESETS, preset_of
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
 
@@ -106,13 +107,14 @@ def draw(ui: Ui, session: Session) -> None:
 
 
 def _preset(ui: Ui, session: Session) -> None:
-    now = preset_of(session.parameters)
+    now = row_of(session.parameters)
     shown = now.name if now else _DEFAULTS if session.parameters == _INITIAL else _OWN
-    about = "\n".join(f"{preset.name}: {preset.about}" for preset in PRESETS)
-    chosen = ui.combo("preset", shown, [preset.name for preset in PRESETS], f"{NOTE}\n\n{about}")
-    for preset in PRESETS:
-        if chosen == preset.name != shown:
-            session.set_parameter(label=f"preset {preset.name}", **preset.values)
+    rows = TABLE_1.values()
+    about = "\n".join(f"{row.name}: {TITLES[row.figure]}" for row in rows)
+    chosen = ui.combo("preset", shown, [row.name for row in rows], f"{NOTE}\n\n{about}")
+    for row in rows:
+        if chosen == row.name != shown:
+            session.set_parameter(label=f"preset {row.name}", **row.values)
             ui.accept_all()
 
 

@@ -181,15 +181,6 @@ def test_the_view_menu_changes_the_view_and_undo_takes_it_back(gui, path, name, 
     assert gui.errors == {}
 
 
-def test_presets_and_defaults(gui):
-    gui.click("Presets")
-    first = next(w.label for w in gui.window.ui.widgets if w.kind == "item" and w.label.startswith("Fig. 3:"))
-    gui.click(first)
-    assert gui.session.parameters.tau == 2
-    gui.menu("Presets", "Reset to defaults")
-    assert gui.session.parameters.tau == 1
-
-
 def test_undo_is_grey_with_nothing_to_undo(gui):
     gui.click("Edit")
     assert not gui.is_enabled("Undo")

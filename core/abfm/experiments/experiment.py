@@ -8,10 +8,13 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from abfm.energy import MatchingEnergy
 from abfm.experiments.sheet import Sheet
 from abfm.functions import function
+from abfm.match_result import Match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
+from abfm.vector_fields import to_frame
 
 Report = Callable[[str, float], None]
 """Told what is being done, in a few words, and which share of the experiment is behind it."""
@@ -93,6 +96,30 @@ class Setup:
     def target(self) -> FloatArray:
         """The targets' values, (V, C)."""
         return self._evaluate(self.targets)
+
+    @property
+    def given(self) -> Match | None:
+        """The given field as if it had been found, for what shows results; None where a field is sought."""
+        if self.velocity is None:
+            return None
+        source, target, p = self.source, self.target, self.parameters
+        energy = MatchingEnergy(self.mesh, source, target, p)
+        evaluated = energy.evaluate(to_frame(self.mesh, self.velocity / self.mesh.length_scale), p.sigma)
+        return Match(
+            mesh=self.mesh,
+            source=source,
+            target=target,
+            parameters=p,
+            velocity=self.velocity,
+            advected=np.ascontiguousarray(evaluated.advected.T),
+            energy_history=np.array([[evaluated.energy, evaluated.regularity, evaluated.mismatch]]),
+            stages=np.zeros(1, dtype=np.int64),
+            mismatch=energy.relative_mismatch(evaluated.advected),
+            stop_reason="given",
+            mask=None,
+            weights=np.ones(source.shape[1]),
+            channels_given=True,
+        )
 
     def _evaluate(self, specs: tuple[str, ...]) -> FloatArray:
         known = self.values

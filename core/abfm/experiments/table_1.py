@@ -26,6 +26,11 @@ class Row:
     figure: int
     values: Mapping[str, Any]
 
+    @property
+    def name(self) -> str:
+        """What the table calls it."""
+        return f"Fig. {self.figure}"
+
     def holds(self, parameters: Parameters) -> bool:
         """Whether these parameters are the row's."""
         return all(getattr(parameters, name) == value for name, value in self.values.items())

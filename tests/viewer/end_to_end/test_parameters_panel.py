@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from abfm import Parameters
+from abfm.experiments.table_1 import TABLE_1
 from abfm.parameters import CHOICES
-from abfm_viewer.presets import PRESETS
 
 
 @pytest.mark.parametrize(
@@ -69,10 +69,11 @@ def test_what_makes_no_sense_is_refused_in_place(gui, label, text):
 
 
 def test_presets_set_and_defaults_return(gui):
-    for preset in (*PRESETS[1:], PRESETS[0]):
+    rows = list(TABLE_1.values())
+    for preset in (*rows[1:], rows[0]):
         gui.choose("preset", preset.name)
         assert preset.holds(gui.session.parameters)
-    assert gui.text_of("preset") == PRESETS[0].name
+    assert gui.text_of("preset") == rows[0].name
     gui.type("alpha", "12")
     assert gui.text_of("preset") == "own values"
     gui.click("Reset to defaults", within="Parameters")
