@@ -94,10 +94,10 @@ def _make_folder(path: Path) -> None:
 
 def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespace) -> Entry:
     """Run an experiment; when all are wanted, one that a mesh does not allow is told on the page."""
-    from abfm.experiments import experiment
+    from abfm.experiments import experiment_of
     from abfm_viewer.figures.page import Entry
 
-    of = experiment(number)
+    of = experiment_of(number)
     try:
         with share_progress(f"figure {number}", arguments.quiet) as report:
             setup = of.set_up(mesh, False)

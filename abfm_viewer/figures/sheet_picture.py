@@ -6,6 +6,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from abfm.experiments.sheet import Frame, Panel, Plot, Sheet
+from abfm_viewer.abbreviation import cut
 from abfm_viewer.colormaps import ColorRange, table
 from abfm_viewer.figures.layout import BARS, GAP, LABEL, Layout, Place, laid_out
 from abfm_viewer.figures.panel_pictures import cameras, color_ranges, panel_pictures, panels
@@ -21,7 +22,7 @@ _FRAMES: dict[Frame, tuple[str, int]] = {
 }
 """Colour and width in pixels of each frame."""
 _INK = "#1d222b"
-_TEXT, _SMALL = 24, 20
+_TEXT, _SMALL, _SMALLEST = 24, 20, 13
 _BAR_WIDTH, _BAR_HEIGHT, _BAR_GAP = 380, 20, 90
 
 
@@ -72,11 +73,10 @@ def _draw_frame(draw: ImageDraw.ImageDraw, frame: Frame, place: Place) -> None:
 def _write_label(draw: ImageDraw.ImageDraw, cell: Panel | Plot, place: Place) -> None:
     plain = isinstance(cell, Plot) or cell.frame == "other"
     color = _INK if isinstance(cell, Plot) or plain else _FRAMES[cell.frame][0]
-    size = float(_TEXT)
-    while font(size).getlength(cell.label) > place.width + GAP - 4 and size > 13:
-        size -= 1
+    room = place.width + GAP - 4
+    size = next((size for size in range(_TEXT, _SMALLEST, -1) if font(size).getlength(cell.label) <= room), _SMALLEST)
     middle = (place.left + place.width / 2, place.top + place.height + LABEL / 2)
-    draw.text(middle, cell.label, fill=color, font=font(size), anchor="mm")
+    draw.text(middle, cut(cell.label, room, font(size).getlength), fill=color, font=font(size), anchor="mm")
 
 
 def _draw_bars(draw: ImageDraw.ImageDraw, layout: Layout, ranges: dict[str, ColorRange]) -> None:

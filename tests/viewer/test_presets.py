@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm.experiments import FIGURES, experiment
+from abfm.experiments import FIGURES, TITLES, experiment_of
 from abfm_viewer.automation import Driver
 from abfm_viewer.document import View
 from abfm_viewer.presets import figure_document
@@ -20,9 +20,8 @@ def gui():
 
 @pytest.mark.parametrize("figure", FIGURES)
 def test_a_figure_is_ready_to_match(gui, figure):
-    setup = experiment(figure).set_up(None, False)
-    label = next(label for label in labels_in(gui, "Presets") if label.startswith(f"Figure {figure}:"))
-    gui.menu("Presets", label)
+    setup = experiment_of(figure).set_up(None, False)
+    gui.menu("Presets", f"Figure {figure}: {TITLES[figure]}")
     gui.wait(lambda session: session.mesh.vertices.shape == setup.mesh.vertices.shape and not session.obstacle, 60)
     session = gui.session
     np.testing.assert_array_equal(session.mesh.vertices, setup.mesh.vertices)
@@ -37,14 +36,6 @@ def test_a_figure_is_ready_to_match(gui, figure):
     if setup.velocity is not None:
         np.testing.assert_array_equal(session.result.velocity, setup.velocity)
     assert gui.errors == {}
-
-
-def labels_in(gui, menu):
-    """The entries of a menu, which is closed again."""
-    gui.click(menu)
-    labels = [widget.label for widget in gui.window.ui.widgets if widget.kind == "item"]
-    gui.key("esc")
-    return labels
 
 
 def test_a_figure_keeps_the_theme_and_forgets_the_rest_of_the_view():

@@ -32,7 +32,7 @@ TITLES = {
 """A few words for each figure."""
 
 
-def experiment(figure: int) -> Experiment[Any]:
+def experiment_of(figure: int) -> Experiment[Any]:
     """The experiment of a figure of the paper.
 
     Raises

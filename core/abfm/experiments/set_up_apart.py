@@ -6,7 +6,7 @@ import copy
 from dataclasses import fields, replace
 
 from abfm.errors import AbfmError
-from abfm.experiments import experiment
+from abfm.experiments import experiment_of
 from abfm.experiments.experiment import Setup
 from abfm.match_result import Match
 from abfm.own_process import OwnProcess, ProcessEndedError, Requests
@@ -38,7 +38,7 @@ def _serve() -> None:
     requests = Requests()
     for figure in requests:
         try:
-            found = experiment(figure).set_up(None, False)
+            found = experiment_of(figure).set_up(None, False)
             given = found.given
             bare = copy.copy(found.mesh)
             bare.__dict__["cache"] = {}

@@ -1,0 +1,108 @@
+"""`abfm figure`, run in this process on small set-ups."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+import trimesh
+from PIL import Image
+
+import abfm.experiments
+from abfm import MeshError
+from abfm.experiments import TITLES
+from abfm_viewer.cli import main
+from abfm_viewer.errors import DrawingError
+from abfm_viewer.figures import sheet_picture
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Make experiments small, and 7 the only figure; returns what is to take its place."""
+    real = abfm.experiments.experiment_of
+
+    def set_up(mesh, small):
+        if mesh is not None and len(mesh.vertices) < 20:
+            raise MeshError("too few vertices")
+        return real(7).set_up(mesh, True)
+
+    monkeypatch.setattr(abfm.experiments, "FIGURES", (7,))
+    monkeypatch.setattr(abfm.experiments, "experiment_of", lambda figure: replace(real(figure), set_up=set_up))
+
+
+def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, capsys):
+    out = tmp_path / "new" / "figures"
+    assert main(["figure", "7", "--out", str(out)]) == 0
+    assert Image.open(out / "figure-7.png").width > 1000
+    described = json.loads((out / "figure-7.json").read_text())
+    assert described["figure"] == 7
+    assert described["title"] == TITLES[7]
+    for measure in described["measures"]:
+        assert set(measure) == {"name", "value", "bound", "pass", "claim", "reproduces"}
+        if measure["bound"] is not None:
+            assert measure["pass"] == (measure["value"] <= measure["bound"])
+    assert sorted(path.name for path in out.iterdir()) == ["figure-7.json", "figure-7.png"]
+    said = capsys.readouterr()
+    assert said.out.startswith(f"figure 7: {TITLES[7]}\n")
+    assert "mismatch" in said.out
+    assert said.err.startswith("figure 7: ")
+
+
+def test_all_figures_make_a_page_and_json_tells_everything(small, tmp_path, capsys):
+    assert main(["figure", "all", "--out", str(tmp_path), "--quiet", "--json"]) == 0
+    said = capsys.readouterr()
+    [described] = json.loads(said.out)["figures"]
+    assert described == json.loads((tmp_path / "figure-7.json").read_text())
+    assert said.err == ""
+    assert "Figure 7" in (tmp_path / "index.html").read_text()
+
+
+def test_another_mesh_is_named_and_stands_upright(small, tmp_path):
+    mesh = tmp_path / "long.off"
+    trimesh.creation.capsule(height=3, radius=0.5, count=(12, 12)).export(mesh)
+    sizes = []
+    for up in ("y", "z"):
+        assert main(["figure", "7", "--mesh", str(mesh), "--up", up, "--out", str(tmp_path), "--quiet"]) == 0
+        sizes.append(Image.open(tmp_path / "figure-7.png").size)
+    assert sizes[1][1] > 1.1 * sizes[0][1]  # upright panels are narrow, so that they may be high
+    assert "long.off" in json.loads((tmp_path / "figure-7.json").read_text())["setting"]
+
+
+def test_what_a_mesh_does_not_allow_is_refused_or_told_on_the_page(small, tmp_path, capsys):
+    mesh = tmp_path / "box.off"
+    trimesh.creation.box().export(mesh)
+    words = ["--mesh", str(mesh), "--out", str(tmp_path), "--quiet"]
+    assert main(["figure", "7", *words]) == 2
+    assert capsys.readouterr().err == "abfm: too few vertices\n"
+    assert main(["figure", "all", *words]) == 0
+    assert "Not on this mesh: too few vertices" in (tmp_path / "index.html").read_text()
+
+
+def test_without_opengl_the_numbers_are_there(small, tmp_path, monkeypatch, capsys):
+    def refuse(sheet):
+        raise DrawingError("cannot draw without OpenGL")
+
+    monkeypatch.setattr(sheet_picture, "sheet_picture", refuse)
+    assert main(["figure", "7", "--out", str(tmp_path), "--quiet"]) == 0
+    assert "cannot draw without OpenGL" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["figure-7.json"]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["figure", "14"], "--out"),
+        (["figure", "14", "--out", "x"], "there is no figure '14'; expected a number from"),
+        (["figure", "seven", "--out", "x"], "or all"),
+        (["figure", "7", "--out", __file__], "cannot make the folder"),
+        (["figure", "7", "--mesh", "none.off", "--out", "x"], "none.off"),
+        (["figure", "7", "--up", "w", "--out", "x"], "--up"),
+    ],
+)
+def test_bad_words_are_refused_in_one_line(words, expected, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert expected in error
