@@ -81,6 +81,20 @@ def test_without_restarts_a_changed_parameter_waits_for_the_next_match(running):
     assert running.session.outdated
 
 
+@pytest.mark.parametrize("text", ["expression:1/0*x", "file:missing.npy"])
+def test_a_function_that_cannot_be_computed_does_not_end_the_run(running, text):
+    running.wait(lambda s: s.solver.snapshot is not None)
+    problem = running.session.solver.worker.problem
+    running.type("spec", text, within="source")
+    running.wait(lambda s: s.error(text))
+    running.frames(5)
+    assert running.session.solver.running
+    assert running.session.solver.worker.problem == problem
+    running.click("Cancel")
+    running.wait(lambda s: s.solver.finished)
+    assert not running.session.solver.failed
+
+
 def test_the_next_match_can_start_from_the_current_field(matched):
     first = matched.session.result
     matched.check("Start from the current field")
