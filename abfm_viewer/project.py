@@ -244,6 +244,8 @@ def _check(document: Document, known: Mapping[str, FloatArray]) -> None:
         _check_result(document.result, V, F)
     for spec in [spec for channel in document.channels for spec in (channel.source, channel.target)]:
         terms_from_files(spec)
+    for channel in document.channels:
+        _require(0 <= channel.weight < np.inf, f"a channel has the weight {channel.weight}; expected 0 or more")
     if document.mask:
         terms_from_files(document.mask)
     count, end = max(len(document.channels), 1), EXTRAPOLATION * document.parameters.tau

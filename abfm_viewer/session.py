@@ -192,7 +192,12 @@ class Session(Editing):
             if spec in self._evaluated.errors:
                 return f"{spec}: {self._evaluated.errors[spec]}"
         missing = any(spec not in self._evaluated.values for spec in self.specs)
-        return "the functions are being computed" if missing else ""
+        if missing:
+            return "the functions are being computed"
+        mask = self._evaluated.values.get(self.document.mask)
+        if mask is not None and (mask.min() < 0 or not mask.any()):
+            return "the mask must not be negative, nor zero everywhere"
+        return "" if any(channel.weight for channel in self.channels) else "all channels have the weight 0"
 
     def match(self) -> None:
         """Start a run, unless one is under way; if there is nothing to match yet, say why."""

@@ -214,7 +214,7 @@ views = st.builds(
     tool=st.sampled_from(CLICK_TOOLS),
 ).filter(lambda view: view.camera is None or view.camera.position != view.camera.target)
 specs = st.builds("gaussian:vertex={},width={!r}".format, st.integers(0, 42), st.floats(1e-300, 1e300))
-channels = st.lists(st.builds(Channel, specs, specs, numbers)).map(tuple)
+channels = st.lists(st.builds(Channel, specs, specs, numbers.map(abs))).map(tuple)
 
 
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -341,6 +341,7 @@ class TestDamage:
             ({"channels": "many"}, "expected a list"),
             ({"channels": [{"source": "coordinate:x"}]}, "also target"),
             ({"channels": [{"source": "nothing:x", "target": "coordinate:y"}]}, "unknown function family 'nothing'"),
+            ({"channels": [{"source": "coordinate:x", "target": "coordinate:y", "weight": -1}]}, "the weight -1"),
             ({"mask": "("}, "function '('"),
             ({"time": 4.5}, "time is 4.5; expected 0 to 4.0"),
             ({"time": -1}, "time is -1"),

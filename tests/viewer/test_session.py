@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,6 +73,20 @@ def test_functions_that_cannot_be_evaluated_stand_in_the_way(session):
     assert session.notice.is_error
     session.undo()
     until(lambda: not session.obstacle, session)
+
+
+@pytest.mark.parametrize("mask", ["expression:0*x", "coordinate:x"])
+def test_a_mask_without_a_meaning_stands_in_the_way(session, mask):
+    session.set_mask(mask)
+    until(lambda: "computed" not in session.obstacle, session)
+    assert session.obstacle == "the mask must not be negative, nor zero everywhere"
+    session.set_mask("expression:x*x")
+    until(lambda: not session.obstacle, session)
+
+
+def test_channels_without_weight_stand_in_the_way(session):
+    session.amend(channels=(replace(session.active, weight=0.0),))
+    assert session.obstacle == "all channels have the weight 0"
 
 
 def test_values_of_one_mesh_are_never_shown_on_another():
