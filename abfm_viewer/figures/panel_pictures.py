@@ -14,6 +14,7 @@ from abfm_viewer import marks, material, viewport
 from abfm_viewer.camera import Camera, View, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
 from abfm_viewer.colormaps import CHECKER_COLORS, ColorRange, color_range, loaded_name
+from abfm_viewer.creases import drawn_mesh
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
 from abfm_viewer.streak_texture import streak_texture
@@ -104,10 +105,11 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
     ps.remove_all_structures()
     ps.set_ground_plane_mode("none")
     viewport.set_extent(places)
+    split = drawn_mesh(mesh)
     surface = ps.register_surface_mesh(
         "surface",
-        places,
-        mesh.faces,
+        split.values(places),
+        split.faces,
         smooth_shade=True,
         material=material.NAME,
         color=_PLAIN,
@@ -116,10 +118,11 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
     paint = panel.paint
     if isinstance(paint, Values):
         colors = ranges[paint.bar]
+        on_vertices = len(paint.values) == len(mesh.vertices)
         surface.add_scalar_quantity(
             "values",
-            paint.values,
-            defined_on="vertices" if len(paint.values) == len(mesh.vertices) else "faces",
+            split.values(paint.values) if on_vertices else paint.values,
+            defined_on="vertices" if on_vertices else "faces",
             enabled=True,
             cmap=loaded_name(colors.colormap),
             vminmax=(colors.low, colors.high),
@@ -127,11 +130,11 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
     elif isinstance(paint, Coordinates):
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         share = np.clip((paint.positions - low) / np.maximum(high - low, 1e-300), 0, 1)
-        surface.add_color_quantity("coordinates", share**2.2, enabled=True)
+        surface.add_color_quantity("coordinates", split.values(share**2.2), enabled=True)
     elif isinstance(paint, Checker):
         surface.add_parameterization_quantity(
             "checker",
-            paint.coordinates,
+            split.values(paint.coordinates),
             coords_type="world",
             enabled=True,
             viz_style="checker",
