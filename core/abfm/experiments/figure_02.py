@@ -10,7 +10,7 @@ import numpy as np
 from abfm.advection import advect
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
 from abfm.experiments.given_flow import carried, feet, stream_field
-from abfm.experiments.meshes import smoothed, sphere
+from abfm.experiments.meshes import bundled, sphere
 from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.flow_lines import flow_lines
 from abfm.flow_maps import project_onto_surface
@@ -46,8 +46,8 @@ class Comparison:
 
 def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> FlowSetup:
     """A smooth field without divergence, and an eigenfunction that it carries away."""
-    name = "mesh" if mesh else "human_A.off, Loop subdivided"
-    mesh = mesh or smoothed("human_A.off", 0 if small else 1)
+    name = "mesh" if mesh else "eight.off" if small else "fandisk.off"
+    mesh = mesh or bundled(name)
     parameters = Parameters(tau=1.0)
     velocity = stream_field(mesh, _MODES, _WAY / parameters.tau)
     source = "eigenfunction:8"
@@ -130,9 +130,7 @@ def _maps(comparison: Comparison) -> FloatArray:
     return comparison.maps
 
 
-def _measures(
-    setup: FlowSetup, here: Comparison, there: list[Comparison], exact: list[float]
-) -> tuple[Measure, ...]:
+def _measures(setup: FlowSetup, here: Comparison, there: list[Comparison], exact: list[float]) -> tuple[Measure, ...]:
     claim = "the flow map of a vector field is used to advect a function"
     found = [
         Measure(

@@ -26,7 +26,7 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Setup:
     with which its values are spread over the surface more like the source's.
     """
     name = "mesh" if mesh else "five limbs"
-    mesh = mesh or five_limbs(800 if small else 5000)
+    mesh = mesh or five_limbs(800 if small else 2500)
     source, target = function(mesh, "eigenfunction:7"), function(mesh, "eigenfunction:8")
     negative = _spread_gap(mesh, source, -target) < 0.99 * _spread_gap(mesh, source, target)
     return Setup(
@@ -76,7 +76,9 @@ def _smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tup
     turn = float(max(turns) / lengths.mean())
     rise = float(energy[:-1].max() / max(energy[0], energy[-1]))
     return (
-        Measure("path length over distance of its ends, in L2", float(lengths.sum() / l2_norm(mesh, steps.sum(axis=0)))),
+        Measure(
+            "path length over distance of its ends, in L2", float(lengths.sum() / l2_norm(mesh, steps.sum(axis=0)))
+        ),
         Measure("largest step over mean step", float(lengths.max() / lengths.mean())),
         Measure(
             "largest change from one step to the next over mean step", turn, None, "smooth path", turn <= _SMOOTH_TURN

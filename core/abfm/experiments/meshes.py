@@ -28,7 +28,8 @@ def sphere(subdivisions: int) -> TriangleMesh:
 def smoothed(name: str, times: int) -> TriangleMesh:
     """A bundled mesh after Loop subdivision: each time four times as many faces, and smoother."""
     mesh = bundled(name)
-    return TriangleMesh(*trimesh.remesh.subdivide_loop(mesh.vertices, mesh.faces, times))
+    shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).subdivide_loop(times)
+    return TriangleMesh(shape.vertices, shape.faces)
 
 
 @lru_cache
