@@ -10,7 +10,7 @@ import numpy as np
 from abfm.advection import advect
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
 from abfm.experiments.given_flow import carried, feet, stream_field
-from abfm.experiments.meshes import bundled, sphere
+from abfm.experiments.meshes import bundled, smoothed, sphere
 from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.flow_lines import flow_lines
 from abfm.flow_maps import project_onto_surface
@@ -46,8 +46,8 @@ class Comparison:
 
 def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> FlowSetup:
     """A smooth field without divergence, and an eigenfunction that it carries away."""
-    name = "mesh" if mesh else "eight.off" if small else "fandisk.off"
-    mesh = mesh or bundled(name)
+    name = "mesh" if mesh else "eight.off, Loop subdivided" if small else "fandisk.off"
+    mesh = mesh or (smoothed("eight.off", 1) if small else bundled(name))
     parameters = Parameters(tau=1.0)
     velocity = stream_field(mesh, _MODES, _WAY / parameters.tau)
     source = "eigenfunction:8"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from abfm.advection import advect
@@ -25,28 +27,34 @@ _CLOSE = 0.1  # what "very close to the original field" is taken for
 _TARGET = "file:advected.npy"
 
 
-def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Setup:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OpticalFlowSetup(Setup):
+    """The problem, and the field ``hidden`` (F, 3) that made its target and is to be found."""
+
+    hidden: FloatArray
+
+
+def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> OpticalFlowSetup:
     """An eigenfunction, and what a smooth field without divergence makes of it until tau."""
     name = "mesh" if mesh else "eight.off, Loop subdivided"
     mesh = mesh or smoothed("eight.off", 1 if small else 2)
     parameters = TABLE_1[8].parameters(iterations=100 if small else 200)
-    velocity = stream_field(mesh, _MODES, _WAY / parameters.tau)
+    hidden = stream_field(mesh, _MODES, _WAY / parameters.tau)
     source = "eigenfunction:7"
-    return Setup(
+    return OpticalFlowSetup(
         mesh=mesh,
         name=name,
         sources=(source,),
         targets=(_TARGET,),
-        values={_TARGET: advect(mesh, velocity, function(mesh, source), parameters.tau)},
+        values={_TARGET: advect(mesh, hidden, function(mesh, source), parameters.tau)},
         parameters=parameters,
-        velocity=velocity[None],
+        hidden=hidden,
     )
 
 
-def run(setup: Setup, report: Report) -> Findings:
+def run(setup: OpticalFlowSetup, report: Report) -> Findings:
     """Match without knowing the field, and compare what was found with it."""
-    assert setup.velocity is not None
-    p, mesh, given = setup.parameters, setup.mesh, setup.velocity[0]
+    p, mesh, given = setup.parameters, setup.mesh, setup.hidden
     f, g = setup.source[:, 0], setup.target[:, 0]
     found = match(mesh, f, g, p, on_iteration=lambda now: report("matching", now.iteration / p.iterations))
     velocity, matched = found.velocity[0], found.advected[:, 0]
