@@ -182,7 +182,7 @@ def _plot(times: FloatArray, values: dict[str, FloatArray], title: str) -> Plot:
 
 EXPERIMENT = Experiment(
     4,
-    "linear and nonlinear advection",
+    "linear and exponential advection",
     "Linear advection works well for short times and oscillates for longer ones; nonlinear advection stays smooth.",
     set_up,
     run,

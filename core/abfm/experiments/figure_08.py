@@ -128,7 +128,7 @@ def _speed(mesh: TriangleMesh, velocity: FloatArray) -> FloatArray:
 
 EXPERIMENT = Experiment(
     8,
-    "optical flow: the field behind the target",
+    "optical flow: the field that made the target",
     "The matched field is very close to the one that made the target, and the error between the functions very small.",
     set_up,
     run,
