@@ -1,0 +1,48 @@
+"""Figure 2: advection agrees with flow lines, the better the finer the mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from abfm.experiments.figure_02 import EXPERIMENT, compare
+from abfm.experiments.sheet import Panel
+from abfm.functions import function
+from tests.shapes import open_cylinder, torus
+
+
+@pytest.fixture(scope="module")
+def values() -> dict[str, float]:
+    findings = EXPERIMENT.run(EXPERIMENT.set_up(None, True), lambda text, share: None)
+    return {measure.name: measure.value for measure in findings.measures}
+
+
+def test_differences_grow_with_time(values: dict[str, float]) -> None:
+    quarter, half, whole = (value for name, value in values.items() if name.startswith("advected function"))
+    assert 0 < quarter < half < whole < 0.3
+
+
+def test_differences_fall_under_refinement(values: dict[str, float]) -> None:
+    orders = [value for name, value in values.items() if name.startswith("order")]
+    assert len(orders) == 2
+    assert min(orders) > 1
+    coarse, fine = (value for name, value in values.items() if "exact solution" in name)
+    assert fine < coarse / 2.5
+
+
+def test_without_motion_there_is_no_difference() -> None:
+    mesh = torus(12, 8)
+    still = compare(mesh, np.zeros((len(mesh.faces), 3)), function(mesh, "coordinate:x"), np.array([0.5, 1.0]))
+    assert np.abs(still.functions).max() < 1e-12
+    assert np.abs(still.maps).max() < 1e-12
+
+
+def test_on_another_mesh_with_a_boundary() -> None:
+    mesh = open_cylinder(24, 12)
+    setup = EXPERIMENT.set_up(mesh, True)
+    assert setup.mesh is mesh
+    findings = EXPERIMENT.run(setup, lambda text, share: None)
+    assert all(np.isfinite(measure.to_dict()["value"]) for measure in findings.measures)
+    last = findings.sheet.rows[0][-1]
+    assert isinstance(last, Panel)
+    assert all(line.shape[1] == 3 and len(line) > 1 for line in last.lines)
