@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from abfm.face_flow import opposite_slots
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import IntArray, TriangleMesh, per_mesh
 from abfm.operators import face_normals
 
-SHARP = 40.0
-"""Angle in degrees between the normals at an edge, from which it is a crease."""
+_HALF_SHARP, _SHARP = 20.0, 40.0  # degrees between the normals at an edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,27 +32,25 @@ class DrawnMesh:
     origin: IntArray
     faces: IntArray
 
-    def values(self, values: FloatArray) -> FloatArray:
-        """Values (V, ...) of vertices for what is drawn, (D, ...)."""
-        return values[self.origin]
+    def values(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values (V, ...) of vertices for what is drawn, (D, ...): the same array where nothing is split."""
+        return values if len(self.origin) == len(values) else values[self.origin]
 
 
-def drawn_mesh(mesh: TriangleMesh, degrees: float = SHARP) -> DrawnMesh:
-    """Split the vertices of a mesh along its creases (made once per mesh)."""
-    key = (__name__, degrees)
-    if key not in mesh.cache:
-        mesh.cache[key] = _split(mesh, degrees)
-    found: DrawnMesh = mesh.cache[key]
-    return found
+@per_mesh
+def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
+    """Split the vertices of a mesh along its creases.
 
-
-def _split(mesh: TriangleMesh, degrees: float) -> DrawnMesh:
+    A shape has creases if more of its edges are sharp than half sharp. Where most are half sharp, as on coarse meshes
+    of bodies and on folded cortices, the sharp ones are no creases but bends, and nothing is split.
+    """
     slots = opposite_slots(mesh)
     normals = face_normals(mesh)
     f, c = np.nonzero(slots >= 0)
     g, k = np.divmod(slots[f, c], 3)
-    smooth = (normals[f] * normals[g]).sum(axis=1) > np.cos(np.radians(degrees))
-    if smooth.all():
+    cosines = (normals[f] * normals[g]).sum(axis=1)
+    smooth = cosines > np.cos(np.radians(_SHARP))
+    if (~smooth).sum() <= (smooth & (cosines < np.cos(np.radians(_HALF_SHARP)))).sum():
         return DrawnMesh(np.arange(len(mesh.vertices)), mesh.faces)
     f, c, g, k = f[smooth], c[smooth], g[smooth], k[smooth]
     here = np.concatenate([3 * f + (c + 1) % 3, 3 * f + (c + 2) % 3])

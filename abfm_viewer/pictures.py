@@ -13,6 +13,7 @@ from abfm_viewer import material, sheet, viewport
 from abfm_viewer.camera import Camera, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
 from abfm_viewer.colormaps import ColorRange, color_range, loaded_name
+from abfm_viewer.creases import drawn_mesh
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
 
@@ -82,12 +83,19 @@ def surface_pictures(
         ps.set_ground_plane_mode("none")
         places = _places(mesh)
         viewport.set_extent(places)
-        surface = ps.register_surface_mesh("surface", places, mesh.faces, smooth_shade=True, material=material.NAME)
+        split = drawn_mesh(mesh)
+        surface = ps.register_surface_mesh(
+            "surface", split.values(places), split.faces, smooth_shade=True, material=material.NAME
+        )
         camera.place()
         pictures = []
         for function in functions:
             surface.add_scalar_quantity(
-                "function", function, enabled=True, cmap=loaded_name(colors.colormap), vminmax=(colors.low, colors.high)
+                "function",
+                split.values(function),
+                enabled=True,
+                cmap=loaded_name(colors.colormap),
+                vminmax=(colors.low, colors.high),
             )
             pictures.append(Image.fromarray(drawn(transparent=True)))
     return pictures

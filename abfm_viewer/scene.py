@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abfm import TriangleMesh
 from abfm.mesh import FloatArray
 from abfm_viewer import material, theme, viewport
 from abfm_viewer.camera import View, best_view
 from abfm_viewer.colormaps import CHECKER_COLORS, loaded_name
+from abfm_viewer.creases import DrawnMesh, drawn_mesh
 from abfm_viewer.document import Camera, Front, Layout, Point
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
@@ -72,6 +74,7 @@ class Scene:
         self._front: tuple[TriangleMesh, Front | None, View] | None = None
         self._heads: FloatArray = np.zeros((0, 3))
         self._turntable: Turntable
+        self._split: DrawnMesh
         self._extent: FloatArray = np.zeros((0, 3))
         self._frames_behind = 0
         self._layout: Layout = "row"
@@ -231,11 +234,12 @@ class Scene:
         self._heads = np.array([head + offset for offset in self.offsets.values()])
         ends = viewport.units.drawn(np.concatenate([self._extent + offset for offset in self.offsets.values()]))
         viewport.set_extent(ends)
+        self._split = drawn_mesh(mesh)
         for name, offset in self.offsets.items():
             surface = ps.register_surface_mesh(
                 name,
-                viewport.units.drawn(mesh.vertices + offset),
-                mesh.faces,
+                self._split.values(viewport.units.drawn(mesh.vertices + offset)),
+                self._split.faces,
                 smooth_shade=True,
                 material=material.NAME,
                 color=_PLAIN,
@@ -250,7 +254,7 @@ class Scene:
             if before.values is paint.values:
                 return
             if paint.kind in ("vertex values", "face values"):
-                ps.get_surface_mesh(name).get_quantity_buffer(paint.kind, "values").update_data(paint.values)
+                ps.get_surface_mesh(name).get_quantity_buffer(paint.kind, "values").update_data(self._values(paint))
                 self._drawn[name] = paint
                 return
         surface = ps.get_surface_mesh(name)
@@ -265,7 +269,7 @@ class Scene:
                 isolines["isoline_darkness"] = _STRIPES
             surface.add_scalar_quantity(
                 paint.kind,
-                paint.values,
+                self._values(paint),
                 defined_on="vertices" if paint.kind == "vertex values" else "faces",
                 enabled=True,
                 cmap=loaded_name(paint.colors.colormap),
@@ -273,7 +277,7 @@ class Scene:
                 **isolines,
             )
         elif paint.kind == "colors":
-            surface.add_color_quantity(paint.kind, paint.values, enabled=True)
+            surface.add_color_quantity(paint.kind, self._values(paint), enabled=True)
         elif paint.kind == "texture":
             surface.add_parameterization_quantity("texture corners", paint.corners, defined_on="corners")
             surface.add_color_quantity(
@@ -288,7 +292,7 @@ class Scene:
         else:
             surface.add_parameterization_quantity(
                 paint.kind,
-                paint.values,
+                self._values(paint),
                 coords_type="world",
                 enabled=True,
                 viz_style="checker",
@@ -296,6 +300,10 @@ class Scene:
                 checker_colors=CHECKER_COLORS,
             )
         self._drawn[name] = paint
+
+    def _values(self, paint: Paint) -> NDArray[Any]:
+        """A paint's values as polyscope's mesh needs them."""
+        return paint.values if paint.kind == "face values" else self._split.values(paint.values)
 
 
 def _vector(values: FloatArray) -> tuple[float, float, float]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from abfm import TriangleMesh
+from abfm import TriangleMesh, load_mesh
+from abfm.assets import asset_path
 from abfm_viewer.creases import drawn_mesh
 from tests.shapes import icosphere, open_cylinder
 
@@ -39,6 +40,14 @@ def test_a_cube_has_six_sides():
         around = normals[(drawn.faces == vertex).any(axis=1)]
         assert np.linalg.matrix_rank(around, tol=1e-6) == 1
     np.testing.assert_array_equal(drawn.values(mesh.vertices), mesh.vertices[drawn.origin])
+    np.testing.assert_array_equal(drawn_mesh(icosphere(1)).values(np.arange(42)), np.arange(42))
+
+
+def test_the_bends_of_a_coarse_body_are_no_creases():
+    body = load_mesh(asset_path("human_A.off"))
+    assert len(drawn_mesh(body).origin) == len(body.vertices)
+    part = load_mesh(asset_path("fandisk.off"))
+    assert len(part.vertices) < len(drawn_mesh(part).origin) < 1.2 * len(part.vertices)
 
 
 def test_a_crease_that_ends_on_a_smooth_surface_splits_nothing_at_its_end():
