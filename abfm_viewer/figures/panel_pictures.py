@@ -35,13 +35,19 @@ def panels(sheet: Sheet) -> list[Panel]:
 
 
 def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
-    """The range of each colour bar, by its title, in the order in which they are first used."""
-    values: dict[str, list[FloatArray]] = {}
+    """The range of each colour bar, by its title, in the order in which they are first used.
+
+    It is that of the sources and targets, where there are some: what overshoots them has the colour of the bar's end.
+    """
+    every: dict[str, list[FloatArray]] = {}
+    ends: dict[str, list[FloatArray]] = {}
     for panel in panels(sheet):
         paint = panel.paint
         if isinstance(paint, Values | Streaks) and paint.values is not None:
-            values.setdefault(paint.bar, []).append(paint.values)
-    return {bar: color_range(*functions) for bar, functions in values.items()}
+            every.setdefault(paint.bar, []).append(paint.values)
+            if panel.frame in ("source", "target"):
+                ends.setdefault(paint.bar, []).append(paint.values)
+    return {bar: color_range(*ends.get(bar, functions)) for bar, functions in every.items()}
 
 
 def cameras(sheet: Sheet) -> dict[TriangleMesh, Camera]:

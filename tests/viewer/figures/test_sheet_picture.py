@@ -63,6 +63,11 @@ def test_functions_of_one_title_share_a_range():
     assert (shared.low, shared.high) == (-3 * abs(X).max(), 3 * abs(X).max())
 
 
+def test_the_range_is_that_of_source_and_target():
+    row = (Panel(SPHERE, Values(X), "a", "source"), Panel(SPHERE, Values(3 * X), "b", "result"))
+    assert color_ranges(Sheet((row,)))["function"].high == abs(X).max()
+
+
 def test_marks_are_drawn():
     bare = draw(Panel(SPHERE, Values(0 * X), "x")).astype(int)
     front = cameras(Sheet(((Panel(SPHERE, Values(0 * X), "x"),),)))[SPHERE].view.direction
