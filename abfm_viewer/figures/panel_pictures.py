@@ -141,10 +141,10 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
         surface.add_parameterization_quantity(
             "checker",
             split.values(paint.coordinates),
-            coords_type="world",
+            coords_type="unit",
             enabled=True,
             viz_style="checker",
-            checker_size=1.0,
+            checker_size=0.5,
             checker_colors=CHECKER_COLORS,
         )
     else:

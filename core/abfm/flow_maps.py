@@ -94,6 +94,26 @@ def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints
     return SurfacePoints(faces, barycentric, positions, np.linalg.norm(given - positions, axis=1))
 
 
+def vertex_points(mesh: TriangleMesh, vertices: ArrayLike) -> SurfacePoints:
+    """Vertices (P,), by index, as points of the surface: a vertex-to-vertex map as the maps of this package are kept.
+
+    Raises
+    ------
+    AbfmError
+        If an index is not a whole number or not among the mesh's own vertices.
+    """
+    given = np.asarray(vertices)
+    count = len(mesh.vertices)
+    if given.ndim != 1 or given.dtype.kind not in "iu":
+        raise AbfmError(f"vertices have shape {given.shape} of {given.dtype}; expected (P,) whole numbers")
+    if len(given) and not 0 <= given.min() <= given.max() < count:
+        raise AbfmError(f"vertices are {given.min()} to {given.max()}; expected 0 to {count - 1}")
+    corner = np.empty(count, dtype=np.int64)
+    corner[mesh.faces.ravel()] = np.arange(mesh.faces.size)
+    faces, corners = np.divmod(corner[given], 3)
+    return SurfacePoints(faces, np.eye(3)[corners], mesh.vertices[given], np.zeros(len(given)))
+
+
 def pull_back(mesh: TriangleMesh, points: SurfacePoints, h: ArrayLike) -> FloatArray:
     """Evaluate a vertex function at points of the surface (linear inside each face).
 

@@ -15,6 +15,8 @@ from abfm.channels import channels
 from abfm.errors import AbfmError, ParameterError, ResultError
 from abfm.exponential import AdvectionError, Workspace
 from abfm.flow_maps import Distortion, SurfacePoints, distortion, project_onto_surface
+from abfm.functional_maps import spectral_coefficients
+from abfm.functions.eigenfunction import eigenbasis
 from abfm.io import load_arrays, save_arrays
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 from abfm.parameters import Parameters
@@ -98,6 +100,15 @@ class Match:
         """
         time = self.parameters.tau if t is None else t
         return project_onto_surface(self.mesh, self.push(self.mesh.vertices, time))
+
+    def functional_map(self, k: int, t: float | None = None) -> FloatArray:
+        """The flow to time ``t`` (tau by default) in the first k eigenfunctions: ``Phi^+ exp(-t D_v) Phi``, (k, k).
+
+        Coefficients of a function go in, those of the carried function come out (section 4; see
+        `abfm.functional_maps`).
+        """
+        time = self.parameters.tau if t is None else t
+        return spectral_coefficients(self.mesh, self.push(eigenbasis(self.mesh.normalized(), k)[1], time), k)
 
     def distortion(self, t: float | None = None) -> Distortion:
         """Per-face distortion of the map that takes each vertex to where it is at time ``t`` (tau by default)."""

@@ -1,0 +1,116 @@
+"""The reduced-basis baseline, against the full operators, Taylor's formula, and rotations of the sphere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.linalg import expm
+
+from abfm.baselines.reduced_basis import ReducedEnergy, hodge_basis, reduced_match
+from abfm.errors import AbfmError
+from abfm.flow_maps import project_onto_surface
+from abfm.functional_maps import functional_map
+from abfm.functions.eigenfunction import eigenbasis
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.operators import field_mass, hodge_laplacian, vertex_areas
+from abfm.vector_fields import directional_derivative
+from tests.shapes import ellipsoid, hemisphere, icosphere, torus
+
+
+@pytest.mark.parametrize("mesh", [ellipsoid(2, 1, 1.5, 2), torus(20, 12), hemisphere(8)])
+def test_fields_are_orthonormal(mesh: TriangleMesh) -> None:
+    _, fields = hodge_basis(mesh, 6)
+    assert_allclose(fields.T @ field_mass(mesh) @ fields, np.eye(12), atol=1e-7)
+
+
+@pytest.mark.parametrize(("mesh", "fields"), [(icosphere(3), slice(None)), (hemisphere(16), slice(3, None))])
+def test_fields_are_eigenfields_of_the_hodge_laplacian(mesh: TriangleMesh, fields: slice) -> None:
+    """On a boundary those that are divergence-free; gradients of hat functions have some flux through it."""
+    values, basis = (part[..., fields] for part in hodge_basis(mesh, 3))
+    assert_allclose(np.einsum("xm,xm->m", basis, hodge_laplacian(mesh) @ basis), values, rtol=0.03)
+
+
+def test_first_fields_of_the_sphere_have_eigenvalue_2() -> None:
+    assert_allclose(hodge_basis(icosphere(3), 3)[0], 2, rtol=0.01)
+
+
+def problem() -> tuple[ReducedEnergy, FloatArray]:
+    generator = np.random.default_rng(0)
+    start, target = (np.eye(8) + 0.2 * generator.normal(size=(8, 8)) for _ in range(2))
+    energy = ReducedEnergy(ellipsoid(2, 1, 1.5, 2), start, target, fields=4, tau=0.7, alpha=0.3, sigma=0.2)
+    return energy, generator.normal(size=(2, 8))
+
+
+def test_operators_are_the_full_ones_between_eigenfunctions() -> None:
+    energy, (a, _) = problem()
+    mesh = energy.mesh
+    basis = eigenbasis(mesh, 8)[1]
+    full = directional_derivative(mesh, (energy.basis @ a).reshape(-1, 2))
+    expected = basis.T @ (vertex_areas(mesh)[:, None] * (full @ basis))
+    assert_allclose(np.tensordot(a, energy.operators, 1), expected, atol=1e-12)
+
+
+def test_energy_is_its_definition() -> None:
+    energy, (a, _) = problem()
+    difference = expm(-0.7 * np.tensordot(a, energy.operators, 1)) @ energy.start - energy.target
+    laplacian = hodge_basis(energy.mesh, 4)[0]
+    expected = 0.5 * (a @ ((1 + 0.3 * laplacian) * a) + (difference**2).sum() / 0.2**2)
+    assert_allclose(energy(a)[0], expected, rtol=1e-12)
+
+
+def test_gradient_passes_the_taylor_test() -> None:
+    energy, (a, direction) = problem()
+    value, slope = energy(a)
+    steps = 0.1 * 0.5 ** np.arange(4, 10)
+    rest = [abs(energy(a + h * direction)[0] - value - h * slope @ direction) for h in steps]
+    assert_allclose(np.log2(np.divide(rest[:-1], rest[1:])), 2, atol=0.1)
+
+
+def test_overflow_has_infinite_energy() -> None:
+    energy, (a, _) = problem()
+    value, slope = energy(1e6 * a)
+    assert value == np.inf
+    assert not slope.any()
+
+
+def test_a_rotation_of_the_sphere_is_found() -> None:
+    sphere, angle = icosphere(3), 0.3
+    axis = np.array([0.0, 0.6, 0.8])
+    x = sphere.vertices
+    back = np.cos(angle) * x - np.sin(angle) * np.cross(axis, x) + (1 - np.cos(angle)) * np.outer(x @ axis, axis)
+    target = functional_map(sphere, sphere, project_onto_surface(sphere, back), 16)
+    found = reduced_match(sphere, np.eye(16), target, fields=8, alpha=1e-3, sigma=1e-2)
+    expected = angle * np.cross(axis, x[sphere.faces].mean(axis=1))
+    assert found.mismatch < 0.05 * found.start_mismatch
+    assert np.linalg.norm(found.velocity - expected) < 0.05 * np.linalg.norm(expected)
+
+
+def test_nothing_moves_where_nothing_is_wrong() -> None:
+    found = reduced_match(ellipsoid(2, 1, 1.5, 2), np.eye(6), np.eye(6), fields=3)
+    assert found.mismatch == 0
+    assert not found.velocity.any()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"target": np.eye(5)}, "two matrices alike"),
+        ({"start": np.full((6, 6), np.nan)}, "not finite"),
+        ({"fields": 0}, "fields is 0"),
+        ({"tau": 0.0}, "tau is 0"),
+        ({"sigma": -1.0}, "sigma is -1"),
+        ({"alpha": -1.0}, "alpha is -1"),
+        ({"fields": 10_000}, "10001 eigenfunctions"),
+    ],
+)
+def test_what_does_not_fit_is_refused(change: dict[str, object], words: str) -> None:
+    given: dict[str, object] = {"start": np.eye(6), "target": np.eye(6), "fields": 3}
+    with pytest.raises(AbfmError, match=words):
+        ReducedEnergy(icosphere(1), **(given | change))  # type: ignore[arg-type]
+
+
+def test_too_many_fields_on_a_disc_are_refused() -> None:
+    mesh = hemisphere(4)
+    with pytest.raises(AbfmError, match="off the boundary"):
+        hodge_basis(mesh, 40)
