@@ -125,8 +125,8 @@ def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
     few, many = (by_distance[np.linspace(0, len(x) - 1, n).astype(int)] for n in (_FEW, _MANY))
     axes = _screened(unit, centroid, axes, few, kind, order)
     axes, centres, errors = _refined(unit, axes, np.tile(centroid, (len(axes), 1)), many, kind, order)
-    good = errors <= max(TOLERANCE, errors.min())
-    found = [_verified(mesh, a, c, kind, order) for a, c in zip(axes[good], centres[good], strict=True)]
+    chosen = [i for i in _distinct(axes, errors) if errors[i] <= max(TOLERANCE, errors.min())]
+    found = [_verified(mesh, axes[i], centres[i], kind, order) for i in chosen]
     found = [s for s in found if s.is_permutation and s.error <= TOLERANCE] or found
     least = min(s.error for s in found)
     return max((s for s in found if s.error <= 2 * least + _FAR), key=lambda s: _motion(s, mesh.vertices))
@@ -212,16 +212,21 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
 def _screened(
     mesh: TriangleMesh, centre: FloatArray, axes: FloatArray, points: FloatArray, kind: Kind, order: int
 ) -> FloatArray:
-    """The axes that carry the points nearest to the surface but do not leave all in place; no two alike."""
+    """The axes that carry the points nearest to the surface but do not leave all in place."""
     carried = _carry(_linear(axes, kind, order), centre, points)
     moving = ((carried - points) ** 2).sum(axis=2).mean(axis=1) > _NO_MOTION**2
     axes, carried = axes[moving], carried[moving]
     distances = project_onto_surface(mesh, carried.reshape(-1, 3)).distances.reshape(len(axes), -1)
-    kept: list[FloatArray] = []
-    for axis in axes[np.argsort((distances**2).sum(axis=1), kind="stable")]:
-        if len(kept) < _KEPT and all(abs(axis @ other) < 1 - _ALIKE for other in kept):
-            kept.append(axis)
-    return np.array(kept)
+    return axes[_distinct(axes, (distances**2).sum(axis=1))[:_KEPT]]
+
+
+def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:
+    """Axes by ascending error, without those that are like an earlier one."""
+    kept: list[int] = []
+    for i in np.argsort(errors, kind="stable"):
+        if (np.abs(axes[kept] @ axes[i]) < 1 - _ALIKE).all():
+            kept.append(int(i))
+    return kept
 
 
 def _refined(
