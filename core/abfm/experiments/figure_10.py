@@ -27,7 +27,9 @@ def run(setup: SymmetrySetup, report: Report) -> Findings:
     rows = (symmetry_flow.function_row(found), symmetry_flow.map_row(found, setup.marks))
     creases = Measure("edges with an angle of more than 45 degrees, share", _crease_share(setup.mesh))
     return Findings(
-        (*symmetry_flow.measures(found, setup.symmetry), creases), Sheet(rows, up="z"), symmetry_flow.setting(setup)
+        (*symmetry_flow.measures(found, setup.symmetry), creases),
+        Sheet(rows, up="z", seen=symmetry_flow.seen(setup)),
+        symmetry_flow.setting(setup),
     )
 
 

@@ -52,9 +52,9 @@ def two_armed(subdivisions: int) -> TriangleMesh:
 
     A sphere with its vertices in pairs about z, drawn out along x, flattened, and turned the more the farther out.
     """
-    x, y, z = (sphere(subdivisions).vertices * [1, 1, 0.6]).T
-    stretch = 1 + 0.4 * (x * x - y * y)
-    turned = (x + 1j * y) * stretch * np.exp(1j * np.hypot(x, y) * stretch)
+    x, y, z = (sphere(subdivisions).vertices * [1, 1, 0.5]).T
+    stretch = 1 + 0.45 * (x * x - y * y)
+    turned = (x + 1j * y) * stretch * np.exp(1.2j * np.hypot(x, y) * stretch)
     return TriangleMesh(np.stack([turned.real, turned.imag, z * stretch], axis=1), sphere(subdivisions).faces)
 
 

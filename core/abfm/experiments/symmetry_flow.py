@@ -16,7 +16,7 @@ from abfm.functions import function
 from abfm.match_result import Match
 from abfm.matching import match
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
-from abfm.operators import averaging
+from abfm.operators import averaging, face_normals
 from abfm.parameters import Parameters
 from abfm.symmetry import KINDS, Kind, Symmetry, SymmetryError, detect_symmetry
 
@@ -66,11 +66,18 @@ def detected(mesh: TriangleMesh) -> Symmetry:
 def set_up(mesh: TriangleMesh, name: str, symmetry: Symmetry, parameters: Parameters) -> SymmetrySetup:
     """The places in space as functions for a rotation; for a mirror, which no flow reaches as a map, a Gaussian.
 
-    The Gaussian is where the symmetry moves a vertex farthest; two of the marks are there and on the other side.
+    The Gaussian is where the symmetry moves a vertex farthest. The marks are such a vertex, among those that look along
+    the axis of a rotation, where it goes, and the one of them that is as far as can be from both.
     """
-    moved = np.linalg.norm(mesh.vertices[symmetry.vertex_map] - mesh.vertices, axis=1)
+    x, vertex_map = mesh.vertices, symmetry.vertex_map
+    moved = np.linalg.norm(x[vertex_map] - x, axis=1)
     first = int(moved.argmax())
-    third = int(np.linalg.norm(mesh.vertices - mesh.vertices[first], axis=1).argsort()[len(moved) // 2])
+    looks = averaging(mesh) @ (face_normals(mesh) @ symmetry.axis)
+    front = looks > 0.9 * looks.max() if symmetry.kind == "rotation" else np.ones(len(x), dtype=bool)
+    mark = int(np.where(front, moved, -1).argmax())
+    marks = [mark, int(vertex_map[mark])]
+    apart = np.linalg.norm(x[:, None] - x[marks], axis=2).min(axis=1)
+    marks.append(int(np.where(front, apart, -1).argmax()))
     sources = places(mesh) if symmetry.kind == "rotation" else (bump(mesh, first),)
     return SymmetrySetup(
         mesh=mesh,
@@ -79,7 +86,7 @@ def set_up(mesh: TriangleMesh, name: str, symmetry: Symmetry, parameters: Parame
         targets=tuple(f"permuted:{symmetry.kind}({spec})" for spec in sources),
         parameters=parameters,
         symmetry=symmetry,
-        marks=np.array([first, symmetry.vertex_map[first], third]),
+        marks=np.array(marks),
     )
 
 
@@ -185,11 +192,16 @@ def function_row(match: Match) -> tuple[Panel, ...]:
     speed = np.linalg.norm(velocity, axis=1) / mesh.length_scale
     return (
         Panel(mesh, Values(source), "source", "source"),
-        Panel(mesh, Values(target), "source after the symmetry", "target"),
+        Panel(mesh, Values(target), "its symmetric image", "target"),
         Panel(mesh, Values(result), "matched", "result"),
         Panel(mesh, Streaks(velocity), "field", "result"),
         Panel(mesh, Values(averaging(mesh) @ speed, "|v|, √area"), "its norm", "result"),
     )
+
+
+def seen(setup: SymmetrySetup) -> tuple[FloatArray, ...]:
+    """Functions that are large where the marks are, for the camera to show them."""
+    return tuple(function(setup.mesh, bump(setup.mesh, mark)) for mark in setup.marks)
 
 
 def map_row(match: Match, marks: IntArray) -> tuple[Panel, ...]:
