@@ -127,9 +127,10 @@ def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
     axes, centres, errors = _refined(unit, axes, np.tile(centroid, (len(axes), 1)), many, kind, order)
     chosen = [i for i in _distinct(axes, errors) if errors[i] <= max(TOLERANCE, errors.min())]
     found = [_verified(mesh, axes[i], centres[i], kind, order) for i in chosen]
-    found = [s for s in found if s.is_permutation and s.error <= TOLERANCE] or found
-    least = min(s.error for s in found)
-    return max((s for s in found if s.error <= 2 * least + _FAR), key=lambda s: _motion(s, mesh.vertices))
+    exact = [s for s in found if s.is_permutation and s.error <= TOLERANCE]
+    gaps = [_vertex_gap(s, mesh) for s in exact] if exact else [s.error for s in found]
+    good = [s for s, gap in zip(exact or found, gaps, strict=True) if gap <= 2 * min(gaps) + _FAR]
+    return max(good, key=lambda s: (round(_motion(s, mesh.vertices) / mesh.length_scale**2, 6), -s.error))
 
 
 def _linear(axes: FloatArray, kind: Kind, order: int) -> FloatArray:
@@ -265,6 +266,12 @@ def _verified(mesh: TriangleMesh, axis: FloatArray, centre: FloatArray, kind: Ki
         is_permutation=len(np.unique(vertex_map)) == len(vertex_map),
         error=float(landed.distances.max()),
     )
+
+
+def _vertex_gap(symmetry: Symmetry, mesh: TriangleMesh) -> float:
+    """How far the worst vertex is carried from the vertex of the map, in sqrt(area)."""
+    offsets = symmetry.carry(mesh.vertices) - mesh.vertices[symmetry.vertex_map]
+    return float(np.linalg.norm(offsets, axis=1).max()) / mesh.length_scale
 
 
 def _motion(symmetry: Symmetry, points: FloatArray) -> float:

@@ -81,7 +81,7 @@ def _mirror(setup: SymmetrySetup, report: Report) -> tuple[tuple[Panel, ...], li
     all_places = symmetry_flow.solve(setup, report, "mirror, as a map", (0.85, 1.0), symmetry_flow.places(mesh))
     from_file = read_vertex_map(mesh, str(asset_path("human.symperm.txt")))
     row = (
-        *symmetry_flow.function_row(found)[:4],
+        *symmetry_flow.function_row(found, "mirrored function")[:4],
         Panel(mesh, Coordinates(mesh.vertices[symmetry.vertex_map]), "the mirror as a map", "target"),
         Panel(mesh, Coordinates(all_places.advected), "matched: not reached", "result"),
     )

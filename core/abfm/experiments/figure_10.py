@@ -16,7 +16,7 @@ from abfm.operators import face_normals
 
 def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> SymmetrySetup:
     """A generated slab with a step and a rotation, or the symmetry that a given mesh has."""
-    p = TABLE_1[10].parameters(iterations=60 if small else 250)
+    p = TABLE_1[10].parameters(iterations=60 if small else 300)
     shape = mesh or stepped_slab(2 if small else 6)
     return symmetry_flow.set_up(shape, "mesh" if mesh else "stepped slab", symmetry_flow.detected(shape), p)
 

@@ -184,16 +184,16 @@ def _at(points: SurfacePoints, rows: IntArray) -> SurfacePoints:
     return SurfacePoints(points.faces[rows], points.barycentric[rows], points.positions[rows], points.distances[rows])
 
 
-def function_row(match: Match) -> tuple[Panel, ...]:
+def function_row(match: Match, bar: str = "function") -> tuple[Panel, ...]:
     """Source, target, result, and the field with its norm; of several functions the one that changes most."""
     mesh, velocity = match.mesh, match.velocity[0]
     channel = int(np.abs(match.target - match.source).max(axis=0).argmax())
     source, target, result = (f[:, channel] for f in (match.source, match.target, match.advected))
     speed = np.linalg.norm(velocity, axis=1) / mesh.length_scale
     return (
-        Panel(mesh, Values(source), "source", "source"),
-        Panel(mesh, Values(target), "its symmetric image", "target"),
-        Panel(mesh, Values(result), "matched", "result"),
+        Panel(mesh, Values(source, bar), "source", "source"),
+        Panel(mesh, Values(target, bar), "its symmetric image", "target"),
+        Panel(mesh, Values(result, bar), "matched", "result"),
         Panel(mesh, Streaks(velocity), "field", "result"),
         Panel(mesh, Values(averaging(mesh) @ speed, "|v|, √area"), "its norm", "result"),
     )
