@@ -30,12 +30,13 @@ class Figure9(SymmetrySetup):
 
 def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Figure9:
     """A generated shape with a rotation and a human with a mirror plane, or the symmetry that a given mesh has."""
-    p = TABLE_1[9].parameters(**_COOLED, iterations=60 if small else 250)
+    p = TABLE_1[9].parameters(**_COOLED, iterations=100 if small else 250)
     shape = mesh or two_armed(3 if small else 4)
     main = symmetry_flow.set_up(shape, "mesh" if mesh else "two arms", symmetry_flow.detected(shape), p)
     mirror = None
     if mesh is None:
         human = bundled("human_A.off")
+        p = replace(p, iterations=15 if small else p.iterations)
         mirror = symmetry_flow.set_up(human, "human_A.off", detect_symmetry(human, "mirror"), p)
     return Figure9(**vars(main), mirror=mirror)
 

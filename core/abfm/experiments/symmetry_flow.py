@@ -115,8 +115,8 @@ def places(mesh: TriangleMesh) -> Specs:
 
 def _place(axis: str, mesh: TriangleMesh) -> str:
     """The spec of a coordinate from the mesh's middle in sqrt(area), so that sigma weighs it alike on all meshes."""
-    middle = mesh.vertices[:, "xyz".index(axis)].mean()
-    return f"expression:({axis}-({middle:.6g}))/{mesh.length_scale:.6g}"
+    middle = mesh.vertices[:, "xyz".index(axis)].mean() / mesh.length_scale
+    return f"expression:{axis}/{mesh.length_scale:.6g}-({round(middle, 6) + 0.0:g})"
 
 
 def sampled(mesh: TriangleMesh) -> IntArray:
@@ -219,7 +219,7 @@ def map_row(match: Match, marks: IntArray) -> tuple[Panel, ...]:
 def setting(setup: SymmetrySetup) -> str:
     """What is matched, in a sentence or two."""
     mesh, symmetry = setup.mesh, setup.symmetry
-    axis = ", ".join(f"{value:.2g}" for value in symmetry.axis + 0.0)
+    axis = ", ".join(f"{value:.2g}" for value in np.round(symmetry.axis, 6) + 0.0)
     if symmetry.kind == "rotation":
         words = f"rotation by 180 degrees about ({axis}); the three coordinates are matched at once"
     else:
