@@ -98,11 +98,18 @@ def terms_from_files(spec: str) -> list[str]:
     FunctionError
         If the text is no spec.
     """
-    from abfm.functions import Family, Sum, parse  # not before: it takes long
+    from abfm.functions import Spec, Sum, parse  # not before: it takes long
+    from abfm.functions.permuted import Permuted
+    from abfm.functions.values_file import ValuesFile
+
+    def reads_files(term: Spec) -> bool:
+        if isinstance(term, Permuted):
+            return not term.is_detected or reads_files(term.function)
+        return isinstance(term, ValuesFile) or (isinstance(term, Sum) and any(map(reads_files, term.terms)))
 
     tree = parse(spec)
     terms = tree.terms if isinstance(tree, Sum) else (tree,)
-    return [str(term) for term in terms if isinstance(term, Family) and term.family in ("file", "permuted")]
+    return [str(term) for term in terms if reads_files(term)]
 
 
 def save_project(path: str | os.PathLike[str], document: Document, known: Mapping[str, FloatArray]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from abfm import MeshError, TriangleMesh, load_mesh
+from abfm.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm_viewer.cli import options
 
 SUMMARY = "what a mesh is and what the solver would object to"
@@ -58,8 +59,35 @@ def describe(mesh: TriangleMesh) -> dict[str, Any]:
         "bounding_box": [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()],
         "edge_lengths": {"shortest": lengths.min(), "median": float(np.median(lengths)), "longest": lengths.max()},
         "edge_ratio": lengths.max() / lengths.min(),
+        "symmetries": _symmetries(mesh),
         "messages": list(mesh.messages),
     }
+
+
+def _symmetries(mesh: TriangleMesh) -> dict[str, dict[str, Any] | None]:
+    """What `permuted:mirror(...)` and `permuted:rotation(...)` would compose with, as far as the mesh has it."""
+    found: dict[str, dict[str, Any] | None] = {}
+    for kind in KINDS:
+        try:
+            symmetry = detect_symmetry(mesh, kind)
+        except SymmetryError:
+            found[kind] = None
+        else:
+            found[kind] = {
+                "axis": symmetry.axis.tolist(),
+                "error": symmetry.error,
+                "is_permutation": symmetry.is_permutation,
+            }
+    return found
+
+
+def _symmetry_words(kind: str, symmetry: dict[str, Any] | None) -> str:
+    if symmetry is None:
+        return "none found"
+    across = "with normal" if kind == "mirror" else "by 180 degrees about"
+    axis = " ".join(f"{value:.3g}" for value in np.round(symmetry["axis"], 6) + 0.0)
+    carried = "vertices to vertices" if symmetry["is_permutation"] else "vertices between vertices"
+    return f"{across} {axis}, {carried}, at most {symmetry['error']:.1g} length scales off"
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:
@@ -77,6 +105,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         "bounding box": f"{box[0]}  to  {box[1]}",
         "edge lengths": f"{lengths['shortest']:.4g} to {lengths['longest']:.4g}, median {lengths['median']:.4g}",
         "edge ratio": f"{facts['edge_ratio']:.4g}   (longest to shortest)",
+        **{kind: _symmetry_words(kind, symmetry) for kind, symmetry in facts["symmetries"].items()},
     }
     lines = [f"  {name:<14}{value}" for name, value in rows.items()]
     return lines + [f"  note: {message}" for message in facts["messages"]] + ["  the solver has no objection"]

@@ -11,6 +11,7 @@ from abfm import FunctionError
 from abfm.functions import Family, Spec, families, parse
 from abfm.functions.permuted import Permuted
 from abfm.functions.values_file import SUFFIXES, ValuesFile
+from abfm.symmetry import KINDS
 from abfm_viewer import bumps
 from abfm_viewer.active_gaussian import active_bump
 from abfm_viewer.document import Side
@@ -34,7 +35,11 @@ _FIRST = {
 """What a family begins with, but for files; `vertex` is where the function was."""
 _FAMILY_TIP = "What kind of function it is. Sums of several kinds can be typed below.\n\n{name}: {summary}"
 _SPEC_TIP = "The function as text: terms with +, anything by hand. Enter takes it."
-_MAP_TIP = "Compose the function with a map of the vertices: a file with one vertex number per vertex."
+_NO_MAP, _MAP_FILE = "none", "file..."
+_MAP_TIP = (
+    "Compose the function with a map of the vertices: the mirror plane or the rotation by 180 degrees that the surface "
+    "is found to have, or a file with one vertex number per vertex or pairs of vertices."
+)
 
 
 def draw(ui: Ui, session: Session, side: Side) -> None:
@@ -114,16 +119,16 @@ class _Editor:
         ui.refusal("Add Gaussian")
 
     def draw_map(self) -> None:
-        """Buttons to compose the function with a vertex map, or not."""
-        ui = self._ui
-        if self._map is None:
-            ui.beside_if_fits("Vertex map...")
-            if ui.button("Vertex map...", _MAP_TIP):
-                self._choose("Open a vertex map", lambda path: Permuted(path=path, function=self.inner))
-            return
-        if ui.button("Remove the map", "Take the function as it is."):
-            self.put(str(self.inner), "spec")
-        ui.note(f"through {Path(self._map.path).name}")
+        """The combo of vertex maps that the function is composed with."""
+        now = _NO_MAP if self._map is None else Path(self._map.path).name
+        words = [_NO_MAP, *KINDS, _MAP_FILE]
+        chosen = self._ui.combo("vertex map", now, words if now in words else [now, *words], _MAP_TIP)
+        if chosen == _MAP_FILE:
+            self._choose("Open a vertex map", lambda path: Permuted(path=path, function=self.inner))
+        elif chosen == _NO_MAP != now:
+            self.put(str(self.inner), "vertex map")
+        elif chosen != now:
+            self.put(str(Permuted(path=chosen, function=self.inner)), "vertex map")
 
     def choose_file(self) -> None:
         """Let the user choose a file of values; nothing changes before."""

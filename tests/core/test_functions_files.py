@@ -7,12 +7,15 @@ from pathlib import Path
 import nibabel
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError
 from abfm.functions import function
 from abfm.mesh import FloatArray, TriangleMesh
-from tests.shapes import icosphere
+from abfm.symmetry import detect_symmetry
+from tests.shapes import ellipsoid, icosphere
 
 MESH = icosphere(1)
 COUNT = len(MESH.vertices)
@@ -166,3 +169,117 @@ def test_files_that_cannot_be_read_say_why(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     with pytest.raises(FunctionError, match=r"cannot be read: \w"):
         function(MESH, f"file:{path}")
+
+
+MIRRORED = ellipsoid(2, 1, 0.7, 0.5)
+SWAP = detect_symmetry(MIRRORED, "mirror").vertex_map
+SWAP_VALUES = MIRRORED.vertices[SWAP, 0]
+
+
+def through(path: Path, mesh: TriangleMesh = MIRRORED) -> FloatArray:
+    return function(mesh, f"permuted:{path}(coordinate:x)")
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**30), first=st.sampled_from([0, 1]), suffix=st.sampled_from([".txt", ".npy", ".sym.vts"]))
+def test_permutations_may_count_from_0_or_1(tmp_path_factory, seed: int, first: int, suffix: str) -> None:
+    order = np.random.default_rng(seed).permutation(COUNT)
+    path = tmp_path_factory.mktemp("maps") / f"map{suffix}"
+    if suffix == ".npy":
+        np.save(path, order + first)
+    else:
+        np.savetxt(path, order + first, fmt="%d")
+    assert_array_equal(through(path, MESH), MESH.vertices[order, 0])
+
+
+def test_a_map_that_counts_from_1_after_repairs(tmp_path: Path) -> None:
+    mesh = with_unused_vertices()
+    target = np.random.default_rng(0).permutation(COUNT)
+    in_file = np.full(COUNT + 2, -1)
+    in_file[mesh.vertex_ids] = mesh.vertex_ids[target] + 1
+    np.savetxt(tmp_path / "map.txt", in_file, fmt="%d")
+    assert_array_equal(through(tmp_path / "map.txt", mesh), mesh.vertices[target, 0])
+
+
+def test_maps_that_fit_both_ways_count_from_0_as_meshes_do(tmp_path: Path) -> None:
+    target = np.clip(np.arange(COUNT), 1, COUNT - 1)
+    np.savetxt(tmp_path / "map.txt", target, fmt="%d")
+    np.save(tmp_path / "map.npy", target)
+    for name in ("map.txt", "map.npy"):
+        assert_array_equal(through(tmp_path / name, MESH), MESH.vertices[target, 0])
+
+
+def test_pairs_that_fit_both_ways_are_refused_as_text(tmp_path: Path) -> None:
+    pairs = np.arange(2, COUNT - COUNT % 2).reshape(-1, 2)
+    np.savetxt(tmp_path / "pairs.txt", pairs, fmt="%d")
+    np.save(tmp_path / "pairs.npy", pairs)
+    with pytest.raises(FunctionError, match=rf"neither 0 nor {COUNT}; save them as .npy"):
+        through(tmp_path / "pairs.txt", MESH)
+    swapped = np.arange(COUNT)
+    swapped[pairs] = pairs[:, ::-1]
+    assert_array_equal(through(tmp_path / "pairs.npy", MESH), MESH.vertices[swapped, 0])
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("name", ["pairs.sym.vts", "pairs.txt"])
+def test_pairs_are_swapped_and_other_vertices_stay(tmp_path: Path, name: str, first: int) -> None:
+    pairs = [(i, j) for i, j in enumerate(SWAP) if i < j]
+    assert len(pairs) < len(SWAP) / 2  # some lie on the plane
+    assert 0 in np.ravel(pairs)
+    np.savetxt(tmp_path / name, np.array(pairs) + first, fmt="%d")
+    if first == 1 and len(SWAP) not in np.array(pairs) + 1:
+        np.savetxt(tmp_path / name, np.array([*pairs, (len(SWAP) - 1,) * 2]) + 1, fmt="%d")
+    assert_array_equal(through(tmp_path / name), SWAP_VALUES)
+
+
+def test_symmetries_by_way_of_a_template(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    points = rng.permutation(len(SWAP))[: len(SWAP) * 3 // 4]
+    np.savetxt(tmp_path / "a.vts", points + 1, fmt="%d")
+    np.savetxt(tmp_path / "a.sym.vts", SWAP[points] + 1, fmt="%d")
+    known = np.isin(np.arange(len(SWAP)), [*points, *SWAP[points]])
+    found = through(tmp_path / "a.sym.vts")
+    assert_array_equal(found[known], SWAP_VALUES[known])
+    edge = np.linalg.norm(np.diff(MIRRORED.vertices[MIRRORED.edges], axis=1), axis=2).max()
+    assert np.abs(found - SWAP_VALUES).max() <= 2 * edge
+    assert not known.all()
+    np.savetxt(tmp_path / "a.vts", points[1:] + 1, fmt="%d")
+    with pytest.raises(FunctionError, match=r"has \d+ lines, 'a.vts' has \d+"):
+        through(tmp_path / "a.sym.vts")
+
+
+@pytest.mark.parametrize(
+    ("pairs", "message"),
+    [
+        ([[0, 1], [0, 2]], r"vertex 0 \(counted from 0\) has two partners"),
+        ([[0, 1]], "its pairs name 2 of 162 vertices; give every pair"),
+        ([[0, 1], [5, 500]], r"1 of 4 entries are not numbers of vertices .* \(line 2 has 500\)"),
+    ],
+)
+def test_pairs_that_are_no_map_are_refused(tmp_path: Path, pairs: list[list[int]], message: str) -> None:
+    np.savetxt(tmp_path / "pairs.txt", pairs, fmt="%d")
+    with pytest.raises(FunctionError, match=message):
+        through(tmp_path / "pairs.txt")
+
+
+def test_maps_with_more_columns_are_refused(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "map.txt", np.zeros((COUNT, 3)), fmt="%d")
+    with pytest.raises(FunctionError, match="has 3 columns"):
+        through(tmp_path / "map.txt", MESH)
+
+
+def test_detected_symmetries_compose() -> None:
+    x, y, z = MIRRORED.vertices.T
+    assert_allclose(function(MIRRORED, "permuted:mirror(expression:x + 2*y + 3*z)"), -x + 2 * y + 3 * z, atol=1e-12)
+    assert_allclose(function(MIRRORED, "permuted:rotation(expression:x + 2*y + 3*z)"), -x - 2 * y + 3 * z, atol=1e-12)
+    twice = function(MIRRORED, "permuted:mirror(permuted: mirror (gaussian:vertex=5))")
+    assert_array_equal(twice, function(MIRRORED, "gaussian:vertex=5"))
+
+
+def test_symmetries_that_are_not_there_are_refused() -> None:
+    x = MESH.vertices
+    uneven = TriangleMesh(x * (1 + 0.3 * np.sin(3 * x[:, [1]] + x[:, [2, 0, 1]])), MESH.faces)
+    with pytest.raises(FunctionError, match=r"permuted:mirror: the surface has no mirror plane: .*sqrt\(area\)"):
+        function(uneven, "permuted:mirror(coordinate:x)")
+    with pytest.raises(FunctionError, match=r"'miror' is neither mirror nor rotation nor .*did you mean 'mirror'"):
+        function(MESH, "permuted:miror(coordinate:x)")

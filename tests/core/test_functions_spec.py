@@ -48,6 +48,7 @@ MEANINGS = {
     "expression:sin(10*x)*z": Expression(formula="sin(10*x)*z"),
     "expression:max(x, y) + (z)": Expression(formula="max(x, y) + (z)"),
     "permuted:perm.txt(gaussian:vertex=1)": Permuted(path="perm.txt", function=Gaussian(vertex=(1,))),
+    "permuted:mirror(hks)": Permuted(path="mirror", function=HeatKernelSignature()),
     "permuted:a b.txt(expression:(x+1)*y)": Permuted(path="a b.txt", function=Expression(formula="(x+1)*y")),
     'permuted:"p(1).txt"(permuted:q.npy(hks))': Permuted(
         path="p(1).txt", function=Permuted(path="q.npy", function=HeatKernelSignature())

@@ -19,6 +19,7 @@ from abfm_viewer.cli import main
 from abfm_viewer.documents import document_of_result
 from abfm_viewer.project import load_project, save_project
 
+HUMAN = str(asset_path("human_A.off"))
 EIGHT = str(asset_path("eight.off"))
 PAIR = ["--source", "gaussian:vertex=10,width=0.2", "--target", "gaussian:vertex=40,width=0.2"]
 SHORT = ["--iterations", "6", "--quiet"]
@@ -202,6 +203,19 @@ def test_info_tells_the_facts_of_a_mesh(capsys):
     lengths = facts["edge_lengths"]
     assert facts["edge_ratio"] == pytest.approx(lengths["longest"] / lengths["shortest"])
     assert facts["length_scale"] ** 2 == pytest.approx(facts["area"])
+
+
+def test_info_tells_the_symmetries_that_functions_can_be_composed_with(capsys):
+    assert main(["info", HUMAN]) == 0
+    text = capsys.readouterr().out
+    assert "mirror        with normal 1 0 0, vertices to vertices" in text
+    assert "rotation      none found" in text
+    assert main(["info", HUMAN, "--json"]) == 0
+    symmetries = json.loads(capsys.readouterr().out)["symmetries"]
+    assert symmetries["rotation"] is None
+    assert symmetries["mirror"]["is_permutation"] is True
+    assert symmetries["mirror"]["error"] < 1e-9
+    assert symmetries["mirror"]["axis"] == pytest.approx([1, 0, 0])
 
 
 def test_info_of_a_refused_mesh_says_so_to_machines_too(tmp_path, capsys):

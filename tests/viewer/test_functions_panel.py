@@ -234,7 +234,7 @@ def test_the_vertex_map_stays_when_what_is_inside_changes(gui, tmp_path):
     order = np.roll(np.arange(len(EGG.vertices)), 1)
     np.savetxt(tmp_path / "order 1.txt", order, fmt="%d")
     np.save(tmp_path / "values.npy", EGG.vertices[:, 0])
-    gui.click("Vertex map...", within="source")
+    gui.choose("vertex map", "file...", within="source")
     gui.double_click("order 1.txt")
     gui.click("Add Gaussian", within="source")
     gui.type("width", "0.2", within="source")
@@ -249,7 +249,7 @@ def test_the_vertex_map_stays_when_what_is_inside_changes(gui, tmp_path):
     gui.key("escape")
     gui.type("path", "gone.npy", within="source")
     gui.wait(lambda s: "cannot be read" in s.error(s.active.source))
-    gui.click("Remove the map", within="source")
+    gui.choose("vertex map", "none", within="source")
     assert spec(gui) == "file:gone.npy"
 
 

@@ -457,6 +457,8 @@ class TestTermsFromFiles:
                 "file:a.npy + gaussian:vertex=1 + (permuted:b.txt(eigenfunction:3))",
                 ["file:a.npy", "permuted:b.txt(eigenfunction:3)"],
             ),
+            ("permuted:mirror(coordinate:x) + coordinate:y", []),
+            ("permuted:rotation(coordinate:x + file:a.npy)", ["permuted:rotation(coordinate:x + file:a.npy)"]),
             ("permuted:b.txt(file:a.npy + coordinate:x)", ["permuted:b.txt(file:a.npy + coordinate:x)"]),
         ],
     )

@@ -44,3 +44,48 @@ def five_limbs(vertices: int) -> TriangleMesh:
     limbs /= np.linalg.norm(limbs, axis=1)[:, None]
     reach = 1 + np.exp(8 * (shape.vertices @ limbs.T - 1)) @ np.array([1.2, 0.8, 0.9, 1, 1.1])
     return TriangleMesh(shape.vertices * reach[:, None] * [1, 1, 0.7], shape.faces)
+
+
+@lru_cache
+def two_armed(subdivisions: int) -> TriangleMesh:
+    """Flat body with two curved arms that the rotation by 180 degrees about z exchanges, vertex by vertex.
+
+    A sphere with its vertices in pairs about z, drawn out along x, flattened, and turned the more the farther out.
+    """
+    x, y, z = (sphere(subdivisions).vertices * [1, 1, 0.5]).T
+    stretch = 1 + 0.45 * (x * x - y * y)
+    turned = (x + 1j * y) * stretch * np.exp(1.2j * np.hypot(x, y) * stretch)
+    return TriangleMesh(np.stack([turned.real, turned.imag, z * stretch], axis=1), sphere(subdivisions).faces)
+
+
+@lru_cache
+def stepped_slab(squares: int) -> TriangleMesh:
+    """Slab of 4 x 3 cubes without two opposite ones at its corners, with two cubes on top: all edges are creases.
+
+    Every side of a cube has ``squares`` x ``squares`` squares of four triangles. The rotation by 180 degrees about z
+    carries vertices to vertices.
+    """
+    slab = {(x, y, 0) for x in range(4) for y in range(3)} - {(0, 2, 0), (3, 0, 0)}
+    return _cubes(slab | {(1, 1, 1), (2, 1, 1)}, squares)
+
+
+def _cubes(cubes: set[tuple[int, int, int]], squares: int) -> TriangleMesh:
+    """Surface of a union of unit cubes, given by their lowest corners."""
+    steps = np.stack(np.meshgrid(np.arange(squares), np.arange(squares), indexing="ij"), axis=-1).reshape(-1, 1, 2)
+    around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    corners = []  # of all squares, (4, 3) each, in squares' sides
+    for cube in sorted(cubes):
+        for axis in range(3):
+            for side in (0, 1):
+                if tuple(np.add(cube, np.eye(3, dtype=int)[axis] * (2 * side - 1))) in cubes:
+                    continue
+                square = np.empty((len(steps), 4, 3), dtype=int)
+                square[..., axis] = squares * (cube[axis] + side)
+                across = [(axis + 1) % 3, (axis + 2) % 3]
+                square[..., across] = squares * np.take(cube, across) + steps + (around if side else around[::-1])
+                corners.append(square)
+    each = np.concatenate(corners)
+    middle = np.repeat(each.mean(axis=1, keepdims=True), 4, axis=1)
+    triangles = np.stack([each, np.roll(each, -1, axis=1), middle], axis=2).reshape(-1, 3)
+    vertices, faces = np.unique(triangles, axis=0, return_inverse=True)
+    return TriangleMesh(vertices / squares, faces.reshape(-1, 3))

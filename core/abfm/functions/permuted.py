@@ -5,51 +5,54 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from abfm.errors import FunctionError
-from abfm.functions.family import PATH, Family, Spec, parameter, quoted, shown
-from abfm.functions.values_file import read_vertex_values
+from abfm.functions.family import PATH, Family, Spec, did_you_mean, parameter, quoted, shown
+from abfm.functions.vertex_map_file import read_vertex_map
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.symmetry import KINDS, SymmetryError, detect_symmetry
 
 
 @dataclass(frozen=True, kw_only=True)
 class Permuted(Family):
     """Another function composed with a vertex map: ``result[i] = f[map[i]]``, in the unit of f.
 
-    The map's file (.txt, .csv, .npy or .gii) holds one vertex number per vertex of the mesh file, counted from 0 as the
-    mesh file does. It need not be a permutation: any map of the vertices will do.
+    The map is ``mirror`` or ``rotation``, the symmetry of this kind that the mesh is found to have (see
+    :func:`abfm.symmetry.detect_symmetry`; the rotation by 180 degrees), or a file (see
+    :func:`abfm.functions.vertex_map_file.read_vertex_map`): one vertex number per vertex of the mesh file, counted from
+    0 or 1, or pairs of vertices. It need not be a permutation: any map of the vertices will do.
     """
 
     family: ClassVar[str] = "permuted"
-    path: str = parameter(PATH, "file with one vertex number per vertex")
+    path: str = parameter(PATH, "file with one vertex number per vertex; or mirror, or rotation")
     function: Spec  # given in parentheses after the path
 
     def __str__(self) -> str:
         return f"{self.family}:{quoted(self.path)}({self.function})"
 
+    @property
+    def is_detected(self) -> bool:
+        """Whether the map is a symmetry that is looked for on the mesh, and no file."""
+        return self.path in KINDS
+
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         return self.function.evaluate(mesh)[vertex_map(mesh, self.path)]
 
 
-def vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
-    """Read a vertex map that counts as the mesh file does; the result counts the mesh's own vertices, (V,).
+def vertex_map(mesh: TriangleMesh, name: str) -> IntArray:
+    """The map, (V,), that a file holds, or that ``mirror`` or ``rotation`` names.
 
     Raises
     ------
     FunctionError
-        If the file has the wrong length, or an entry is no vertex number or names a vertex that no face uses.
+        If the mesh has no such symmetry, or the file holds no map of its vertices.
     """
-    target = read_vertex_values(mesh, path)
-    count = mesh.file_vertex_count
-    local = np.full(count + 1, -1)
-    local[mesh.vertex_ids] = np.arange(len(mesh.vertices))
-    is_number = (target == np.floor(target)) & (target >= 0) & (target < count)
-    index = local[np.where(is_number, target, count).astype(np.int64)]
-    wrong = np.flatnonzero(index < 0)
-    if len(wrong):
-        raise FunctionError(
-            f"map {shown(path)}: {len(wrong)} of {len(target)} entries are not numbers of vertices in use, "
-            f"0 to {count - 1} (vertex {mesh.vertex_ids[wrong[0]]} has {target[wrong[0]]:g}); they count from 0"
-        )
-    return index
+    for kind in KINDS:
+        if name == kind:
+            try:
+                return detect_symmetry(mesh, kind).vertex_map
+            except SymmetryError as error:
+                raise FunctionError(f"permuted:{kind}: {error}") from error
+    if "." not in name:
+        hint = did_you_mean(name, KINDS)
+        raise FunctionError(f"permuted: {shown(name)} is neither {' nor '.join(KINDS)} nor the name of a file{hint}")
+    return read_vertex_map(mesh, name)

@@ -13,14 +13,14 @@ from abfm.errors import FunctionError
 from abfm.functions.family import PATH, WORD, Family, did_you_mean, parameter, shown
 from abfm.mesh import FloatArray, TriangleMesh
 
-SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz")
+SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".vts")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValuesFile(Family):
     """Values from a .npy, .csv, .txt or .gii(.gz) file, in its own unit: one per vertex, as the mesh file counts.
 
-    See :func:`read_column` for the formats.
+    See :func:`read_table` for the formats.
     """
 
     family: ClassVar[str] = "file"
@@ -42,11 +42,7 @@ def read_vertex_values(mesh: TriangleMesh, path: str, column: str | None = None)
 
 
 def read_column(path: str, column: str | None = None) -> FloatArray:
-    """Read one column of numbers, (n,).
-
-    .npy holds an array (n,) or (n, c), no pickle. .csv and .txt hold lines of numbers separated by commas, semicolons,
-    tabs or blanks, with or without a line of names on top; empty lines and lines starting with ``#`` are skipped. .gii
-    is GIFTI, whose data arrays are the columns; it needs nibabel (``pip install 'abfm[gifti]'``).
+    """Read one column of numbers, (n,); see :func:`read_table` for the formats.
 
     Parameters
     ----------
@@ -58,18 +54,33 @@ def read_column(path: str, column: str | None = None) -> FloatArray:
     FunctionError
         If the file cannot be read, is no table of numbers, or has no such column.
     """
+    names, table = read_table(path)
+    return table[:, _position(path, names, table.shape[1], column)]
+
+
+def read_table(path: str) -> tuple[list[str], FloatArray]:
+    """Read the names of the columns, if there are any, and the numbers, (n, c).
+
+    .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers separated by commas,
+    semicolons, tabs or blanks, with or without a line of names on top; empty lines and lines starting with ``#`` are
+    skipped. .gii is GIFTI, whose data arrays are the columns; it needs nibabel (``pip install 'abfm[gifti]'``).
+
+    Raises
+    ------
+    FunctionError
+        If the file cannot be read or is no table of numbers.
+    """
     suffix = next((suffix for suffix in SUFFIXES if path.lower().endswith(suffix)), None)
     if suffix is None:
         raise FunctionError(f"file {shown(path)}: the name must end in {', '.join(SUFFIXES)}")
     read = {".npy": _read_npy, ".gii": _read_gifti, ".gii.gz": _read_gifti}.get(suffix, _read_text)
     try:
-        names, table = read(Path(path).expanduser())
+        return read(Path(path).expanduser())
     except (OSError, RuntimeError) as error:  # RuntimeError: no home folder for ~name
         reason = error.strerror if isinstance(error, OSError) else error
         raise FunctionError(f"file {shown(path)} cannot be read: {reason}") from error
     except (ValueError, MemoryError) as error:
         raise FunctionError(f"file {shown(path)} is not a table of numbers: {' '.join(str(error).split())}") from error
-    return table[:, _position(path, names, table.shape[1], column)]
 
 
 def _position(path: str, names: list[str], count: int, column: str | None) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from abfm.functions import function
 from abfm_viewer.bumps import gaussians
 from abfm_viewer.panels.function_editor import _FIRST
 from tests.viewer.end_to_end.conftest import EGG
@@ -162,12 +163,12 @@ def test_values_and_vertex_maps_from_files(gui, tmp_path, side):
     gui.click("Browse...", within=side)
     gui.key("escape")
     gui.type("path", str(tmp_path / "values.npy"), within=side)
-    gui.click("Vertex map...", within=side)
+    gui.choose("vertex map", "file...", within=side)
     gui.click("order.txt")
     gui.click("Open")
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), values[order])
-    gui.click("Remove the map", within=side)
+    gui.choose("vertex map", "none", within=side)
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), values)
     np.savetxt(tmp_path / "table.csv", np.stack([values, 2 * values], axis=1), delimiter=",", header="a,b", comments="")
@@ -175,3 +176,15 @@ def test_values_and_vertex_maps_from_files(gui, tmp_path, side):
     gui.type("column", "b", within=side)
     settled(gui)
     np.testing.assert_allclose(gui.session.values(side), 2 * values)
+
+
+def test_vertex_maps_by_symmetry(gui):
+    """The egg is symmetric; whatever the map, the function is the one that its text names."""
+    for word in ("mirror", "rotation"):
+        gui.choose("vertex map", word, within="target")
+        settled(gui)
+        assert gui.session.active.target.startswith(f"permuted:{word}(")
+        expected = function(gui.session.mesh, gui.session.active.target)
+        np.testing.assert_array_equal(gui.session.values("target"), expected)
+    gui.choose("vertex map", "none", within="target")
+    assert "permuted" not in gui.session.active.target

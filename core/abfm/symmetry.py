@@ -1,0 +1,279 @@
+"""Extrinsic symmetry: the mirror plane or the rotation that carries a surface to itself, found from its shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from abfm.errors import AbfmError, ParameterError
+from abfm.flow_maps import map_vertices_to_nearest, project_onto_surface
+from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.operators import face_areas, vertex_areas
+
+Kind = Literal["mirror", "rotation"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+TOLERANCE = 0.02
+
+_FAR = 1e-6  # of sqrt(area): what is nearer is the same place
+_NO_MOTION = 1e-3  # of sqrt(area), root mean square: the plane of a flat surface is no mirror
+_PARTNERS = 60  # vertices that one vertex may be carried to
+_APART = 0.1  # of sqrt(area): partners that do not look alike
+_FEW, _MANY = 64, 400  # vertices that candidates are screened, and refined, on
+_ALIKE = 1e-4  # 1 - cosine of axes: 0.8 degrees
+_KEPT = 12  # candidates that are refined
+_REFINEMENTS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Symmetry:
+    """A rotation or reflection that carries a surface to itself: ``x -> centre + linear (x - centre)``.
+
+    Attributes
+    ----------
+    kind : "mirror" or "rotation"
+    order : int
+        After how many times everything is back: 2 for a mirror, n for a rotation by ``2 pi / n``.
+    axis : (3,) array
+        Unit normal of the mirror's plane, or axis of the rotation; its largest component is positive.
+    centre : (3,) array
+        A point of the plane or the axis, in the mesh's units.
+    linear : (3, 3) array
+        Orthogonal, with determinant -1 for a mirror and 1 for a rotation.
+    vertex_map : (V,) array of int
+        The vertex that each vertex is carried to; where there is none, the nearest one on the face that it lands on.
+    is_permutation : bool
+        Whether the vertex map takes every vertex once, as it does where the mesh itself has the symmetry.
+    error : float
+        How far from the surface the worst vertex is carried, as a fraction of sqrt(area).
+    """
+
+    kind: Kind
+    order: int
+    axis: FloatArray
+    centre: FloatArray
+    linear: FloatArray
+    vertex_map: IntArray
+    is_permutation: bool
+    error: float
+
+    def carry(self, points: FloatArray) -> FloatArray:
+        """Points (P, 3), in the mesh's units, where the symmetry takes them."""
+        return _carry(self.linear, self.centre, points)
+
+
+class SymmetryError(AbfmError):
+    """A surface without the symmetry that was looked for; `error` is that of the best candidate, as in `Symmetry`."""
+
+    def __init__(self, message: str, error: float) -> None:
+        super().__init__(message)
+        self.error = error
+
+
+def detect_symmetry(mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: float = TOLERANCE) -> Symmetry:
+    """Find the mirror plane, or the axis of an n-fold rotation, of a surface.
+
+    Every symmetry keeps the centroid. Candidates are the principal axes of the surface and, as these say nothing where
+    two moments are equal, the mirrors and rotations that carry one of three vertices to another one as far from the
+    centroid. The best are refined by turns of closest points and best axes (not for orders above 2), then tried on all
+    vertices. Of several symmetries permutations of the vertices go before others, then smaller errors before
+    larger ones, then the one that moves the surface most is chosen. Made once per mesh.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    kind : "mirror" or "rotation"
+    order : int
+        Of a rotation by ``2 pi / order``.
+    tolerance : float
+        Largest `Symmetry.error` that counts as symmetric.
+
+    Raises
+    ------
+    SymmetryError
+        If there is none within the tolerance; the message has the best error found.
+    ParameterError
+        If there is no such kind or order.
+    """
+    if kind not in KINDS:
+        raise ParameterError(f"kind is {kind!r}; expected {' or '.join(map(repr, KINDS))}")
+    if order not in (range(2, 3) if kind == "mirror" else range(2, 1001)):
+        raise ParameterError(f"order is {order!r}; expected 2 for a mirror and 2 to 1000 for a rotation")
+    key = (__name__, kind, order)
+    if key not in mesh.cache:
+        mesh.cache[key] = _best(mesh, kind, order)
+    found: Symmetry = mesh.cache[key]
+    if not found.error <= tolerance:
+        what = "mirror plane" if kind == "mirror" else f"axis of rotation by {360 / order:g} degrees"
+        raise SymmetryError(
+            f"the surface has no {what}: the best one found carries a vertex {found.error:.3g} sqrt(area) away from "
+            f"the surface, and {tolerance:g} is allowed; a symmetry may also be given as a file of vertex numbers",
+            found.error,
+        )
+    return found
+
+
+def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
+    """The symmetry to choose, whatever its error."""
+    unit = mesh.normalized()
+    centroid, axes = _principal_axes(unit)
+    x = unit.vertices - centroid
+    axes = np.concatenate([axes, *(_axes_between(unit, x, p, kind, order) for p in _references(x))])
+    by_distance = unit.vertices[np.argsort(np.linalg.norm(x, axis=1), kind="stable")]
+    few, many = (by_distance[np.linspace(0, len(x) - 1, n).astype(int)] for n in (_FEW, _MANY))
+    axes = _screened(unit, centroid, axes, few, kind, order)
+    axes, centres, errors = _refined(unit, axes, np.tile(centroid, (len(axes), 1)), many, kind, order)
+    chosen = [i for i in _distinct(axes, errors) if errors[i] <= max(TOLERANCE, errors.min())]
+    found = [_verified(mesh, axes[i], centres[i], kind, order) for i in chosen]
+    exact = [s for s in found if s.is_permutation and s.error <= TOLERANCE]
+    gaps = [_vertex_gap(s, mesh) for s in exact] if exact else [s.error for s in found]
+    good = [s for s, gap in zip(exact or found, gaps, strict=True) if gap <= 2 * min(gaps) + _FAR]
+    return max(good, key=lambda s: (round(_motion(s, mesh.vertices) / mesh.length_scale**2, 6), -s.error))
+
+
+def _linear(axes: FloatArray, kind: Kind, order: int) -> FloatArray:
+    """Mirrors or rotations (..., 3, 3) by their unit axes (..., 3)."""
+    along = axes[..., :, None] * axes[..., None, :]
+    if kind == "mirror":
+        return np.eye(3) - 2 * along
+    if order == 2:
+        return 2 * along - np.eye(3)
+    rotations = Rotation.from_rotvec(2 * np.pi / order * axes.reshape(-1, 3)).as_matrix()
+    return rotations.reshape(along.shape)
+
+
+def _carry(linear: FloatArray, centre: FloatArray, points: FloatArray) -> FloatArray:
+    carried: FloatArray = centre + (points - centre) @ np.swapaxes(linear, -1, -2)
+    return carried
+
+
+def _principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
+    """The surface's centroid (3,) and unit eigenvectors (3, 3), in rows, of its exact second moments."""
+    corners, areas = mesh.vertices[mesh.faces], face_areas(mesh)
+    centroid = np.average(corners.mean(axis=1), axis=0, weights=areas)
+    offsets = corners - centroid
+    middles = offsets.mean(axis=1)
+    moments = np.einsum("f,fcx,fcy->xy", areas, offsets, offsets) + 9 * np.einsum(
+        "f,fx,fy->xy", areas, middles, middles
+    )
+    return centroid, np.linalg.eigh(moments)[1].T
+
+
+def _references(x: FloatArray) -> list[int]:
+    """Three vertices far from the centroid in independent directions, of which no symmetry leaves all in place."""
+    first = int(np.linalg.norm(x, axis=1).argmax())
+    second = int(np.linalg.norm(np.cross(x, x[first]), axis=1).argmax())
+    third = int(np.abs(x @ np.cross(x[first], x[second])).argmax())
+    return [first, second, third]
+
+
+def _axes_between(mesh: TriangleMesh, x: FloatArray, p: int, kind: Kind, order: int) -> FloatArray:
+    """Axes (K, 3) of the symmetries that carry vertex p to one of the vertices that are like it.
+
+    Like it are those as far from the centroid with as much area around them, and those apart from each other that are
+    as far from the centroid.
+    """
+    distance = np.linalg.norm(x, axis=1)
+    unlike = np.abs(distance - distance[p])
+    spread: list[int] = []
+    for q in np.argsort(unlike, kind="stable")[: 20 * _PARTNERS]:
+        if all(np.linalg.norm(x[q] - x[r]) > _APART for r in spread):
+            spread.append(int(q))
+    size = np.sqrt(vertex_areas(mesh))
+    same = np.argsort(unlike + np.abs(size - size[p]), kind="stable")[:_PARTNERS]
+    to = x[np.concatenate([spread[:_PARTNERS], same])]
+    if kind == "mirror":
+        return _unit_rows(x[p] - to)
+    # An axis a keeps a.p = a.q, so it lies in the plane of p + q and p x q; |p - q| says how far p is from it.
+    half = np.linalg.norm(x[p] - to, axis=1) / 2
+    middle, normal = (x[p] + to) / 2, np.cross(x[p], to)
+    height = np.linalg.norm(middle, axis=1)
+    along = np.sqrt(np.maximum(distance[p] ** 2 - (half / np.sin(np.pi / order)) ** 2, 0))
+    usable = (height > _FAR) & (along <= height * (1 + _FAR))
+    cosine = np.minimum(along[usable] / height[usable], 1)[:, None]
+    inside, across = (
+        _unit_rows(middle[usable]),
+        normal[usable] / np.maximum(np.linalg.norm(normal[usable], axis=1), _FAR)[:, None],
+    )
+    sine = np.sqrt(1 - cosine**2)
+    return _unit_rows(
+        np.concatenate([cosine * inside + sign * sine * across for sign in ((1, -1) if order > 2 else (1,))])
+    )
+
+
+def _unit_rows(vectors: FloatArray) -> FloatArray:
+    """Those that are not zero, scaled to length 1."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    rows: FloatArray = vectors[lengths > _FAR] / lengths[lengths > _FAR, None]
+    return rows
+
+
+def _screened(
+    mesh: TriangleMesh, centre: FloatArray, axes: FloatArray, points: FloatArray, kind: Kind, order: int
+) -> FloatArray:
+    """The axes that carry the points nearest to the surface but do not leave all in place."""
+    carried = _carry(_linear(axes, kind, order), centre, points)
+    moving = ((carried - points) ** 2).sum(axis=2).mean(axis=1) > _NO_MOTION**2
+    axes, carried = axes[moving], carried[moving]
+    distances = project_onto_surface(mesh, carried.reshape(-1, 3)).distances.reshape(len(axes), -1)
+    return axes[_distinct(axes, (distances**2).sum(axis=1))[:_KEPT]]
+
+
+def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:
+    """Axes by ascending error, without those that are like an earlier one."""
+    kept: list[int] = []
+    for i in np.argsort(errors, kind="stable"):
+        if (np.abs(axes[kept] @ axes[i]) < 1 - _ALIKE).all():
+            kept.append(int(i))
+    return kept
+
+
+def _refined(
+    mesh: TriangleMesh, axes: FloatArray, centres: FloatArray, points: FloatArray, kind: Kind, order: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The axes (K, 3) and points on them, moved to where they carry points closer to the surface; the largest gaps."""
+    for left in reversed(range(_REFINEMENTS if order == 2 else 1)):
+        carried = _carry(_linear(axes, kind, order), centres[:, None], points)
+        landed = project_onto_surface(mesh, carried.reshape(-1, 3))
+        gaps = landed.distances.reshape(len(axes), -1).max(axis=1)
+        if not left or gaps.max() < _FAR:
+            break
+        pairs = landed.positions.reshape(carried.shape)
+        centres = (points + pairs).mean(axis=1) / 2
+        products = np.swapaxes(points - centres[:, None], 1, 2) @ (pairs - centres[:, None])
+        vectors = np.linalg.eigh(products + np.swapaxes(products, 1, 2))[1]
+        rough = gaps[:, None] > _FAR  # what is exact stays as it is
+        axes = np.where(rough, vectors[:, :, 0 if kind == "mirror" else 2], axes)
+    return axes, centres, gaps
+
+
+def _verified(mesh: TriangleMesh, axis: FloatArray, centre: FloatArray, kind: Kind, order: int) -> Symmetry:
+    """The symmetry by its axis and a point on it, both for the mesh of unit area, tried on all vertices."""
+    unit = mesh.normalized()
+    axis = axis * np.sign(axis[np.abs(axis).argmax()])
+    linear = _linear(axis, kind, order)
+    landed = project_onto_surface(unit, _carry(linear, centre, unit.vertices))
+    vertex_map = map_vertices_to_nearest(unit, landed)
+    return Symmetry(
+        kind=kind,
+        order=order,
+        axis=axis,
+        centre=centre * mesh.length_scale,
+        linear=linear,
+        vertex_map=vertex_map,
+        is_permutation=len(np.unique(vertex_map)) == len(vertex_map),
+        error=float(landed.distances.max()),
+    )
+
+
+def _vertex_gap(symmetry: Symmetry, mesh: TriangleMesh) -> float:
+    """How far the worst vertex is carried from the vertex of the map, in sqrt(area)."""
+    offsets = symmetry.carry(mesh.vertices) - mesh.vertices[symmetry.vertex_map]
+    return float(np.linalg.norm(offsets, axis=1).max()) / mesh.length_scale
+
+
+def _motion(symmetry: Symmetry, points: FloatArray) -> float:
+    """How far the symmetry moves points, squared, on average."""
+    return float(((symmetry.carry(points) - points) ** 2).sum(axis=1).mean())

@@ -1,0 +1,50 @@
+"""Figure 10: a rotation is reached by a flow over creases."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from abfm.errors import MeshError
+from abfm.experiments import experiment_of
+from abfm.experiments.meshes import bundled, stepped_slab
+from abfm.experiments.table_1 import TABLE_1
+from tests.shapes import torus
+
+EXPERIMENT = experiment_of(10)
+
+
+def test_a_coarse_slab_is_turned_in_most_parts():
+    setup = EXPERIMENT.set_up(stepped_slab(3), True)
+    assert TABLE_1[10].holds(setup.parameters)
+    assert_array_equal(setup.target, setup.source[setup.symmetry.vertex_map])
+    findings = EXPERIMENT.run(setup, lambda text, share: None)
+    found = {measure.name: measure.value for measure in findings.measures}
+    assert found["mismatch of the functions"] < 0.25
+    assert found["map error at τ, mean, geodesic / √area"] < 0.1
+    assert found["edges with an angle of more than 45 degrees, share"] > 0
+    assert all(math.isfinite(value) for value in found.values())
+    json.dumps([measure.to_dict() for measure in findings.measures])
+
+
+def test_all_edges_of_the_slab_are_creases():
+    slab = stepped_slab(2)
+    corners = slab.vertices[slab.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    assert_array_equal(np.sort(np.abs(normals), axis=1), np.broadcast_to([0.0, 0.0, 1.0], normals.shape))
+    assert slab.length_scale**2 == pytest.approx(2 * (10 + 0) + 14 + 6)
+
+
+def test_a_smooth_mesh_is_turned_as_well():
+    findings = EXPERIMENT.run(EXPERIMENT.set_up(torus(24, 10), True), lambda text, share: None)
+    assert "rotation by 180 degrees" in findings.setting
+
+
+def test_a_mesh_without_symmetry_is_refused():
+    with pytest.raises(MeshError, match="the mesh has no symmetry"):
+        EXPERIMENT.set_up(bundled("fandisk.off"), True)

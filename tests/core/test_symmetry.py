@@ -1,0 +1,163 @@
+"""Symmetries found from the shape: exact ones, after motions and renumbering, with noise, and where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from abfm.assets import asset_path
+from abfm.errors import ParameterError
+from abfm.experiments.meshes import bundled, stepped_slab, two_armed
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
+from tests.shapes import disc, ellipsoid, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
+
+BOX = trimesh.creation.box()
+HUMAN = bundled("human_A.off")
+SYMMETRIC = {
+    "sphere": icosphere(3),
+    "ellipsoid": ellipsoid(3, 1, 0.7, 0.5),
+    "tetrahedron": tetrahedron(),
+    "torus": torus(24, 12),
+    "disc": disc(6),
+    "hemisphere": hemisphere(6),
+    "cylinder": open_cylinder(20, 6),
+    "cube": TriangleMesh(BOX.vertices, BOX.faces),
+}
+
+
+def moved(mesh: TriangleMesh, turn: FloatArray, scale: float, shift: FloatArray, order: np.ndarray) -> TriangleMesh:
+    """The mesh turned, scaled and shifted, vertex i of it being vertex order[i] of the old one."""
+    new_of_old = np.argsort(order)
+    vertices = scale * (mesh.vertices @ Rotation.from_rotvec(turn).as_matrix().T) + shift
+    return TriangleMesh(vertices[order], new_of_old[mesh.faces])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_symmetric_meshes_have_exact_involutions(name: str, kind: Kind) -> None:
+    mesh = SYMMETRIC[name]
+    found = detect_symmetry(mesh, kind)
+    count = np.arange(len(mesh.vertices))
+    assert found.error < 1e-9
+    assert found.is_permutation
+    assert_array_equal(found.vertex_map[found.vertex_map], count)
+    assert (found.vertex_map != count).any()
+    assert_allclose(found.carry(mesh.vertices), mesh.vertices[found.vertex_map], atol=1e-9)
+    assert_allclose(found.linear @ found.linear, np.eye(3), atol=1e-12)
+    assert np.linalg.det(found.linear) == pytest.approx(-1 if kind == "mirror" else 1)
+    assert_allclose(found.linear @ found.axis, found.axis * (-1 if kind == "mirror" else 1), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "order"), [(tetrahedron(), 3), (SYMMETRIC["cube"], 3), (SYMMETRIC["cube"], 4), (torus(30, 8), 5)]
+)
+def test_rotations_of_higher_order_come_back_after_as_many_times(mesh: TriangleMesh, order: int) -> None:
+    found = detect_symmetry(mesh, "rotation", order)
+    vertices = np.arange(len(mesh.vertices))
+    assert found.is_permutation
+    assert found.error < 1e-9
+    once = found.vertex_map
+    times = vertices
+    for _ in range(order):
+        times = once[times]
+    assert_array_equal(times, vertices)
+    assert_allclose(np.linalg.matrix_power(found.linear, order), np.eye(3), atol=1e-12)
+    assert not np.allclose(found.linear, np.eye(3))
+
+
+def test_the_human_has_the_mirror_that_its_file_says() -> None:
+    found = detect_symmetry(HUMAN, "mirror")
+    assert_array_equal(found.vertex_map, np.loadtxt(asset_path("human.symperm.txt"), dtype=int))
+    assert_allclose(np.abs(found.axis), [1, 0, 0], atol=1e-9)
+    assert detect_symmetry(HUMAN, "mirror") is found
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    turn=st.tuples(*[st.floats(-3, 3)] * 3),
+    scale=st.floats(1e-3, 1e3),
+    shift=st.tuples(*[st.floats(-10, 10)] * 3),
+    seed=st.integers(0, 2**20),
+)
+def test_a_mesh_that_is_moved_scaled_and_renumbered_has_the_same_symmetry(turn, scale, shift, seed) -> None:
+    mesh = two_armed(2)
+    order = np.random.default_rng(seed).permutation(len(mesh.vertices))
+    other = moved(mesh, np.array(turn), scale, scale * np.array(shift), order)
+    before, after = detect_symmetry(mesh, "rotation"), detect_symmetry(other, "rotation")
+    assert_array_equal(order[after.vertex_map], before.vertex_map[order])
+    assert after.error < 1e-8
+    turned = Rotation.from_rotvec(turn).apply(before.axis)
+    assert abs(turned @ after.axis) == pytest.approx(1, abs=1e-9)
+
+
+@settings(max_examples=10, deadline=None)
+@given(level=st.floats(0, 4e-3), seed=st.integers(0, 2**20))
+def test_noise_moves_the_plane_little_and_shows_in_the_error(level: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mesh = HUMAN.normalized()
+    noisy = TriangleMesh(
+        mesh.vertices + np.clip(level * rng.standard_normal(mesh.vertices.shape), -0.01, 0.01), mesh.faces
+    )
+    found = detect_symmetry(noisy, "mirror")
+    assert abs(found.axis[0]) > np.cos(np.radians(1))
+    assert found.error < 0.02
+    assert (found.error > 0.1 * level) or level < 1e-6
+
+
+def test_a_mirror_of_the_shape_that_the_mesh_does_not_have() -> None:
+    ball = ellipsoid(3, 1, 0.7, 0.5)
+    turned = Rotation.from_rotvec([0.3, 0.2, 0.1]).apply(icosphere(3).vertices.copy()) * [1, 0.7, 0.5]
+    found = detect_symmetry(TriangleMesh(turned, ball.faces), "mirror")
+    assert not found.is_permutation
+    assert 1e-6 < found.error < 0.01
+    assert np.abs(found.axis).max() > np.cos(np.radians(1))
+    offset = turned[found.vertex_map] - found.carry(turned)
+    assert np.linalg.norm(offset, axis=1).max() < 0.2  # no more than an edge
+
+
+def test_of_several_symmetries_the_one_that_moves_most_is_chosen() -> None:
+    mesh = ellipsoid(3, 1, 0.7, 0.5)
+    assert_allclose(np.abs(detect_symmetry(mesh, "mirror").axis), [1, 0, 0], atol=1e-9)
+    assert_allclose(np.abs(detect_symmetry(mesh, "rotation").axis), [0, 0, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["fandisk.off", "human_B.off"])
+def test_surfaces_without_symmetry_are_refused_with_the_best_error(name: str, kind: Kind) -> None:
+    mesh = bundled(name)
+    with pytest.raises(
+        SymmetryError, match=r"the surface has no (mirror plane|axis of rotation by 180 degrees)"
+    ) as refused:
+        detect_symmetry(mesh, kind)
+    assert refused.value.error > 0.05
+    assert f"{refused.value.error:.3g} sqrt(area)" in str(refused.value)
+    assert detect_symmetry(mesh, kind, tolerance=1).error == refused.value.error
+
+
+def test_the_plane_of_a_flat_surface_is_no_mirror() -> None:
+    mesh = square(6)
+    assert detect_symmetry(mesh, "mirror").axis[2] == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "order"), [("mirror", 3), ("rotation", 1), ("rotation", 0), ("glide", 2)])
+def test_kinds_and_orders_that_there_are_not(kind, order) -> None:
+    with pytest.raises(ParameterError, match="expected"):
+        detect_symmetry(tetrahedron(), kind, order)
+
+
+@pytest.mark.parametrize("mesh", [two_armed(2), stepped_slab(2)], ids=["two_armed", "stepped_slab"])
+def test_the_generated_shapes_have_the_rotation_that_they_promise(mesh: TriangleMesh) -> None:
+    found = detect_symmetry(mesh, "rotation")
+    assert mesh.is_closed
+    assert mesh.genus == 0
+    assert_allclose(np.abs(found.axis), [0, 0, 1], atol=1e-9)
+    assert found.is_permutation
+    assert found.error < 1e-9
+    mirrored = {tuple(sorted(face)) for face in found.vertex_map[mesh.faces].tolist()}
+    assert mirrored == {tuple(sorted(face)) for face in mesh.faces.tolist()}
