@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
-from abfm_viewer.cli import bench, demo, figure, info, match, render
+from abfm_viewer.cli import bench, demo, figure, info, map, match, render
 from abfm_viewer.cli.parser import Parser, did_you_mean
 
-_COMMANDS = {"match": match, "demo": demo, "figure": figure, "render": render, "info": info, "bench": bench}
+_COMMANDS = {"match": match, "demo": demo, "figure": figure, "map": map, "render": render, "info": info, "bench": bench}
 _DESCRIPTION = """\
 Match two functions on a triangle mesh: find the vector field whose flow carries the one to the other.
 

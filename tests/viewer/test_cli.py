@@ -37,7 +37,7 @@ def result(tmp_path_factory):
 def test_without_words_it_shows_all_commands(capsys):
     assert main([]) == 0
     out = capsys.readouterr().out
-    for command in ("match", "demo", "figure", "render", "info", "bench"):
+    for command in ("match", "demo", "figure", "map", "render", "info", "bench"):
         assert f"\n    {command} " in out
 
 

@@ -1,0 +1,137 @@
+"""`abfm map`: the map that a result's flow makes of the surface, to use, to measure and to carry things along."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from abfm import Match, ParameterError, load_match
+from abfm.flow_maps import map_vertices_to_nearest
+from abfm.functions.permuted import vertex_map
+from abfm.functions.values_file import read_table
+from abfm.io import write_atomically
+from abfm.map_accuracy import BOUNDS, MapAccuracy, map_accuracy
+from abfm_viewer import outputs
+from abfm_viewer.exit_status import UsageError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+SUMMARY = "the map that a result's flow makes: as a file, against a known one, for textures"
+DESCRIPTION = """\
+Write the map of a result's flow: for every vertex the vertex where its value came from. Such a file works in functions,
+permuted:map.txt(coordinate:x), and as a --truth.
+
+Examples:
+  abfm map match.npz --out map.txt
+  abfm map match.npz --truth rotation
+  abfm map match.npz --carry uv.npy --out carried.npy
+  abfm map match.npz --functional-map 50 --out C.npy
+"""
+_TABLES = (".txt", ".csv", ".npy")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("input", metavar="RESULT.npz", help="what `abfm match` wrote")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="a table: .txt, .csv or .npy")
+    parser.add_argument(
+        "--time", type=float, metavar="T", help="time of the flow (default: tau); below 0 for its inverse"
+    )
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
+        "--carry",
+        metavar="FILE",
+        help="write these values, a row per vertex, carried along: texture coordinates, colours",
+    )
+    what.add_argument(
+        "--functional-map", type=int, metavar="K", help="write the flow's matrix in the first K eigenfunctions"
+    )
+    parser.add_argument(
+        "--truth",
+        metavar="MAP",
+        help="measure geodesic errors against this map: a file of vertex numbers, mirror or rotation (as found on the "
+        "mesh), or identity",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compute, write and measure."""
+    if arguments.out is None and (arguments.carry or arguments.functional_map is not None):
+        raise UsageError("--carry and --functional-map need --out, where the table goes")
+    if arguments.out is None and arguments.truth is None:
+        raise UsageError("nothing to do: give --out, --truth or both")
+    if arguments.out is not None:
+        outputs.check(arguments.out, _TABLES)
+    match = load_match(arguments.input)
+    time = match.parameters.tau if arguments.time is None else arguments.time
+    said: dict[str, Any] = {"time": time}
+    if arguments.truth:
+        said["accuracy"] = _described(_measured(match, time, arguments.truth))
+    if arguments.functional_map is not None:
+        _write(arguments.out, match.functional_map(arguments.functional_map, time))
+    elif arguments.carry:
+        _write(arguments.out, _carried(match, arguments.carry, time))
+    elif arguments.out:
+        _write(arguments.out, _as_in_file(match, time))
+    if arguments.json:
+        print(json.dumps({**said, "output": str(arguments.out) if arguments.out else None}))
+        return 0
+    if arguments.truth:
+        print(said["accuracy"]["report"])
+    if arguments.out:
+        print(f"wrote {arguments.out}")
+    return 0
+
+
+def _carried(match: Match, path: str, time: float) -> NDArray[Any]:
+    """A table of one row per vertex, carried along the flow; rows of vertices that no face uses stay."""
+    table = read_table(path)[1]
+    values = match.push(match.mesh.restrict(table), time)
+    if len(table) == len(values):
+        return values
+    whole = table.copy()
+    whole[match.mesh.vertex_ids] = values
+    return whole
+
+
+def _as_in_file(match: Match, time: float) -> NDArray[Any]:
+    """The nearest vertices, counted as the mesh file does; -1 for vertices that no face uses."""
+    whole = np.full(match.mesh.file_vertex_count, -1)
+    nearest = map_vertices_to_nearest(match.mesh, match.point_map(time))
+    whole[match.mesh.vertex_ids] = match.mesh.vertex_ids[nearest]
+    return whole
+
+
+def _measured(match: Match, time: float, truth: str) -> MapAccuracy:
+    known = None if truth == "identity" else vertex_map(match.mesh, truth)
+    return map_accuracy(match.mesh, match.point_map(time), known)
+
+
+def _described(accuracy: MapAccuracy) -> dict[str, Any]:
+    return {
+        "vertices": len(accuracy.vertices),
+        "mean": accuracy.mean,
+        "median": accuracy.median,
+        "maximum": accuracy.maximum,
+        "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in BOUNDS},
+        "report": accuracy.report(),
+    }
+
+
+def _write(path: Path, table: NDArray[Any]) -> None:
+    if not np.isfinite(table).all():
+        raise ParameterError("the carried values overflow: use a shorter time")
+    with write_atomically(path) as temporary:
+        if path.suffix == ".npy":
+            np.save(temporary, table)
+        else:
+            whole = np.issubdtype(table.dtype, np.integer)
+            np.savetxt(
+                temporary, table, fmt="%d" if whole else "%.17g", delimiter="," if path.suffix == ".csv" else " "
+            )

@@ -1,0 +1,128 @@
+"""`abfm map`, run in this process."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from abfm import Parameters, TriangleMesh, function, load_match
+from abfm.experiments.experiment import Setup
+from abfm.functions import eigenbasis
+from abfm_viewer.cli import main
+from tests.shapes import ellipsoid, icosphere
+
+
+@pytest.fixture(scope="module")
+def turned(tmp_path_factory):
+    """The result of half a turn of an ellipsoid of revolution about its axis, z."""
+    mesh = ellipsoid(3, 1.0, 1.0, 1.5)
+    centers = mesh.vertices[mesh.faces].mean(axis=1)
+    velocity = np.pi * np.cross([0.0, 0.0, 1.0], centers)[None]
+    setup = Setup(
+        mesh=mesh,
+        name="",
+        sources=("coordinate:x",),
+        targets=("expression:-x",),
+        parameters=Parameters(),
+        velocity=velocity,
+    )
+    path = tmp_path_factory.mktemp("map") / "turned.npz"
+    setup.given.save(path)
+    return path
+
+
+def test_the_map_is_half_a_turn_and_works_in_functions(turned, tmp_path, capsys):
+    for name in ("map.txt", "map.npy", "map.csv"):
+        assert main(["map", str(turned), "--out", str(tmp_path / name)]) == 0
+        assert capsys.readouterr().out == f"wrote {tmp_path / name}\n"
+    mesh = load_match(turned).mesh
+    found = np.load(tmp_path / "map.npy")
+    assert np.abs(mesh.vertices[found] - mesh.vertices * [-1, -1, 1]).max() < 0.1
+    values = function(mesh, f"permuted:{tmp_path / 'map.txt'}(coordinate:x)")
+    np.testing.assert_array_equal(values, mesh.vertices[found, 0])
+
+
+def test_errors_against_a_known_map_are_told(turned, tmp_path, capsys):
+    mesh = load_match(turned).mesh
+    half_turn = np.array([np.argmin(np.linalg.norm(mesh.vertices - p, axis=1)) for p in mesh.vertices * [-1, -1, 1]])
+    np.savetxt(tmp_path / "truth.txt", half_turn, fmt="%d")
+    assert main(["map", str(turned), "--truth", str(tmp_path / "truth.txt"), "--json"]) == 0
+    right = json.loads(capsys.readouterr().out)["accuracy"]
+    assert right["mean"] < 0.03
+    assert right["vertices"] == len(mesh.vertices)
+    assert main(["map", str(turned), "--truth", "identity"]) == 0
+    assert capsys.readouterr().out.startswith("geodesic error: mean 0.")
+    assert main(["map", str(turned), "--truth", "identity", "--time", "0", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["accuracy"]["maximum"] < 1e-6
+
+
+def test_texture_coordinates_are_carried_and_brought_back(turned, tmp_path):
+    mesh = load_match(turned).mesh
+    np.save(tmp_path / "uv.npy", mesh.vertices[:, :2])
+    there, back = tmp_path / "there.npy", tmp_path / "back.csv"
+    assert main(["map", str(turned), "--carry", str(tmp_path / "uv.npy"), "--out", str(there)]) == 0
+    assert np.abs(np.load(there) + mesh.vertices[:, :2]).max() < 0.05
+    assert main(["map", str(turned), "--carry", str(there), "--time", "-1", "--out", str(back)]) == 0
+    np.testing.assert_allclose(np.loadtxt(back, delimiter=","), mesh.vertices[:, :2], atol=1e-6)
+
+
+def test_vertices_that_no_face_uses_have_no_place_and_keep_their_values(tmp_path):
+    sphere = icosphere(2)
+    mesh = TriangleMesh(np.concatenate([[[9.0, 9, 9]], sphere.vertices]), sphere.faces + 1)
+    setup = Setup(
+        mesh=mesh,
+        name="",
+        sources=("coordinate:x",),
+        targets=("coordinate:x",),
+        parameters=Parameters(),
+        velocity=np.zeros((1, len(mesh.faces), 3)),
+    )
+    setup.given.save(tmp_path / "still.npz")
+    assert main(["map", str(tmp_path / "still.npz"), "--out", str(tmp_path / "map.txt")]) == 0
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "map.txt"), [-1, *range(1, len(sphere.vertices) + 1)])
+    table = np.arange(2.0 * mesh.file_vertex_count).reshape(-1, 2)
+    np.save(tmp_path / "uv.npy", table)
+    words = ["--carry", str(tmp_path / "uv.npy"), "--out", str(tmp_path / "out.npy")]
+    assert main(["map", str(tmp_path / "still.npz"), *words]) == 0
+    np.testing.assert_allclose(np.load(tmp_path / "out.npy"), table, atol=1e-9)
+
+
+def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, tmp_path):
+    assert main(["map", str(turned), "--functional-map", "12", "--out", str(tmp_path / "C.npy")]) == 0
+    C = np.load(tmp_path / "C.npy")
+    np.testing.assert_allclose(C[:, 0], np.eye(12)[0], atol=1e-6)
+    np.testing.assert_allclose(C.T @ C, np.eye(12), atol=0.05)
+    match = load_match(turned)
+    assert eigenbasis(match.mesh.normalized(), 12)[1].shape == (len(match.mesh.vertices), 12)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ([], "nothing to do"),
+        (["--carry", "uv.npy"], "need --out"),
+        (["--functional-map", "5"], "need --out"),
+        (["--out", "map.obj"], "must end in .txt, .csv, .npy"),
+        (["--out", "map.txt", "--carry", "none.npy"], "none.npy"),
+        (["--out", "C.npy", "--functional-map", "0"], "0 eigenfunctions"),
+        (["--out", "C.npy", "--functional-map", "100000"], "100000 eigenfunctions"),
+        (["--truth", "none.txt"], "none.txt"),
+        (["--out", "map.txt", "--time", "nan"], "finite time"),
+        (["--out", "map.txt", "--time", "1e9"], "shorten the time"),
+    ],
+)
+def test_bad_words_are_refused_in_one_line(turned, words, expected, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["map", str(turned), *words]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert expected in error
+
+
+def test_a_mesh_is_no_result(tmp_path, capsys):
+    trimesh.creation.icosphere(subdivisions=1).export(tmp_path / "s.off")
+    assert main(["map", str(tmp_path / "s.off"), "--out", str(tmp_path / "m.txt")]) == 2
+    assert "s.off" in capsys.readouterr().err
