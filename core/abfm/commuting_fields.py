@@ -17,10 +17,10 @@ from abfm.vector_fields import check_field, lie_bracket, lie_bracket_of, to_ambi
 def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: float | None = None) -> FloatArray:
     """The smoothest fields that commute with ``v``, smoothest first, (count, F, 3).
 
-    Minimises ``|div u|^2 + |curl u|^2 + weight |[v, u]|^2 / |v|^2`` (in L2, ``|v|`` the root mean square) over fields of
-    unit norm that are orthogonal in L2 to ``v``, which commutes with itself, and to each other. Where ``v`` has a first
-    integral ``f`` (its stream function if ``v`` has no divergence), all products of ``v`` with functions of ``f``
-    commute with it and are found too.
+    Minimises ``|div u|^2 + |curl u|^2 + weight |[v, u]|^2 / |v|^2`` (norms in L2, ``|v|`` the root mean square) over
+    fields of unit norm that are orthogonal in L2 to ``v``, which commutes with itself, and to each other. Where ``v``
+    has a first integral ``f`` (its stream function if ``v`` has no divergence), all products of ``v`` with functions of
+    ``f`` commute with it and are found too.
 
     On a mesh no other field commutes exactly, so a weight takes the place of the constraint. It grows as the edges
     shrink, and the bracket vanishes in the limit: in proportion to the edge length on smoothly varying meshes.

@@ -79,6 +79,10 @@ def centres(mesh: TriangleMesh) -> FloatArray:
 
 def relative_error(mesh: TriangleMesh, found: FloatArray, exact: FloatArray) -> float:
     """L2 norm of the difference of two fields (F, 3) over that of the second."""
+    return relative_norm(mesh, found - exact, exact)
+
+
+def relative_norm(mesh: TriangleMesh, field: FloatArray, other: FloatArray) -> float:
+    """L2 norm of a field (F, 3) over that of another."""
     areas = face_areas(mesh)
-    squares = [float(areas @ (w**2).sum(axis=1)) for w in (found - exact, exact)]
-    return float(np.sqrt(squares[0] / squares[1]))
+    return float(np.sqrt(areas @ (field**2).sum(axis=1) / (areas @ (other**2).sum(axis=1))))

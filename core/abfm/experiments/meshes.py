@@ -97,7 +97,7 @@ def torus(n: int, m: int, R: float = 1.0, r: float = 0.45) -> TriangleMesh:
     i, j = (index.ravel() for index in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
     u, w = 2 * np.pi * i / n, 2 * np.pi * j / m
     ring = R + r * np.cos(w)
-    a, b, c, d = (((i + k) % n) * m + (j + l) % m for k, l in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    a, b, c, d = (((i + p) % n) * m + (j + q) % m for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
     even = ((i + j) % 2 == 0)[:, None]  # diagonals alternate
     first = np.where(even, np.stack([a, b, c], axis=1), np.stack([a, b, d], axis=1))
     second = np.where(even, np.stack([a, c, d], axis=1), np.stack([b, c, d], axis=1))
@@ -120,7 +120,9 @@ def geodesic_sphere(frequency: int) -> TriangleMesh:
     triangles = np.concatenate(
         [
             np.stack([number[i[up], j[up]], number[i[up] + 1, j[up]], number[i[up], j[up] + 1]], axis=1),
-            np.stack([number[i[down], j[down]], number[i[down], j[down] + 1], number[i[down] - 1, j[down] + 1]], axis=1),
+            np.stack(
+                [number[i[down], j[down]], number[i[down], j[down] + 1], number[i[down] - 1, j[down] + 1]], axis=1
+            ),
         ]
     )
     faces = np.concatenate([triangles + face * len(i) for face in range(len(corners))])
