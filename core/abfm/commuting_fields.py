@@ -82,8 +82,9 @@ def relative_bracket(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> float:
         If a field has another shape, values that are not finite or no speed.
     """
     areas = face_areas(mesh)
-    fields = (check_field(mesh, v, "v"), check_field(mesh, u, "u"), lie_bracket_of(mesh, v, u))
-    of_v, of_u, both = (float(np.sqrt(areas @ (w**2).sum(axis=1))) for w in fields)
+    fields = [to_frame(mesh, check_field(mesh, w, name)) for w, name in ((v, "v"), (u, "u"))]
+    of_v, of_u = (float(np.sqrt(areas @ (w**2).sum(axis=1))) for w in fields)
+    both = float(np.sqrt(areas @ (lie_bracket_of(mesh, v, u) ** 2).sum(axis=1)))
     if of_v * of_u == 0:
         raise ParameterError("v or u is zero, so the bracket has nothing to be relative to")
     return float(areas.sum()) * both / (of_v * of_u)
