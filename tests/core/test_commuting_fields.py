@@ -5,6 +5,7 @@ import pytest
 from scipy import linalg
 from scipy.spatial.transform import Rotation
 
+from abfm import cholesky, own_process
 from abfm import operators as op
 from abfm.commuting_fields import commuting_fields, relative_bracket
 from abfm.errors import ParameterError
@@ -201,3 +202,20 @@ def test_a_field_of_zero_has_no_relative_bracket():
     mesh = disc(2)
     with pytest.raises(ParameterError, match="zero"):
         relative_bracket(mesh, wavy_field(mesh, 1), np.zeros((len(mesh.faces), 3)))
+
+
+def test_the_same_field_where_systems_are_factored_in_another_process(monkeypatch):
+    mesh = ellipsoid(2, 1.0, 0.7, 1.6)
+    v = wavy_field(mesh, 1)
+    here = commuting_fields(mesh, v)
+    apart = []
+
+    def counted(matrix):
+        apart.append(matrix)
+        return elsewhere(matrix)
+
+    elsewhere = cholesky._Elsewhere
+    monkeypatch.setattr(cholesky, "_Elsewhere", counted)
+    monkeypatch.setattr(own_process, "factor_from", 10_000)  # more than there are unknowns, but rows are long
+    np.testing.assert_array_equal(commuting_fields(mesh, v), here)
+    assert len(apart) == 1
