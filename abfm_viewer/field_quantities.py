@@ -100,6 +100,11 @@ class FieldQuantities:
         """Whether something is still to come."""
         return any(service.busy for service in self._services)
 
+    @property
+    def finding(self) -> bool:
+        """Whether the field that the view asks for is still to come."""
+        return self._field.busy
+
     def field(self, session: Session) -> Field | None:
         """The part of the field that the view asks for, at the shown time."""
         flow = session.shown.flow

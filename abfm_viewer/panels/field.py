@@ -52,7 +52,9 @@ def draw(ui: Ui, session: Session) -> None:
         if ui.button("Clear lines", "Remove all flow lines."):
             session.change("clear lines", lines=())
     field = quantities.field(session)
-    if field is not None:
+    if view.part == "commuting" and quantities.finding:
+        ui.note("The field that commutes is being computed.")
+    elif field is not None:
         ui.note(f"largest speed {float(field.speed.max()):.4g}, in {field.unit}")
         if field.note:
             ui.note(field.note)
