@@ -27,6 +27,7 @@ def test_carried_fields_converge_to_the_exact_ones(own, name):
     assert min(values(own, name, "order")) > 0.75
     short, shown = values(own, name, "error at t = 0.125")[0], values(own, name, "error at t = 0.25")[0]
     assert short < shown < 0.4
+    assert all(m.reproduces for m in own.measures if "transports" in m.claim)
 
 
 def test_the_printed_sign_carries_the_other_way(own):
