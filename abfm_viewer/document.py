@@ -24,13 +24,14 @@ Coloring = Literal[
     "area distortion",
     "conformal distortion",
 ]
-FieldPart = Literal["whole", "curl-free", "divergence-free", "harmonic"]
+FieldPart = Literal["whole", "curl-free", "divergence-free", "harmonic", "commuting", "carried gradient"]
 ClickTool = Literal["nothing", "flow line", "follow a point"]
 
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
 THEMES: tuple[Theme, ...] = ("light", "dark")
 LAYOUTS: tuple[Layout, ...] = ("row", "column", "advected only")
-FIELD_PARTS: tuple[FieldPart, ...] = ("whole", "curl-free", "divergence-free", "harmonic")
+HODGE_PARTS: tuple[FieldPart, ...] = ("curl-free", "divergence-free", "harmonic")
+FIELD_PARTS: tuple[FieldPart, ...] = ("whole", *HODGE_PARTS, "commuting", "carried gradient")
 CLICK_TOOLS: tuple[ClickTool, ...] = ("nothing", "flow line", "follow a point")
 EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
@@ -98,7 +99,8 @@ class View:
     arrows, arrow_length, arrow_density
         Whether the field is drawn, the longest arrow as a fraction of sqrt(area), and the share of faces with one.
     part : FieldPart
-        Which Helmholtz-Hodge part of the field is drawn, coloured and traced.
+        Which Helmholtz-Hodge part of the field is drawn, coloured and traced; or the smoothest field that commutes with
+        it, or the source's gradient carried along.
     streaks : bool
         Line integral convolution of the field on the advected surface.
     tool : ClickTool

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -12,8 +12,9 @@ import numpy as np
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm_viewer.background import Latest
 from abfm_viewer.colormaps import ColorRange
-from abfm_viewer.document import EXTRAPOLATION, FIELD_PARTS, FieldPart, Point
-from abfm_viewer.transport import FlowState
+from abfm_viewer.document import EXTRAPOLATION, HODGE_PARTS, FieldPart, Point
+from abfm_viewer.related_fields import carried_gradient, commuting
+from abfm_viewer.transport import FlowState, Same
 
 if TYPE_CHECKING:
     from abfm.flow_lines import FlowLine
@@ -27,7 +28,7 @@ _TEXELS = 2048
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """One part of one of the flow's fields.
+    """One part of one of the flow's fields, or a field that belongs to it.
 
     Attributes
     ----------
@@ -36,12 +37,18 @@ class Field:
     speed : (F,) array
     shares : dict of FieldPart to float
         Of the squared norm of the whole field, for each Helmholtz-Hodge part; empty where these were not asked for.
+    unit : str
+        Of the speed.
+    note : str
+        What else is to be said, if anything.
     """
 
     mesh: TriangleMesh
     velocity: FloatArray
     speed: FloatArray
-    shares: dict[FieldPart, float]
+    shares: dict[FieldPart, float] = field(default_factory=dict)
+    unit: str = "the mesh's length per time"
+    note: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +100,11 @@ class FieldQuantities:
         """Whether something is still to come."""
         return any(service.busy for service in self._services)
 
+    @property
+    def finding(self) -> bool:
+        """Whether the field that the view asks for is still to come."""
+        return self._field.busy
+
     def field(self, session: Session) -> Field | None:
         """The part of the field that the view asks for, at the shown time."""
         flow = session.shown.flow
@@ -100,7 +112,13 @@ class FieldQuantities:
             return None
         segment = _segment(flow, session.shown.time)
         part = session.view.part
-        found = self._field.ask((flow, segment, part), partial(_field, flow, segment, part))
+        source, time = session.values("source"), session.shown.time
+        if part != "carried gradient":
+            found = self._field.ask((flow, segment, part), partial(_field, flow, segment, part))
+        elif source is None:
+            return None
+        else:
+            found = self._field.ask((flow, time, part, Same(source)), partial(_carried, flow, source, time))
         stale = self._field.value
         return found or (stale if stale is not None and stale.mesh is session.mesh else None)
 
@@ -171,15 +189,24 @@ def _segment(flow: FlowState, time: float) -> int:
 def _field(flow: FlowState, segment: int, part: FieldPart) -> Field:
     velocity = flow.velocity[segment]
     shares: dict[FieldPart, float] = {}
-    if part != "whole":
+    note = ""
+    if part == "commuting":
+        velocity, bracket = commuting(flow, segment)
+        note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
+    elif part != "whole":
         from abfm.helmholtz_hodge import helmholtz_hodge
         from abfm.operators import face_areas
 
-        parts = dict(zip(FIELD_PARTS[1:], helmholtz_hodge(flow.mesh, velocity), strict=True))
+        parts = dict(zip(HODGE_PARTS, helmholtz_hodge(flow.mesh, velocity), strict=True))
         norms = {name: float(face_areas(flow.mesh) @ (v**2).sum(axis=1)) for name, v in parts.items()}
         shares = {name: norm / max(sum(norms.values()), 1e-300) for name, norm in norms.items()}
         velocity = parts[part]
-    return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), shares)
+    return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), shares, note=note)
+
+
+def _carried(flow: FlowState, function: FloatArray, time: float) -> Field:
+    velocity = carried_gradient(flow, function, time)
+    return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), unit="the source's unit per length")
 
 
 def _scalar(field: Field, kind: str) -> FloatArray:

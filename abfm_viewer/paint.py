@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from abfm.mesh import FloatArray
 from abfm_viewer.colormaps import ColorRange, color_range
-from abfm_viewer.document import Front, Side
+from abfm_viewer.document import HODGE_PARTS, Front, Side
 from abfm_viewer.field_quantities import Texture
 from abfm_viewer.session import Session
 
@@ -121,7 +121,7 @@ class Painter:
     def _of_field(self, session: Session) -> Paint | None:
         """Speed, divergence or curl."""
         kind, part = session.view.coloring, session.view.part
-        suffix = "" if part == "whole" else f", {part} part"
+        suffix = "" if part == "whole" else f", {part} part" if part in HODGE_PARTS else f", {part}"
         if kind == "speed":
             field = session.quantities.field(session)
             if field is None:

@@ -21,8 +21,8 @@ _PLAIN: dict[str, Any] = {
 _SHOWN: dict[int, dict[str, Any]] = {
     1: {"blend": True},
     2: {"streaks": True},
-    5: {"streaks": True},
-    6: {"streaks": True},
+    5: {"streaks": True, "part": "commuting"},
+    6: {"streaks": True, "part": "carried gradient"},
     8: {"error": True},
     9: {"coloring": "coordinates"},
     10: {"coloring": "coordinates"},

@@ -118,7 +118,7 @@ class Carried:
         """
         if time == 0:
             return function
-        key = (state, _Same(function))
+        key = (state, Same(function))
         if Latest.at_once:
             return self._exact.ask((*key, time), partial(_exactly, state, function, time))
         current = self._span.ask(key, partial(span, state, function))
@@ -144,14 +144,14 @@ class Carried:
         self._exact.close()
 
 
-class _Same:
+class Same:
     """A key that equals another only for the same array, and keeps it alive."""
 
     def __init__(self, array: FloatArray) -> None:
         self.array = array
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self.array is other.array
+        return isinstance(other, Same) and self.array is other.array
 
     def __hash__(self) -> int:
         return id(self.array)

@@ -68,8 +68,8 @@ def _remarkable(sheet: Sheet, mesh: TriangleMesh) -> list[FloatArray]:
     found = []
     for panel in panels(sheet):
         paint = panel.paint
-        if panel.mesh is mesh and panel.frame in ("source", "target") and isinstance(paint, Values):
-            found.append(paint.values)
+        if panel.mesh is mesh and panel.frame in ("source", "target") and isinstance(paint, Values | Streaks):
+            found += [paint.values] if paint.values is not None else []
     return [values for values in found if len(values) == len(mesh.vertices)]
 
 

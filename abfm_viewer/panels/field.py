@@ -20,7 +20,10 @@ def draw(ui: Ui, session: Session) -> None:
     chosen = ui.combo("color by", shown, choices, "What the advected surface shows.")
     if chosen != shown and chosen != _ELSE:
         session.set_view(f"color by {chosen}", coloring=chosen)
-    tip = "The whole field, or a part of its Helmholtz-Hodge decomposition: without curl, without divergence, or both."
+    tip = (
+        "The whole field, or a part of its Helmholtz-Hodge decomposition: without curl, without divergence, or both. "
+        "Or the smoothest field that commutes with it (seconds), or the source's gradient, carried along its flow."
+    )
     part = ui.combo("part", view.part, FIELD_PARTS, tip)
     if part != view.part:
         session.set_view(f"show the {part} field", part=part)
@@ -49,8 +52,12 @@ def draw(ui: Ui, session: Session) -> None:
         if ui.button("Clear lines", "Remove all flow lines."):
             session.change("clear lines", lines=())
     field = quantities.field(session)
-    if field is not None:
-        ui.note(f"largest speed {float(field.speed.max()):.4g}, in the mesh's length per time")
+    if view.part == "commuting" and quantities.finding:
+        ui.note("The field that commutes is being computed.")
+    elif field is not None:
+        ui.note(f"largest speed {float(field.speed.max()):.4g}, in {field.unit}")
+        if field.note:
+            ui.note(field.note)
         for name, share in field.shares.items():
             ui.note(f"{name}: {100 * share:.1f}% of the squared norm")
     if quantities.error:

@@ -35,13 +35,19 @@ def factor(matrix: sparse.csr_array) -> Solve:
     """
     if matrix.shape[0] == 0:  # a mesh without inner vertices; both libraries refuse it
         return np.copy
-    if own_process.factor_from is not None and matrix.shape[0] >= own_process.factor_from:
+    if own_process.factor_from is not None and _work(matrix) >= own_process.factor_from:
         return _Elsewhere(matrix)
     if CholeskySolverD is None:
         return splu(
             matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         ).solve
     return _Factor(matrix)
+
+
+def _work(matrix: sparse.csr_array) -> float:
+    """How long factoring takes, in unknowns of a scalar system on vertices, which has seven entries a row."""
+    unknowns, row = matrix.shape[0], matrix.nnz / matrix.shape[0]
+    return float(unknowns * max(1.0, row / 7) ** 2)
 
 
 class _Factor:

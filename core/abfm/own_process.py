@@ -15,7 +15,8 @@ from collections.abc import Iterator
 from typing import IO, Any
 
 factor_from: int | None = None
-"""Unknowns from which linear systems are factored in such a process; None, the default, for never.
+"""Unknowns from which linear systems are factored in such a process, fewer for such with long rows; None, the default,
+for never.
 
 cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. A program with a window sets this;
 others have no use for it.

@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from abfm.assets import asset_path
-from abfm.mesh import TriangleMesh, load_mesh
+from abfm.mesh import FloatArray, TriangleMesh, load_mesh
 
 
 @lru_cache
@@ -89,3 +89,56 @@ def _cubes(cubes: set[tuple[int, int, int]], squares: int) -> TriangleMesh:
     triangles = np.stack([each, np.roll(each, -1, axis=1), middle], axis=2).reshape(-1, 3)
     vertices, faces = np.unique(triangles, axis=0, return_inverse=True)
     return TriangleMesh(vertices / squares, faces.reshape(-1, 3))
+
+
+@lru_cache
+def torus(n: int, m: int, R: float = 1.0, r: float = 0.45) -> TriangleMesh:
+    """Torus about the y axis: n vertices around it at distance R, m around the tube of radius r; both numbers even."""
+    i, j = (index.ravel() for index in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
+    u, w = 2 * np.pi * i / n, 2 * np.pi * j / m
+    ring = R + r * np.cos(w)
+    a, b, c, d = (((i + p) % n) * m + (j + q) % m for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    even = ((i + j) % 2 == 0)[:, None]  # diagonals alternate
+    first = np.where(even, np.stack([a, b, c], axis=1), np.stack([a, b, d], axis=1))
+    second = np.where(even, np.stack([a, c, d], axis=1), np.stack([b, c, d], axis=1))
+    vertices = np.stack([ring * np.sin(u), r * np.sin(w), ring * np.cos(u)], axis=1)
+    return TriangleMesh(vertices, np.concatenate([first, second]))
+
+
+@lru_cache
+def geodesic_sphere(frequency: int) -> TriangleMesh:
+    """Unit sphere with 10 * frequency**2 + 2 vertices: an icosahedron's faces in even triangles, projected."""
+    solid = trimesh.creation.icosahedron()
+    i, j = (index.ravel() for index in np.meshgrid(*[np.arange(frequency + 1)] * 2, indexing="ij"))
+    inside = i + j <= frequency
+    number = np.cumsum(inside).reshape(frequency + 1, -1) - 1
+    i, j = i[inside], j[inside]
+    corners = solid.vertices[solid.faces] / frequency
+    points = np.einsum("pc,fcx->fpx", np.stack([frequency - i - j, i, j], axis=1), corners)
+    points /= np.linalg.norm(points, axis=2, keepdims=True)
+    up, down = (i + j < frequency), (i + j < frequency) & (i > 0)
+    triangles = np.concatenate(
+        [
+            np.stack([number[i[up], j[up]], number[i[up] + 1, j[up]], number[i[up], j[up] + 1]], axis=1),
+            np.stack(
+                [number[i[down], j[down]], number[i[down], j[down] + 1], number[i[down] - 1, j[down] + 1]], axis=1
+            ),
+        ]
+    )
+    faces = np.concatenate([triangles + face * len(i) for face in range(len(corners))])
+    _, kept, merged = np.unique(np.round(points.reshape(-1, 3), 9), axis=0, return_index=True, return_inverse=True)
+    return TriangleMesh(points.reshape(-1, 3)[kept], merged.ravel()[faces])
+
+
+@lru_cache
+def gourd(frequency: int) -> TriangleMesh:
+    """A squat surface of revolution about the y axis with three bulges, 10 * frequency**2 + 2 vertices."""
+    ball = geodesic_sphere(frequency).vertices
+    polar = np.arccos(np.clip(ball[:, 1], -1, 1))
+    return TriangleMesh(ball * gourd_radius(polar)[:, None], geodesic_sphere(frequency).faces)
+
+
+def gourd_radius(polar: FloatArray) -> FloatArray:
+    """Distance of the `gourd` from its centre, by the angle from the y axis."""
+    squat = 1 / np.hypot(np.sin(polar) / 1.1, np.cos(polar) / 0.75)
+    return np.asarray(squat * (1 + 0.16 * np.cos(4 * polar)))

@@ -1,0 +1,101 @@
+"""Figure 5: the smoothest commuting field, against known answers and on any mesh."""
+
+import numpy as np
+import pytest
+
+from abfm import operators as op
+from abfm.errors import MeshError
+from abfm.experiments import figure_05
+from abfm.experiments.sheet import Streaks
+from abfm.functions import eigenbasis
+from abfm.helmholtz_hodge import helmholtz_hodge
+from abfm.vector_fields import to_ambient
+from tests.core.surfaces import SURFACES, last_order, norm
+from tests.shapes import ellipsoid, open_cylinder, tetrahedron
+
+
+def quiet(text, share):
+    assert text
+    assert 0 <= share <= 1
+
+
+def found(findings, *words):
+    """The one measure with all these words in its name."""
+    (measure,) = [m for m in findings.measures if all(word in m.name for word in words)]
+    return measure
+
+
+@pytest.fixture(scope="module")
+def own():
+    return figure_05.EXPERIMENT.run(figure_05.EXPERIMENT.set_up(None, True), quiet)
+
+
+@pytest.mark.parametrize("name", ["surface of revolution", "torus"])
+def test_the_known_answer_comes_out(own, name):
+    error = found(own, name, "L2 error against the exact")
+    assert error.value < 0.1
+    assert error.reproduces is True
+    assert found(own, name, "order of that error").value > 0.3
+    assert found(own, name, "order of the bracket").value > 0.8
+    usual = found(own, name, "median").value
+    assert found(own, name, "bracket norm relative").value < 0.15 * usual
+    assert found(own, name, "exchanged").value < 0.02
+
+
+def test_the_exact_answer_on_the_surface_of_revolution_is_the_gradient_of_an_eigenfunction():
+    """The one-dimensional problem's eigenvalue and slopes are those of a Laplacian on the mesh."""
+    eigenvalue_errors, field_errors = [], []
+    for frequency in (6, 12):
+        case = figure_05._on_gourd(frequency)
+        values, functions = eigenbasis(case.mesh, 16)
+        errors = abs(values * op.face_areas(case.mesh).sum() / case.roughness - 1)
+        slopes = op.gradient(case.mesh) @ functions[:, errors.argmin()]
+        eigenvalue_errors.append(errors.min())
+        field_errors.append(figure_05._distance(case.mesh, to_ambient(case.mesh, slopes.reshape(-1, 2)), case.u))
+    assert last_order(eigenvalue_errors) > 1.5
+    assert eigenvalue_errors[-1] < 0.02
+    assert last_order(field_errors) > 0.8
+    assert field_errors[-1] < 0.1
+
+
+def test_the_exact_answer_on_the_torus_is_harmonic():
+    errors = []
+    for n in (24, 48):
+        case = figure_05._on_torus(n)
+        errors.append(norm(case.mesh, case.u - helmholtz_hodge(case.mesh, case.u)[2]) / norm(case.mesh, case.u))
+    assert errors[-1] < 0.05
+    assert last_order(errors) > 0.9
+
+
+@pytest.mark.parametrize("mesh", [ellipsoid(3, 1.0, 0.7, 1.6), open_cylinder(24, 12)], ids=["ellipsoid", "cylinder"])
+def test_any_mesh_has_a_field_that_stirs_it_and_one_that_commutes(mesh):
+    setup = figure_05.EXPERIMENT.set_up(mesh, True)
+    (case,) = setup.cases[0]
+    along = (op.divergence(mesh) @ case_coefficients(case))[~mesh.is_boundary_vertex]
+    assert abs(along).max() < 1e-8 * abs(case.v).max() / mesh.length_scale
+    findings = figure_05.EXPERIMENT.run(setup, quiet)
+    assert all(np.isfinite(measure.value) for measure in findings.measures)
+    usual = found(findings, "median").value
+    assert found(findings, "bracket norm relative").value < usual
+    (row,) = findings.sheet.rows
+    assert [panel.frame for panel in row] == ["field", "result"]
+    assert all(isinstance(panel.paint, Streaks) for panel in row)
+
+
+def case_coefficients(case):
+    return np.einsum("fx,fkx->fk", case.v, op.face_frames(case.mesh)).ravel()
+
+
+def test_setups_open_in_the_app():
+    setup = figure_05.EXPERIMENT.set_up(None, True)
+    assert setup.velocity.shape == (1, len(setup.mesh.faces), 3)
+    carried, source = setup.target[:, 0], setup.source[:, 0]
+    areas = op.vertex_areas(setup.mesh)
+    assert areas @ carried == pytest.approx(areas @ source, rel=0.02)  # the field has no divergence
+    assert abs(carried - source).max() > 0.5
+
+
+def test_a_mesh_without_room_for_a_field_is_refused():
+    with pytest.raises(MeshError):
+        figure_05.EXPERIMENT.set_up(SURFACES["triangle"], True)
+    assert figure_05.EXPERIMENT.set_up(tetrahedron(), True).cases
