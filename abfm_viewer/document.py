@@ -94,8 +94,8 @@ class View:
         None is the fitted front view.
     coloring : Coloring
         What the advected surface shows.
-    blend, error : bool
-        Whether the surfaces of the linear blend and of the pointwise error are there.
+    blend, transport, error : bool
+        Whether the surfaces of the linear blend, of optimal transport and of the pointwise error are there.
     arrows, arrow_length, arrow_density
         Whether the field is drawn, the longest arrow as a fraction of sqrt(area), and the share of faces with one.
     part : FieldPart
@@ -120,6 +120,7 @@ class View:
     camera: Camera | None = None
     coloring: Coloring = "function"
     blend: bool = False
+    transport: bool = False
     error: bool = False
     arrows: bool = False
     arrow_length: float = 0.12

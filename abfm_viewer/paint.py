@@ -50,7 +50,8 @@ class Paint:
 def surfaces(session: Session) -> tuple[str, ...]:
     """Names of the surfaces that the view shows, in their order."""
     view = session.view
-    extra = [*(["linear blend"] if view.blend else []), *(["error"] if view.error else [])]
+    wanted = {"linear blend": view.blend, "optimal transport": view.transport, "error": view.error}
+    extra = [name for name, is_wanted in wanted.items() if is_wanted]
     if view.layout == "advected only":
         return ("advected", *extra)
     return ("source", "advected", *extra, "target")
@@ -75,7 +76,7 @@ class Painter:
         if session.active and name in ("source", "target"):
             side: Side = "source" if name == "source" else "target"
             if session.error(session.active.spec(side)):
-                return self._without_values(session, side)
+                return self._without_values(session, name)
         source, target = session.values("source"), session.values("target")
         if source is None or target is None:
             return None
@@ -90,14 +91,16 @@ class Painter:
             return None
         if name == "linear blend":
             return self._blend(session, source, target, colors)
+        if name == "optimal transport":
+            return self._transport(session, colors)
         if name == "error":
             return self._error(session, target, advected)
         return self._advected(session, advected, colors)
 
-    def _without_values(self, session: Session, side: Side) -> Paint:
+    def _without_values(self, session: Session, name: str) -> Paint:
         count = len(session.mesh.vertices)
-        title = f"{side}: no values"
-        return self._keep(side, (count, title), lambda: Paint("colors", np.full((count, 3), _NO_VALUES), title))
+        title = f"{name}: no values"
+        return self._keep(name, (count, title), lambda: Paint("colors", np.full((count, 3), _NO_VALUES), title))
 
     def _advected(self, session: Session, advected: FloatArray, colors: ColorRange) -> Paint:
         """The middle surface, by the view's colouring."""
@@ -181,6 +184,14 @@ class Painter:
             return Paint("vertex values", linear_blend(source, target, time, tau), "linear blend", colors, "function")
 
         return self._keep("linear blend", (source, target, time, tau, colors), make)
+
+    def _transport(self, session: Session, colors: ColorRange) -> Paint | None:
+        values = session.mass_transport.values(session)
+        if session.mass_transport.error:
+            return self._without_values(session, "optimal transport")
+        if values is None:
+            return None
+        return self._kept_paint("optimal transport", "vertex values", values, "optimal transport", colors)
 
     def _error(self, session: Session, target: FloatArray, advected: FloatArray) -> Paint:
         fixed = self.largest_error

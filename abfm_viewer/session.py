@@ -19,6 +19,7 @@ from abfm_viewer.evaluation import Evaluated, Functions
 from abfm_viewer.exporter import Exporter
 from abfm_viewer.field_quantities import FieldQuantities
 from abfm_viewer.history import History
+from abfm_viewer.mass_transport import MassTransport
 from abfm_viewer.notices import Notice, Notices
 from abfm_viewer.player import Player
 from abfm_viewer.saved_states import SavedStates
@@ -43,6 +44,8 @@ class Session(Editing):
         The flow that is shown, and what it carries.
     quantities : FieldQuantities
         What can be told of the field and its flow.
+    mass_transport : MassTransport
+        What optimal transport makes of source and target.
     exporter : Exporter
     dragging : bool
         Whether the mouse holds a widget or a Gaussian: changes until it lets go are one step of undo.
@@ -54,6 +57,7 @@ class Session(Editing):
         self.player = Player()
         self.shown = ShownFlow(self)
         self.quantities = FieldQuantities()
+        self.mass_transport = MassTransport()
         self.exporter = Exporter(self.say)
         self.dragging = False
         self._notices = Notices()
@@ -316,6 +320,7 @@ class Session(Editing):
         """End all threads."""
         self.exporter.close()
         self.quantities.close()
+        self.mass_transport.close()
         self.solver.close()
         for functions in self._functions.values():
             functions.close()

@@ -14,9 +14,13 @@ def draw(ui: Ui, session: Session) -> None:
     blend = ui.checkbox(
         "linear blend", view.blend, "A surface with (1 - t/tau) source + t/tau target: nothing moves, it only fades."
     )
+    tip = "A surface with the Wasserstein interpolation of source and target: their mass takes the shortest ways."
+    transport = ui.checkbox("optimal transport", view.transport, tip)
     error = ui.checkbox("error", view.error, "A surface with |target - advected|, on a range of its own.")
-    if (blend, error) != (view.blend, view.error):
-        session.set_view("compare", blend=blend, error=error)
+    if (blend, transport, error) != (view.blend, view.transport, view.error):
+        session.set_view("compare", blend=blend, transport=transport, error=error)
+    if transport and session.mass_transport.error:
+        ui.note(f"No optimal transport: {session.mass_transport.error}.", "error")
     target, advected = session.values("target"), session.shown.advected()
     if target is None or advected is None:
         return

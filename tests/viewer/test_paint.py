@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from abfm.baselines import linear_blend
+from abfm.baselines import linear_blend, optimal_transport
+from abfm_viewer import mass_transport
 from abfm_viewer.document import COLORINGS
 from abfm_viewer.paint import Painter, surfaces
 from tests.viewer.sessions import SPHERE, opened, until
@@ -39,6 +41,10 @@ def show(session, **values):
     [
         ({}, ("source", "advected", "target")),
         ({"blend": True, "error": True}, ("source", "advected", "linear blend", "error", "target")),
+        (
+            {"blend": True, "transport": True, "error": True},
+            ("source", "advected", "linear blend", "optimal transport", "error", "target"),
+        ),
         ({"layout": "advected only"}, ("advected",)),
         ({"layout": "advected only", "error": True}, ("advected", "error")),
     ],
@@ -49,8 +55,9 @@ def test_surfaces_stand_in_the_order_of_the_flow(session, view, names):
 
 
 def test_all_functions_share_one_range_and_one_bar(session):
-    show(session, blend=True)
+    show(session, blend=True, transport=True)
     painter = Painter()
+    until(lambda: painter.paint(session, "optimal transport"))
     paints = [painter.paint(session, name) for name in surfaces(session)]
     assert {paint.bar for paint in paints} == {"function"}
     low = min(session.values(side).min() for side in ("source", "target"))
@@ -76,14 +83,19 @@ def test_a_paint_is_the_same_object_until_what_it_shows_changes(session):
 @pytest.mark.parametrize("coloring", COLORINGS)
 @pytest.mark.parametrize("share", [0.4, 1.0])
 def test_surfaces_that_do_not_change_are_not_drawn_again(session, coloring, share):
-    show(session, coloring=coloring, blend=True, error=True)
+    show(session, coloring=coloring, blend=True, transport=True, error=True)
     session.set_time(share * session.parameters.tau)
     painter = Painter()
 
     def paints():
         return [painter.paint(session, name) for name in surfaces(session)]
 
-    until(lambda: (paints(), session.shown.settled, session.busy, session.quantities.busy)[1:] == (True, "", False))
+    def settled():
+        paints()
+        busy = session.busy or session.quantities.busy or session.mass_transport.busy
+        return session.shown.settled and not busy
+
+    until(settled)
     assert paints()[1].title != "advected" or coloring == "function"
     assert all(now is before for now, before in zip(paints(), paints(), strict=True))
 
@@ -95,6 +107,53 @@ def test_the_linear_blend_follows_the_time(session):
         session.amend(time=time)
         expected = linear_blend(session.values("source"), session.values("target"), share, 1.0)
         np.testing.assert_allclose(Painter().paint(session, "linear blend").values, expected)
+
+
+def settled_transport(session, painter):
+    """What the surface of optimal transport shows when nothing better is to come."""
+    until(lambda: (painter.paint(session, "optimal transport"), session.mass_transport.busy)[1] is False)
+    return painter.paint(session, "optimal transport")
+
+
+def test_optimal_transport_follows_the_time_and_ends_at_tau(session):
+    show(session, transport=True)
+    painter, tau = Painter(), session.parameters.tau
+    for time, share in ((0.25 * tau, 0.25), (tau, 1.0), (1.5 * tau, 1.0)):
+        session.amend(time=time)
+        source, target = session.values("source"), session.values("target")
+        expected = optimal_transport(session.mesh, source, target, share, sharpen=True)
+        np.testing.assert_array_equal(settled_transport(session, painter).values, expected)
+
+
+def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(session, monkeypatch):
+    show(session, transport=True)
+    painter = Painter()
+    session.amend(time=0.0)
+    before = settled_transport(session, painter)
+    go_on = threading.Event()
+    compute = mass_transport._transported
+    monkeypatch.setattr(mass_transport, "_transported", lambda *inputs: (go_on.wait(30), compute(*inputs))[1])
+    session.amend(time=0.5 * session.parameters.tau)
+    assert painter.paint(session, "optimal transport") is before
+    assert session.mass_transport.busy
+    go_on.set()
+    assert abs(settled_transport(session, painter).values - before.values).max() > 0.1
+
+
+def test_negative_functions_have_no_optimal_transport_and_say_why(session):
+    show(session, transport=True)
+    painter = Painter()
+    session.set_spec("source", "eigenfunction:2")
+    until(lambda: not session.obstacle, session)
+    bare = settled_transport(session, painter)
+    assert bare.title == "optimal transport: no values"
+    assert np.ptp(bare.values) == 0
+    assert "f is negative at" in session.mass_transport.error
+    assert painter.paint(session, "linear blend") is not None
+    session.undo()
+    until(lambda: not session.obstacle, session)
+    assert settled_transport(session, painter).title == "optimal transport"
+    assert not session.mass_transport.error
 
 
 def test_the_error_is_that_of_the_shown_time_and_its_range_ends_with_it(session):

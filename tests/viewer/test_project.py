@@ -76,6 +76,7 @@ DOCUMENT = Document(
     points=(Point(0, (1.0, -1e-12, 1e-12)),),
     view=View(
         theme="dark",
+        transport=True,
         camera=Camera((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 20.0),
         front=Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
     ),

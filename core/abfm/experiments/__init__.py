@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from abfm.experiments.experiment import Experiment
 
-FIGURES = (2, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13)
+FIGURES = tuple(range(1, 14))
 """Numbers of the paper's figures that there are experiments for."""
 
 TITLES = {

@@ -142,3 +142,15 @@ def gourd_radius(polar: FloatArray) -> FloatArray:
     """Distance of the `gourd` from its centre, by the angle from the y axis."""
     squat = 1 / np.hypot(np.sin(polar) / 1.1, np.cos(polar) / 0.75)
     return np.asarray(squat * (1 + 0.16 * np.cos(4 * polar)))
+
+
+@lru_cache
+def three_arms(subdivisions: int) -> tuple[TriangleMesh, tuple[int, int, int]]:
+    """Smooth flat body with a thick arm upwards and two thin ones downwards, and the vertices at their ends."""
+    shape = trimesh.creation.icosphere(subdivisions=subdivisions)
+    radius, tips = np.ones(len(shape.vertices)), []
+    for degrees, height, sharpness in ((90, 1.5, 6), (-45, 1.4, 9), (-135, 1.4, 9)):
+        along = shape.vertices @ [np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0]
+        radius += height * np.exp(sharpness * (along - 1))
+        tips.append(int(along.argmax()))
+    return TriangleMesh(radius[:, None] * shape.vertices * [1, 1, 0.7], shape.faces), (tips[0], tips[1], tips[2])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from abfm.operators import vertex_areas
 from abfm_viewer.document import FIELD_PARTS
 
 MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")
@@ -89,6 +90,14 @@ def test_the_comparison_has_surfaces_of_its_own(matched):
     blend = next(name for name in scene.names if "blend" in name)
     np.testing.assert_allclose(scene.paints[blend].values, 0.5 * (source + target), atol=1e-6)
     matched.check("linear blend", False)
+    matched.check("optimal transport")
+    matched.wait(lambda s: not s.mass_transport.busy)
+    assert scene.names == ("source", "advected", "optimal transport", "error", "target")
+    found = scene.paints["optimal transport"].values
+    weights = vertex_areas(matched.session.mesh)
+    assert weights @ found == pytest.approx(0.5 * (weights @ source + weights @ target))
+    assert abs(found - 0.5 * (source + target)).max() > 0.2
+    matched.check("optimal transport", False)
     matched.check("error", False)
     matched.frames(2)
     assert scene.names == ("source", "advected", "target")

@@ -1,0 +1,188 @@
+"""Convolutional Wasserstein interpolation: kernel, marginals, mass, geodesic midpoints, invariances, convergence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from abfm import AbfmError, TriangleMesh
+from abfm.baselines import HeatKernel, optimal_transport
+from abfm.mesh import FloatArray
+from abfm.operators import vertex_areas
+from tests.core.surfaces import SURFACES, renumbered
+from tests.shapes import icosphere, open_cylinder
+
+SPHERE = icosphere(3)
+P, Q = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+MIDDLE = (P + Q) / np.sqrt(2)
+
+
+def angle(x: FloatArray) -> FloatArray:
+    """From each vertex of the sphere to a point."""
+    return np.arccos(np.clip(SPHERE.vertices @ x, -1, 1))
+
+
+def bump(x: FloatArray, width: float = 0.35) -> FloatArray:
+    """A Gaussian on the sphere, its width in radians."""
+    return np.exp(-0.5 * (angle(x) / width) ** 2)
+
+
+def strip(n: int, length: float = 4.0) -> tuple[TriangleMesh, FloatArray]:
+    """Open cylinder, in effect a flat strip: intrinsically there is nothing but the height."""
+    mesh = open_cylinder(8, n, radius=0.1, height=length)
+    return mesh, mesh.vertices[:, 2]
+
+
+@pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES.keys())
+@pytest.mark.parametrize("steps", [1, 3])
+def test_the_kernel_is_positive_symmetric_and_keeps_constants_and_integrals(mesh, steps):
+    heat = HeatKernel(mesh, 0.3, steps)
+    matrix = np.stack([heat(column) for column in np.eye(len(mesh.vertices))], axis=1)
+    assert (matrix > 0).all()
+    density = matrix / heat.areas
+    assert_allclose(density, density.T, rtol=1e-9)
+    assert_allclose(matrix.sum(axis=1), 1, rtol=1e-10)
+    assert_allclose(heat.areas @ matrix, heat.areas, rtol=1e-10)
+    assert np.linalg.eigvalsh(np.sqrt(heat.areas)[:, None] * density * np.sqrt(heat.areas)).min() > 0
+
+
+def test_more_steps_come_closer_to_the_flat_heat_kernel():
+    mesh, z = strip(400)
+    width = 0.2
+    start = np.exp(-0.5 * ((z - 2) / 0.3) ** 2)
+    scale = mesh.length_scale
+    total = np.hypot(0.3, width * scale)  # variances add up
+    exact = 0.3 / total * np.exp(-0.5 * ((z - 2) / total) ** 2)
+    errors = [abs(HeatKernel(mesh, width, steps)(start) - exact).max() for steps in (2, 4, 8)]
+    assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 1, atol=0.25)
+
+
+def test_the_ends_are_source_and_target_blurred_by_the_kernel():
+    f, g = bump(P), bump(Q) + 0.5 * bump(-P)
+    heat = HeatKernel(SPHERE, 0.1, 16)
+    ends = optimal_transport(SPHERE, f, g, [0, 1])
+    assert_allclose(ends, [heat(f), heat(g)], rtol=1e-6)
+
+
+def test_a_smaller_blur_reproduces_the_ends_with_order_two():
+    f, g = bump(P), bump(Q)
+    errors = [abs(optimal_transport(SPHERE, f, g, 0.0, blur=blur) - f).max() for blur in (0.04, 0.02)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.3)
+
+
+def test_mass_goes_evenly_from_the_source_s_to_the_target_s():
+    f, g = bump(P), 3 * bump(Q, 0.5)
+    areas, times = vertex_areas(SPHERE), np.array([0, 0.2, 0.7, 1])
+    for sharpen in (False, True):
+        found = optimal_transport(SPHERE, f, g, times, sharpen=sharpen)
+        assert (found >= 0).all()
+        assert_allclose(found @ areas, (1 - times) * (areas @ f) + times * (areas @ g), rtol=1e-10)
+
+
+def test_heights_scale_the_answer_and_nothing_else():
+    f, g = bump(P), bump(Q)
+    assert_allclose(
+        optimal_transport(SPHERE, 1e6 * f, 1e6 * g, 0.3), 1e6 * optimal_transport(SPHERE, f, g, 0.3), rtol=1e-9
+    )
+
+
+def test_the_way_back_is_the_way_there_reversed():
+    f, g = bump(P), 2 * bump(Q, 0.5)
+    there = optimal_transport(SPHERE, f, g, [0.25, 0.6])
+    back = optimal_transport(SPHERE, g, f, [0.75, 0.4])
+    assert_allclose(there, back, rtol=1e-10)
+
+
+@pytest.mark.parametrize("sharpen", [False, True])
+def test_on_a_sphere_a_gaussian_is_halfway_at_the_middle_of_the_geodesic(sharpen):
+    areas = vertex_areas(SPHERE)
+    middle = optimal_transport(SPHERE, bump(P), bump(Q), 0.5, sharpen=sharpen)
+    centre = (areas * middle) @ SPHERE.vertices
+    assert_allclose(centre / np.linalg.norm(centre), MIDDLE, atol=1e-3)
+    assert angle(MIDDLE)[middle.argmax()] < 0.1
+    if sharpen:
+        assert areas @ abs(middle - bump(MIDDLE)) < 0.15 * (areas @ bump(MIDDLE))
+
+
+def test_on_a_strip_the_mean_moves_evenly_and_the_shape_stays():
+    mesh, z = strip(160)
+    areas = vertex_areas(mesh)
+    f, g = (np.exp(-0.5 * ((z - centre) / 0.3) ** 2) for centre in (1.2, 2.8))
+    times = np.linspace(0, 1, 5)
+    found = optimal_transport(mesh, f, g, times, blur=0.2, steps=64)
+    masses = found * areas / (found @ areas)[:, None]
+    means = masses @ z
+    assert_allclose(means, 1.2 + 1.6 * times, atol=0.04)
+    deviations = np.sqrt((masses * (z - means[:, None]) ** 2).sum(axis=1))
+    blurred = np.hypot(0.3, 0.2 * mesh.length_scale)
+    assert_allclose(deviations[[0, -1]], blurred, rtol=0.01)
+    assert (deviations >= 0.99 * blurred).all()
+    assert deviations.max() < 1.4 * blurred
+
+
+def test_in_more_steps_the_mean_moves_more_evenly():
+    mesh, z = strip(160)
+    areas = vertex_areas(mesh)
+    f, g = (np.exp(-0.5 * ((z - centre) / 0.3) ** 2) for centre in (1.2, 2.8))
+    errors = []
+    for steps in (1, 4, 16, 64):
+        found = optimal_transport(mesh, f, g, 0.25, blur=0.2, steps=steps)
+        errors.append(abs((areas * found) @ z / (areas @ found) - 1.6))
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_sharpened_interpolations_have_no_more_entropy_than_the_ends():
+    areas = vertex_areas(SPHERE)
+
+    def entropy(function: FloatArray) -> float:
+        density = function / (areas @ function)
+        return -float(areas @ (density * np.log(np.maximum(density, 1e-300))))
+
+    f, g = bump(P), bump(Q, 0.3)
+    plain, sharp = (optimal_transport(SPHERE, f, g, 0.5, sharpen=sharpen) for sharpen in (False, True))
+    assert entropy(plain) > entropy(f) + 0.1
+    assert entropy(sharp) <= entropy(f) + 1e-4
+
+
+@pytest.mark.parametrize("scale", [1e-3, 50.0])
+def test_the_mesh_s_unit_does_not_matter(scale):
+    larger = TriangleMesh(scale * SPHERE.vertices, SPHERE.faces)
+    f, g = bump(P), bump(Q)
+    assert_allclose(optimal_transport(larger, f, g, 0.4), optimal_transport(SPHERE, f, g, 0.4), rtol=1e-6)
+
+
+def test_the_order_of_the_vertices_does_not_matter():
+    other, vertices, _ = renumbered(SPHERE, seed=3)
+    f, g = bump(P), bump(Q)
+    found = optimal_transport(other, f[vertices], g[vertices], 0.4)
+    assert_allclose(found, optimal_transport(SPHERE, f, g, 0.4)[vertices], rtol=1e-6)
+
+
+def test_a_number_of_times_gives_a_function_and_a_list_of_them_a_list():
+    f, g = bump(P), bump(Q)
+    one = optimal_transport(SPHERE, f, g, 0.5)
+    assert one.shape == f.shape
+    assert_allclose(optimal_transport(SPHERE, f, g, [0.5]), one[None])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"f": bump(P) - 0.5}, r"source f is negative at \d+ of 642 vertices, down to -0.5 at vertex \d+"),
+        ({"g": 0 * bump(P)}, "target g is zero everywhere"),
+        ({"g": np.full(642, np.nan)}, "not finite"),
+        ({"f": np.ones((642, 2))}, "f has 2 channels"),
+        ({"f": np.ones(5)}, "5 values"),
+        ({"times": 1.5}, "times is 1.5; expected a time from 0 to 1"),
+        ({"times": [0.5, np.nan]}, "expected a time from 0 to 1"),
+        ({"blur": 0.0}, "blur is 0.0"),
+        ({"steps": 0}, "steps is 0"),
+        ({"f": 1.0 * (angle(P) < 0.3), "blur": 1e-5}, "does not reach"),
+    ],
+)
+def test_what_cannot_be_transported_is_refused(change, words):
+    arguments = {"f": bump(P), "g": bump(Q), "times": 0.5, **change}
+    options = {name: arguments.pop(name) for name in ("blur", "steps") if name in arguments}
+    with pytest.raises(AbfmError, match=words):
+        optimal_transport(SPHERE, arguments["f"], arguments["g"], arguments["times"], **options)
