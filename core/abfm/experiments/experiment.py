@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from abfm.energy import MatchingEnergy
+from abfm.experiments import TITLES
 from abfm.experiments.sheet import Sheet
 from abfm.functions import function
 from abfm.match_result import Match
@@ -155,8 +156,6 @@ class Experiment(Generic[S]):
     ----------
     number : int
         The figure's number in the paper.
-    title : str
-        A few words for a menu.
     claim : str
         What the paper shows with it.
     set_up : callable
@@ -167,7 +166,11 @@ class Experiment(Generic[S]):
     """
 
     number: int
-    title: str
     claim: str
     set_up: Callable[[TriangleMesh | None, bool], S]
     run: Callable[[S, Report], Findings]
+
+    @property
+    def title(self) -> str:
+        """A few words for a menu."""
+        return TITLES[self.number]

@@ -21,7 +21,6 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> OneToTwo:
 
 EXPERIMENT = Experiment(
     1,
-    "one Gaussian becomes two, a body away",
     "A single vector field advects the source to a function that matches the target, and interpolates smoothly.",
     set_up,
     run,

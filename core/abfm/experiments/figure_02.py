@@ -207,7 +207,6 @@ def _bump(points: FloatArray) -> FloatArray:
 
 EXPERIMENT = Experiment(
     2,
-    "a flow and a function that it carries",
     "The flow map of a vector field advects a function, without explicit flow lines.",
     set_up,
     run,

@@ -22,7 +22,6 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> OneToTwo:
 
 EXPERIMENT = Experiment(
     3,
-    "a wide Gaussian becomes two narrow ones",
     "The result matches the target, and values are displaced in space, as by optimal transport.",
     set_up,
     run,

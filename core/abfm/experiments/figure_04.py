@@ -182,7 +182,6 @@ def _plot(times: FloatArray, values: dict[str, FloatArray], title: str) -> Plot:
 
 EXPERIMENT = Experiment(
     4,
-    "linear and exponential advection",
     "Linear advection works well for short times and oscillates for longer ones; nonlinear advection stays smooth.",
     set_up,
     run,

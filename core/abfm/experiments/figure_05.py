@@ -196,7 +196,6 @@ def _exchanged(mesh: TriangleMesh, v: FloatArray, u: FloatArray) -> float:
 
 EXPERIMENT = Experiment(
     5,
-    "the smoothest field that commutes with another",
     "The kernel of ad_v consists of many fields that commute with v, of which the smoothest is shown.",
     set_up,
     run,

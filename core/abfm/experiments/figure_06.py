@@ -230,7 +230,6 @@ def _derivative_error(case: _Case, time: float, field: FloatArray) -> float:
 
 EXPERIMENT = Experiment(
     6,
-    "a field carried along another",
     "exp(t ad_v) transports a field u over the flow lines of v, here to t = 0.125 and 0.25.",
     set_up,
     run,

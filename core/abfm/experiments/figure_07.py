@@ -106,7 +106,6 @@ def _spread_gap(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> float:
 
 EXPERIMENT = Experiment(
     7,
-    "eigenfunction 7 becomes eigenfunction 8",
     "The result highly matches the target, and the interpolation path is smooth.",
     set_up,
     run,

@@ -128,7 +128,6 @@ def _speed(mesh: TriangleMesh, velocity: FloatArray) -> FloatArray:
 
 EXPERIMENT = Experiment(
     8,
-    "optical flow: the field that made the target",
     "The matched field is very close to the one that made the target, and the error between the functions very small.",
     set_up,
     run,

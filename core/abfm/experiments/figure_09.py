@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from abfm.assets import asset_path
-from abfm.experiments import TITLES, symmetry_flow
+from abfm.experiments import symmetry_flow
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
 from abfm.experiments.meshes import bundled, two_armed
 from abfm.experiments.sheet import Coordinates, Panel, Sheet
@@ -102,7 +102,6 @@ def _mirror(setup: SymmetrySetup, report: Report) -> tuple[tuple[Panel, ...], li
 
 EXPERIMENT = Experiment(
     9,
-    TITLES[9],
     "One field's flow is the continuous symmetry map; at 2 τ some drift is noticeable, yet it is relatively small.",
     set_up,
     run,

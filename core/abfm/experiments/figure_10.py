@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.experiments import TITLES, symmetry_flow
+from abfm.experiments import symmetry_flow
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
 from abfm.experiments.meshes import stepped_slab
 from abfm.experiments.sheet import Sheet
@@ -42,7 +42,6 @@ def _crease_share(mesh: TriangleMesh) -> float:
 
 EXPERIMENT = Experiment(
     10,
-    TITLES[10],
     "A smooth field generates a continuous symmetric mapping although the geometry contains creases.",
     set_up,
     run,

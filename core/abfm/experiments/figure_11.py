@@ -44,7 +44,6 @@ def run(setup: PairSetup, report: Report) -> Findings:
 
 EXPERIMENT = Experiment(
     11,
-    "functions with jumps become smooth ones",
     "Two non-smooth functions are matched to smooth versions of them at once, and the required functions are achieved.",
     set_up,
     run,

@@ -57,7 +57,6 @@ def run(setup: PairSetup, report: Report) -> Findings:
 
 EXPERIMENT = Experiment(
     12,
-    "a map between two poses, improved",
     "Matching one coordinate function or all three brings the target functions about.",
     set_up,
     run,

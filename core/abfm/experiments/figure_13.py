@@ -64,7 +64,6 @@ def run(setup: PairSetup, report: Report) -> Findings:
 
 EXPERIMENT = Experiment(
     13,
-    "how accurate the maps are",
     "Matching only three functions reconstructs the map better than the method [COC15] in a reduced basis.",
     set_up,
     run,
