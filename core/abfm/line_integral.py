@@ -2,8 +2,8 @@
 
 Cabral and Leedom, Imaging Vector Fields Using Line Integral Convolution, SIGGRAPH 1993; streamlines serve all texels
 that they meet, as in Stalling and Hege, Fast and Resolution Independent Line Integral Convolution, SIGGRAPH 1995. Here
-they are walked on the surface itself, and the noise belongs to places in space, so that streaks know nothing of the
-texture's pieces.
+they are walked on the surface itself, along the field made continuous, and the noise belongs to places in space, so
+that streaks know nothing of the texture's pieces nor of the mesh's.
 """
 
 from __future__ import annotations
@@ -11,22 +11,26 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm import tracing
+from abfm import streamlines
 from abfm.errors import ParameterError
-from abfm.face_flow import FaceFlow, face_flow
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import averaging
+from abfm.operators import face_areas
+from abfm.smooth_flow import smooth_flow
 from abfm.texels import Canvas, FloatImage, fill_gaps, fill_margins
 from abfm.texture_atlas import TextureAtlas, texture_atlas
 from abfm.vector_fields import check_field, to_ambient, to_frame
 
 GREY = 0.5
-_GRAIN = 1.5  # size of the noise in texels
-_STEP = 0.75  # between places where it is read, in grains; at most
-_STRIDE = 1.4  # and at most in texels, which are finer than texel_length where triangles are tiny
-_REACH = 45  # grains to each side at which a streamline serves other texels
+_STEP = 1.5  # of a walk, in grains
+_STRIDE = 1.2  # between places where noise is read and texels are served, in texels; at most
+_LEAST_PARTS = 3  # of a step, at which noise is read
 _CONTRAST = (2, 98)  # percentiles that become black and white
 _CALM = 1e-9  # of the largest speed: below, there is no direction
+_SLOWER = 0.98  # part of the area that is slower than where the contrast is full, if it fades
+_LEAST_TEXELS = 1.5  # in a grain
+_SAMPLE = 7  # every so many texels tell the contrast
+_TILT = np.linalg.qr(np.array([[3.0, 1.0, 2.0], [-1.0, 4.0, 1.0], [1.0, -2.0, 5.0]]))[0]
+_SHIFT = np.array([0.317, 0.541, 0.733])  # so that no plane of a mesh is one between cells of noise
 
 
 def line_integral_convolution(
@@ -34,7 +38,8 @@ def line_integral_convolution(
     velocity: ArrayLike,
     *,
     size: int = 2048,
-    length: float = 0.08,
+    length: float = 0.1,
+    width: float = 1 / 400,
     seed: int = 0,
     fade: bool = False,
     phase: ArrayLike = 0.0,
@@ -46,13 +51,16 @@ def line_integral_convolution(
     velocity : (F, 3) array
         Tangent vectors; only their directions matter, unless the contrast is to fade. A normal part is dropped.
     size : int
-        Texels along a side of the texture: streaks are one to two texels wide.
+        Texels along a side of the texture.
     length : float
         How far noise is smeared, in units of the square root of the area.
+    width : float
+        Of the streaks, in the same units, but at least about two texels.
     seed : int
         Of the noise.
     fade : bool
-        Whether the contrast falls with the speed, to nothing where the field is zero.
+        Whether the contrast is proportional to the speed of the continuous field: none where it is zero, and full from
+        the speed on that is exceeded on a fiftieth of the area.
     phase : float or (P,) array
         Pictures at phases rising from 0 to 1, where they start again, show streaks that move along the field.
         Computing P of them at once is much faster than one by one.
@@ -77,50 +85,45 @@ def line_integral_convolution(
         raise ParameterError(f"length is {length}; expected more than 0 and at most 1")
     if not isinstance(seed, int | np.integer):
         raise ParameterError(f"seed is {seed!r}; expected a whole number")
+    if not (np.isfinite(width) and 0 < width <= 1):
+        raise ParameterError(f"width is {width}; expected more than 0 and at most 1")
     atlas = texture_atlas(mesh, size)
     speeds = np.linalg.norm(field, axis=1)
     images = np.zeros((phases.size, size * size), dtype=np.float32)
     if speeds.any():
-        moving = speeds > _CALM * speeds.max()
-        headings = np.where(moving, 1 / np.where(moving, speeds, 1), 0)[:, None] * field
-        _convolve(mesh, atlas, headings, length * mesh.length_scale, phases.ravel(), int(seed) % 2**63, images)
+        owners = atlas.texel_faces.ravel()
+        spacing = mesh.length_scale / float(np.sqrt((owners >= 0).sum()))  # of texels; some are finer
+        grain = max(width * mesh.length_scale, _LEAST_TEXELS * spacing)
+        flow = smooth_flow(mesh, field, grain)
+        places = mesh.vertices @ _TILT / grain + _SHIFT
+        areas = face_areas(mesh) / grain**2
+        canvas = Canvas(places, mesh.faces, areas, flow.neighbours, atlas.corners, owners, atlas.size)
+        weights = _periodic_kernel(length * mesh.length_scale / (_STEP * grain), phases.ravel())
+        parts = max(int(np.ceil(_STEP * grain / (_STRIDE * spacing))), _LEAST_PARTS)
+        calm, done = _CALM * float(speeds.max()), np.zeros(len(owners), dtype=bool)
+        streamlines.convolve(canvas, flow, weights, _STEP, parts, calm, int(seed) % 2**63, done, images)
+        fill_gaps(canvas, done, images)
+        dark, bright = np.percentile(images[0, done][::_SAMPLE], _CONTRAST)
+        fill_margins(canvas, done, images)
+        streamlines.sharpen(1 / max(bright - dark, 1e-12), images)
+        if fade:
+            streamlines.dim(canvas, flow, 1 / _fast(speeds, face_areas(mesh)), images)
     images = images.reshape(*phases.shape, size, size)
-    if fade and speeds.any():
-        images *= atlas.image(averaging(mesh) @ (speeds / speeds.max()))
     images += np.float32(GREY)
-    return atlas, np.clip(images, 0, 1, out=images)
+    return atlas, images
 
 
-def _convolve(
-    mesh: TriangleMesh,
-    atlas: TextureAtlas,
-    headings: FloatArray,
-    length: float,
-    phases: FloatArray,
-    seed: int,
-    images: FloatImage,
-) -> None:
-    """Fill images (P, texels) with contrast from about -0.5 to 0.5."""
-    owners = atlas.texel_faces.ravel()
-    grain = _GRAIN * atlas.texel_length
-    spacing = mesh.length_scale / float(np.sqrt((owners >= 0).sum()))
-    step = min(_STEP, _STRIDE * spacing / grain)
-    weights = _periodic_kernel(length / (grain * step), phases)
-    ahead = face_flow(mesh, grain * headings)
-    back = FaceFlow(-ahead.rates, -ahead.along, ahead.areas, ahead.neighbours)
-    canvas = Canvas(mesh.vertices / grain, mesh.faces, ahead.areas, ahead.neighbours, atlas.corners, owners, atlas.size)
-    done = np.zeros(len(owners), dtype=bool)
-    tracing.convolve(canvas, ahead, back, weights, round(_REACH / step), step, seed, done, images)
-    fill_gaps(canvas, done, images)
-    dark, bright = np.percentile(images[0, done], _CONTRAST)
-    fill_margins(canvas, done, images)
-    images /= max(bright - dark, 1e-12)
+def _fast(speeds: FloatArray, areas: FloatArray) -> float:
+    """The speed that is exceeded on a small part of the area only."""
+    order = np.argsort(speeds)
+    below = np.cumsum(areas[order]) / areas.sum()
+    return float(speeds[order[np.searchsorted(below, _SLOWER)]])
 
 
 def _periodic_kernel(steps: float, phases: FloatArray) -> FloatArray:
     """Weights (P, K) along a streamline: Hann's ripple moving under Hann's window, of equal norm at all phases."""
     half = max(round(steps / 2), 1)
-    along = np.arange(-half, half + 1) / (half + 1)
+    along = (np.arange(-half, half) + 0.5) / half
     window = 1 + np.cos(np.pi * along)
     ripple = 1 + np.cos(np.pi * along + 2 * np.pi * phases[:, None])
     weights = window * ripple

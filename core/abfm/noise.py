@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from abfm.kernels import kernel
@@ -19,17 +17,3 @@ def hashed(i: int, j: int, k: int, seed: int) -> float:
         h ^= h >> np.uint64(29)
     h *= np.uint64(0xBF58476D1CE4E5B9)
     return float(np.int64(h)) * 2.0**-63
-
-
-@kernel
-def noise_at(x: float, y: float, z: float, seed: int) -> float:
-    """Noise of the integer grid between its points, of equal variance everywhere."""
-    i, j, k = math.floor(x), math.floor(y), math.floor(z)
-    u, v, w = x - i, y - j, z - k
-    total = 0.0
-    for dk in range(2):
-        for dj in range(2):
-            share = (v if dj else 1.0 - v) * (w if dk else 1.0 - w)
-            total += share * ((1.0 - u) * hashed(i, j + dj, k + dk, seed) + u * hashed(i + 1, j + dj, k + dk, seed))
-    spread = (u * u + (1.0 - u) ** 2) * (v * v + (1.0 - v) ** 2) * (w * w + (1.0 - w) ** 2)
-    return total / math.sqrt(spread)

@@ -111,6 +111,19 @@ def known_neighbours(canvas: Canvas, done: IndexArray, texel: int) -> int:
 
 
 @kernel
+def between_known(canvas: Canvas, nearest: IndexArray, texel: int) -> bool:
+    """Whether two opposite texels of the four around are of the same face and known: ``nearest`` is from 1 to 254."""
+    for away in (1, canvas.size):
+        count = 0
+        for other in (texel - away, texel + away):
+            if 0 <= other < nearest.size and canvas.owners[other] == canvas.owners[texel] and 0 < nearest[other] < 255:
+                count += 1
+        if count == 2:
+            return True
+    return False
+
+
+@kernel
 def clip(b: FloatArray) -> None:
     """Move weights into the triangle."""
     total = 0.0

@@ -12,14 +12,10 @@ import numpy as np
 
 from abfm.face_flow import FaceFlow
 from abfm.kernels import FloatArray, IndexArray, kernel
-from abfm.noise import noise_at
-from abfm.texels import Canvas, FloatImage, clip, known_neighbours, weigh_texel
 
 GOING, BOUNDARY, STAGNATION = 0, 1, 2
 AT_VERTEX = 1.0 - 1e-12
 """A walker with so much weight on one corner is at the vertex."""
-CROSSINGS = 64
-"""Edges that a streamline may meet in one step before it counts as caught in a whirl."""
 
 
 @kernel
@@ -151,128 +147,3 @@ def trace(
         weights[count] = b
         count += 1
     return count, status
-
-
-@kernel
-def follow(
-    canvas: Canvas,
-    flow: FaceFlow,
-    where: IndexArray,
-    b: FloatArray,
-    stride: int,
-    step: float,
-    seed: int,
-    noise: FloatArray,
-    texels: IndexArray,
-) -> None:
-    """Noise and texels along the streamline of a flow of unit speed, from the middle of two arrays to one end.
-
-    Where the streamline ends the noise goes straight on in space, so that there is as much of it everywhere.
-    """
-    middle = noise.size // 2
-    size = canvas.size
-    rates = np.empty(3)
-    x, y, z, dx, dy, dz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    walked = 0.0
-    j = 0 if stride > 0 else 1
-    for _ in range(CROSSINGS * middle):
-        f = where[0]
-        moving = motion(flow, where, rates)
-        x, y, z, column, row = 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(3):
-            vertex = canvas.faces[f, i]
-            x += b[i] * canvas.vertices[vertex, 0]
-            y += b[i] * canvas.vertices[vertex, 1]
-            z += b[i] * canvas.vertices[vertex, 2]
-            column += b[i] * canvas.corners[f, i, 0]
-            row += b[i] * canvas.corners[f, i, 1]
-        if not moving:
-            break
-        dx, dy, dz, right, up = 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(3):
-            vertex = canvas.faces[f, i]
-            dx += rates[i] * canvas.vertices[vertex, 0]
-            dy += rates[i] * canvas.vertices[vertex, 1]
-            dz += rates[i] * canvas.vertices[vertex, 2]
-            right += rates[i] * canvas.corners[f, i, 0]
-            up += rates[i] * canvas.corners[f, i, 1]
-        left = step * middle - walked
-        used, status = advance(flow, where, b, rates, left)
-        while j <= middle and step * j <= walked + used:
-            t = step * j - walked
-            at = middle + stride * j
-            noise[at] = noise_at(x + t * dx, y + t * dy, z + t * dz, seed)
-            texels[at] = size * int(row + t * up) + int(column + t * right)
-            j += 1
-        walked += used
-        x, y, z = x + used * dx, y + used * dy, z + used * dz
-        if used >= left or status != GOING:
-            break
-    while j <= middle:
-        t = step * j - walked
-        at = middle + stride * j
-        noise[at] = noise_at(x + t * dx, y + t * dy, z + t * dz, seed)
-        texels[at] = -1
-        j += 1
-
-
-@kernel
-def weighted_sum(weights: FloatArray, values: FloatArray) -> float:
-    """Inner product in four lanes, which a processor adds up at once."""
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    whole = (weights.size // 4) * 4
-    for k in range(0, whole, 4):
-        a += weights[k] * values[k]
-        b += weights[k + 1] * values[k + 1]
-        c += weights[k + 2] * values[k + 2]
-        d += weights[k + 3] * values[k + 3]
-    for k in range(whole, weights.size):
-        a += weights[k] * values[k]
-    return a + b + c + d
-
-
-@kernel
-def convolve(
-    canvas: Canvas,
-    ahead: FaceFlow,
-    back: FaceFlow,
-    weights: FloatArray,
-    reach: int,
-    step: float,
-    seed: int,
-    done: IndexArray,
-    images: FloatImage,
-) -> None:
-    """Convolve noise along streamlines of two opposite flows, with ``weights`` (P, K) into ``images`` (P, texels).
-
-    Fills the texels whose centre is in their face, marked in ``done`` (texels,): each streamline all that it meets up
-    to ``reach`` steps from where it began. Where three of four neighbours are known, no streamline is worth its time.
-    """
-    half = weights.shape[1] // 2
-    noise = np.empty(2 * (half + reach) + 1)
-    texels = np.empty(noise.size, dtype=np.int64)
-    where = np.empty(2, dtype=np.int64)
-    b, begin = np.empty(3), np.empty(3)
-    for texel in range(done.size):
-        f = canvas.owners[texel]
-        if f < 0 or done[texel] or not weigh_texel(canvas, texel, begin):
-            continue
-        where[0], where[1] = f, -1
-        if not motion(ahead, where, b):
-            done[texel] = True
-            continue
-        if known_neighbours(canvas, done, texel) >= 3:
-            continue
-        clip(begin)
-        for stride in (1, -1):
-            where[0], where[1] = f, -1
-            b[:] = begin
-            follow(canvas, ahead if stride > 0 else back, where, b, stride, step, seed, noise, texels)
-        texels[half + reach] = texel
-        for i in range(2 * reach + 1):
-            target = texels[half + i]
-            if target < 0 or done[target]:
-                continue
-            done[target] = True
-            for picture in range(weights.shape[0]):
-                images[picture, target] = weighted_sum(weights[picture], noise[i : i + weights.shape[1]])

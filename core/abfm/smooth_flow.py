@@ -1,0 +1,161 @@
+"""A field of one vector per face made continuous, so that lines along it bend instead of having kinks at edges.
+
+Each vertex gets a vector, to which the faces around it are unrolled into the plane: their angles are scaled to a full
+turn, as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013, so that creases, which bend the surface
+but not its metric, do not matter. A linear function is fitted to the vectors of these faces at their centres. Inside a
+face the vectors of its corners are interpolated.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.face_flow import opposite_slots
+from abfm.kernels import FloatArray, IndexArray, kernel
+from abfm.mesh import TriangleMesh
+from abfm.operators import face_areas, face_frames, hat_gradients
+from abfm.vector_fields import to_frame
+
+_RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
+
+
+class SmoothFlow(NamedTuple):
+    """A continuous field as a walk along it needs it; places are in the faces' frames, from the first corner.
+
+    Attributes
+    ----------
+    vectors : (F, 3, 2) array
+        At the first corner, and how they change per unit of x and of y.
+    gradients : (F, 3, 2) array
+        Of the hat functions.
+    unfolding : (F, 3, 4) array
+        From each frame to that behind the edge opposite each corner: cosine and sine of the turn, and the shift.
+    neighbours : (F, 3) array of int
+        The slot ``3 f + k`` on the other side of that edge, -1 on the boundary.
+    """
+
+    vectors: FloatArray
+    gradients: FloatArray
+    unfolding: FloatArray
+    neighbours: IndexArray
+
+
+def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> SmoothFlow:
+    """Make a field (F, 3) continuous; a normal part is dropped, and faces without speed keep none.
+
+    ``unit`` is the unit of lengths in the result; vectors stay as they are.
+    """
+    places = mesh.vertices[mesh.faces]
+    corners = _complex(np.einsum("fcx,fkx->fck", places - places[:, :1], face_frames(mesh)) / unit)
+    neighbours, gradients = opposite_slots(mesh), hat_gradients(mesh) * unit
+    vectors = np.empty((len(mesh.faces), 3), dtype=np.complex128)
+    most = int(np.bincount(mesh.faces.ravel()).max())
+    fit_corners(_complex(to_frame(mesh, field)), corners, face_areas(mesh), neighbours, most, vectors)
+    slopes = np.einsum("fc,fck->fk", vectors, gradients)
+    return SmoothFlow(
+        _pairs(np.concatenate([vectors[:, :1], slopes], axis=1)), gradients, _unfolding(corners, neighbours), neighbours
+    )
+
+
+def _unfolding(corners: IndexArray, neighbours: IndexArray) -> FloatArray:
+    """The rigid motions that lay each face's frame beside that of its neighbour."""
+    starts, ends = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)  # of the edges
+    turns = (starts.ravel()[neighbours] - ends.ravel()[neighbours]) / (ends - starts)
+    turns /= np.abs(turns)
+    shifts = ends.ravel()[neighbours] - turns * starts
+    return np.concatenate([_pairs(turns), _pairs(shifts)], axis=2)
+
+
+def _pairs(numbers: IndexArray) -> FloatArray:
+    return np.stack([numbers.real, numbers.imag], axis=-1)
+
+
+def _complex(pairs: FloatArray) -> IndexArray:
+    return np.ascontiguousarray(pairs).view(np.complex128)[..., 0]
+
+
+@kernel
+def fit_corners(
+    field: IndexArray, corners: IndexArray, areas: FloatArray, neighbours: IndexArray, most: int, vectors: IndexArray
+) -> None:
+    """Vectors at corners (F, 3) from those of faces (F,), as complex numbers in the faces' frames.
+
+    ``most`` is the largest number of faces around a vertex. A pinched vertex has a vector for each of its fans.
+    """
+    seen = np.zeros(corners.shape, dtype=np.bool_)
+    fan = np.empty(most, dtype=np.int64)
+    middles = np.empty(most, dtype=np.complex128)
+    turns = np.empty(most)
+    centres = np.empty(most, dtype=np.complex128)
+    unrolled = np.empty(most, dtype=np.complex128)
+    for slot in range(seen.size):
+        if seen[slot // 3, slot % 3]:
+            continue
+        f, c, closed = slot // 3, slot % 3, False
+        while True:  # clockwise to the boundary, or around
+            other = neighbours[f, (c + 2) % 3]
+            if other < 0:
+                break
+            f, c = other // 3, (other % 3 + 2) % 3
+            if 3 * f + c == slot:
+                closed = True
+                break
+        count, turned = 0, 0.0
+        while True:
+            seen[f, c] = True
+            fan[count] = 3 * f + c
+            first, last = corners[f, (c + 1) % 3] - corners[f, c], corners[f, (c + 2) % 3] - corners[f, c]
+            middle = first / abs(first) + last / abs(last)
+            angle = np.angle(last / first)
+            middles[count] = middle / abs(middle)
+            turns[count] = turned + angle / 2
+            turned += angle
+            count += 1
+            other = neighbours[f, (c + 1) % 3]
+            if other < 0:
+                break
+            f, c = other // 3, (other % 3 + 1) % 3
+            if 3 * f + c == fan[0]:
+                break
+        scale = 2 * np.pi / turned if closed else 1.0
+        for i in range(count):
+            f, c = fan[i] // 3, fan[i] % 3
+            rotation = np.exp(1j * scale * turns[i]) / middles[i]
+            centres[i] = ((corners[f, 0] + corners[f, 1] + corners[f, 2]) / 3 - corners[f, c]) * rotation
+            unrolled[i] = field[f] * rotation
+        vector = fitted(fan[:count], centres, unrolled, areas)
+        for i in range(count):
+            f, c = fan[i] // 3, fan[i] % 3
+            vectors[f, c] = vector * middles[i] * np.exp(-1j * scale * turns[i]) if field[f] != 0 else 0.0
+
+
+@kernel
+def fitted(fan: IndexArray, places: IndexArray, values: IndexArray, areas: FloatArray) -> complex:
+    """At zero, the linear function nearest to complex values at places of the plane, weighted by the faces' areas."""
+    total, place, value = 0.0, 0j, 0j
+    for i in range(fan.size):
+        weight = areas[fan[i] // 3]
+        total += weight
+        place += weight * places[i]
+        value += weight * values[i]
+    place /= total
+    value /= total
+    xx, xy, yy, vx, vy = 0.0, 0.0, 0.0, 0j, 0j
+    for i in range(fan.size):
+        weight = areas[fan[i] // 3]
+        away, more = places[i] - place, values[i] - value
+        xx += weight * away.real**2
+        xy += weight * away.real * away.imag
+        yy += weight * away.imag**2
+        vx += weight * away.real * more
+        vy += weight * away.imag * more
+    ridge = _RIDGE * (xx + yy)
+    xx, yy = xx + ridge, yy + ridge
+    determinant = xx * yy - xy * xy
+    if determinant <= 0.0:
+        return value
+    along_x, along_y = (yy * vx - xy * vy) / determinant, (xx * vy - xy * vx) / determinant
+    result: complex = value - along_x * place.real - along_y * place.imag
+    return result
