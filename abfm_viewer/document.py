@@ -103,6 +103,8 @@ class View:
         it, or the source's gradient carried along.
     streaks : bool
         Line integral convolution of the field on the advected surface.
+    fade, animate : bool
+        Whether the streaks fade where the field is slow, and whether they move along it.
     tool : ClickTool
         What a click on a surface does.
     previous_runs : bool
@@ -127,6 +129,8 @@ class View:
     arrow_density: float = 0.3
     part: FieldPart = "whole"
     streaks: bool = False
+    fade: bool = False
+    animate: bool = False
     tool: ClickTool = "nothing"
     previous_runs: bool = True
 

@@ -118,8 +118,10 @@ class DocumentRenderer:
         self._scene.update(session, self._rect)
         self._scene.frame(session, self._rect, whole=True)
 
-    def picture(self, time: float, degrees: float = 0.0) -> Image.Image:
+    def picture(self, time: float, degrees: float = 0.0, phase: float = 0.0) -> Image.Image:
         """The document at a time, its surfaces turned by an angle: RGB, or RGBA if it is transparent.
+
+        Streaks that move are drawn at a phase of their way, from 0 to 1.
 
         Raises
         ------
@@ -128,6 +130,7 @@ class DocumentRenderer:
         """
         session = self._session
         self._go_to(time)
+        session.player.phase = phase
         self._scene.update(session, self._rect)
         problem = session.shown.problem or session.quantities.error
         if problem:
@@ -137,14 +140,18 @@ class DocumentRenderer:
         self._annotate(picture)
         return picture
 
-    def frames(self, start: float, end: float, count: int, turntable: float) -> Iterator[Pixels]:
-        """Frames (H, W, 3) of a movie from one time to another, while the surfaces turn by an angle in degrees."""
+    def frames(self, start: float, end: float, count: int, turntable: float, cycles: int = 1) -> Iterator[Pixels]:
+        """Frames (H, W, 3) of a movie from one time to another, while the surfaces turn by an angle in degrees.
+
+        Streaks that move go through their phases ``cycles`` times. The first frame follows the last, for turning
+        surfaces and streaks, when the movie is repeated.
+        """
         if self._document.view.error:
             self._scene.painter.largest_error = max(self._error(start), self._error(end))
         for number in range(count):
             share = number / max(count - 1, 1)
-            turned = turntable * number / count  # the first frame follows the last when it is repeated
-            yield np.asarray(self.picture(start + share * (end - start), turned))
+            turned, phase = turntable * number / count, cycles * number / count % 1
+            yield np.asarray(self.picture(start + share * (end - start), turned, phase))
 
     def _go_to(self, time: float) -> None:
         session = self._session

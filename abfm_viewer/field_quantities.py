@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm_viewer.background import Latest
@@ -23,7 +24,13 @@ if TYPE_CHECKING:
     from abfm.texture_atlas import TextureAtlas
     from abfm_viewer.session import Session
 
-_TEXELS = 2048
+_TEXELS = 1536
+_MOVING_TEXELS = 1024  # in the window, where a new texture is drawn many times a second
+_LEAST_TEXELS_PER_FACE = 12
+_MOST_TEXELS = 16384  # along a side
+_PHASES = 16  # of moving streaks that are computed; those between are blended
+_SHOWN_PHASES = 32  # in the window
+_EXACT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +60,25 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class Streaks:
-    """A grey texture with streaks along a field, and the atlas that says what belongs where."""
+    """Grey textures (P, size, size), from 0 to 255, with streaks along a field, and the atlas that says what is where.
+
+    More than one show phases of the streaks' way along the field.
+    """
 
     field: Field
     atlas: TextureAtlas
-    image: FloatImage
+    images: NDArray[np.uint8]
+
+    def at(self, phase: float) -> NDArray[np.uint8]:
+        """The texture of a phase from 0 to 1."""
+        place = phase % 1 * len(self.images)
+        before, share = int(place), place % 1
+        first: NDArray[np.uint8] = self.images[before % len(self.images)]
+        if share < _EXACT or len(self.images) == 1:
+            return first
+        second = self.images[(before + 1) % len(self.images)]
+        blended: NDArray[np.float32] = np.float32(1 - share) * first + np.float32(share) * second
+        return (blended + np.float32(0.5)).astype(np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,12 +167,19 @@ class FieldQuantities:
         field = self.field(session)
         if field is None or session.solver.running:
             return None
-        streaks = self._streaks.ask(field, partial(_streaks, field))
+        view = session.view
+        streaks = self._streaks.ask((field, view.fade, view.animate), partial(_streaks, field, view.fade, view.animate))
         if streaks is None:
-            return None
-        found = self._texture.ask((streaks, id(values), colors), partial(_texture, streaks, values, colors))
+            streaks = self._streaks.value
+            if streaks is None or streaks.field is not field:
+                return None
+        phase = 0.0 if len(streaks.images) == 1 else session.player.phase
+        if not Latest.at_once:
+            phase = round(phase * _SHOWN_PHASES) / _SHOWN_PHASES
+        key = (streaks, id(values), colors, phase)
+        found = self._texture.ask(key, partial(_texture, streaks, phase, values, colors))
         stale = self._texture.value
-        return found or (stale if stale is not None and stale.streaks is streaks else None)
+        return found or (stale if stale is not None and stale.streaks.field is field else None)
 
     def lines(self, session: Session) -> list[FlowLine]:
         """Flow lines through the points that were clicked on: against the flow for tau, and with it for tau."""
@@ -224,16 +252,24 @@ def _distortion(flow: FlowState, time: float) -> Distortion:
     return distortion(flow.mesh, project_onto_surface(flow.mesh, carried).positions)
 
 
-def _streaks(field: Field) -> Streaks:
+def _streaks(field: Field, fade: bool, moving: bool) -> Streaks:
     from abfm.line_integral import line_integral_convolution
 
-    return Streaks(field, *line_integral_convolution(field.mesh, field.velocity, size=_TEXELS))
+    size = _MOVING_TEXELS if moving and not Latest.at_once else _TEXELS
+    size = min(max(size, int(np.sqrt(_LEAST_TEXELS_PER_FACE * len(field.mesh.faces)))), _MOST_TEXELS)
+    phases = np.arange(_PHASES) / _PHASES if moving else None
+    atlas, images = line_integral_convolution(field.mesh, field.velocity, size=size, fade=fade, phase=phases)
+    return Streaks(field, atlas, np.stack([_in_steps(image) for image in images.reshape(-1, size, size)]))
 
 
-def _texture(streaks: Streaks, values: FloatArray, colors: ColorRange) -> Texture:
+def _in_steps(image: FloatImage) -> NDArray[np.uint8]:
+    return (255 * image + np.float32(0.5)).astype(np.uint8)
+
+
+def _texture(streaks: Streaks, phase: float, values: FloatArray, colors: ColorRange) -> Texture:
     from abfm_viewer.streak_texture import streak_texture
 
-    texture = streak_texture(streaks.atlas, streaks.image, values, colors)
+    texture = streak_texture(streaks.atlas, streaks.at(phase), values, colors)
     return Texture(streaks, texture, streaks.atlas.corner_coordinates)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from abfm.mesh import FloatArray
 from abfm_viewer.colormaps import ColorRange, color_range
 from abfm_viewer.document import HODGE_PARTS, Front, Side
-from abfm_viewer.field_quantities import Texture
+from abfm_viewer.field_quantities import Field, Texture
 from abfm_viewer.session import Session
 
 Kind = Literal["vertex values", "face values", "colors", "checker", "texture"]
@@ -129,14 +129,23 @@ class Painter:
             field = session.quantities.field(session)
             if field is None:
                 return None
-            colors = _ranged(session, 0.0, max(float(field.speed.max()), _LEAST_RANGE))
-            return self._kept_paint("advected", "face values", field.speed, f"speed{suffix}", colors, "speed")
+            return self._speed(session, field, f"speed{suffix}")
         values = session.quantities.scalar(session)
         if values is None:
             return None
         top = max(float(np.percentile(np.abs(values), 99.5)), _LEAST_RANGE)
         colors = _ranged(session, -top, top)
         return self._kept_paint("advected", "vertex values", values, f"{kind}{suffix}", colors, kind)
+
+    def _speed(self, session: Session, field: Field, title: str) -> Paint:
+        """In units of sqrt(area) per time: graphics cards know no numbers as large or small as those of some meshes."""
+
+        def make() -> Paint:
+            values = field.speed / field.mesh.length_scale
+            top = max(float(values.max()), _LEAST_RANGE)
+            return Paint("face values", values, title, _ranged(session, 0.0, top), "speed, in sqrt(area) per time")
+
+        return self._keep("advected", (field, title, session.view.colormap), make)
 
     def _distortion(self, session: Session, kind: str) -> Paint | None:
         found = session.quantities.distortion(session)
@@ -145,8 +154,10 @@ class Painter:
         source = found.area if kind == "area distortion" else found.conformal
 
         def make() -> Paint:
+            from abfm.operators import face_areas  # not before: it loads what the first frame does without
+
             values = np.log2(np.clip(source, 1e-6, 1e6))
-            top = max(float(np.percentile(np.abs(values), 99)), 0.05)
+            top = max(_most(np.abs(values), face_areas(session.mesh)), 0.05)
             low = -top if kind == "area distortion" else 0.0
             bar = "log2 of the area's factor" if kind == "area distortion" else "log2 of the stretches' ratio"
             return Paint("face values", values, kind, _ranged(session, low, top), bar)
@@ -234,6 +245,13 @@ def _same(before: tuple[object, ...], now: tuple[object, ...]) -> bool:
         a is b or (not isinstance(a, np.ndarray) and not isinstance(b, np.ndarray) and a == b)
         for a, b in zip(before, now, strict=True)
     )
+
+
+def _most(values: FloatArray, weights: FloatArray) -> float:
+    """What a twentieth of the weight exceeds: slivers and a few faces that fold do not count."""
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(below, 0.95 * below[-1])]])
 
 
 def _ranged(session: Session, low: float, high: float) -> ColorRange:

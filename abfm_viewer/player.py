@@ -8,6 +8,8 @@ Repeat = Literal["once", "loop", "ping-pong"]
 REPEATS: tuple[Repeat, ...] = ("once", "loop", "ping-pong")
 SECONDS = 4.0
 """How long the flow from 0 to tau takes at speed 1."""
+SECONDS_PER_CYCLE = 1.0
+"""How long moving streaks take until they look the same again."""
 _LONGEST_FRAME = 0.1  # seconds: after a hang the time does not leap
 
 
@@ -23,6 +25,8 @@ class Player:
         1 goes from 0 to tau in `SECONDS`.
     beyond : bool
         Whether it plays on to the end of the time bar instead of tau.
+    phase : float
+        Of moving streaks, 0 to 1.
     """
 
     def __init__(self) -> None:
@@ -30,6 +34,7 @@ class Player:
         self.repeat: Repeat = "loop"
         self.speed = 1.0
         self.beyond = False
+        self.phase = 0.0
         self._direction = 1.0
         self._starting = False
 
@@ -37,6 +42,10 @@ class Player:
         """Play or pause."""
         self.playing = self._starting = not self.playing
         self._direction = 1.0
+
+    def move_streaks(self, seconds: float) -> None:
+        """Move the phase of streaks on, whether the time plays or not."""
+        self.phase = (self.phase + min(seconds, _LONGEST_FRAME) / SECONDS_PER_CYCLE) % 1
 
     def advance(self, time: float, seconds: float, tau: float, end: float) -> float:
         """The time to show some seconds after another one was shown."""

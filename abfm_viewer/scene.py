@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +28,7 @@ _SPACING, _STACKING = 1.15, 1.25
 _SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25
 _FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for drawing
 _CHECKER = 0.03
+_SLOW_REDRAWS_APART = 2.0  # new textures, of moving streaks
 _STRIPES = 0.8  # of the light that every other stripe between isolines keeps
 _PLAIN = (0.8, 0.81, 0.83)
 
@@ -82,6 +84,7 @@ class Scene:
         self._camera: Camera | None = None
         self._placed: object = None
         self._drawn: dict[str, Paint] = {}
+        self._textured_at = 0.0
         self._isolines: tuple[bool, int] = (False, 0)
         ps.remove_all_structures()
         ps.set_ground_plane_mode("none")
@@ -118,8 +121,10 @@ class Scene:
         """Whether a surface that follows a solve keeps its colours for this frame.
 
         Where drawing the surfaces takes longer than a frame, as without a graphics card, they follow the solver in one
-        of many frames only, so that the window answers in the others.
+        of many frames only, so that the window answers in the others. So do streaks that move.
         """
+        if session.view.animate and name == "advected" and name in self._drawn and self.redraw_seconds > _SLOW_REDRAW:
+            return clock.perf_counter() < self._textured_at + _SLOW_REDRAWS_APART * self.redraw_seconds
         if not session.solver.running or self.redraw_seconds <= _SLOW_REDRAW or name not in self._drawn:
             return False
         if name == self.names[0]:
@@ -257,6 +262,11 @@ class Scene:
                 ps.get_surface_mesh(name).get_quantity_buffer(paint.kind, "values").update_data(self._values(paint))
                 self._drawn[name] = paint
                 return
+        if before is not None and before.kind == paint.kind == "texture" and before.corners is paint.corners:
+            colors = paint.values.reshape(-1, 3)  # much cheaper than a new quantity
+            ps.get_surface_mesh(name).get_quantity_buffer(paint.kind, "colors").update_data(colors)
+            self._drawn[name], self._textured_at = paint, clock.perf_counter()
+            return
         surface = ps.get_surface_mesh(name)
         if paint.kind in ("vertex values", "face values"):
             assert paint.colors is not None

@@ -265,6 +265,8 @@ class Session(Editing):
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
         self._collect()
+        if self.view.animate:
+            self.player.move_streaks(elapsed)
         if self.player.playing:
             self.amend(time=self.player.advance(self.time, elapsed, self.parameters.tau, self.end))
 

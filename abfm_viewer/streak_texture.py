@@ -5,26 +5,31 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from abfm.kernels import IndexArray, kernel
 from abfm.mesh import FloatArray
 from abfm.texels import FloatImage
 from abfm.texture_atlas import TextureAtlas
 from abfm_viewer.colormaps import ColorRange, linear_table
 
-SHADE = 0.55
+SHADE = 0.72
 """How much the darkest streak darkens a function's colour, in linear light."""
 _BRIGHT, _DARK = 0.85, 0.06  # streaks without a function, in linear light
+_COLORS = 1024
 
 
 def streak_texture(
-    atlas: TextureAtlas, image: FloatImage, values: FloatArray | None = None, colors: ColorRange | None = None
-) -> NDArray[np.float32]:
+    atlas: TextureAtlas,
+    image: NDArray[np.float32] | NDArray[np.uint8],
+    values: FloatArray | None = None,
+    colors: ColorRange | None = None,
+) -> FloatImage:
     """Colours for a texture on `atlas`, whose `corner_coordinates` say where the faces' corners lie in it.
 
     Parameters
     ----------
     atlas : TextureAtlas
-    image : (size, size) array of float32
-        As `line_integral_convolution` returns it, from 0 to 1.
+    image : (size, size) array of float32 or uint8
+        As `line_integral_convolution` returns it, from 0 to 1, or that in steps from 0 to 255.
     values : (V,) array, optional
         A function whose colours the streaks darken; grey streaks without.
     colors : ColorRange, optional
@@ -35,11 +40,41 @@ def streak_texture(
     (size, size, 3) array of float32
         In linear light, row 0 at the bottom.
     """
+    texture = np.empty((atlas.size, atlas.size, 3), dtype=np.float32)
+    scale = 1 / 255 if image.dtype == np.uint8 else 1.0
     if values is None or colors is None:
-        return np.repeat((_DARK + (_BRIGHT - _DARK) * image)[:, :, None], 3, axis=2)
-    share = (atlas.image(values) - colors.low) / (colors.high - colors.low)
-    table = linear_table(colors.colormap, 1024).astype(np.float32)
-    index = np.clip(share * 1023, 0, 1023).astype(np.int32)
-    shade = 1 - SHADE + SHADE * image
-    colored: NDArray[np.float32] = table[index] * shade[:, :, None]
-    return colored
+        table, affine = np.full((1, 3), _BRIGHT), np.zeros((len(atlas.mesh.faces), 3))
+        _draw(atlas.texel_faces, affine, table, 1 - _DARK / _BRIGHT, scale, image, texture)
+        return texture
+    affine = atlas.affine(values)
+    affine[:, 0] -= colors.low
+    affine *= (_COLORS - 1) / (colors.high - colors.low)
+    _draw(atlas.texel_faces, affine, linear_table(colors.colormap, _COLORS), SHADE, scale, image, texture)
+    return texture
+
+
+@kernel
+def _draw(
+    owners: NDArray[np.int32],
+    affine: FloatArray,
+    table: FloatArray,
+    shade: float,
+    scale: float,
+    image: IndexArray,
+    texture: FloatImage,
+) -> None:
+    """Fill a texture with rows of a table by functions that are affine in each face, darkened where an image is dark.
+
+    A kernel, because the window draws while it runs.
+    """
+    last = table.shape[0] - 1
+    for row in range(owners.shape[0]):
+        for column in range(owners.shape[1]):
+            face = owners[row, column]
+            light = 1.0 - shade + shade * scale * image[row, column]
+            entry = 0
+            if face >= 0:
+                share = affine[face, 0] + affine[face, 1] * (column + 0.5) + affine[face, 2] * (row + 0.5)
+                entry = int(min(max(share, 0.0), last))
+            for channel in range(3):
+                texture[row, column, channel] = light * table[entry, channel]

@@ -259,7 +259,9 @@ class Window:
         changed = session.document is not self._document
         self._document = session.document
         by_hand = tuple(io.MouseDelta) != (0, 0) or io.MouseWheel != 0 or imgui.IsAnyMouseDown()
-        return changed or by_hand or imgui.IsAnyItemActive() or session.solver.running or session.busy != ""
+        moving = session.view.streaks and session.view.animate
+        working = session.solver.running or session.busy != "" or moving
+        return changed or by_hand or imgui.IsAnyItemActive() or working
 
     def _dropped(self, files: list[str]) -> None:
         """Open a file that was dropped on the window."""

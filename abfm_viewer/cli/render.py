@@ -15,6 +15,7 @@ from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document import EXTRAPOLATION, Document, Front
 from abfm_viewer.exit_status import UsageError
+from abfm_viewer.player import SECONDS_PER_CYCLE
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -30,6 +31,7 @@ Examples:
   abfm render match.npz --out match.png
   abfm render match.npz --out match.png --size 2400x800 --time 0.5 --time 1.5
   abfm render match.npz --out match.mp4 --seconds 4 --to 2
+  abfm render match.npz --out streaks.gif --streaks --fade --from 0 --to 0
   abfm render my.abfm --out my.png --size 3840x2160 --transparent
 """
 _MOVIES = (".mp4", ".gif")
@@ -60,6 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     window.add_argument("--transparent", action="store_true", help="a picture without a ground")
     window.add_argument("--no-color-bar", action="store_true", help="leave the colour bars out")
     window.add_argument("--no-labels", action="store_true", help="leave the surfaces' names out")
+    window.add_argument(
+        "--streaks",
+        action="store_true",
+        help="streaks along the field on the advected surface (line integral convolution); in a movie they move",
+    )
+    window.add_argument("--fade", action="store_true", help="with --streaks: they fade where the field is slow")
     movies = parser.add_argument_group("movies")
     movies.add_argument("--seconds", type=options.positive, metavar="S", help="length (default: 4)")
     movies.add_argument("--fps", type=options.positive, metavar="N", help="frames a second (default: 30)")
@@ -104,9 +112,11 @@ def _check_options(arguments: argparse.Namespace, style: str, is_movie: bool) ->
     for name, option in _OF_MOVIES.items() if not is_movie else ():
         if getattr(arguments, name) is not None:
             raise UsageError(f"{option} is for movies, and {arguments.out} is a picture")
-    for name in ("transparent", "no_color_bar", "no_labels") if style == "sheet" else ():
+    for name in ("transparent", "no_color_bar", "no_labels", "streaks", "fade") if style == "sheet" else ():
         if getattr(arguments, name):
             raise UsageError(f"--{name.replace('_', '-')} is not for sheets; add --style window")
+    if arguments.fade and not arguments.streaks:
+        raise UsageError("--fade is for streaks; add --streaks")
     if is_movie:
         from abfm_viewer.movies import FASTEST, SLOWEST
 
@@ -121,12 +131,16 @@ def _check_options(arguments: argparse.Namespace, style: str, is_movie: bool) ->
 
 
 def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
-    """The document with the channel, the times and the direction that were asked for."""
+    """The document with the channel, the times and the streaks that were asked for."""
     if arguments.channel is not None:
         count = max(len(document.channels), 1)
         if not 0 <= arguments.channel < count:
             raise ParameterError(f"--channel {arguments.channel}: there are channels 0 to {count - 1}")
         document = replace(document, channel=arguments.channel)
+    if arguments.streaks:
+        moving = arguments.out.suffix in _MOVIES
+        view = replace(document.view, coloring="function", streaks=True, fade=arguments.fade, animate=moving)
+        document = replace(document, view=view)
     end = EXTRAPOLATION * document.parameters.tau
     times = [("--time", time) for time in arguments.time or []]
     times += [("--from", arguments.start), ("--to", arguments.end)]
@@ -161,11 +175,12 @@ def _movie(arguments: argparse.Namespace, document: Document, known: dict[str, F
     fps, start, turntable = arguments.fps or _FPS, arguments.start or 0.0, arguments.turntable or 0.0
     end = document.parameters.tau if arguments.end is None else arguments.end
     count = max(round((arguments.seconds or _SECONDS) * fps), 1)
+    cycles = max(round(count / fps / SECONDS_PER_CYCLE), 1)
     width, height = arguments.size or _SIZE[arguments.out.suffix]
     choices = PictureOptions(False, not arguments.no_color_bar, not arguments.no_labels, turns=bool(turntable))
     renderer = DocumentRenderer(_turned_up(arguments, document), known, (width, height), choices)
     with renderer, frame_progress(count, arguments.quiet, arguments.progress) as report:
-        write_movie(arguments.out, renderer.frames(start, end, count, turntable), fps, count, report)
+        write_movie(arguments.out, renderer.frames(start, end, count, turntable, cycles), fps, count, report)
     print(f"wrote {arguments.out} ({width} x {height}, {count} frame{'s' if count > 1 else ''})")
 
 

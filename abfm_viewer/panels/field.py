@@ -41,6 +41,13 @@ def draw(ui: Ui, session: Session) -> None:
     streaks = ui.checkbox("streaks", view.streaks, tip)
     if streaks != view.streaks:
         session.set_view("switch streaks", streaks=streaks)
+    with ui.disabled(not view.streaks):
+        fade = ui.checkbox("fade with speed", view.fade, "Less contrast of the streaks where the field is slower.")
+        animate = ui.checkbox("animate", view.animate, "Streaks move along the field, here and in movies.")
+    if fade != view.fade:
+        session.set_view("switch fading", fade=fade)
+    if animate != view.animate:
+        session.set_view("switch animation", animate=animate)
     ui.note("A click on a surface starts:")
     tips = ("Nothing.", "A flow line through the point.", "Following where the point goes over time.")
     tool = ui.radio(CLICK_TOOLS, view.tool, tips)

@@ -23,6 +23,7 @@ from abfm.vector_fields import check_field, to_ambient, to_frame
 GREY = 0.5
 _STEP = 1.5  # of a walk, in grains
 _STRIDE = 1.2  # between places where noise is read and texels are served, in texels; at most
+_RIPPLES = 2
 _LEAST_PARTS = 3  # of a step, at which noise is read
 _CONTRAST = (2, 98)  # percentiles that become black and white
 _CALM = 1e-9  # of the largest speed: below, there is no direction
@@ -42,7 +43,7 @@ def line_integral_convolution(
     width: float = 1 / 400,
     seed: int = 0,
     fade: bool = False,
-    phase: ArrayLike = 0.0,
+    phase: ArrayLike | None = None,
 ) -> tuple[TextureAtlas, FloatImage]:
     """A grey texture with streaks along a field.
 
@@ -61,9 +62,9 @@ def line_integral_convolution(
     fade : bool
         Whether the contrast is proportional to the speed of the continuous field: none where it is zero, and full from
         the speed on that is exceeded on a fiftieth of the area.
-    phase : float or (P,) array
-        Pictures at phases rising from 0 to 1, where they start again, show streaks that move along the field.
-        Computing P of them at once is much faster than one by one.
+    phase : float or (P,) array, optional
+        Pictures at phases rising from 0 to 1, where they start again, show streaks that move along the field, which
+        are shorter than those of a single picture. Computing P of them at once is much faster than one by one.
 
     Returns
     -------
@@ -78,7 +79,7 @@ def line_integral_convolution(
     """
     field = check_field(mesh, velocity, "velocity")
     field = to_ambient(mesh, to_frame(mesh, field / (np.abs(field).max() or 1.0)))
-    phases = np.asarray(phase, dtype=np.float64)
+    phases = np.asarray(0.0 if phase is None else phase, dtype=np.float64)
     if phases.ndim > 1 or not phases.size or not np.isfinite(phases).all():
         raise ParameterError(f"phase is {phase!r}; expected a finite number or a list of them")
     if not (np.isfinite(length) and 0 < length <= 1):
@@ -98,7 +99,7 @@ def line_integral_convolution(
         places = mesh.vertices @ _TILT / grain + _SHIFT
         areas = face_areas(mesh) / grain**2
         canvas = Canvas(places, mesh.faces, areas, flow.neighbours, atlas.corners, owners, atlas.size)
-        weights = _periodic_kernel(length * mesh.length_scale / (_STEP * grain), phases.ravel())
+        weights = _kernels(length * mesh.length_scale / (_STEP * grain), None if phase is None else phases.ravel())
         parts = max(int(np.ceil(_STEP * grain / (_STRIDE * spacing))), _LEAST_PARTS)
         calm, done = _CALM * float(speeds.max()), np.zeros(len(owners), dtype=bool)
         streamlines.convolve(canvas, flow, weights, _STEP, parts, calm, int(seed) % 2**63, done, images)
@@ -120,12 +121,15 @@ def _fast(speeds: FloatArray, areas: FloatArray) -> float:
     return float(speeds[order[np.searchsorted(below, _SLOWER)]])
 
 
-def _periodic_kernel(steps: float, phases: FloatArray) -> FloatArray:
-    """Weights (P, K) along a streamline: Hann's ripple moving under Hann's window, of equal norm at all phases."""
+def _kernels(steps: float, phases: FloatArray | None) -> FloatArray:
+    """Weights (P, K) along a streamline, of equal norm: Hann's window, or Hann's ripples that move under it.
+
+    With two ripples all phases are about as different from the next.
+    """
     half = max(round(steps / 2), 1)
-    along = (np.arange(-half, half) + 0.5) / half
-    window = 1 + np.cos(np.pi * along)
-    ripple = 1 + np.cos(np.pi * along + 2 * np.pi * phases[:, None])
-    weights = window * ripple
+    along = np.pi * (np.arange(-half, half) + 0.5) / half
+    weights = (1 + np.cos(along))[None]
+    if phases is not None:
+        weights = weights * (1 + np.cos(_RIPPLES * along + 2 * np.pi * phases[:, None]))
     normalized: FloatArray = weights / np.linalg.norm(weights, axis=1, keepdims=True)
     return normalized

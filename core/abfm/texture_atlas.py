@@ -64,8 +64,8 @@ class TextureAtlas:
         two = (u[:, 0] * p[:, 1] - u[:, 1] * p[:, 0]) / area
         return np.stack([1 - one - two, one, two], axis=1)
 
-    def image(self, h: ArrayLike, unused: float = 0.0) -> NDArray[np.float32]:
-        """A vertex function (V,) as a texture (size, size): linear filtering of it is linear in each face.
+    def affine(self, h: ArrayLike) -> FloatArray:
+        """A vertex function (V,) in texels' coordinates: ``a + b x + c y`` in each face, (F, 3).
 
         Raises
         ------
@@ -79,8 +79,18 @@ class TextureAtlas:
         along_x = ((h1 - h0) * v[:, 1] - (h2 - h0) * u[:, 1]) / area
         along_y = ((h2 - h0) * u[:, 0] - (h1 - h0) * v[:, 0]) / area
         at_zero = h0 - along_x * origin[:, 0] - along_y * origin[:, 1]
+        return np.stack([at_zero, along_x, along_y], axis=1)
+
+    def image(self, h: ArrayLike, unused: float = 0.0) -> NDArray[np.float32]:
+        """A vertex function (V,) as a texture (size, size): linear filtering of it is linear in each face.
+
+        Raises
+        ------
+        FunctionError
+            If ``h`` does not fit the mesh.
+        """
         texture = np.empty((self.size, self.size), dtype=np.float32)
-        texels.draw_affine(self.texel_faces, np.stack([at_zero, along_x, along_y], axis=1), unused, texture)
+        texels.draw_affine(self.texel_faces, self.affine(h), unused, texture)
         return texture
 
 

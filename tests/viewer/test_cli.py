@@ -10,7 +10,7 @@ import av
 import numpy as np
 import pytest
 import trimesh
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from abfm import Parameters, load_match
 from abfm.assets import asset_path
@@ -285,6 +285,28 @@ def test_render_writes_movies(suffix, result, project, tmp_path, capsys):
         assert np.abs(frames[0].astype(int) - frames[-1]).max() > 50
 
 
+def test_render_draws_streaks_that_move_in_a_loop(result, tmp_path):
+    """The frames of a GIF at one time differ by the streaks alone, from the last to the first as elsewhere."""
+    gif = tmp_path / "a.gif"
+    words = ["--streaks", "--from", "1", "--to", "1", "--seconds", "0.8", "--fps", "10", "--size", "480x320"]
+    assert main(["render", str(result), "--out", str(gif), *words]) == 0
+    with Image.open(gif) as movie:
+        assert (movie.n_frames, movie.info["loop"]) == (8, 0)
+        frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(movie)]
+    steps = [np.abs(frames[i] - frames[i - 1]).mean() for i in range(8)]
+    assert 0.1 < max(steps) < 1.5 * min(steps)
+
+
+def test_render_draws_streaks_that_fade(result, tmp_path):
+    pictures = []
+    for number, words in enumerate(([], ["--streaks"], ["--streaks", "--fade"])):
+        path = tmp_path / f"{number}.png"
+        assert main(["render", str(result), "--style", "window", "--size", "640x400", "--out", str(path), *words]) == 0
+        pictures.append(np.asarray(Image.open(path)).astype(int))
+    plain, full, faded = pictures
+    assert 0.1 < np.abs(faded - plain).mean() < np.abs(full - plain).mean()
+
+
 def test_render_tells_machines_of_every_frame(result, tmp_path, capsys):
     words = ["--size", "320x240", "--seconds", "0.3", "--fps", "10", "--progress"]
     assert main(["render", str(result), "--out", str(tmp_path / "a.mp4"), *words]) == 0
@@ -302,6 +324,8 @@ def test_render_tells_machines_of_every_frame(result, tmp_path, capsys):
         ("a.png", ["--style", "window", "--time", "0", "--time", "1"], "--time is given more than once"),
         ("a.png", ["--transparent"], "--transparent is not for sheets; add --style window"),
         ("a.png", ["--no-labels"], "--no-labels is not for sheets"),
+        ("a.png", ["--streaks"], "--streaks is not for sheets"),
+        ("a.mp4", ["--fade"], "--fade is for streaks; add --streaks"),
         ("a.png", ["--fps", "30"], "--fps is for movies"),
         ("a.png", ["--style", "window", "--size", "9000x9000"], "16 to 8192"),
         ("a.mp4", ["--to", "3"], "--to is 3; expected 0 to 2"),

@@ -98,6 +98,27 @@ def test_frames_go_from_the_first_time_to_the_last(document):
             assert (frame == np.asarray(renderer.picture(time))).all()
 
 
+def test_moving_streaks_go_around_in_a_movie(document):
+    """Every frame is another phase, and the first follows the last as any frame follows another."""
+    view = replace(document.view, streaks=True, animate=True, layout="advected only")
+    with DocumentRenderer(replace(document, view=view), {}, SIZE, BARE) as renderer:
+        frames = [frame.astype(int) for frame in renderer.frames(2.0, 2.0, 8, 0.0)]
+        again = np.asarray(renderer.picture(2.0, phase=1.0)).astype(int)
+        twice = [frame.astype(int) for frame in renderer.frames(2.0, 2.0, 8, 0.0, cycles=2)]
+    steps = [np.abs(frames[i] - frames[i - 1]).mean() for i in range(8)]
+    assert min(steps) > 0.1
+    assert max(steps) < 1.3 * min(steps)
+    assert (again == frames[0]).all()
+    assert (twice[1] == frames[2]).all()
+
+
+def test_streaks_that_stand_still_do_so_in_a_movie(document):
+    view = replace(document.view, streaks=True, layout="advected only")
+    with DocumentRenderer(replace(document, view=view), {}, SIZE, BARE) as renderer:
+        first, second = renderer.frames(2.0, 2.0, 2, 0.0)
+    assert (first == second).all()
+
+
 def test_the_range_of_the_error_stays_the_same_in_a_movie(document):
     document = replace(document, view=replace(document.view, error=True))
     with DocumentRenderer(document, {}, SIZE, BARE) as renderer:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,9 +12,9 @@ from abfm.commuting_fields import commuting_fields, relative_bracket
 from abfm.operators import gradient
 from abfm.vector_fields import pushforward, to_ambient
 from abfm_viewer import field_quantities, related_fields
-from abfm_viewer.colormaps import color_range
+from abfm_viewer.colormaps import color_range, linear_table
 from abfm_viewer.related_fields import carried_gradient
-from abfm_viewer.streak_texture import SHADE
+from abfm_viewer.streak_texture import SHADE, streak_texture
 from abfm_viewer.transport import FlowState
 from tests.core.fields import rotation_field
 from tests.shapes import icosphere
@@ -22,6 +24,7 @@ from tests.viewer.sessions import opened, until
 @pytest.fixture
 def session(monkeypatch):
     monkeypatch.setattr(field_quantities, "_TEXELS", 128)
+    monkeypatch.setattr(field_quantities, "_MOVING_TEXELS", 128)
     session = opened()
     session.match()
     until(lambda: session.solver.finished, session)
@@ -41,6 +44,10 @@ def convolutions(monkeypatch):
 
     monkeypatch.setattr(line_integral, "line_integral_convolution", counted)
     return seen
+
+
+def show(session, **values):
+    session.amend(view=replace(session.view, **values))
 
 
 def texture(session):
@@ -70,16 +77,60 @@ def test_streaks_are_computed_once_and_take_the_colours_of_every_time(session, c
 
 def test_coloured_streaks_are_those_of_the_function_and_darker(session):
     found = texture(session)
-    plain = found.streaks.atlas.image(session.shown.advected())
+    atlas, values = found.streaks.atlas, session.shown.advected()
     colors = color_range(session.values("source"), session.values("target"))
-    bright = field_quantities._texture(
-        field_quantities.Streaks(found.streaks.field, found.streaks.atlas, np.ones_like(plain)),
-        session.shown.advected(),
-        colors,
-    ).colors
+    bright = streak_texture(atlas, np.ones((atlas.size, atlas.size), dtype=np.float32), values, colors)
     assert (found.colors <= bright + 1e-6).all()
-    dark = 1 - SHADE
-    assert (found.colors >= dark * bright - 1e-6).all()
+    assert (found.colors >= (1 - SHADE) * bright - 1e-6).all()
+    rows, columns = np.nonzero(atlas.texel_faces >= 0)
+    function = np.einsum(
+        "pc,pc->p", atlas.barycentric(rows, columns), values[atlas.mesh.faces[atlas.texel_faces[rows, columns]]]
+    )
+    share = np.clip((function - colors.low) / (colors.high - colors.low), 0, 1)
+    expected = linear_table(colors.colormap, 1024)[(1023 * share + 1e-6).astype(int)]
+    np.testing.assert_allclose(bright[rows, columns], expected, rtol=0, atol=0.01)
+
+
+def test_streaks_without_a_function_are_grey(session):
+    found = texture(session)
+    image = found.streaks.images[0]
+    grey = streak_texture(found.streaks.atlas, image)
+    np.testing.assert_allclose(grey, streak_texture(found.streaks.atlas, (image / 255).astype(np.float32)), atol=1e-6)
+    assert (grey[..., 0] == grey[..., 2]).all()
+    assert grey[image == 255].min() > grey[image == 0].max()
+
+
+def test_moving_streaks_are_computed_once_for_all_phases(session, convolutions):
+    show(session, animate=True)
+    first = texture(session)
+    assert len(first.streaks.images) == field_quantities._PHASES
+    session.player.phase = (session.player.phase + 0.4) % 1
+    second = texture(session)
+    assert second.streaks is first.streaks
+    assert abs(second.colors - first.colors).max() > 0.1
+    assert len(convolutions) == 1
+
+
+def test_phases_between_are_blended_and_the_last_leads_to_the_first(session):
+    show(session, animate=True)
+    streaks = texture(session).streaks
+    images = streaks.images.astype(float)
+    np.testing.assert_array_equal(streaks.at(0.0), streaks.at(1.0))
+    np.testing.assert_array_equal(streaks.at(3 / len(images)), images[3])
+    between = streaks.at(1 - 0.25 / len(images))
+    np.testing.assert_allclose(between, 0.25 * images[-1] + 0.75 * images[0], rtol=0, atol=0.51)
+    steps = [np.abs(after - before).mean() for before, after in zip(images, np.roll(images, -1, axis=0), strict=True)]
+    assert max(steps) < 1.5 * min(steps)
+
+
+def test_fading_streaks_have_less_contrast(session, convolutions):
+    full = texture(session).streaks
+    show(session, fade=True)
+    faded = texture(session).streaks
+    used = full.atlas.texel_faces >= 0
+    slow = faded.field.speed[full.atlas.texel_faces] < 0.2 * faded.field.speed.max()
+    assert faded.images[0][used & slow].std() < 0.35 * full.images[0][used & slow].std()
+    assert len(convolutions) == 2
 
 
 def test_another_result_has_other_streaks(session, convolutions):
