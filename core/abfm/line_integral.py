@@ -15,7 +15,7 @@ from abfm import streamlines
 from abfm.errors import ParameterError
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.operators import face_areas
-from abfm.smooth_flow import smooth_flow
+from abfm.smooth_flow import SmoothFlow, smooth_flow
 from abfm.texels import Canvas, FloatImage, fill_gaps, fill_margins
 from abfm.texture_atlas import TextureAtlas, texture_atlas
 from abfm.vector_fields import check_field, to_ambient, to_frame
@@ -99,10 +99,11 @@ def line_integral_convolution(
         places = mesh.vertices @ _TILT / grain + _SHIFT
         areas = face_areas(mesh) / grain**2
         canvas = Canvas(places, mesh.faces, areas, flow.neighbours, atlas.corners, owners, atlas.size)
+        charts = _charts(places[mesh.faces], atlas.corners, flow)
         weights = _kernels(length * mesh.length_scale / (_STEP * grain), None if phase is None else phases.ravel())
         parts = max(int(np.ceil(_STEP * grain / (_STRIDE * spacing))), _LEAST_PARTS)
         calm, done = _CALM * float(speeds.max()), np.zeros(len(owners), dtype=bool)
-        streamlines.convolve(canvas, flow, weights, _STEP, parts, calm, int(seed) % 2**63, done, images)
+        streamlines.convolve(canvas, charts, flow, weights, _STEP, parts, calm, int(seed) % 2**63, done, images)
         fill_gaps(canvas, done, images)
         dark, bright = np.percentile(images[0, done][::_SAMPLE], _CONTRAST)
         fill_margins(canvas, done, images)
@@ -112,6 +113,12 @@ def line_integral_convolution(
     images = images.reshape(*phases.shape, size, size)
     images += np.float32(GREY)
     return atlas, images
+
+
+def _charts(places: FloatArray, texels: FloatArray, flow: SmoothFlow) -> FloatArray:
+    """Places in space and in the texture as ``a + b x + c y`` by those in each face's frame, (F, 5, 3)."""
+    corners = np.concatenate([places, texels], axis=2)
+    return np.concatenate([corners[:, 0, :, None], np.einsum("fiq,fik->fqk", corners, flow.gradients)], axis=2)
 
 
 def _fast(speeds: FloatArray, areas: FloatArray) -> float:

@@ -109,13 +109,6 @@ def direction(
 
 
 @kernel
-def shares(flow: SmoothFlow, f: int, x: float, y: float) -> tuple[float, float]:
-    """Barycentric weights of the second and third corner; the first has the rest."""
-    g = flow.gradients
-    return g[f, 1, 0] * x + g[f, 1, 1] * y, g[f, 2, 0] * x + g[f, 2, 1] * y
-
-
-@kernel
 def missed(x: float, y: float) -> np.uint8:
     """How far a place in a texel is from its centre: squared, from 1 to 201."""
     return np.uint8(1.0 + 400.0 * ((x - 0.5) ** 2 + (y - 0.5) ** 2))
@@ -123,7 +116,8 @@ def missed(x: float, y: float) -> np.uint8:
 
 @kernel
 def follow(
-    canvas: Canvas,
+    charts: FloatArray,
+    size: int,
     flow: SmoothFlow,
     start: tuple[int, float, float, float, float],
     step: float,
@@ -139,10 +133,10 @@ def follow(
 
     Starts from, and returns, a place and the way before. Where the walk ends, at a boundary or where the field has no
     direction, the noise goes straight on in space, so that there is as much of it everywhere: ``place`` (3,) is where
-    it is and ``onward`` (3,) the last part of a step.
+    it is and ``onward`` (3,) the last part of a step. ``charts`` are as for `convolve`.
     """
     f, x, y, u, v = start
-    stride, corners = 1 if step > 0.0 else -1, canvas.corners
+    stride = 1 if step > 0.0 else -1
     middle, parts = track.noise.size // 2, track.parts
     for j in range(first, last):
         if f >= 0:
@@ -151,11 +145,8 @@ def follow(
             if u == 0.0 and v == 0.0:
                 f = -1
             else:
-                b, c = shares(flow, f, u, v)
                 for k in range(3):
-                    origin = canvas.vertices[canvas.faces[f, 0], k]
-                    onward[k] = b * (canvas.vertices[canvas.faces[f, 1], k] - origin)
-                    onward[k] += c * (canvas.vertices[canvas.faces[f, 2], k] - origin)
+                    onward[k] = u * charts[f, k, 1] + v * charts[f, k, 2]
         at = middle * parts + stride * j * parts
         total = 0.0
         for _ in range(parts):
@@ -163,12 +154,11 @@ def follow(
             if f >= 0:
                 f, x, y, u, v = walk_straight(flow, f, x, y, u, v)
             if f >= 0:
-                b, c = shares(flow, f, x, y)
-                column = (1.0 - b - c) * corners[f, 0, 0] + b * corners[f, 1, 0] + c * corners[f, 2, 0]
-                row = (1.0 - b - c) * corners[f, 0, 1] + b * corners[f, 1, 1] + c * corners[f, 2, 1]
-                track.texels[at] = canvas.size * int(row) + int(column)
+                column = charts[f, 3, 0] + x * charts[f, 3, 1] + y * charts[f, 3, 2]
+                row = charts[f, 4, 0] + x * charts[f, 4, 1] + y * charts[f, 4, 2]
+                track.texels[at] = size * int(row) + int(column)
                 track.misses[at] = missed(column - int(column), row - int(row))
-                put(canvas, flow, f, x, y, place)
+                put(charts, f, x, y, place)
             else:
                 track.texels[at] = -1
                 for k in range(3):
@@ -179,13 +169,10 @@ def follow(
 
 
 @kernel
-def put(canvas: Canvas, flow: SmoothFlow, f: int, x: float, y: float, place: FloatArray) -> None:
+def put(charts: FloatArray, f: int, x: float, y: float, place: FloatArray) -> None:
     """Where a place of a face is in space."""
-    b, c = shares(flow, f, x, y)
     for k in range(3):
-        origin = canvas.vertices[canvas.faces[f, 0], k]
-        place[k] = origin + b * (canvas.vertices[canvas.faces[f, 1], k] - origin)
-        place[k] += c * (canvas.vertices[canvas.faces[f, 2], k] - origin)
+        place[k] = charts[f, k, 0] + x * charts[f, k, 1] + y * charts[f, k, 2]
 
 
 @kernel
@@ -228,6 +215,7 @@ def count_new(track: Track, nearest: IndexArray, stride: int, first: int, last: 
 @kernel
 def convolve(
     canvas: Canvas,
+    charts: FloatArray,
     flow: SmoothFlow,
     weights: FloatArray,
     step: float,
@@ -241,7 +229,8 @@ def convolve(
 
     Fills the texels whose centre is in their face, marked in ``done`` (texels,). Each streamline serves the texels that
     it meets, as far as enough of them are new, unless another one came nearer to their centres. No streamline is worth
-    its time where texels on both sides are known. Steps are walked, and served, in ``parts``.
+    its time where texels on both sides are known. Steps are walked, and served, in ``parts``. ``charts`` (F, 5, 3) say
+    where a place (x, y) of a face is, as ``a + b x + c y``: three coordinates in space, column and row in texels.
     """
     half = weights.shape[1] // 2
     most = half + _CHUNK * _CHUNKS
@@ -267,10 +256,12 @@ def convolve(
         track.texels[middle], track.misses[middle] = texel, 1
         for side in range(2):
             along = step if side == 0 else -step
-            put(canvas, flow, f, x, y, place)
+            put(charts, f, x, y, place)
             walk, known, steps = (f, x, y, 0.0, 0.0), 0, _CHUNK
             while known < half + steps:
-                walk = follow(canvas, flow, walk, along, calm, seed, known, half + steps, track, place, onward)
+                walk = follow(
+                    charts, canvas.size, flow, walk, along, calm, seed, known, half + steps, track, place, onward
+                )
                 known = half + steps
                 new = count_new(track, nearest, 1 if side == 0 else -1, steps - _CHUNK, steps)
                 if known < most and _WORTH * new >= _CHUNK * parts:
