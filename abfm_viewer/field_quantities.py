@@ -24,10 +24,9 @@ if TYPE_CHECKING:
     from abfm.texture_atlas import TextureAtlas
     from abfm_viewer.session import Session
 
-_TEXELS = 1536
-_MOVING_TEXELS = 1024  # in the window, where a new texture is drawn many times a second
+_TEXELS, _TEXELS_OF_PICTURES = 1024, 2048  # along a side; fewer in the window, where textures change while one looks
 _LEAST_TEXELS_PER_FACE = 12
-_MOST_TEXELS = 16384  # along a side
+_MOST_TEXELS = 16384
 _PHASES = 16  # of moving streaks that are computed; those between are blended
 _SHOWN_PHASES = 32  # in the window
 _EXACT = 1e-6
@@ -255,7 +254,7 @@ def _distortion(flow: FlowState, time: float) -> Distortion:
 def _streaks(field: Field, fade: bool, moving: bool) -> Streaks:
     from abfm.line_integral import line_integral_convolution
 
-    size = _MOVING_TEXELS if moving and not Latest.at_once else _TEXELS
+    size = _TEXELS_OF_PICTURES if Latest.at_once else _TEXELS
     size = min(max(size, int(np.sqrt(_LEAST_TEXELS_PER_FACE * len(field.mesh.faces)))), _MOST_TEXELS)
     phases = np.arange(_PHASES) / _PHASES if moving else None
     atlas, images = line_integral_convolution(field.mesh, field.velocity, size=size, fade=fade, phase=phases)

@@ -19,6 +19,7 @@ def _match_something() -> None:
     """A match on an octahedron; what fails here fails again, and is told, when the user presses Match."""
     from abfm import Parameters, TriangleMesh, match
     from abfm.line_integral import line_integral_convolution
+    from abfm_viewer.streak_texture import streak_texture
 
     corners = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
     faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
@@ -26,4 +27,5 @@ def _match_something() -> None:
     with suppress(Exception):
         result = match(mesh, corners[:, 0], corners[:, 1], Parameters(iterations=2))
         result.advect([0.0, 0.5])
-        line_integral_convolution(mesh, result.velocity[0], size=16)
+        atlas, image = line_integral_convolution(mesh, result.velocity[0], size=16)
+        streak_texture(atlas, (255 * image).astype(np.uint8))

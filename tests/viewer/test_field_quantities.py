@@ -24,7 +24,6 @@ from tests.viewer.sessions import opened, until
 @pytest.fixture
 def session(monkeypatch):
     monkeypatch.setattr(field_quantities, "_TEXELS", 128)
-    monkeypatch.setattr(field_quantities, "_MOVING_TEXELS", 128)
     session = opened()
     session.match()
     until(lambda: session.solver.finished, session)

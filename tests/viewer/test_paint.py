@@ -8,10 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from abfm import TriangleMesh
 from abfm.baselines import linear_blend, optimal_transport
 from abfm_viewer import mass_transport
 from abfm_viewer.document import COLORINGS
-from abfm_viewer.paint import Painter, surfaces
+from abfm_viewer.field_quantities import Field
+from abfm_viewer.paint import Painter, _most, surfaces
+from abfm_viewer.session import Session
 from tests.viewer.sessions import SPHERE, opened, until
 
 
@@ -187,3 +190,38 @@ def test_a_side_without_values_shows_none_and_the_other_one_stays(session):
     until(lambda: not session.obstacle, session)
     assert painter.paint(session, "source").title == "source"
     np.testing.assert_array_equal(painter.paint(session, "target").values, target)
+
+
+def test_speed_is_in_units_of_the_mesh(session):
+    """So that graphics cards can draw it, however large or small the mesh's numbers are."""
+    show(session, coloring="speed")
+    painter, found = Painter(), []
+    until(lambda: found.append(painter.paint(session, "advected")) or found[-1].kind == "face values", session)
+    speed = np.linalg.norm(session.result.velocity[0], axis=1)
+    np.testing.assert_allclose(found[-1].values, speed / SPHERE.length_scale)
+    assert found[-1].colors.high == found[-1].values.max()
+
+
+@pytest.mark.parametrize("scale", [1e40, 1e-30])
+def test_speed_has_the_same_colours_on_meshes_of_any_size(scale):
+    mesh = TriangleMesh(scale * SPHERE.vertices, SPHERE.faces)
+    velocity = np.cross([0, 0, 1.0], mesh.vertices[mesh.faces].mean(axis=1))
+    field = Field(mesh, velocity, np.linalg.norm(velocity, axis=1), {})
+    session = Session(mesh, "sphere")
+    try:
+        paint = Painter()._speed(session, field, "speed")
+    finally:
+        session.close()
+    assert 0.1 < paint.values.max() < 1
+    assert paint.colors.high == paint.values.max()
+    assert np.isfinite(np.asarray(paint.values, dtype=np.float32)).all()
+
+
+def test_a_few_bad_faces_do_not_set_the_range():
+    """Nor many slivers: the range is that of most of the area."""
+    values, areas = np.linspace(0, 1, 1000), np.ones(1000)
+    values[::50] = 20
+    assert _most(values, areas) == pytest.approx(0.97, abs=0.01)
+    values[::4], areas[::4] = 20, 1e-3
+    assert _most(values, areas) < 1
+    assert _most(np.zeros(5), np.ones(5)) == 0

@@ -77,6 +77,9 @@ DOCUMENT = Document(
     view=View(
         theme="dark",
         transport=True,
+        streaks=True,
+        fade=True,
+        animate=True,
         camera=Camera((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 20.0),
         front=Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
     ),

@@ -39,6 +39,17 @@ def test_arrows_and_streaks(matched):
     assert matched.session.view.arrow_density == 0.5
     matched.check("streaks")
     calm(matched)
+    matched.check("fade with speed")
+    assert matched.session.view.fade
+    calm(matched)
+    matched.check("animate")
+    matched.wait(lambda s: s.quantities._streaks.value is not None and len(s.quantities._streaks.value.images) > 1)
+    phase = matched.session.player.phase
+    matched.frames(5)
+    assert matched.session.player.phase != phase
+    calm(matched)
+    matched.check("animate", False)
+    matched.check("fade with speed", False)
     matched.check("arrows", False)
     matched.check("streaks", False)
     calm(matched)
