@@ -47,6 +47,8 @@ class Field:
         Of the speed.
     note : str
         What else is to be said, if anything.
+    dimension : int
+        The power of a length in that unit.
     """
 
     mesh: TriangleMesh
@@ -55,6 +57,7 @@ class Field:
     shares: dict[FieldPart, float] = field(default_factory=dict)
     unit: str = "the mesh's length per time"
     note: str = ""
+    dimension: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +236,9 @@ def _field(flow: FlowState, segment: int, part: FieldPart) -> Field:
 
 def _carried(flow: FlowState, function: FloatArray, time: float) -> Field:
     velocity = carried_gradient(flow, function, time)
-    return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), unit="the source's unit per length")
+    return Field(
+        flow.mesh, velocity, np.linalg.norm(velocity, axis=1), unit="the source's unit per length", dimension=-1
+    )
 
 
 def _scalar(field: Field, kind: str) -> FloatArray:

@@ -138,12 +138,13 @@ class Painter:
         return self._kept_paint("advected", "vertex values", values, f"{kind}{suffix}", colors, kind)
 
     def _speed(self, session: Session, field: Field, title: str) -> Paint:
-        """In units of sqrt(area) per time: graphics cards know no numbers as large or small as those of some meshes."""
+        """With sqrt(area) as the unit of length: graphics cards know no numbers as large or small as some meshes have."""
 
         def make() -> Paint:
-            values = field.speed / field.mesh.length_scale
+            values = field.speed * field.mesh.length_scale**-field.dimension
+            unit = field.unit.replace("the mesh's length", "length").replace("length", "sqrt(area)")
             top = max(float(values.max()), _LEAST_RANGE)
-            return Paint("face values", values, title, _ranged(session, 0.0, top), "speed, in sqrt(area) per time")
+            return Paint("face values", values, title, _ranged(session, 0.0, top), f"speed, in {unit}")
 
         return self._keep("advected", (field, title, session.view.colormap), make)
 

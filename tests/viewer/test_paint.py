@@ -214,6 +214,7 @@ def test_speed_has_the_same_colours_on_meshes_of_any_size(scale):
         session.close()
     assert 0.1 < paint.values.max() < 1
     assert paint.colors.high == paint.values.max()
+    assert paint.bar == "speed, in sqrt(area) per time"
     assert np.isfinite(np.asarray(paint.values, dtype=np.float32)).all()
 
 
