@@ -138,7 +138,7 @@ class Painter:
         return self._kept_paint("advected", "vertex values", values, f"{kind}{suffix}", colors, kind)
 
     def _speed(self, session: Session, field: Field, title: str) -> Paint:
-        """With sqrt(area) as the unit of length: graphics cards know no numbers as large or small as some meshes have."""
+        """With sqrt(area) as the unit of length: graphics cards know no numbers like some meshes'."""
 
         def make() -> Paint:
             values = field.speed * field.mesh.length_scale**-field.dimension
