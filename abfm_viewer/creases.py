@@ -7,12 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
-from abfm.face_flow import opposite_slots
 from abfm.mesh import IntArray, TriangleMesh, per_mesh
-from abfm.operators import face_normals
+from abfm.mesh.topology import connected, edge_slots
 
 _HALF_SHARP, _SHARP = 20.0, 40.0  # degrees between the normals at an edge
 
@@ -44,10 +41,11 @@ def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
     A shape has creases if more of its edges are sharp than half sharp. Where most are half sharp, as on coarse meshes
     of bodies and on folded cortices, the sharp ones are no creases but bends, and nothing is split.
     """
-    slots = opposite_slots(mesh)
-    normals = face_normals(mesh)
-    f, c = np.nonzero(slots >= 0)
-    g, k = np.divmod(slots[f, c], 3)
+    first, second = edge_slots(mesh.face_edges, len(mesh.edges)).T
+    (f, c), (g, k) = (np.divmod(slots[second >= 0], 3) for slots in (first, second))
+    a, b, d = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    normals = np.cross(b - a, d - a)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
     cosines = (normals[f] * normals[g]).sum(axis=1)
     smooth = cosines > np.cos(np.radians(_SHARP))
     if (~smooth).sum() <= (smooth & (cosines < np.cos(np.radians(_HALF_SHARP)))).sum():
@@ -55,8 +53,6 @@ def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
     f, c, g, k = f[smooth], c[smooth], g[smooth], k[smooth]
     here = np.concatenate([3 * f + (c + 1) % 3, 3 * f + (c + 2) % 3])
     there = np.concatenate([3 * g + (k + 2) % 3, 3 * g + (k + 1) % 3])
-    count = mesh.faces.size
-    joined = sparse.coo_array((np.ones(len(here)), (here, there)), shape=(count, count))
-    _, groups = connected_components(joined, directed=False)
-    _, first, numbers = np.unique(groups, return_index=True, return_inverse=True)
-    return DrawnMesh(mesh.faces.ravel()[first], numbers.reshape(-1, 3))
+    groups = connected(mesh.faces.size, np.stack([here, there], axis=1))
+    _, corners, numbers = np.unique(groups, return_index=True, return_inverse=True)
+    return DrawnMesh(mesh.faces.ravel()[corners], numbers.reshape(-1, 3))

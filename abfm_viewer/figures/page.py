@@ -20,7 +20,8 @@ body { margin: 0 auto; max-width: 72rem; padding: 2rem 1.5rem 4rem; color: var(-
 h1 { font-size: 1.9rem; line-height: 1.2; } h2 { margin: 3.5rem 0 .3rem; font-size: 1.35rem; }
 p { max-width: 60rem; } .muted, figcaption { color: var(--muted); }
 nav { columns: 16rem; } nav a { display: block; } a { color: #2455c3; text-decoration: none; }
-figure { margin: 1rem 0; } img { max-width: 100%; max-height: 60rem; border: 1px solid var(--line); border-radius: 6px; }
+figure { margin: 1rem 0; }
+img { max-width: 100%; max-height: 60rem; border: 1px solid var(--line); border-radius: 6px; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; display: block; overflow-x: auto; }
 th, td { text-align: left; padding: .3rem 1rem .3rem 0; border-bottom: 1px solid var(--line); vertical-align: top; }
 th { font-weight: 600; } td.number { white-space: nowrap; }
