@@ -109,6 +109,7 @@ class Window:
         self.parts = areas(size, 0, 1)
         self._redraws = False
         self._panel_seconds = self._moved_at = 0.0
+        self._active = False
         self._document: object = None
         self._style: tuple[Theme, float] | None = None
         own_process.factor_from = _FACTOR_APART_FROM
@@ -245,9 +246,11 @@ class Window:
         if self._moves():
             self._moved_at = time.perf_counter()
         active = bool(imgui.IsAnyItemActive()) or self.mouse.dragging
-        if self.session.dragging and not active:
+        if self._active and not active:
             self.session.history.seal()
-        self.session.dragging = active
+        self._active = active
+        held = active and bool(imgui.IsMouseDown(0))  # what is typed must be evaluated before a run follows it
+        self.session.dragging = held or self.mouse.dragging
         self.session.update()
         self.documents.update()
         if self.persistence:

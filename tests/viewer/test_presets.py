@@ -1,41 +1,9 @@
-"""The figures of the paper as presets."""
+"""The figures of the paper as documents."""
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-
-from abfm.experiments import FIGURES, TITLES, experiment_of
-from abfm_viewer.automation import Driver
 from abfm_viewer.document import View
 from abfm_viewer.presets import figure_document
-from tests.shapes import icosphere
-
-
-@pytest.fixture(scope="module")
-def gui():
-    with Driver(icosphere(1), size=(1200, 800)) as driver:
-        yield driver
-
-
-@pytest.mark.parametrize("figure", FIGURES)
-def test_a_figure_is_ready_to_match(gui, figure):
-    setup = experiment_of(figure).set_up(None, False)
-    gui.menu("Presets", f"Figure {figure}: {TITLES[figure]}")
-    gui.wait(lambda session: session.notice.text.startswith(f"figure {figure} is ready"), 60)  # is gone after a while
-    gui.wait(lambda session: session.mesh.vertices.shape == setup.mesh.vertices.shape and not session.obstacle, 60)
-    session = gui.session
-    np.testing.assert_array_equal(session.mesh.vertices, setup.mesh.vertices)
-    assert session.parameters == setup.parameters
-    values = np.stack([session.functions.evaluate(channel.source) for channel in session.channels], axis=1)
-    np.testing.assert_allclose(values, setup.source, atol=1e-12)
-    values = np.stack([session.functions.evaluate(channel.target) for channel in session.channels], axis=1)
-    np.testing.assert_allclose(values, setup.target, atol=1e-12)
-    assert not session.unsaved
-    assert (session.result is None) == (setup.velocity is None)
-    if setup.velocity is not None:
-        np.testing.assert_array_equal(session.result.velocity, setup.velocity)
-    assert gui.errors == {}
 
 
 def test_a_figure_keeps_the_theme_and_forgets_the_rest_of_the_view():

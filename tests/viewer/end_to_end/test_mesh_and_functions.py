@@ -168,6 +168,8 @@ def test_values_and_vertex_maps_from_files(gui, tmp_path, side):
     gui.click("Open")
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), values[order])
+    gui.choose("vertex map", "order.txt", within=side)  # stays
+    np.testing.assert_array_equal(gui.session.values(side), values[order])
     gui.choose("vertex map", "none", within=side)
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), values)
@@ -178,13 +180,14 @@ def test_values_and_vertex_maps_from_files(gui, tmp_path, side):
     np.testing.assert_allclose(gui.session.values(side), 2 * values)
 
 
-def test_vertex_maps_by_symmetry(gui):
+@pytest.mark.parametrize("side", ["source", "target"])
+def test_vertex_maps_by_symmetry(gui, side):
     """The egg is symmetric; whatever the map, the function is the one that its text names."""
     for word in ("mirror", "rotation"):
-        gui.choose("vertex map", word, within="target")
+        gui.choose("vertex map", word, within=side)
         settled(gui)
-        assert gui.session.active.target.startswith(f"permuted:{word}(")
-        expected = function(gui.session.mesh, gui.session.active.target)
-        np.testing.assert_array_equal(gui.session.values("target"), expected)
-    gui.choose("vertex map", "none", within="target")
-    assert "permuted" not in gui.session.active.target
+        spec = gui.session.active.spec(side)
+        assert spec.startswith(f"permuted:{word}(")
+        np.testing.assert_array_equal(gui.session.values(side), function(gui.session.mesh, spec))
+    gui.choose("vertex map", "none", within=side)
+    assert "permuted" not in gui.session.active.spec(side)

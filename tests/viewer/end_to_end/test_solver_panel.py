@@ -92,7 +92,7 @@ def test_a_function_that_cannot_be_computed_does_not_end_the_run(running, text):
     assert running.session.solver.worker.problem == problem
     running.click("Cancel")
     running.wait(lambda s: s.solver.finished)
-    assert not running.session.solver.failed
+    assert not running.session.solver.failed, running.session.solver.reason
 
 
 def test_the_next_match_can_start_from_the_current_field(matched):
