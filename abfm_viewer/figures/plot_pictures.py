@@ -38,6 +38,8 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
         )
     if plot.log_y:
         axes.set_yscale("log")
+    if plot.top is not None and axes.get_ylim()[1] > plot.top:
+        axes.set_ylim(-0.05 * plot.top, plot.top)
     axes.set_xlabel(plot.x_title, fontsize=points)
     axes.set_ylabel(plot.y_title, fontsize=points)
     axes.tick_params(labelsize=0.9 * points)
@@ -47,7 +49,7 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     if len(plot.curves) > 1:
-        axes.legend(fontsize=0.9 * points, frameon=False)
+        axes.legend(fontsize=0.9 * points, framealpha=0.85, edgecolor="none")
     stream = io.BytesIO()
     figure.savefig(stream, format="png")
     return Image.open(stream).convert("RGB")
