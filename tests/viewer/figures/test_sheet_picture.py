@@ -142,3 +142,14 @@ def test_numbers_below_a_colour_bar_stand_apart():
     assert set(fewer) < set(values)
     assert fewer[0] == 0
     assert readable(values, narrow, 2000) == values
+
+
+def test_a_legend_without_a_free_place_stands_above_the_plot():
+    x = np.linspace(0, 1, 40)
+    few = tuple(Curve(f"curve {k}", x, k * x) for k in (0, 1))
+    many = tuple(Curve(f"curve {k}", x, 0 * x + k) for k in range(12))
+    for curves, inside in ((few, True), (many, False)):
+        picture = np.asarray(plot_picture(Plot(curves, "t", "y", ""), (500, 300), 18))
+        axis = np.flatnonzero((picture[:, :250] == 0).all(axis=2).sum(axis=0) > 100)  # the y axis' line is black
+        top = np.flatnonzero((picture[:, axis[-1]] == 0).all(axis=1))[0]
+        assert (top < 25) == inside
