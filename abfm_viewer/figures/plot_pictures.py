@@ -46,7 +46,7 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
         axes.set_ylim(-0.05 * plot.top, plot.top)
     axes.set_xlabel(plot.x_title, fontsize=points)
     axes.set_ylabel(plot.y_title, fontsize=points)
-    axes.tick_params(labelsize=0.9 * points)
+    axes.tick_params(which="both", labelsize=0.9 * points)
     axes.grid(color="#e3e6eb", linewidth=1)
     axes.set_axisbelow(True)
     axes.margins(x=0)
@@ -65,6 +65,10 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
                 loc="outside upper center",
                 ncols=math.ceil(len(plot.curves) / rows),
             )
+    figure.draw_without_rendering()
+    title = axes.yaxis.label.get_window_extent()
+    room = 2 * min((title.y0 + title.y1) / 2, size[1] - (title.y0 + title.y1) / 2)
+    axes.yaxis.label.set_fontsize(points * min(1, room / max(title.height, 1)))  # in a low plot it would be cut off
     stream = io.BytesIO()
     figure.savefig(stream, format="png")
     return Image.open(stream).convert("RGB")

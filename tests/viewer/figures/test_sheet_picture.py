@@ -153,3 +153,13 @@ def test_a_legend_without_a_free_place_stands_above_the_plot():
         axis = np.flatnonzero((picture[:, :250] == 0).all(axis=2).sum(axis=0) > 100)  # the y axis' line is black
         top = np.flatnonzero((picture[:, axis[-1]] == 0).all(axis=1))[0]
         assert (top < 25) == inside
+
+
+def test_the_title_of_an_axis_is_whole_in_a_low_plot():
+    x = np.linspace(0, 1, 20)
+    pictures = (plot_picture(Plot((Curve("", x, x),), "t", name, ""), (500, 160), 20) for name in ("m" * 18, ""))
+    titled, bare = (np.asarray(picture) for picture in pictures)
+    left = titled[:, : np.flatnonzero((bare < 255).any(axis=(0, 2)))[0] + 10]
+    inked = np.flatnonzero((left < 128).any(axis=(1, 2)))
+    assert inked.min() > 0
+    assert inked.max() < 159
