@@ -31,7 +31,7 @@ from abfm.parameters import Parameters
 from abfm.vector_fields import directional_derivative, pushforward, to_frame
 
 _TURN = np.pi  # radians per unit of time
-_SPEEDS = (1.0, 0.5, 0.25, 0.125, 0.0625)  # to try without a symmetry: sqrt(area) per unit of time
+_SPEEDS = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # to try without a symmetry: sqrt(area) per unit of time
 _MOST_STRETCHED = 2.0
 _SHOWN = (0.125, 0.25)  # the paper's
 _LONGER = (0.5, 1.0)
