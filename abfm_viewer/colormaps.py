@@ -90,7 +90,10 @@ class ColorRange:
 
 
 def color_range(*functions: FloatArray) -> ColorRange:
-    """One range for several functions: symmetric about 0 when they take both signs, else from least to greatest."""
+    """One range for several functions: symmetric about 0 when they take both signs, else from least to greatest.
+
+    A least value just above 0 counts as 0, so that a colour bar begins there.
+    """
     low = min(float(function.min()) for function in functions)
     high = max(float(function.max()) for function in functions)
     largest = max(-low, high)
@@ -98,7 +101,7 @@ def color_range(*functions: FloatArray) -> ColorRange:
         return ColorRange("abfm diverging", -largest, largest)
     if high - low <= 1e-12 * max(largest, 1e-300):
         return ColorRange("abfm sequential", low - 0.5, high + 0.5)
-    return ColorRange("abfm sequential", 0.0 if abs(low) < 1e-9 * largest else low, high)
+    return ColorRange("abfm sequential", 0.0 if -1e-9 * largest < low < 0.02 * largest else low, high)
 
 
 @lru_cache(maxsize=32)

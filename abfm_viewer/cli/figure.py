@@ -9,9 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abfm import AbfmError, TriangleMesh, load_mesh
+from abfm import AbfmError, TriangleMesh
 from abfm.io import write_atomically
 from abfm_viewer import outputs
+from abfm_viewer.cli import options
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.progress import share_progress
 from abfm_viewer.errors import DrawingError
@@ -43,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("figure", metavar="N|all", help="number of the figure, 1 to 13, or all")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder, made if missing")
     parser.add_argument("--mesh", metavar="FILE", help="compute the figure on this mesh instead of its own")
+    options.add_largest_component(parser)
     parser.add_argument("--up", choices=("x", "y", "z"), help="axis that points upwards (default: y for a --mesh)")
     parser.add_argument("--json", action="store_true", help="print one JSON object with everything that was measured")
     parser.add_argument("--quiet", action="store_true", help="no progress")
@@ -53,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     from abfm.experiments import FIGURES  # not before: this loads the solver
 
     numbers = FIGURES if arguments.figure == "all" else (_number(arguments.figure, FIGURES),)
-    mesh = load_mesh(arguments.mesh) if arguments.mesh else None
+    mesh = options.mesh(arguments) if arguments.mesh else None
     _make_folder(arguments.out)
     for number in numbers:
         for suffix in (".png", ".json"):
@@ -125,8 +127,11 @@ def _drawn(sheet: Sheet) -> tuple[Image.Image | None, str]:
 
 
 def _write(entry: Entry, folder: Path) -> None:
+    picture = folder / f"figure-{entry.number}.png"
     if entry.picture is not None:
-        outputs.write_picture(folder / f"figure-{entry.number}.png", entry.picture)
+        outputs.write_picture(picture, entry.picture)
+    else:
+        picture.unlink(missing_ok=True)  # that of an earlier run shows another mesh
     _write_text(folder / f"figure-{entry.number}.json", json.dumps(_described(entry), indent=1) + "\n")
 
 

@@ -85,7 +85,7 @@ def _symmetry_words(kind: str, symmetry: dict[str, Any] | None) -> str:
     if symmetry is None:
         return "none found"
     across = "with normal" if kind == "mirror" else "by 180 degrees about"
-    axis = " ".join(f"{value:.3g}" for value in np.round(symmetry["axis"], 6) + 0.0)
+    axis = " ".join(f"{value:.3g}" for value in np.round(symmetry["axis"], 3) + 0.0)
     carried = "vertices to vertices" if symmetry["is_permutation"] else "vertices between vertices"
     return f"{across} {axis}, {carried}, at most {symmetry['error']:.1g} length scales off"
 

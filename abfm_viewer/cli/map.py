@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from abfm import Match, ParameterError, load_match
+from abfm import FunctionError, Match, ParameterError, load_match
 from abfm.flow_maps import map_vertices_to_nearest
 from abfm.functions.permuted import vertex_map
 from abfm.functions.values_file import read_table
@@ -92,7 +92,13 @@ def run(arguments: argparse.Namespace) -> int:
 def _carried(match: Match, path: str, time: float) -> NDArray[Any]:
     """A table of one row per vertex, carried along the flow; rows of vertices that no face uses stay."""
     table = read_table(path)[1]
-    values = match.push(match.mesh.restrict(table), time)
+    try:
+        rows = match.mesh.restrict(table)
+    except FunctionError as error:
+        raise FunctionError(f"file {path!r}: {error}") from None
+    if not np.isfinite(rows).all():
+        raise FunctionError(f"file {path!r}: some values are not finite; only finite ones can be carried")
+    values = match.push(rows, time)
     if len(table) == len(values):
         return values
     whole = table.copy()

@@ -32,8 +32,13 @@ def parameters(arguments: argparse.Namespace) -> Parameters:
 
 
 def add_mesh(parser: argparse.ArgumentParser) -> None:
-    """The mesh file and what to do with several components."""
+    """The mesh file, as an argument of its own, and what to do with several components."""
     parser.add_argument("mesh", metavar="MESH", help="triangle mesh: obj, off, ply, stl, glb, gltf or gii")
+    add_largest_component(parser)
+
+
+def add_largest_component(parser: argparse.ArgumentParser) -> None:
+    """What to do with several components."""
     parser.add_argument(
         "--largest-component", action="store_true", help="of several components use the one with the largest area"
     )

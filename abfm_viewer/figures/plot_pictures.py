@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import io
+import math
 from itertools import cycle
 
+import numpy as np
 from matplotlib import font_manager
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from PIL import Image, ImageFont
 
 from abfm.experiments.sheet import Plot
@@ -38,16 +42,45 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
         )
     if plot.log_y:
         axes.set_yscale("log")
+    if plot.top is not None and axes.get_ylim()[1] > plot.top:
+        axes.set_ylim(-0.05 * plot.top, plot.top)
     axes.set_xlabel(plot.x_title, fontsize=points)
     axes.set_ylabel(plot.y_title, fontsize=points)
-    axes.tick_params(labelsize=0.9 * points)
+    axes.tick_params(which="both", labelsize=0.9 * points)
     axes.grid(color="#e3e6eb", linewidth=1)
     axes.set_axisbelow(True)
     axes.margins(x=0)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     if len(plot.curves) > 1:
-        axes.legend(fontsize=0.9 * points, frameon=False)
+        legend = axes.legend(fontsize=0.9 * points, frameon=False)
+        figure.draw_without_rendering()
+        if _covers_curves(legend, axes):
+            beside = max(int(0.9 * size[0] / legend.get_window_extent().width), 1)
+            rows = math.ceil(len(plot.curves) / beside)
+            legend.remove()
+            figure.legend(
+                fontsize=0.9 * points,
+                frameon=False,
+                loc="outside upper center",
+                ncols=math.ceil(len(plot.curves) / rows),
+            )
+    figure.draw_without_rendering()
+    title = axes.yaxis.label.get_window_extent()
+    room = 2 * min((title.y0 + title.y1) / 2, size[1] - (title.y0 + title.y1) / 2)
+    axes.yaxis.label.set_fontsize(points * min(1, room / max(title.height, 1)))  # in a low plot it would be cut off
     stream = io.BytesIO()
     figure.savefig(stream, format="png")
     return Image.open(stream).convert("RGB")
+
+
+def _covers_curves(legend: Legend, axes: Axes) -> bool:
+    """Whether a curve runs through the legend, laid out where it is least in the way."""
+    box = legend.get_window_extent()
+    for line in axes.get_lines():
+        corners = line.get_transform().transform(line.get_xydata())
+        along = np.linspace(0, len(corners) - 1, 50 * len(corners))
+        x, y = (np.interp(along, np.arange(len(corners)), values) for values in corners.T)
+        if ((box.x0 < x) & (x < box.x1) & (box.y0 < y) & (y < box.y1)).any():
+            return True
+    return False

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from PIL import Image, ImageDraw
 
@@ -91,7 +93,22 @@ def _draw_bars(draw: ImageDraw.ImageDraw, layout: Layout, ranges: dict[str, Colo
             draw.line((left + column, top, left + column, top + _BAR_HEIGHT), fill=tuple(color))
         draw.rectangle((left, top, left + width, top + _BAR_HEIGHT), outline=_INK)
         draw.text((middle, top - 6), title, fill=_INK, font=font(_SMALL), anchor="ms")
-        for value in ticks(colors.low, colors.high):
+        for value in readable(ticks(colors.low, colors.high), colors, width):
             x = left + (value - colors.low) / (colors.high - colors.low) * width
             draw.line((x, top + _BAR_HEIGHT, x, top + _BAR_HEIGHT + 6), fill=_INK)
-            draw.text((x, top + _BAR_HEIGHT + 9), f"{value:.4g}", fill=_INK, font=font(_SMALL - 2), anchor="mt")
+            draw.text((x, top + _BAR_HEIGHT + 9), _number(value), fill=_INK, font=font(_SMALL - 2), anchor="mt")
+
+
+def readable(values: list[float], colors: ColorRange, width: int) -> list[float]:
+    """Those of a bar's ticks whose numbers stand apart in its width in pixels: all, or every second, third, ..."""
+    if len(values) < 2:
+        return values
+    apart = (values[1] - values[0]) / (colors.high - colors.low) * width
+    needed = max(font(_SMALL - 2).getlength(_number(value)) for value in values) + _SMALL / 2
+    every = math.ceil(needed / apart)
+    step = values[1] - values[0]
+    return [value for value in values if round(value / step) % every == 0]
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}"

@@ -165,9 +165,10 @@ class LBFGS(Generic[Point]):
         s, y = trial.length * direction, gradient - state.point.gradient
         curvature = _inner(s, y)
         pairs, scale = state.pairs, state.scale
-        if curvature > 1e-12 * np.sqrt(_inner(s, s) * _inner(y, y)):
+        spread = _inner(y, preconditioned - state.preconditioned)  # where little is left to gain, rounding may beat it
+        if curvature > 1e-12 * np.sqrt(_inner(s, s) * _inner(y, y)) and spread > 0:
             pairs = (*pairs, (s, y, 1 / curvature))[-self.memory :]
-            scale = curvature / _inner(y, preconditioned - state.preconditioned)
+            scale = curvature / spread
             scale = float(np.sqrt(scale)) if self.precondition else scale
         return State(
             state.x + s,

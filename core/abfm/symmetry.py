@@ -213,12 +213,17 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
 def _screened(
     mesh: TriangleMesh, centre: FloatArray, axes: FloatArray, points: FloatArray, kind: Kind, order: int
 ) -> FloatArray:
-    """The axes that carry the points nearest to the surface but do not leave all in place."""
+    """The axes that carry the points nearest to the surface but do not leave all in place.
+
+    Of those that carry them onto it, of which a round surface has many, the ones that move them most.
+    """
     carried = _carry(_linear(axes, kind, order), centre, points)
-    moving = ((carried - points) ** 2).sum(axis=2).mean(axis=1) > _NO_MOTION**2
+    motion = ((carried - points) ** 2).sum(axis=2).mean(axis=1)
+    most = np.argsort(-np.round(motion, 6), kind="stable")
+    moving = most[motion[most] > _NO_MOTION**2]
     axes, carried = axes[moving], carried[moving]
     distances = project_onto_surface(mesh, carried.reshape(-1, 3)).distances.reshape(len(axes), -1)
-    return axes[_distinct(axes, (distances**2).sum(axis=1))[:_KEPT]]
+    return axes[_distinct(axes, np.maximum((distances**2).mean(axis=1), _FAR**2))[:_KEPT]]
 
 
 def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:

@@ -108,3 +108,14 @@ def test_accepted_lengths_satisfy_the_strong_wolfe_conditions(bend, wave, first,
     assert found is not None
     assert found.value <= start.value + DECREASE * found.length * start.slope
     assert abs(found.slope) <= CURVATURE * abs(start.slope)
+
+
+def test_a_preconditioner_that_rounds_small_changes_away_is_no_division_by_zero():
+    def quadratic(x):
+        return Point(float(0.5 * x @ (x * [1, 1.001])), x * [1, 1.001])
+
+    search = LBFGS(quadratic, lambda gradient: np.round(gradient), longest=1e-3)
+    with np.errstate(all="raise"):
+        state, energies = run(search, [3.0, 2.0], most=5)
+    assert all(after < before for before, after in pairwise(energies))
+    assert np.isfinite(state.scale)

@@ -161,3 +161,15 @@ def test_the_generated_shapes_have_the_rotation_that_they_promise(mesh: Triangle
     assert found.error < 1e-9
     mirrored = {tuple(sorted(face)) for face in found.vertex_map[mesh.faces].tolist()}
     assert mirrored == {tuple(sorted(face)) for face in mesh.faces.tolist()}
+
+
+def test_of_the_many_rotations_of_a_ring_the_one_that_moves_all_of_it_is_chosen() -> None:
+    around = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    circle = np.stack([np.cos(around), np.sin(around), 0 * around], axis=1)
+    vertices = np.concatenate([radius * circle for radius in np.linspace(1, 2, 6)])
+    ring, place = (index.ravel() for index in np.meshgrid(np.arange(5), np.arange(60), indexing="ij"))
+    a, b = 60 * ring + place, 60 * ring + (place + 1) % 60
+    faces = np.concatenate([np.stack([a, a + 60, b], axis=1), np.stack([b, a + 60, b + 60], axis=1)])
+    found = detect_symmetry(TriangleMesh(vertices, faces), "rotation")
+    assert_allclose(found.axis, [0, 0, 1], atol=1e-9)
+    assert found.is_permutation

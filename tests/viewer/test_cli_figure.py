@@ -79,6 +79,26 @@ def test_what_a_mesh_does_not_allow_is_refused_or_told_on_the_page(small, tmp_pa
     assert "Not on this mesh: too few vertices" in (tmp_path / "index.html").read_text()
 
 
+def test_the_picture_of_an_earlier_run_does_not_stay_beside_other_numbers(small, tmp_path):
+    mesh = tmp_path / "box.off"
+    trimesh.creation.box().export(mesh)
+    (tmp_path / "figure-7.png").touch()
+    assert main(["figure", "all", "--mesh", str(mesh), "--out", str(tmp_path), "--quiet"]) == 0
+    assert not (tmp_path / "figure-7.png").exists()
+
+
+def test_of_several_components_the_largest_can_be_taken(small, tmp_path, capsys):
+    parts = [trimesh.creation.icosphere(subdivisions=2), trimesh.creation.box()]
+    parts[1].apply_translation([5, 0, 0])
+    mesh = tmp_path / "parts.ply"
+    trimesh.util.concatenate(parts).export(mesh)
+    words = ["figure", "7", "--mesh", str(mesh), "--out", str(tmp_path), "--quiet"]
+    assert main(words) == 2
+    assert "--largest-component" in capsys.readouterr().err
+    assert main([*words, "--largest-component"]) == 0
+    assert "parts.ply, 162 vertices" in json.loads((tmp_path / "figure-7.json").read_text())["setting"]
+
+
 def test_without_opengl_the_numbers_are_there(small, tmp_path, monkeypatch, capsys):
     def refuse(sheet):
         raise DrawingError("cannot draw without OpenGL")

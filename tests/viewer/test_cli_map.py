@@ -107,6 +107,8 @@ def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, 
         (["--functional-map", "5"], "need --out"),
         (["--out", "map.obj"], "must end in .txt, .csv, .npy"),
         (["--out", "map.txt", "--carry", "none.npy"], "none.npy"),
+        (["--out", "map.txt", "--carry", "short.npy"], "file 'short.npy': 3 values were given"),
+        (["--out", "map.txt", "--carry", "infinite.npy"], "file 'infinite.npy': some values are not finite"),
         (["--out", "C.npy", "--functional-map", "0"], "0 eigenfunctions"),
         (["--out", "C.npy", "--functional-map", "100000"], "100000 eigenfunctions"),
         (["--truth", "none.txt"], "none.txt"),
@@ -116,6 +118,8 @@ def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, 
 )
 def test_bad_words_are_refused_in_one_line(turned, words, expected, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    np.save("short.npy", np.zeros(3))
+    np.save("infinite.npy", np.full(len(load_match(turned).mesh.vertices), np.inf))
     assert main(["map", str(turned), *words]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1

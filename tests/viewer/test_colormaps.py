@@ -79,3 +79,8 @@ def test_the_material_has_no_colour_of_its_own():
     assert not red[..., 1:].any()
     assert not black.any()
     assert red.max() < 255
+
+
+def test_a_range_from_just_above_zero_begins_at_zero():
+    assert color_range(np.array([0.01, 1.0])).low == 0
+    assert color_range(np.array([0.1, 1.0])).low == 0.1

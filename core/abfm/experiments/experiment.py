@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
@@ -9,6 +10,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from abfm.energy import MatchingEnergy
+from abfm.errors import MeshError
 from abfm.experiments import TITLES
 from abfm.experiments.sheet import Sheet
 from abfm.functions import function
@@ -16,6 +18,8 @@ from abfm.match_result import Match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
 from abfm.vector_fields import to_frame
+
+_VERTICES_TIMES_ITERATIONS = 1_230_000
 
 Report = Callable[[str, float], None]
 """Told what is being done, in a few words, and which share of the experiment is behind it."""
@@ -37,6 +41,11 @@ class Measure:
         What the paper says about it, if anything.
     reproduces : bool or None
         Whether the value bears the claim out; None without a claim.
+
+    Raises
+    ------
+    MeshError
+        If the value is not finite: it could not be measured on this mesh.
     """
 
     name: str
@@ -44,6 +53,10 @@ class Measure:
     bound: float | None = None
     claim: str = ""
     reproduces: bool | None = None
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise MeshError(f"'{self.name}' came out as {self.value}: the mesh is too coarse or degenerate for it")
 
     @property
     def passes(self) -> bool | None:
@@ -143,6 +156,14 @@ class Findings:
     measures: tuple[Measure, ...]
     sheet: Sheet
     setting: str
+
+
+def affordable_iterations(mesh: TriangleMesh, most: int) -> int:
+    """As many as take about half a minute with three functions, 60 to ``most``.
+
+    It is a matter of time alone: fine meshes would need more, not fewer.
+    """
+    return min(max(_VERTICES_TIMES_ITERATIONS // len(mesh.vertices), 60), most)
 
 
 S = TypeVar("S", bound=Setup)

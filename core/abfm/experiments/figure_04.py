@@ -26,6 +26,7 @@ _GROWTH = 1e6  # by which linear steps amplify the fastest oscillation until tau
 _MOST_STEPS = 10_000
 _REFINED = 4  # times as many steps, for comparison
 _CLOSE, _CALM = 0.05, 0.05  # "works well": this far from flow lines; "smooth": overshoot and variation in excess
+_TALL = 4.0  # a plot is so much taller than its curves but the linear one, which may grow beyond all bounds
 _TARGET = "file:advected.npy"
 _LINEAR, _ONE_STEP, _NONLINEAR, _FLOW_LINES = "linear", "linear, one step", "nonlinear", "flow lines"
 _FINER = f"linear, {_REFINED} times the steps"
@@ -177,7 +178,8 @@ def _variation(mesh: TriangleMesh, f: FloatArray) -> float:
 def _plot(times: FloatArray, values: dict[str, FloatArray], title: str) -> Plot:
     shown = (_LINEAR, _ONE_STEP, _NONLINEAR, _FLOW_LINES)
     curves = tuple(Curve(name, times, values[name], faint=name == _FLOW_LINES) for name in shown)
-    return Plot(curves, "t / τ", title, title.partition(" /")[0])
+    calm = max(float(values[name].max()) for name in shown if name != _LINEAR)
+    return Plot(curves, "t / τ", title, title.partition(" /")[0], top=max(_TALL * calm, 1.0))
 
 
 EXPERIMENT = Experiment(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
@@ -109,9 +109,11 @@ def run(setup: Setup5, report: Report) -> Findings:
     """Find the smoothest commuting fields, and compare them with the known ones."""
     measures: list[Measure] = []
     rows = []
-    total = sum(len(levels) for levels in setup.cases)
+    known = setup.cases[0][0].u is not None
+    cases = setup.cases if known else ((replace(setup.cases[0][0], name=setup.name),),)
+    total = sum(len(levels) for levels in cases)
     done = 0
-    for levels in setup.cases:
+    for levels in cases:
         brackets, errors = [], []
         for case in levels:
             report(f"{case.name}, {len(case.mesh.vertices):,} vertices", done / total)
@@ -129,9 +131,8 @@ def run(setup: Setup5, report: Report) -> Findings:
         )
     sizes = "; ".join(
         f"{levels[-1].name}, {', '.join(f'{len(case.mesh.vertices):,}' for case in levels)} vertices"
-        for levels in setup.cases
+        for levels in cases
     )
-    known = setup.cases[0][0].u is not None
     kind = "the rotation about the axis" if known else "the turned gradient of eigenfunction 1"
     setting = (
         f"{sizes}. v is {kind}; u is orthogonal to v in L2 and minimises its Hodge energy plus the squared bracket, "

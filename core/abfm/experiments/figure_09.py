@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from abfm.assets import asset_path
 from abfm.experiments import symmetry_flow
-from abfm.experiments.experiment import Experiment, Findings, Measure, Report
+from abfm.experiments.experiment import Experiment, Findings, Measure, Report, affordable_iterations
 from abfm.experiments.meshes import bundled, two_armed
 from abfm.experiments.sheet import Coordinates, Panel, Sheet
 from abfm.experiments.symmetry_flow import SymmetrySetup
@@ -30,8 +30,8 @@ class Figure9(SymmetrySetup):
 
 def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Figure9:
     """A generated shape with a rotation and a human with a mirror plane, or the symmetry that a given mesh has."""
-    p = TABLE_1[9].parameters(**_COOLED, iterations=100 if small else 250)
     shape = mesh or two_armed(3 if small else 4)
+    p = TABLE_1[9].parameters(**_COOLED, iterations=100 if small else affordable_iterations(shape, 250))
     main = symmetry_flow.set_up(shape, "mesh" if mesh else "two arms", symmetry_flow.detected(shape), p)
     mirror = None
     if mesh is None:

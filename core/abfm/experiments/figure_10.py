@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.experiments import symmetry_flow
-from abfm.experiments.experiment import Experiment, Findings, Measure, Report
+from abfm.experiments.experiment import Experiment, Findings, Measure, Report, affordable_iterations
 from abfm.experiments.meshes import stepped_slab
 from abfm.experiments.sheet import Sheet
 from abfm.experiments.symmetry_flow import SymmetrySetup
@@ -16,8 +16,8 @@ from abfm.operators import face_normals
 
 def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> SymmetrySetup:
     """A generated slab with a step and a rotation, or the symmetry that a given mesh has."""
-    p = TABLE_1[10].parameters(iterations=60 if small else 300)
     shape = mesh or stepped_slab(2 if small else 6)
+    p = TABLE_1[10].parameters(iterations=60 if small else affordable_iterations(shape, 300))
     return symmetry_flow.set_up(shape, "mesh" if mesh else "stepped slab", symmetry_flow.detected(shape), p)
 
 
@@ -37,7 +37,8 @@ def _crease_share(mesh: TriangleMesh) -> float:
     """Share of the inner edges' number at which the surface turns by more than 45 degrees."""
     sides = mesh.edge_faces[~mesh.is_boundary_edge]
     normals = face_normals(mesh)
-    return float(((normals[sides[:, 0]] * normals[sides[:, 1]]).sum(axis=1) < np.cos(np.pi / 4)).mean())
+    steep = (normals[sides[:, 0]] * normals[sides[:, 1]]).sum(axis=1) < np.cos(np.pi / 4)
+    return float(steep.sum() / max(len(steep), 1))
 
 
 EXPERIMENT = Experiment(

@@ -39,7 +39,7 @@ def run(setup: PairSetup, report: Report) -> Findings:
         Panel(setup.mesh, setup.checker(found.advected), "matched", "result"),
         Panel(setup.mesh, Values(after, "sum of errors, √area"), "what is left"),
     )
-    return Findings(measures, Sheet((panels,), seen=(before,)), setup.setting)
+    return Findings(measures, Sheet((panels,), seen=(before,), one_view=True), setup.setting)
 
 
 EXPERIMENT = Experiment(

@@ -52,7 +52,7 @@ def run(setup: PairSetup, report: Report) -> Findings:
         Panel(setup.mesh, setup.checker(found.reduced_functions[:, shown]), "reduced basis"),
     )
     wrong = np.abs(source - target).sum(axis=1)
-    return Findings(measures, Sheet((panels,), seen=(wrong,)), f"{setup.setting}. {found.setting}")
+    return Findings(measures, Sheet((panels,), seen=(wrong,), one_view=True), f"{setup.setting}. {found.setting}")
 
 
 EXPERIMENT = Experiment(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from abfm.errors import MeshError
 from abfm.flow_lines import flow_lines
 from abfm.flow_maps import project_onto_surface, pull_back
 from abfm.functions import eigenbasis
@@ -26,12 +27,20 @@ def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -
         Weights of the eigenfunctions, each scaled to unit L2 norm on the mesh of unit area.
     speed : float
         Root mean square of the field's norm, in sqrt(area) per unit of time.
+
+    Raises
+    ------
+    MeshError
+        If the mesh is too coarse: nothing is left inside its boundary.
     """
     basis = eigenbasis(mesh.normalized(), max(modes) + 1)[1]
     stream = basis[:, list(modes)] @ np.array(list(modes.values()))
     field = to_ambient(mesh, (rotation(mesh) @ gradient(mesh) @ stream).reshape(-1, 2))
     if not mesh.is_closed:
+        whole = np.linalg.norm(field)
         field = helmholtz_hodge(mesh, field)[1]
+        if np.linalg.norm(field) <= 1e-9 * whole:
+            raise MeshError("no smooth field without divergence flows inside this mesh: refine it, above all inside")
     return field * (speed * mesh.length_scale / root_mean_square(mesh, field))
 
 

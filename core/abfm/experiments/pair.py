@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abfm.errors import MeshError
-from abfm.experiments.experiment import Setup
+from abfm.experiments.experiment import Setup, affordable_iterations
 from abfm.experiments.meshes import bundled
 from abfm.experiments.sheet import Checker
 from abfm.experiments.table_1 import TABLE_1
@@ -27,7 +27,6 @@ from abfm.operators import vertex_areas
 
 _FEW, _MANY, _MANY_SMALL = 10, 100, 30
 _FEWEST_VERTICES = 60
-_VERTICES_TIMES_ITERATIONS = 1_230_000
 _BEND = np.pi / 3
 _FIELDS = 16  # of the checkerboard, along the longest axis
 MATCHED = 0.1
@@ -100,7 +99,7 @@ def pair(figure: int, mesh: TriangleMesh | None, small: bool, channels: int) -> 
     sources, targets = ([f"file:{kind}_{_AXES[x]}.npy" for x in axes] for kind in ("start", "target"))
     columns = np.concatenate([pull_back(a, start, places), carry(a, b, wanted, places)], axis=1).T
     named = dict(zip([*sources, *targets], columns[[*axes, *(3 + x for x in axes)]], strict=True))
-    parameters = TABLE_1[figure].parameters(iterations=20 if small else _iterations(count))
+    parameters = TABLE_1[figure].parameters(iterations=20 if small else affordable_iterations(b, 500))
     return PairSetup(
         mesh=b,
         name=name,
@@ -126,11 +125,6 @@ def coordinates(mesh: TriangleMesh) -> FloatArray:
     areas = vertex_areas(mesh.normalized())
     centred: FloatArray = places - areas @ places
     return centred
-
-
-def _iterations(count: int) -> int:
-    """As many as take about half a minute, within limits: fine meshes would need more, not fewer."""
-    return min(max(_VERTICES_TIMES_ITERATIONS // count, 60), 500)
 
 
 def share_left(after: float, before: float) -> float:

@@ -128,6 +128,8 @@ class Plot:
         Whether the vertical axis is logarithmic.
     width : int
         How many panels wide.
+    top : float or None
+        Greatest value of y that is shown: a curve that goes beyond leaves the plot.
     """
 
     curves: tuple[Curve, ...]
@@ -136,6 +138,7 @@ class Plot:
     label: str
     log_y: bool = False
     width: int = 2
+    top: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,21 +46,36 @@ class SymmetrySetup(Setup):
 def detected(mesh: TriangleMesh) -> Symmetry:
     """The rotation by 180 degrees that a mesh has, or else its mirror plane.
 
+    A rotation that turns the surface over, as one about an axis in a flat one, acts on it as a mirror: no flow reaches
+    it, and mirrors go before it.
+
     Raises
     ------
     MeshError
         If it has neither.
     """
     errors: dict[Kind, float] = {}
+    found = None
     for kind in reversed(KINDS):
         try:
-            return detect_symmetry(mesh, kind)
+            found = detect_symmetry(mesh, kind)
         except SymmetryError as error:
             errors[kind] = error.error
+            continue
+        if kind == "mirror" or not _turns_over(mesh, found):
+            return found
+    if found is not None:
+        return found
     raise MeshError(
         "the mesh has no symmetry: the best rotation by 180 degrees and the best mirror plane carry a vertex "
         f"{errors['rotation']:.3g} and {errors['mirror']:.3g} sqrt(area) away from the surface, and 0.02 is allowed"
     )
+
+
+def _turns_over(mesh: TriangleMesh, symmetry: Symmetry) -> bool:
+    """Whether normals arrive on the other side."""
+    normals = averaging(mesh) @ face_normals(mesh)
+    return float((normals @ symmetry.linear.T * normals[symmetry.vertex_map]).sum()) < 0
 
 
 def set_up(mesh: TriangleMesh, name: str, symmetry: Symmetry, parameters: Parameters) -> SymmetrySetup:
@@ -127,7 +142,8 @@ def sampled(mesh: TriangleMesh) -> IntArray:
 def map_error(match: Match, symmetry: Symmetry) -> FloatArray:
     """How far the point map at tau is from the symmetry, along the surface, in sqrt(area), at `sampled` vertices."""
     sample = sampled(match.mesh)
-    return geodesics(match.mesh, symmetry.vertex_map[sample], _at(match.point_map(), sample))
+    [error] = geodesics(match.mesh, symmetry.vertex_map[sample], _at(match.point_map(), sample))
+    return np.asarray(error)
 
 
 def measures(match: Match, symmetry: Symmetry) -> tuple[Measure, ...]:
@@ -136,12 +152,12 @@ def measures(match: Match, symmetry: Symmetry) -> tuple[Measure, ...]:
     Flow lines are walked against the flow: a vertex's value came from where its line ends.
     """
     mesh, tau, sample = match.mesh, match.parameters.tau, sampled(match.mesh)
-    error = map_error(match, symmetry)
-    drift = geodesics(mesh, sample, _at(match.point_map(2 * tau), sample))
+    [drift] = geodesics(mesh, sample, _at(match.point_map(2 * tau), sample))
     lines = flow_lines(mesh, match.velocity, project_onto_surface(mesh, mesh.vertices[sample]), -tau, tau)
     ends = project_onto_surface(mesh, np.array([line.positions[-1] for line in lines]))
-    by_lines = geodesics(mesh, symmetry.vertex_map[sample], ends)
-    apart = np.linalg.norm(ends.positions - match.point_map().positions[sample], axis=1) / mesh.length_scale
+    reached_points = _at(match.point_map(), sample)
+    error, by_lines = geodesics(mesh, symmetry.vertex_map[sample], reached_points, ends)
+    apart = np.linalg.norm(ends.positions - reached_points.positions, axis=1) / mesh.length_scale
     reached, kept = float(error.mean()), float(drift.mean())
     return (
         Measure("mismatch of the functions", match.mismatch),
@@ -164,18 +180,22 @@ def measures(match: Match, symmetry: Symmetry) -> tuple[Measure, ...]:
     )
 
 
-def geodesics(mesh: TriangleMesh, vertices: IntArray, points: SurfacePoints) -> FloatArray:
-    """Distance along the surface from each of P vertices to the point of its own, (P,), in sqrt(area).
+def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: SurfacePoints) -> FloatArray:
+    """Distance along the surface from each of P vertices to the point of its own, for K sets of points at once, (K, P).
+
+    In sqrt(area).
 
     Exact on faces around the vertex and at vertices, elsewhere linear between the exact distances of a face's corners,
     which is never less than the distance (Mitchell, Mount, Papadimitriou 1987).
     """
     none = np.zeros(0, dtype=np.int64)
-    distances = np.linalg.norm(points.positions - mesh.vertices[vertices], axis=1)
-    for i in np.flatnonzero((mesh.faces[points.faces] != vertices[:, None]).all(axis=1)):
-        corners = mesh.faces[points.faces[i]]
+    distances = np.array([np.linalg.norm(points.positions - mesh.vertices[vertices], axis=1) for points in ends])
+    far = np.array([(mesh.faces[points.faces] != vertices[:, None]).all(axis=1) for points in ends])
+    for i in np.flatnonzero(far.any(axis=0)):
+        corners = np.concatenate([mesh.faces[points.faces[i]] for points in ends])
         exact = igl.exact_geodesic(mesh.vertices, mesh.faces, VS=vertices[i : i + 1], FS=none, VT=corners, FT=none)
-        distances[i] = exact @ points.barycentric[i]
+        weights = np.array([points.barycentric[i] for points in ends])
+        distances[:, i] = np.where(far[:, i], (exact.reshape(-1, 3) * weights).sum(axis=1), distances[:, i])
     fractions: FloatArray = distances / mesh.length_scale
     return fractions
 
@@ -219,7 +239,7 @@ def map_row(match: Match, marks: IntArray) -> tuple[Panel, ...]:
 def setting(setup: SymmetrySetup) -> str:
     """What is matched, in a sentence or two."""
     mesh, symmetry = setup.mesh, setup.symmetry
-    axis = ", ".join(f"{value:.2g}" for value in np.round(symmetry.axis, 6) + 0.0)
+    axis = ", ".join(f"{value:.2g}" for value in np.round(symmetry.axis, 3) + 0.0)
     if symmetry.kind == "rotation":
         words = f"rotation by 180 degrees about ({axis}); the three coordinates are matched at once"
     else:

@@ -7,12 +7,15 @@ import math
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import MeshError
 from abfm.experiments import experiment_of
 from abfm.experiments.meshes import bundled, stepped_slab
+from abfm.experiments.symmetry_flow import detected
 from abfm.experiments.table_1 import TABLE_1
+from abfm.mesh import TriangleMesh
+from abfm.symmetry import detect_symmetry
 from tests.shapes import torus
 
 EXPERIMENT = experiment_of(10)
@@ -48,3 +51,22 @@ def test_a_smooth_mesh_is_turned_as_well():
 def test_a_mesh_without_symmetry_is_refused():
     with pytest.raises(MeshError, match="the mesh has no symmetry"):
         EXPERIMENT.set_up(bundled("fandisk.off"), True)
+
+
+def test_a_rotation_that_turns_a_flat_surface_over_goes_after_its_mirror():
+    kite = TriangleMesh(
+        [[0, 0, 0], [2, 1, 0], [5, 0, 0], [2, -1, 0], [2, 0, 0]], [[0, 4, 1], [4, 2, 1], [0, 3, 4], [4, 3, 2]]
+    )
+    assert_allclose(np.abs(detect_symmetry(kite, "rotation").axis), [1, 0, 0], atol=1e-9)
+    found = detected(kite)
+    assert found.kind == "mirror"
+    assert_allclose(np.abs(found.axis), [0, 1, 0], atol=1e-9)
+
+
+def test_a_mesh_without_inner_edges_has_no_creases():
+    alone = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    found = {
+        measure.name: measure.value
+        for measure in EXPERIMENT.run(EXPERIMENT.set_up(alone, True), lambda t, s: None).measures
+    }
+    assert found["edges with an angle of more than 45 degrees, share"] == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from abfm.errors import MeshError
 from abfm.experiments.given_flow import carried, feet, root_mean_square, stream_field
 from abfm.experiments.meshes import five_limbs, smoothed
 from abfm.functions import eigenbasis
@@ -46,3 +47,8 @@ def test_meshes_are_closed_and_even() -> None:
     assert (len(eight.faces), eight.genus, eight.is_closed) == (4 * 634, 2, True)
     lengths = np.linalg.norm(body.vertices[body.edges[:, 0]] - body.vertices[body.edges[:, 1]], axis=1)
     assert lengths.max() < 6 * lengths.min()
+
+
+def test_a_mesh_with_nothing_inside_its_boundary_has_no_flow():
+    with pytest.raises(MeshError, match="no smooth field without divergence flows inside this mesh"):
+        stream_field(TriangleMesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]]), {2: 1.0}, 0.1)

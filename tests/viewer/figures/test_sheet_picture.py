@@ -7,9 +7,11 @@ import pytest
 from PIL import Image
 
 from abfm.experiments.sheet import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
+from abfm_viewer.colormaps import ColorRange
 from abfm_viewer.figures.panel_pictures import POINT_COLORS, cameras, color_ranges, panel_pictures
 from abfm_viewer.figures.plot_pictures import CURVE_COLORS, plot_picture
-from abfm_viewer.figures.sheet_picture import sheet_picture
+from abfm_viewer.figures.sheet_picture import readable, sheet_picture
+from abfm_viewer.sheet import ticks
 from tests.shapes import ellipsoid, icosphere
 
 SPHERE = icosphere(3)
@@ -120,3 +122,44 @@ def test_a_label_that_is_too_long_is_cut_down_to_its_cell():
     assert pictures[0].shape == pictures[1].shape
     margin = pictures[0][:, :8]
     assert (margin == 255).all()
+
+
+def test_a_curve_that_grows_beyond_bounds_leaves_the_plot():
+    x = np.linspace(0, 1, 20)
+    calm, wild = Curve("calm", x, x), Curve("wild", x, np.exp(20 * x))
+    size, text = (500, 300), 18
+    whole, cut = (plot_picture(Plot((wild, calm), "t", "y", "", top=top), size, text) for top in (None, 4.0))
+    blue = tuple(bytes.fromhex(CURVE_COLORS[1][1:]))
+    heights = [np.ptp(np.nonzero((np.asarray(picture) == blue).all(axis=2))[0][:]) for picture in (whole, cut)]
+    assert colors(whole) & colors(cut) >= {blue}
+    assert heights[0] != heights[1]
+
+
+def test_numbers_below_a_colour_bar_stand_apart():
+    narrow = ColorRange("abfm sequential", 0.0, 0.00115)
+    values = ticks(narrow.low, narrow.high)
+    fewer = readable(values, narrow, 250)
+    assert set(fewer) < set(values)
+    assert fewer[0] == 0
+    assert readable(values, narrow, 2000) == values
+
+
+def test_a_legend_without_a_free_place_stands_above_the_plot():
+    x = np.linspace(0, 1, 40)
+    few = tuple(Curve(f"curve {k}", x, k * x) for k in (0, 1))
+    many = tuple(Curve(f"curve {k}", x, 0 * x + k) for k in range(12))
+    for curves, inside in ((few, True), (many, False)):
+        picture = np.asarray(plot_picture(Plot(curves, "t", "y", ""), (500, 300), 18))
+        axis = np.flatnonzero((picture[:, :250] == 0).all(axis=2).sum(axis=0) > 100)  # the y axis' line is black
+        top = np.flatnonzero((picture[:, axis[-1]] == 0).all(axis=1))[0]
+        assert (top < 25) == inside
+
+
+def test_the_title_of_an_axis_is_whole_in_a_low_plot():
+    x = np.linspace(0, 1, 20)
+    pictures = (plot_picture(Plot((Curve("", x, x),), "t", name, ""), (500, 160), 20) for name in ("m" * 18, ""))
+    titled, bare = (np.asarray(picture) for picture in pictures)
+    left = titled[:, : np.flatnonzero((bare < 255).any(axis=(0, 2)))[0] + 10]
+    inked = np.flatnonzero((left < 128).any(axis=(1, 2)))
+    assert inked.min() > 0
+    assert inked.max() < 159
