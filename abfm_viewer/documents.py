@@ -196,7 +196,7 @@ class Documents:
         from abfm_viewer.presets import figure_document
 
         document, known = figure_document(figure, self._session.view)
-        ready = "its field is given: play its flow" if document.result else "press Match"
+        ready = "press Play, its field is given" if document.result else "press Match"
         return partial(self._show_figure, document, known, f"figure {figure} is ready: {ready}")
 
     def _show_figure(self, document: Document, known: dict[str, FloatArray], text: str) -> None:

@@ -128,6 +128,11 @@ class FieldQuantities:
         """Whether the field that the view asks for is still to come."""
         return self._field.busy
 
+    @property
+    def convolving(self) -> bool:
+        """Whether streaks that the view asks for are still to come."""
+        return self._streaks.busy
+
     def field(self, session: Session) -> Field | None:
         """The part of the field that the view asks for, at the shown time."""
         flow = session.shown.flow

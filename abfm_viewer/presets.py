@@ -24,11 +24,6 @@ _SHOWN: dict[int, dict[str, Any]] = {
     5: {"streaks": True, "part": "commuting"},
     6: {"streaks": True, "part": "carried gradient"},
     8: {"error": True},
-    9: {"coloring": "coordinates"},
-    10: {"coloring": "coordinates"},
-    11: {"coloring": "checker"},
-    12: {"coloring": "checker"},
-    13: {"coloring": "checker"},
 }
 """What a figure shows besides the functions."""
 

@@ -249,7 +249,11 @@ class Session(Editing):
             return "choosing functions"
         if self.functions.busy:
             return "computing functions"
-        return "computing times" if self.shown.busy else ""
+        if self.shown.busy:
+            return "computing times"
+        if self.quantities.finding:
+            return "computing the field"
+        return "computing streaks" if self.quantities.convolving else ""
 
     # The frame
 

@@ -17,6 +17,7 @@ ADVICE = {
     "iteration limit": "It was still improving: give it more iterations, or start from the current field.",
     "line search failed": "No step lowers the energy any more, which is often rounding: try a larger alpha or sigma.",
     "cancelled": "The best field so far was kept.",
+    "given": "Nothing was solved: press Play below the surfaces to see its flow. Match looks for a field of its own.",
 }
 _POOR = 0.1
 

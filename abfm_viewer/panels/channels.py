@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from abfm import FunctionError
-from abfm.functions import Family, Sum, parse
+from abfm.functions import Family, Spec, Sum, parse
+from abfm.functions.permuted import Permuted
+from abfm.functions.values_file import ValuesFile
+from abfm_viewer.abbreviation import cut
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
 
+_LONGEST = 22  # letters
 _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves the channel out."
 
 
@@ -16,7 +22,7 @@ def draw(ui: Ui, session: Session) -> None:
     if several:
         for number, channel in enumerate(session.channels):
             weight = "" if channel.weight == 1 else f", weight {channel.weight:g}"
-            label = f"{number + 1}: {_short(channel.source)} to {_short(channel.target)}{weight}"
+            label = f"{number + 1}: {_short(parse(channel.source))} to {_short(parse(channel.target))}{weight}"
             chosen, _ = ui.row(label, number == session.document.channel)
             if chosen:
                 session.select(channel=number, bump=0)
@@ -41,10 +47,15 @@ def draw(ui: Ui, session: Session) -> None:
                 ui.refuse("weight", str(error))
 
 
-def _short(spec: str) -> str:
-    """A function in a word."""
-    tree = parse(spec)
+def _short(tree: Spec) -> str:
+    """A function in a word or two, which tell channels of one kind apart."""
     if isinstance(tree, Sum):
         words = {term.family if isinstance(term, Family) else "function" for term in tree.terms}
         return f"{len(tree.terms)} {words.pop()}s" if len(words) == 1 else f"{len(tree.terms)} terms"
-    return tree.family if isinstance(tree, Family) else "function"
+    if isinstance(tree, Permuted):
+        return f"{_short(tree.function)}, {Path(tree.path).name}"
+    if not isinstance(tree, Family):
+        return "function"
+    value = "" if tree.positional is None else str(getattr(tree, tree.positional))
+    name = Path(value).name if tree.family == ValuesFile.family else value
+    return cut(f"{tree.family} {name}".rstrip(), _LONGEST, len)

@@ -68,7 +68,8 @@ def _outcome(ui: Ui, session: Session) -> None:
         return
     reason = result.stop_reason
     steps = len(result.energy_history) - 1
-    ui.note(f"{reason.capitalize()} ({steps} iterations). Mismatch {result.mismatch:.3g}.", "ink")
+    end = "The field is given" if reason == "given" else f"{reason.capitalize()} ({steps} iterations)"
+    ui.note(f"{end}. Mismatch {result.mismatch:.3g}.", "ink")
     if session.outdated:
         ui.note("The functions or parameters changed since: press Match again.", "error")
     else:

@@ -41,7 +41,8 @@ def _state(session: Session) -> str:
         return f"the solver stopped: {solver.reason}"
     if result is None:
         return "ready"
-    return f"{result.stop_reason}, mismatch {result.mismatch:.3g}{', outdated' if session.outdated else ''}"
+    end = "field given" if result.stop_reason == "given" else result.stop_reason
+    return f"{end}, mismatch {result.mismatch:.3g}{', outdated' if session.outdated else ''}"
 
 
 def _width(text: str) -> float:

@@ -114,7 +114,7 @@ def _track(ui: Ui, session: Session, rect: Rect) -> None:
     place = (right - size[0] - ui.px(6), (top + bottom - size[1]) / 2)
     if place[0] > middle + ui.px(12):
         canvas.AddText(place, _packed(color), text)
-    canvas.AddText((middle - ui.px(6) - imgui.CalcTextSize("tau")[0], place[1]), _packed(colors.ink), "tau")
+    canvas.AddText((middle - ui.px(12) - imgui.CalcTextSize("tau")[0], place[1]), _packed(colors.ink), "tau")
 
 
 def _show(session: Session, time: float) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from abfm import AbfmError, Parameters, line_integral
+from abfm import AbfmError, Parameters, helmholtz_hodge, line_integral
 from abfm.commuting_fields import commuting_fields, relative_bracket
 from abfm.operators import gradient
 from abfm.vector_fields import pushforward, to_ambient
@@ -72,6 +73,35 @@ def test_streaks_are_computed_once_and_take_the_colours_of_every_time(session, c
     assert at_start.streaks is at_end.streaks
     assert abs(at_start.colors - at_end.colors).max() > 0.2
     assert len(convolutions) == 1
+
+
+def test_what_is_still_to_come_is_said(session, monkeypatch):
+    may_go_on = threading.Event()
+    decompose, convolve = helmholtz_hodge.helmholtz_hodge, line_integral.line_integral_convolution
+
+    def late(job):
+        def work(*arguments, **options):
+            assert may_go_on.wait(30)
+            return job(*arguments, **options)
+
+        return work
+
+    monkeypatch.setattr(helmholtz_hodge, "helmholtz_hodge", late(decompose))
+    monkeypatch.setattr(line_integral, "line_integral_convolution", late(convolve))
+    until(lambda: not session.busy, session)
+    show(session, part="curl-free", streaks=True)
+    session.quantities.field(session)
+    assert session.busy == "computing the field"
+    may_go_on.set()
+    until(lambda: session.quantities.field(session) and not session.quantities.finding, session)
+    assert session.busy == ""
+    may_go_on.clear()
+    colors = color_range(session.values("source"), session.values("target"))
+    assert session.quantities.texture(session, session.shown.advected(), colors) is None
+    assert session.busy == "computing streaks"
+    may_go_on.set()
+    texture(session)
+    assert session.busy == ""
 
 
 def test_coloured_streaks_are_those_of_the_function_and_darker(session):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -132,6 +133,25 @@ def refusals(gui):
 
 def spec(gui, side="source"):
     return gui.session.active.spec(side)
+
+
+def test_channels_of_one_kind_can_be_told_apart(gui):
+    gui.session.history.change(
+        replace(
+            gui.session.document,
+            channels=(
+                Channel("coordinate:x", "permuted:mirror(coordinate:x)"),
+                Channel("expression:x*x+y*y+z*z+x*y*z*x", "gaussian:vertex=1 + gaussian:vertex=2"),
+                Channel("eigenfunction:7", "geodesic:vertex=3", 2),
+            ),
+        ),
+        "three channels",
+    )
+    assert [label for label in gui.labels() if label[:3] in ("1: ", "2: ", "3: ")] == [
+        "1: coordinate x to coordinate x, mirror",
+        "2: expression x*x+y*y+... to 2 gaussians",
+        "3: eigenfunction 7 to geodesic, weight 2",
+    ]
 
 
 def test_what_is_refused_leaves_the_function_and_the_next_change_takes_the_reason_away(gui):

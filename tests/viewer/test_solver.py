@@ -90,8 +90,9 @@ def test_another_mesh_ends_the_run(solver, follow):
 
 
 def test_every_end_of_a_run_has_advice():
-    for reason in ("converged", "iteration limit", "line search failed", "cancelled"):
+    for reason in ("converged", "iteration limit", "line search failed", "cancelled", "given"):
         assert advice(reason, 0.01).endswith((".", "!"))
+    assert "press Play" in advice("given", 0.0)
     assert "still large" in advice("converged", 0.5)
     assert "still large" not in advice("cancelled", 0.5)
     assert advice("MemoryError", 0.5) == ""
