@@ -13,16 +13,20 @@ _PLAIN: dict[str, Any] = {
     "front": None,
     "coloring": "function",
     "blend": False,
+    "transport": False,
     "error": False,
     "arrows": False,
     "part": "whole",
     "streaks": False,
+    "fade": False,
+    "animate": False,
+    "tool": "nothing",
 }
 _SHOWN: dict[int, dict[str, Any]] = {
     1: {"blend": True},
     2: {"streaks": True},
     5: {"streaks": True, "part": "commuting"},
-    6: {"streaks": True, "part": "carried gradient"},
+    6: {"streaks": True, "fade": True, "part": "carried gradient"},  # it is nothing but noise where it is almost 0
     8: {"error": True},
 }
 """What a figure shows besides the functions."""

@@ -6,13 +6,14 @@ from pathlib import Path
 
 from abfm import FunctionError
 from abfm.functions import Family, Spec, Sum, parse
+from abfm.functions.expression import Expression
 from abfm.functions.permuted import Permuted
 from abfm.functions.values_file import ValuesFile
 from abfm_viewer.abbreviation import cut
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
 
-_LONGEST = 22  # letters
+_LONGEST = 16  # letters
 _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves the channel out."
 
 
@@ -56,6 +57,8 @@ def _short(tree: Spec) -> str:
         return f"{_short(tree.function)}, {Path(tree.path).name}"
     if not isinstance(tree, Family):
         return "function"
-    value = "" if tree.positional is None else str(getattr(tree, tree.positional))
-    name = Path(value).name if tree.family == ValuesFile.family else value
-    return cut(f"{tree.family} {name}".rstrip(), _LONGEST, len)
+    if isinstance(tree, ValuesFile):
+        return cut(Path(tree.path).name, _LONGEST, len)
+    if isinstance(tree, Expression):
+        return cut(tree.formula, _LONGEST, len)
+    return tree.family if tree.positional is None else f"{tree.family} {getattr(tree, tree.positional)}"

@@ -149,7 +149,7 @@ def test_channels_of_one_kind_can_be_told_apart(gui):
     )
     assert [label for label in gui.labels() if label[:3] in ("1: ", "2: ", "3: ")] == [
         "1: coordinate x to coordinate x, mirror",
-        "2: expression x*x+y*y+... to 2 gaussians",
+        "2: x*x+y*y+z*z+x... to 2 gaussians",
         "3: eigenfunction 7 to geodesic, weight 2",
     ]
 
