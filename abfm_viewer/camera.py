@@ -13,7 +13,8 @@ FIELD_OF_VIEW = 18.0
 """Vertical angle in degrees: narrow, so that shapes are hardly distorted."""
 _FACES_LOOKED_AT = 10_000
 _ELEVATIONS = np.radians([0, 12, 25, -12, 55])
-_STEEP, _STEEP_COSTS = np.radians(30), 0.2  # only what lies flat is looked at from above
+_STEEP, _STEEP_COSTS = np.radians(30), 0.2  # only for what lies flat, and only where it shows much more
+_FLAT = 0.5  # of its smaller width: what is lower lies flat
 _AZIMUTHS = np.radians(np.arange(0, 360, 10))
 
 
@@ -56,7 +57,9 @@ def best_view(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> View
     facing = np.maximum(np.cross(b - a, c - a) @ directions.T, 0)
     surface = _share(facing, np.ones(len(faces)))
     shares = [_share(facing, np.abs(f - np.median(f))[faces].mean(axis=1)) for f in functions]
-    best = np.argmax(np.min([surface, *shares], axis=0) + 0.2 * surface - _STEEP_COSTS * (elevation > _STEEP))
+    width, height, depth = np.ptp(mesh.vertices @ axes.T, axis=0)
+    costs = np.where(elevation > _STEEP, _STEEP_COSTS if height < _FLAT * min(width, depth) else np.inf, 0.0)
+    best = np.argmax(np.min([surface, *shares], axis=0) + 0.2 * surface - costs)
     return View(directions[best], ups[best])
 
 

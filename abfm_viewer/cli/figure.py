@@ -30,7 +30,7 @@ Compute a figure of the paper, or all of them, anew: figure-N.png is drawn in th
 the source, red for the target, black for the result), figure-N.json holds what was measured, with the bounds that it
 keeps or not and whether the paper's claims reproduce. `all` also writes index.html, a page with everything.
 
-The meshes are bundled or generated; --mesh computes the figure on another one. All figures take about ten minutes.
+The meshes are bundled or generated; --mesh computes the figure on another one. All figures take a few minutes.
 
 Examples:
   abfm figure 3 --out figures

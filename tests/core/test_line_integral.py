@@ -57,6 +57,9 @@ def test_streaks_lie_along_the_flow_on_any_mesh(level: int) -> None:
     width = mesh.length_scale / 400
     across = np.cross(points, np.cross(axis, points))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
+    grain = 1.5 * atlas.texel_length
+    assert correlation(atlas, image, points, turned(points, axis, 3 * grain)) > 0.85
+    assert correlation(atlas, image, points, turned(points, axis, 6 * grain)) > 0.6
     assert correlation(atlas, image, points, turned(points, axis, 4 * width)) > 0.8
     assert correlation(atlas, image, points, turned(points, axis, 8 * width)) > 0.5
     assert abs(correlation(atlas, image, points, points + 4 * width * across)) < 0.15
