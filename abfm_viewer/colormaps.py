@@ -104,6 +104,14 @@ def color_range(*functions: FloatArray) -> ColorRange:
     return ColorRange("abfm sequential", 0.0 if -1e-9 * largest < low < 0.02 * largest else low, high)
 
 
+def place_colors(vertices: FloatArray, positions: FloatArray) -> FloatArray:
+    """Places (V, 3) as colours in linear light: x, y, z in the vertices' bounding box as red, green, blue."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    share: FloatArray = np.clip((positions - low) / np.maximum(high - low, 1e-300), 0, 1)
+    colors: FloatArray = share**2.2
+    return colors
+
+
 @lru_cache(maxsize=32)
 def table(colormap: str, size: int = 256) -> FloatArray:
     """The colours of a map from its low to its high end, (size, 3) sRGB in 0 to 1."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.mesh import FloatArray
-from abfm_viewer.colormaps import ColorRange, color_range
+from abfm_viewer.colormaps import ColorRange, color_range, place_colors
 from abfm_viewer.document import HODGE_PARTS, Front, Side
 from abfm_viewer.field_quantities import Field, Texture
 from abfm_viewer.session import Session
@@ -172,9 +172,7 @@ class Painter:
 
         def make() -> Paint:
             if kind == "coordinates":
-                low, high = vertices.min(axis=0), vertices.max(axis=0)
-                share = np.clip((coordinates - low) / np.maximum(high - low, 1e-300), 0, 1)
-                return Paint("colors", share**2.2, title)
+                return Paint("colors", place_colors(vertices, coordinates), title)
             axes = np.stack([np.cross(front.up, front.direction), front.up])
             return Paint("checker", (coordinates @ axes.T) / session.mesh.length_scale, title)
 

@@ -9,13 +9,13 @@ from PIL import Image
 
 from abfm import Match
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm_viewer import material, sheet, viewport
+from abfm_viewer import sheet, viewport
 from abfm_viewer.camera import Camera, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
-from abfm_viewer.colormaps import ColorRange, color_range, loaded_name
-from abfm_viewer.creases import drawn_mesh
+from abfm_viewer.colormaps import ColorRange, color_range
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
+from abfm_viewer.surface_quantities import register, show_values
 
 _BLUE, _BLACK, _RED, _GREY = "#2455c3", "#111111", "#c62828", "#c9c9c9"
 
@@ -83,19 +83,10 @@ def surface_pictures(
         ps.set_ground_plane_mode("none")
         places = _places(mesh)
         viewport.set_extent(places)
-        split = drawn_mesh(mesh)
-        surface = ps.register_surface_mesh(
-            "surface", split.values(places), split.faces, smooth_shade=True, material=material.NAME
-        )
+        surface = register("surface", mesh, places)
         camera.place()
         pictures = []
         for function in functions:
-            surface.add_scalar_quantity(
-                "function",
-                split.values(function),
-                enabled=True,
-                cmap=loaded_name(colors.colormap),
-                vminmax=(colors.low, colors.high),
-            )
+            show_values(surface, "function", mesh, function, colors, on_vertices=True)
             pictures.append(Image.fromarray(drawn(transparent=True)))
     return pictures

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from abfm import TriangleMesh
 from abfm.mesh import FloatArray
-from abfm_viewer import material, theme, viewport
+from abfm_viewer import surface_quantities, theme, viewport
 from abfm_viewer.camera import View, best_view
-from abfm_viewer.colormaps import CHECKER_COLORS, loaded_name
-from abfm_viewer.creases import DrawnMesh, drawn_mesh
+from abfm_viewer.creases import drawn_mesh
 from abfm_viewer.document import Camera, Front, Layout, Point
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
@@ -30,7 +29,6 @@ _FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for dr
 _CHECKER = 0.03
 _SLOW_REDRAWS_APART = 2.0  # new textures, of moving streaks
 _STRIPES = 0.8  # of the light that every other stripe between isolines keeps
-_PLAIN = (0.8, 0.81, 0.83)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +74,6 @@ class Scene:
         self._front: tuple[TriangleMesh, Front | None, View] | None = None
         self._heads: FloatArray = np.zeros((0, 3))
         self._turntable: Turntable
-        self._split: DrawnMesh
         self._extent: FloatArray = np.zeros((0, 3))
         self._frames_behind = 0
         self._layout: Layout = "row"
@@ -239,17 +236,8 @@ class Scene:
         self._heads = np.array([head + offset for offset in self.offsets.values()])
         ends = viewport.units.drawn(np.concatenate([self._extent + offset for offset in self.offsets.values()]))
         viewport.set_extent(ends)
-        self._split = drawn_mesh(mesh)
         for name, offset in self.offsets.items():
-            surface = ps.register_surface_mesh(
-                name,
-                self._split.values(viewport.units.drawn(mesh.vertices + offset)),
-                self._split.faces,
-                smooth_shade=True,
-                material=material.NAME,
-                color=_PLAIN,
-                back_face_policy="cull" if mesh.is_closed else "identical",
-            )
+            surface = surface_quantities.register(name, mesh, viewport.units.drawn(mesh.vertices + offset))
             surface.reset_transform()  # polyscope remembers that of an earlier surface of this name
             surface.set_selection_mode("faces_only")  # else a pick near a vertex or an edge has no face
 
@@ -267,53 +255,36 @@ class Scene:
             ps.get_surface_mesh(name).get_quantity_buffer(paint.kind, "colors").update_data(colors)
             self._drawn[name], self._textured_at = paint, clock.perf_counter()
             return
-        surface = ps.get_surface_mesh(name)
+        surface, mesh = ps.get_surface_mesh(name), self._mesh
+        assert mesh is not None
         if paint.kind in ("vertex values", "face values"):
             assert paint.colors is not None
-            limits = (paint.colors.low, paint.colors.high)
-            shown = self._isolines[0] and paint.kind == "vertex values"
-            isolines: dict[str, Any] = {"isolines_enabled": shown}  # polyscope would remember the last ones
-            if shown:  # each of these alone switches them on
-                isolines["isoline_style"] = "stripe"  # contours are black where a function hardly changes
-                isolines["isoline_period"] = (limits[1] - limits[0]) / max(self._isolines[1], 1)
-                isolines["isoline_darkness"] = _STRIPES
-            surface.add_scalar_quantity(
-                paint.kind,
-                self._values(paint),
-                defined_on="vertices" if paint.kind == "vertex values" else "faces",
-                enabled=True,
-                cmap=loaded_name(paint.colors.colormap),
-                vminmax=limits,
-                **isolines,
-            )
+            on_vertices, isolines = paint.kind == "vertex values", self._isolines_of(paint)
+            surface_quantities.show_values(surface, paint.kind, mesh, paint.values, paint.colors, on_vertices, isolines)
         elif paint.kind == "colors":
-            surface.add_color_quantity(paint.kind, self._values(paint), enabled=True)
+            surface_quantities.show_colors(surface, paint.kind, mesh, paint.values)
         elif paint.kind == "texture":
-            surface.add_parameterization_quantity("texture corners", paint.corners, defined_on="corners")
-            surface.add_color_quantity(
-                paint.kind,
-                paint.values,
-                defined_on="texture",
-                param_name="texture corners",
-                image_origin="lower_left",
-                filter_mode="linear",
-                enabled=True,
-            )
+            surface_quantities.show_texture(surface, paint.kind, paint.values, paint.corners)
         else:
-            surface.add_parameterization_quantity(
-                paint.kind,
-                self._values(paint),
-                coords_type="world",
-                enabled=True,
-                viz_style="checker",
-                checker_size=_CHECKER,
-                checker_colors=CHECKER_COLORS,
-            )
+            surface_quantities.show_checker(surface, paint.kind, mesh, paint.values, _CHECKER)
         self._drawn[name] = paint
+
+    def _isolines_of(self, paint: Paint) -> dict[str, Any]:
+        """Polyscope's options for the isolines of a function."""
+        shown = self._isolines[0] and paint.kind == "vertex values"
+        if not shown or paint.colors is None:
+            return {"isolines_enabled": False}  # polyscope would remember the last ones
+        return {  # each of these alone switches them on
+            "isolines_enabled": True,
+            "isoline_style": "stripe",  # contours are black where a function hardly changes
+            "isoline_period": (paint.colors.high - paint.colors.low) / max(self._isolines[1], 1),
+            "isoline_darkness": _STRIPES,
+        }
 
     def _values(self, paint: Paint) -> NDArray[Any]:
         """A paint's values as polyscope's mesh needs them."""
-        return paint.values if paint.kind == "face values" else self._split.values(paint.values)
+        assert self._mesh is not None
+        return paint.values if paint.kind == "face values" else drawn_mesh(self._mesh).values(paint.values)
 
 
 def _vector(values: FloatArray) -> tuple[float, float, float]:

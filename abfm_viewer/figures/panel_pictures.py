@@ -4,29 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 from PIL import Image
 
 from abfm.experiments.sheet import Checker, Coordinates, Panel, Sheet, Streaks, Values
 from abfm.line_integral import line_integral_convolution
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm_viewer import marks, material, viewport
+from abfm_viewer import marks, viewport
 from abfm_viewer.camera import Camera, View, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
-from abfm_viewer.colormaps import CHECKER_COLORS, ColorRange, color_range, loaded_name
-from abfm_viewer.creases import drawn_mesh
+from abfm_viewer.colormaps import ColorRange, color_range, place_colors
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
 from abfm_viewer.streak_texture import streak_texture
+from abfm_viewer.surface_quantities import register, show_checker, show_colors, show_texture, show_values
 
 NARROWEST, WIDEST = 0.45, 1.9  # width over height of a panel
-_PLAIN = (0.8, 0.81, 0.83)
 _INK = (0.1, 0.1, 0.12)
 POINT_COLORS = ((1.0, 0.45, 0.0), (0.45, 0.1, 0.75), (0.0, 0.5, 0.25), (0.85, 0.0, 0.45), (0.0, 0.4, 0.8))
 """Colours of marked points, in linear light."""
 _ARROW_LENGTH, _ARROW_DENSITY = 0.12, 0.3
 _POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
 _TEXELS = 2048
+_HALF = 0.5  # side of a checkerboard's field in its unit
 
 
 def panels(sheet: Sheet) -> list[Panel]:
@@ -111,54 +110,19 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
     ps.remove_all_structures()
     ps.set_ground_plane_mode("none")
     viewport.set_extent(places)
-    split = drawn_mesh(mesh)
-    surface = ps.register_surface_mesh(
-        "surface",
-        split.values(places),
-        split.faces,
-        smooth_shade=True,
-        material=material.NAME,
-        color=_PLAIN,
-        back_face_policy="cull" if mesh.is_closed else "identical",
-    )
+    surface = register("surface", mesh, places)
     paint = panel.paint
     if isinstance(paint, Values):
-        colors = ranges[paint.bar]
         on_vertices = len(paint.values) == len(mesh.vertices)
-        surface.add_scalar_quantity(
-            "values",
-            split.values(paint.values) if on_vertices else paint.values,
-            defined_on="vertices" if on_vertices else "faces",
-            enabled=True,
-            cmap=loaded_name(colors.colormap),
-            vminmax=(colors.low, colors.high),
-        )
+        show_values(surface, "values", mesh, paint.values, ranges[paint.bar], on_vertices)
     elif isinstance(paint, Coordinates):
-        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-        share = np.clip((paint.positions - low) / np.maximum(high - low, 1e-300), 0, 1)
-        surface.add_color_quantity("coordinates", split.values(share**2.2), enabled=True)
+        show_colors(surface, "coordinates", mesh, place_colors(mesh.vertices, paint.positions))
     elif isinstance(paint, Checker):
-        surface.add_parameterization_quantity(
-            "checker",
-            split.values(paint.coordinates),
-            coords_type="unit",
-            enabled=True,
-            viz_style="checker",
-            checker_size=0.5,
-            checker_colors=CHECKER_COLORS,
-        )
+        show_checker(surface, "checker", mesh, paint.coordinates, _HALF, "unit")
     else:
         atlas, image = line_integral_convolution(mesh, paint.velocity, size=_TEXELS)
-        surface.add_parameterization_quantity("corners", atlas.corner_coordinates, defined_on="corners")
-        surface.add_color_quantity(
-            "streaks",
-            streak_texture(atlas, image, paint.values, None if paint.values is None else ranges[paint.bar]),
-            defined_on="texture",
-            param_name="corners",
-            image_origin="lower_left",
-            filter_mode="linear",
-            enabled=True,
-        )
+        colors = streak_texture(atlas, image, paint.values, None if paint.values is None else ranges[paint.bar])
+        show_texture(surface, "streaks", colors, atlas.corner_coordinates)
     if panel.arrows is not None:
         marks.draw_arrows("arrows", mesh, panel.arrows, _ARROW_LENGTH, _ARROW_DENSITY, units.drawn, _INK)
     if panel.lines:
