@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,7 @@ from abfm.bracket import BracketGradient
 from abfm.channels import channels
 from abfm.errors import FunctionError, ParameterError
 from abfm.exponential import AdvectionError, ExponentialFlow, Workspace
+from abfm.far_metric import FarMetric
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.operators import function_norm_matrix, l2_norm
 from abfm.parameters import Parameters
@@ -45,7 +47,8 @@ class MatchingEnergy:
     """Regularity of the fields plus mismatch of the advected source, with the exact or the paper's gradient.
 
     ``E(v) = dtau/2 sum_j v_j^T G_F D_alpha v_j + 1/(2 sigma^2) sum_c w_c dg_c^T G_V C_beta dg_c`` with
-    ``dg = f_tau - g`` (Eq. 6); the mesh is scaled to unit area.
+    ``dg = f_tau - g`` (Eq. 6); the mesh is scaled to unit area. A norm of second order has ``D_alpha^2``, a sigma that
+    is relative is multiplied by `function_size`, and early stages measure ``dg`` with a `reach`.
 
     Parameters
     ----------
@@ -57,6 +60,12 @@ class MatchingEnergy:
         Weight of the mismatch at each vertex, not negative.
     weights : (C,) array, optional
         Weight of each channel's mismatch, not negative.
+
+    Attributes
+    ----------
+    function_size : float
+        The larger of the two functions' deviations from their means, in L2 with mask and weights, all channels
+        together; 1 where both are constant.
     """
 
     def __init__(
@@ -84,10 +93,12 @@ class MatchingEnergy:
             self.mask = _weights(of_vertices, len(mesh.vertices), "mask")
         self.weights = np.ones(len(self.source)) if weights is None else _weights(weights, len(self.source), "weights")
         self.metric = function_norm_matrix(self.mesh, parameters.beta, self.mask)
-        self.regularizer = regularizer(self.mesh, parameters.alpha)
+        self.regularizer = regularizer(self.mesh, parameters.alpha, parameters.order)
+        self.function_size = max(self._deviation(self.source), self._deviation(self.target)) or 1.0
         self.shape = (parameters.segments, len(mesh.faces), 2)
         self.step = parameters.tau / parameters.segments
         self._workspace = Workspace(self.mesh)
+        self._far_metrics: dict[float, FarMetric] = {}
 
     def __call__(self, velocity: ArrayLike) -> tuple[float, FloatArray]:
         """Value, and Euclidean gradient (N, F, 3), at fields (N, F, 3) on the mesh scaled to unit area."""
@@ -98,18 +109,43 @@ class MatchingEnergy:
         """The flow of frame coefficients (N, F, 2)."""
         return Flow(self.mesh, fields, self.parameters.tau, self.parameters.method == "linearised", self._workspace)
 
-    def evaluate(self, fields: FloatArray, sigma: float) -> Evaluation:
-        """Energy and gradient at frame coefficients (N, F, 2), with ``sigma`` in place of the parameters'."""
+    def evaluate(
+        self, fields: FloatArray, sigma: float, reach: float = 0.0, target: FloatArray | None = None
+    ) -> Evaluation:
+        """Energy and gradient at frame coefficients (N, F, 2), with ``sigma`` in place of the parameters'.
+
+        With a ``reach`` the mismatch is measured by a `FarMetric`; a ``target`` (C, V) takes the place of g.
+        """
         momentum = self.step * np.stack([self.regularizer.apply(v) for v in fields])
         regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(fields).ravel())
         try:
-            mismatch, gradient, advected = self._mismatch(fields, sigma)
+            mismatch, gradient, advected = self._mismatch(fields, sigma, reach, target)
         except AdvectionError:
             mismatch, gradient, advected = np.inf, np.full(self.shape, np.nan), np.full_like(self.source, np.nan)
         return Evaluation(regularity + mismatch, regularity, mismatch, momentum + gradient, advected)
 
-    def _mismatch(self, fields: FloatArray, sigma: float) -> tuple[float, FloatArray, FloatArray]:
+    def sigma(self, sigma: float) -> float:
+        """The sigma of the energy, in the functions' unit, for one as the parameters give it."""
+        return sigma * self.function_size if self.parameters.sigma_unit == "relative" else sigma
+
+    def far_metric(self, reach: float) -> FarMetric:
+        """The norm of early stages, scaled so that the mismatch of source and target keeps its L2 energy."""
+        if reach not in self._far_metrics:
+            areas = vertex_areas(self.mesh) if self.mask is None else vertex_areas(self.mesh) * self.mask
+            self._far_metrics[reach] = FarMetric(self.mesh, areas, reach, self.source - self.target, self.weights)
+        return self._far_metrics[reach]
+
+    def _deviation(self, functions: FloatArray) -> float:
+        areas = vertex_areas(self.mesh) if self.mask is None else vertex_areas(self.mesh) * self.mask
+        means = functions @ areas / areas.sum()
+        return float(np.sqrt(self.weights @ ((functions - means[:, None]) ** 2 @ areas)))
+
+    def _mismatch(
+        self, fields: FloatArray, sigma: float, reach: float, target: FloatArray | None
+    ) -> tuple[float, FloatArray, FloatArray]:
         flow = self.flow(fields)
+        measure = self.far_metric(reach) if reach else partial(kernels.product, self.metric)
+        target = self.target if target is None else target
         gradient = np.zeros(self.shape)
         advected = np.empty_like(self.source)
         mismatch = 0.0
@@ -120,8 +156,8 @@ class MatchingEnergy:
             advected[c] = trajectories[-1].end
             if not np.isfinite(advected[c]).all():
                 raise AdvectionError("the advected function overflows")
-            difference = advected[c] - self.target[c]
-            residuals[c] = self.weights[c] / sigma**2 * kernels.product(self.metric, difference)
+            difference = advected[c] - target[c]
+            residuals[c] = self.weights[c] / self.sigma(sigma) ** 2 * measure(difference)
             mismatch += 0.5 * kernels.inner(residuals[c], difference)
             if not by_bracket:
                 flow.backward(trajectories, residuals[c], gradient)
