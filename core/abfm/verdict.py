@@ -160,7 +160,7 @@ class _Case:
         size = max(self.true_mismatch, verified)
         if size > NEARLY:
             return None
-        if size <= MATCHED and not self.known and self.different_peaks:
+        if size <= MATCHED < self.first and not self.known and self.different_peaks:
             return self._of_peaks("nearly")
         if size <= MATCHED:
             advised = f"do not trust its point map, where {self._folds()}" if self.outcome.folded > FOLDED else ""
