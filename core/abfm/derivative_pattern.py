@@ -47,7 +47,7 @@ def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
     rows, columns = np.divmod(keys, count)
     indptr = np.searchsorted(rows, np.arange(count + 1))
     transpose = np.searchsorted(keys, columns * count + rows)
-    small = np.int32 if len(keys) < 2**31 else np.int64
+    small = np.uint32 if len(keys) < 2**32 else np.uint64
     return DerivativePattern(
         indptr.astype(small),
         columns.astype(small),
