@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm import kernels
 from abfm.derivative_pattern import derivative_pattern
 from abfm.exponential import AdvectionError, ExponentialFlow, Segment, Trajectory, Workspace
 from abfm.mesh import FloatArray, TriangleMesh
@@ -21,26 +20,25 @@ class LinearizedFlow:
 
     def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
         """One step of length ``t`` from ``f`` (V,)."""
-        return Trajectory(t, [Segment(f, 1, None)], f - t * self._product(self.values, f))
+        return Trajectory(t, [Segment(f, 1, None)], f - t * self._derivative(f))
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
         """Adjoint of `forward`: adds the derivative by ``v`` to ``gradient`` (F, 2), returns the derivative by ``f``.
 
         This is Eq. 8: ``-t D̄_f^T mu``, and ``(id - t D_v)^T mu``.
         """
-        rows = np.repeat(np.arange(len(mu)), np.diff(self.pattern.indptr))
-        entries = -trajectory.step * mu[rows] * trajectory.segments[0].start[self.pattern.indices]
-        self.pattern.add_chain_rule(entries, gradient)
-        return mu - trajectory.step * self._product(self.values[self.pattern.transpose], mu)
+        start, mu = trajectory.segments[0].start[self.pattern.order], mu[self.pattern.order]
+        rows = np.repeat(mu, np.diff(self.pattern.indptr))
+        self.pattern.add_chain_rule(-trajectory.step * rows[:, None] * start[self.pattern.indices], gradient)
+        mu = mu - trajectory.step * self.pattern.product(self.pattern.transposed(self.values), mu)
+        return mu[self.pattern.rank]
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
         """Partial steps from ``f`` to several times (T,) -> (T, V)."""
-        return f - times[:, None] * self._product(self.values, f)
+        return f - times[:, None] * self._derivative(f)
 
-    def _product(self, values: FloatArray, f: FloatArray) -> FloatArray:
-        out = np.empty_like(f)
-        kernels.csr_product(self.pattern.indptr, self.pattern.indices, values, f, out)
-        return out
+    def _derivative(self, f: FloatArray) -> FloatArray:
+        return self.pattern.product(self.values, f[self.pattern.order])[self.pattern.rank]
 
 
 class Flow:

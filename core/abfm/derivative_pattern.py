@@ -5,19 +5,48 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from abfm import kernels
+from abfm import derivative_kernels
+from abfm.derivative_kernels import GROUP
 from abfm.kernels import IndexArray
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
 from abfm.operators import face_areas, hat_gradients, vertex_areas
 
+_BLOCK = 256  # rows at least
+_BLOCKED = 20_000  # vertices from which blocks pay
+
 
 @dataclass(frozen=True)
 class DerivativePattern:
-    """The fixed sparsity of ``D_v`` on a mesh (vertex adjacency with diagonal) and what fills it from a field."""
+    """The fixed sparsity of ``D_v`` on a mesh (vertex adjacency with diagonal) and what fills it from a field.
 
+    Vertices are renumbered so that neighbours are close in memory. Entries come in groups, see `derivative_kernels`.
+
+    Attributes
+    ----------
+    order, rank : (V,) arrays
+        ``f[order]`` is a function in the pattern's order, ``f[rank]`` back in the mesh's.
+    indptr : (V + 1,) array
+        First group of each row.
+    indices : (G, 7) array
+        Columns; the row itself where a group is padded.
+    bounds : (B + 1,) array
+        Blocks of rows whose neighbours are in the same, the next or the last block.
+    faces, slopes, inverse_areas
+        What `assemble_derivative` takes, in the mesh's order.
+    positions : (F, 3, 3) array
+        Entry of row corner a, column corner b, among all ``7 G``.
+    transpose : (7 G,) array
+        Entry with row and column exchanged.
+    """
+
+    order: IndexArray
+    rank: IndexArray
     indptr: IndexArray
     indices: IndexArray
+    bounds: IndexArray
     faces: IndexArray
     positions: IndexArray
     transpose: IndexArray
@@ -25,15 +54,25 @@ class DerivativePattern:
     inverse_areas: FloatArray
 
     def values(self, v: FloatArray) -> FloatArray:
-        """Entries of ``D_v`` for frame coefficients ``v`` (F, 2)."""
-        out = np.empty(len(self.indices))
-        kernels.assemble_derivative(self.faces, self.positions, self.slopes, self.inverse_areas, v, out)
+        """Entries (G, 7) of ``D_v`` for frame coefficients ``v`` (F, 2)."""
+        out = np.empty(self.indices.size)
+        derivative_kernels.assemble_derivative(self.faces, self.positions, self.slopes, self.inverse_areas, v, out)
+        return out.reshape(self.indices.shape)
+
+    def transposed(self, values: FloatArray) -> FloatArray:
+        """Entries of the transposed matrix."""
+        return values.ravel()[self.transpose].reshape(values.shape)
+
+    def product(self, values: FloatArray, f: FloatArray) -> FloatArray:
+        """Matrix of these entries times a function, both in the pattern's order."""
+        out = np.empty_like(f)
+        derivative_kernels.grouped_product(self.indptr, self.indices, values, f, out)
         return out
 
     def add_chain_rule(self, entries: FloatArray, out: FloatArray) -> None:
         """Add to ``out`` (F, 2) the derivative by ``v`` for the derivative ``entries`` by the values of ``D_v``."""
-        kernels.assemble_derivative_transposed(
-            self.faces, self.positions, self.slopes, self.inverse_areas, entries, out
+        derivative_kernels.assemble_derivative_transposed(
+            self.faces, self.positions, self.slopes, self.inverse_areas, entries.ravel(), out
         )
 
 
@@ -41,19 +80,52 @@ class DerivativePattern:
 def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
     """Sparsity of ``D_v`` and the linear map from field coefficients to its values."""
     count = len(mesh.vertices)
-    rows = np.repeat(mesh.faces, 3, axis=1).ravel()
-    columns = np.tile(mesh.faces, (1, 3)).ravel()
+    order = _local_order(mesh)
+    rank = np.argsort(order)
+    corners = rank[mesh.faces]
+    rows = np.repeat(corners, 3, axis=1).ravel()
+    columns = np.tile(corners, (1, 3)).ravel()
     keys, positions = np.unique(rows * count + columns, return_inverse=True)
     rows, columns = np.divmod(keys, count)
-    indptr = np.searchsorted(rows, np.arange(count + 1))
-    transpose = np.searchsorted(keys, columns * count + rows)
-    small = np.int32 if len(keys) < 2**31 else np.int64
+    first = np.searchsorted(rows, np.arange(count + 1))
+    groups = -(-np.diff(first) // GROUP)
+    indptr = np.concatenate([[0], np.cumsum(groups)])
+    slots = GROUP * indptr[rows] + np.arange(len(keys)) - first[rows]
+    indices = np.repeat(np.arange(count), GROUP * groups)
+    indices[slots] = columns
+    transpose = np.arange(len(indices))
+    transpose[slots] = slots[np.searchsorted(keys, columns * count + rows)]
+    small = np.uint32 if len(indices) < 2**32 else np.uint64
     return DerivativePattern(
+        order,
+        rank,
         indptr.astype(small),
-        columns.astype(small),
+        indices.reshape(-1, GROUP).astype(small),
+        _blocks(rows, columns, count).astype(small),
         mesh.faces.astype(small),
-        positions.reshape(-1, 3, 3).astype(small),
-        transpose.astype(small),
+        slots[positions].reshape(-1, 3, 3).astype(small),
+        transpose,
         hat_gradients(mesh) * (face_areas(mesh) / 3)[:, None, None],
         1 / vertex_areas(mesh),
     )
+
+
+def _local_order(mesh: TriangleMesh) -> IndexArray:
+    """Vertices in layers from one end of the surface to the other (reverse Cuthill-McKee)."""
+    count = len(mesh.vertices)
+    a, b = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).T
+    adjacency = sparse.csr_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
+    return np.asarray(reverse_cuthill_mckee(adjacency, symmetric_mode=True), dtype=np.int64)
+
+
+def _blocks(rows: IndexArray, columns: IndexArray, count: int) -> IndexArray:
+    """Ends of blocks, each with at least so many rows and with all the neighbours of the block before."""
+    if count < _BLOCKED:
+        return np.array([0, count])
+    farthest = np.zeros(count, dtype=np.int64)
+    np.maximum.at(farthest, rows, columns)
+    reach = np.maximum.accumulate(farthest) + 1
+    bounds = [0, _BLOCK]
+    while bounds[-1] < count:
+        bounds.append(min(count, max(bounds[-1] + _BLOCK, int(reach[bounds[-1] - 1]))))
+    return np.array(bounds)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import jv
 
-from abfm import kernels
+from abfm import derivative_kernels
 from abfm.derivative_pattern import derivative_pattern
 from abfm.errors import AbfmError
 from abfm.mesh import FloatArray, TriangleMesh
@@ -93,7 +93,7 @@ class ExponentialFlow:
         self.pattern = derivative_pattern(mesh)
         self.workspace = workspace
         self.values = self.pattern.values(v)
-        bound = kernels.perron_bound(self.pattern.indptr, self.pattern.indices, self.values, 4)
+        bound = derivative_kernels.perron_bound(self.pattern.indptr, self.pattern.indices, self.values, 4)
         if not np.isfinite(bound):
             raise AdvectionError("the field has values that are not finite: give one finite vector per face")
         # Rounded up to a grid, so that the scheme, and with it the exactness of its derivative, is locally constant.
@@ -102,7 +102,7 @@ class ExponentialFlow:
     def transposed(self) -> ExponentialFlow:
         """The action of ``exp(-t D_v^T)``."""
         flow = copy(self)
-        flow.values = self.values[self.pattern.transpose]
+        flow.values = self.pattern.transposed(self.values)
         return flow
 
     def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
@@ -147,19 +147,20 @@ class ExponentialFlow:
     ) -> tuple[FloatArray, int, float]:
         end = np.empty_like(f)
         x = abs(step) * self.rho
-        used, growth = kernels.chebyshev_forward(
+        used, growth = derivative_kernels.chebyshev_forward(
             self.pattern.indptr,
             self.pattern.indices,
             self.values,
+            self.pattern.bounds,
             self._scale(step),
-            f,
+            f[self.pattern.order],
             coefficients,
             int(np.ceil(x)),
             TOLERANCE,
             terms,
             end,
         )
-        return end, used, growth
+        return end[self.pattern.rank], used, growth
 
     def _scale(self, step: float) -> float:
         return -float(np.sign(step)) / self.rho
@@ -170,25 +171,26 @@ class ExponentialFlow:
         ``mu`` (V,) is the derivative by ``trajectory.end``.
         """
         coefficients = _bessel_coefficients(abs(trajectory.step) * self.rho)
-        transposed = self.values[self.pattern.transpose]
+        transposed = self.pattern.transposed(self.values)
         entries = np.zeros_like(transposed)
         for segment in reversed(trajectory.segments):
             terms = segment.terms
             if terms is None:
                 terms = self.workspace.terms
                 self._series(segment.start, trajectory.step, coefficients, terms)
-            mu = kernels.chebyshev_backward(
+            mu = derivative_kernels.chebyshev_backward(
                 self.pattern.indptr,
                 self.pattern.indices,
                 transposed,
+                self.pattern.bounds,
                 self._scale(trajectory.step),
                 terms,
                 coefficients,
                 segment.count,
-                mu,
+                mu[self.pattern.order],
                 entries,
-            )
-        self.pattern.add_chain_rule(entries[self.pattern.transpose], gradient)
+            )[self.pattern.rank]
+        self.pattern.add_chain_rule(self.pattern.transposed(entries), gradient)
         return mu
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
@@ -210,5 +212,5 @@ class ExponentialFlow:
                 local = np.abs(times[inside] - index * step) * self.rho
                 series = 2 * jv(np.arange(segment.count), local[:, None])
                 series[:, 0] /= 2
-                out[inside] = series @ terms[: segment.count]
+                out[inside] = (series @ terms[: segment.count])[:, self.pattern.rank]
         return out
