@@ -16,7 +16,7 @@ from abfm.errors import FunctionError, ParameterError
 from abfm.exponential import AdvectionError, ExponentialFlow, Workspace
 from abfm.far_metric import FarMetric
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import function_norm_matrix, l2_norm
+from abfm.operators import function_norm_matrix, l2_norm, vertex_areas
 from abfm.parameters import Parameters
 from abfm.regularizer import regularizer
 from abfm.vector_fields import to_ambient, to_frame
@@ -179,15 +179,26 @@ class MatchingEnergy:
                 residuals = np.stack([part.transposed().forward(mu, self.step).end for mu in residuals])
         return gradient
 
+    def advected(self, fields: FloatArray) -> FloatArray:
+        """The source (C, V) carried by frame coefficients (N, F, 2); not finite where the flow overflows."""
+        flow = self.flow(fields)
+        try:
+            return np.stack([flow.forward(f)[-1].end for f in self.source])
+        except AdvectionError:
+            return np.full_like(self.source, np.nan)
+
     def relative_mismatch(self, advected: FloatArray) -> float:
         """``||f_tau - g|| / ||g||`` in L2 over all channels (C, V), with mask and weights; ``||f||`` where g is 0."""
+        return self.relative_norm(advected - self.target)
+
+    def relative_norm(self, functions: FloatArray) -> float:
+        """Norm of functions (C, V) over that of g, as `relative_mismatch` measures."""
         root = np.sqrt(self.weights)
 
         def norm(functions: FloatArray) -> float:
             return l2_norm(self.mesh, (root[:, None] * functions).T, self.mask)
 
-        scale = norm(self.target) or norm(self.source) or 1.0
-        return norm(advected - self.target) / scale
+        return norm(functions) / (norm(self.target) or norm(self.source) or 1.0)
 
 
 def _weights(values: ArrayLike, count: int, name: str) -> FloatArray:

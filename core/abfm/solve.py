@@ -1,0 +1,290 @@
+"""The stages of a match, one after the other, with their record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.continuous_flow import flow_map
+from abfm.control import CancelledError, Control
+from abfm.energy import Evaluation, MatchingEnergy, check_fields
+from abfm.errors import AbfmError, FunctionError, ParameterError
+from abfm.flow_maps import pull_back
+from abfm.iteration import Iteration
+from abfm.levels import Level, levels
+from abfm.mesh import FloatArray
+from abfm.optimizer import LBFGS, State
+from abfm.schedule import STANDING, Stage, stages
+from abfm.vector_fields import to_ambient, to_frame
+
+_LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
+_ROUND, _ROUNDS = 8, 4  # iterations between two looks at the flow lines, and how many looks
+_GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
+_BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
+_MOST_WALKS = 50_000  # vertices up to which flow lines are balanced: finer meshes carry what is matched on them
+_HALVINGS = 8  # of fields that overflow on a finer mesh
+
+Best = State[Evaluation]
+
+
+class Solver:
+    """Runs the stages of a match and keeps their record.
+
+    Attributes
+    ----------
+    history : list of (total, regularity, mismatch)
+        Of every iterate.
+    stage_of : list of int
+        Stage of every iterate.
+    schedule : list of Stage
+        The stages that were begun.
+    """
+
+    def __init__(
+        self, energy: MatchingEnergy, on_iteration: Callable[[Iteration], None] | None, control: Control
+    ) -> None:
+        self.energy, self.on_iteration, self.control = energy, on_iteration, control
+        self.history: list[tuple[float, float, float]] = []
+        self.stage_of: list[int] = []
+        self.schedule: list[Stage] = []
+        self.evaluations = 0
+        self._levels: list[Level] = [Level(energy, None)]
+        self._planned = 0
+        self._level, self._state = 0, None  # type: tuple[int, Best | None]
+
+    def run(self, start: ArrayLike | None) -> tuple[FloatArray, FloatArray, str]:
+        """Fields (N, F, 2) on the mesh, the source carried by them (C, V), and why the solve stopped."""
+        reason = "iteration limit"
+        fields = None if start is None else self._given(start)
+        try:
+            warm = fields is not None and not self._is_lost(fields)
+            self._levels = levels(self.energy, self._pass) if not warm else self._levels
+            plan = stages(self.energy.parameters, len(self._levels), warm)
+            self._planned = len(plan)
+            x = self._first(fields)
+            while plan:
+                stage = plan.pop(0)
+                x = self._prolonged(x, stage.level)
+                standing, reason = self._balance(stage, x) if stage.balanced else self._minimise(stage, x)
+                assert self._state is not None
+                x = self._state.x
+                if standing and (further := stage.further()) is not None:
+                    plan.insert(0, further)
+                    self._planned += 1
+        except CancelledError:
+            reason = "cancelled"
+        return (*self._on_the_mesh(), reason)
+
+    def _given(self, start: ArrayLike) -> FloatArray:
+        p = self.energy.parameters
+        count = max(len(np.asarray(start)), 1) if np.ndim(start) == 3 else 1
+        fields = check_fields(start, (count, *self.energy.shape[1:]), "start") / self.energy.length_scale
+        return to_frame(self.energy.mesh, np.tensordot(_averages(count, p.segments), fields, 1))
+
+    def _is_lost(self, fields: FloatArray) -> bool:
+        """Whether a start is so far from the target that the way there must be looked for."""
+        if not self.energy.parameters.reach:
+            return False
+        advected = self.energy.advected(fields)
+        if not np.isfinite(advected).all():
+            raise ParameterError("start: the flow of these fields overflows; start from slower ones or from none")
+        return self.energy.relative_mismatch(advected) > _LOST
+
+    def _first(self, fields: FloatArray | None) -> FloatArray:
+        """The start on the coarsest mesh."""
+        coarsest = self._levels[0].energy
+        if fields is None:
+            return np.zeros(coarsest.shape)
+        for finer, coarser in zip(self._levels[:0:-1], self._levels[-2::-1], strict=True):
+            fields = coarser.fields_from_finer(to_ambient(finer.energy.mesh, fields))
+        return fields
+
+    def _prolonged(self, x: FloatArray, level: int) -> FloatArray:
+        """Fields of the level that was last, on another one; slower where their flow overflows there."""
+        if level == self._level:
+            return x
+        while self._level < level:
+            self._pass()
+            x = self._levels[self._level].fields_to_finer(x)
+            self._level += 1
+        self._state = None
+        energy = self._levels[level].energy
+        for _ in range(_HALVINGS):
+            if np.isfinite(energy.advected(x)).all():
+                break
+            x = x / 2
+        return x
+
+    def _minimise(self, stage: Stage, x: FloatArray, target: FloatArray | None = None) -> tuple[bool, str]:
+        """Run a stage to its end; whether its mismatch is left standing, and why it ended."""
+        if target is None:
+            self.schedule.append(stage)
+        search = self._search(stage, target)
+        current = search.init(x)
+        if not self.history:
+            self._check_start(current.point)
+        if not self.history or stage.level != self._recorded_level:
+            self._record(current, stage)
+        self._state = current
+        energies = [current.point.energy]
+        initial = current.point.mismatch
+        left = min(stage.iterations, self.energy.parameters.iterations - len(self.history) + 1)
+        ended = None
+        while left > 0 and (ended := search.stop_reason(current)) is None:
+            if not stage.pays(energies):
+                ended = "converged"
+                break
+            current = search.step(current)
+            left -= 1
+            if not current.failed:
+                self._state = current
+                energies.append(current.point.energy)
+                self._record(current, stage)
+        return self._state.point.mismatch > STANDING * initial, ended or "iteration limit"
+
+    def _balance(self, stage: Stage, x: FloatArray) -> tuple[bool, str]:
+        """Move the target by a share of what the discrete advection lies away from the flow lines, again and again.
+
+        With ``g + b (f_tau - f o phi)`` as target a perfect match has ``(1 - b) f_tau + b (f o phi) = g``: both witnesses
+        of the flow, which neither is exactly, share what divides them. The best round stays.
+        """
+        energy, p = self.energy, self.energy.parameters
+        assert self._state is not None
+        reason = "converged"
+        if len(energy.mesh.vertices) > _MOST_WALKS or p.method == "linearised":
+            return False, reason
+        best, best_score = self._state, np.inf
+        self.schedule.append(stage)
+        for _ in range(_ROUNDS):
+            advected = self._state.point.advected
+            walked = self._by_flow_lines(self._state.x)
+            discrete, lines = energy.relative_mismatch(advected), energy.relative_mismatch(walked)
+            gap = energy.relative_norm(advected - walked)
+            score = float(np.sqrt((1 - p.balance) * discrete**2 + p.balance * lines**2))
+            if score < best_score:
+                best = self._state
+            if score > _BETTER * best_score or gap < _GAP:
+                break
+            best_score = score
+            if len(self.history) > p.iterations:
+                reason = "iteration limit"
+                break
+            part = Stage(stage.level, stage.sigma, 0.0, _ROUND, True, True)
+            self._minimise(part, self._state.x, energy.target + p.balance * (advected - walked))
+        self._state = best
+        return False, reason
+
+    def _by_flow_lines(self, x: FloatArray) -> FloatArray:
+        """The source carried along the continuous field, (C, V)."""
+        energy = self.energy
+        points = flow_map(
+            energy.mesh,
+            to_ambient(energy.mesh, x),
+            energy.parameters.tau,
+            backwards=True,
+            between=self._pass,
+        )
+        return np.ascontiguousarray(pull_back(energy.mesh, points, energy.source.T).T)
+
+    def _on_the_mesh(self) -> tuple[FloatArray, FloatArray]:
+        """The best fields on the mesh itself, and the source carried by them."""
+        if self._state is None:
+            x = np.zeros(self._levels[self._level].energy.shape)
+        else:
+            x = self._state.x
+            if self._level == len(self._levels) - 1:
+                return x, self._state.point.advected
+        for level in self._levels[self._level : -1]:
+            x = level.fields_to_finer(x)
+        for _ in range(_HALVINGS):
+            advected = self.energy.advected(x)
+            if np.isfinite(advected).all():
+                return x, advected
+            x = x / 2
+        return np.zeros_like(x), self.energy.source
+
+    def _pass(self) -> None:
+        """Wait while paused, end when cancelled; what has nothing to show yet goes on to its first evaluation."""
+        if self.history:
+            self.control.wait()
+
+    def _search(self, stage: Stage, target: FloatArray | None) -> LBFGS[Evaluation]:
+        p, energy = self.energy.parameters, self._levels[stage.level].energy
+
+        def evaluate(x: FloatArray) -> Evaluation:
+            if self.evaluations:
+                self.control.wait()
+            self.evaluations += 1
+            return energy.evaluate(x, stage.sigma, stage.reach, target)
+
+        def inverse(gradient: FloatArray) -> FloatArray:
+            return np.stack([energy.regularizer.inverse(momentum) for momentum in gradient]) / energy.step
+
+        def displacement(fields: FloatArray) -> float:
+            return energy.step * float(np.sqrt((fields**2).sum(axis=-1)).max(axis=-1).sum())
+
+        return LBFGS(
+            evaluate,
+            inverse if p.preconditioner == "hodge" else None,
+            p.memory,
+            displacement,
+            p.max_displacement,
+            p.tolerance,
+        )
+
+    def _check_start(self, point: Evaluation) -> None:
+        if not np.isfinite(point.energy):
+            raise FunctionError("the mismatch of source and target overflows; scale both functions down or sigma up")
+
+    @property
+    def _recorded_level(self) -> int:
+        return self.schedule[self.stage_of[-1]].level
+
+    def _record(self, state: Best, stage: Stage) -> None:
+        point = state.point
+        self.history.append((point.energy, point.regularity, point.mismatch))
+        self.stage_of.append(len(self.schedule) - 1)
+        if self.on_iteration:
+            level = self._levels[stage.level]
+            self.on_iteration(
+                Iteration(
+                    iteration=len(self.history) - 1,
+                    stage=len(self.schedule) - 1,
+                    stages=self._planned,
+                    level=stage.level,
+                    levels=len(self._levels),
+                    vertices=len(level.energy.mesh.vertices),
+                    reach=stage.reach,
+                    sigma=stage.sigma,
+                    energy=point.energy,
+                    regularity=point.regularity,
+                    mismatch_energy=point.mismatch,
+                    mismatch=level.energy.relative_mismatch(point.advected),
+                    gradient_norm=state.gradient_norm,
+                    step_length=state.length,
+                    evaluations=self.evaluations,
+                    _velocity=partial(self._shown_velocity, stage.level, state.x),
+                    _advected=partial(self._shown_functions, stage.level, point.advected),
+                )
+            )
+
+    def _shown_velocity(self, level: int, x: FloatArray) -> FloatArray:
+        for each in self._levels[level:-1]:
+            x = each.fields_to_finer(x)
+        return to_ambient(self.energy.mesh, x) * self.energy.length_scale
+
+    def _shown_functions(self, level: int, functions: FloatArray) -> FloatArray:
+        for each in self._levels[level:-1]:
+            functions = each.functions_to_finer(functions)
+        return functions.T.copy()
+
+
+def _averages(given: int, wanted: int) -> FloatArray:
+    """Weights (wanted, given) that average over even parts of a time what is constant on other even parts."""
+    begins, others = np.arange(wanted)[:, None] * given, np.arange(given) * wanted
+    overlaps = np.minimum(begins + given, others + wanted) - np.maximum(begins, others)
+    weights: FloatArray = np.maximum(overlaps, 0) / given
+    return weights
