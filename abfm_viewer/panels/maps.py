@@ -37,8 +37,12 @@ def draw(ui: Ui, session: Session) -> None:
             ui.note(
                 f"Area's factor: median {area:.3f}, 5 to 95% {np.percentile(found.area, 5):.3f} to "
                 f"{np.percentile(found.area, 95):.3f}. Stretches' ratio: median {angle:.3f}, 95% below "
-                f"{np.percentile(found.conformal, 95):.3f}. Flipped faces: {int(found.flipped.sum())}."
+                f"{np.percentile(found.conformal, 95, method='nearest'):.3f}. Flipped faces: {int(found.flipped.sum())}."
             )
+    if view.coloring != "function" and view.coloring in _COLORINGS:
+        quality = quantities.map_quality(session)
+        if quality is not None and quality.warning:
+            ui.note(f"Warning: {quality.warning}.", "error")
     follow = ui.checkbox(
         "follow clicked points", view.tool == "follow a point", "A click on a surface marks a point, which then moves."
     )
