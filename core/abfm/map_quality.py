@@ -45,20 +45,22 @@ class MapQuality:
     folded: float
 
     @property
-    def warning(self) -> str | None:
-        """What is wrong, in one line without a full stop; None where nothing exceeds its bound."""
+    def faults(self) -> str:
+        """What exceeds its bound, in a few words; empty where nothing does."""
         wrong = []
         if self.largest_distance > LARGEST_DISTANCE or self.rms_distance > RMS_DISTANCE:
             wrong.append(
-                f"its points are up to {self.largest_distance:.3g} sqrt(area) off the surface (RMS "
-                f"{self.rms_distance:.3g})"
+                f"points up to {self.largest_distance:.3g} sqrt(area) off the surface (RMS {self.rms_distance:.3g})"
             )
         if self.folded > FOLDED:
-            wrong.append(f"{100 * self.folded:.0f}% of the faces are folded")
-        if not wrong:
-            return None
+            wrong.append(f"{100 * self.folded:.0f}% of the faces folded")
+        return " and ".join(wrong)
+
+    @property
+    def warning(self) -> str | None:
+        """What is wrong and what helps, in one line without a full stop; None where nothing exceeds its bound."""
         advice = "a shorter time, a larger alpha or a finer mesh helps"
-        return f"this map is not to be trusted: {' and '.join(wrong)}; {advice}"
+        return f"this map is not to be trusted: {self.faults}; {advice}" if self.faults else None
 
     def report(self) -> str:
         """The numbers in a line."""

@@ -49,7 +49,7 @@ def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces() -> None:
     assert mirrored.folded == 1
     assert mirrored.largest_distance < 1e-12
     assert mirrored.warning is not None
-    assert "100% of the faces are folded" in mirrored.warning
+    assert "100% of the faces folded" in mirrored.warning
     flat = square(6)
     dragged = flat.vertices.copy()
     dragged[np.argmin(np.linalg.norm(flat.vertices - [0.5, 0.5, 0], axis=1))] += [0.3, 0, 0]
