@@ -12,7 +12,7 @@ from abfm.advection import Flow
 from abfm.bracket import BracketGradient
 from abfm.channels import channels
 from abfm.errors import FunctionError, ParameterError
-from abfm.exponential import AdvectionError, ExponentialFlow, Workspace
+from abfm.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Workspace
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.operators import function_norm_matrix, l2_norm
 from abfm.parameters import Parameters
@@ -94,22 +94,26 @@ class MatchingEnergy:
         result = self.evaluate(to_frame(self.mesh, check_fields(velocity, self.shape)), self.parameters.sigma)
         return result.energy, to_ambient(self.mesh, result.gradient)
 
-    def flow(self, fields: FloatArray) -> Flow:
+    def flow(self, fields: FloatArray, tolerance: float = TOLERANCE) -> Flow:
         """The flow of frame coefficients (N, F, 2)."""
-        return Flow(self.mesh, fields, self.parameters.tau, self.parameters.method == "linearised", self._workspace)
+        linearised = self.parameters.method == "linearised"
+        return Flow(self.mesh, fields, self.parameters.tau, linearised, self._workspace, tolerance)
 
-    def evaluate(self, fields: FloatArray, sigma: float) -> Evaluation:
-        """Energy and gradient at frame coefficients (N, F, 2), with ``sigma`` in place of the parameters'."""
+    def evaluate(self, fields: FloatArray, sigma: float, tolerance: float = TOLERANCE) -> Evaluation:
+        """Energy and gradient at frame coefficients (N, F, 2), with ``sigma`` in place of the parameters'.
+
+        ``tolerance`` truncates the advection; the gradient is that of the truncated sum.
+        """
         momentum = self.step * np.stack([self.regularizer.apply(v) for v in fields])
         regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(fields).ravel())
         try:
-            mismatch, gradient, advected = self._mismatch(fields, sigma)
+            mismatch, gradient, advected = self._mismatch(fields, sigma, tolerance)
         except AdvectionError:
             mismatch, gradient, advected = np.inf, np.full(self.shape, np.nan), np.full_like(self.source, np.nan)
         return Evaluation(regularity + mismatch, regularity, mismatch, momentum + gradient, advected)
 
-    def _mismatch(self, fields: FloatArray, sigma: float) -> tuple[float, FloatArray, FloatArray]:
-        flow = self.flow(fields)
+    def _mismatch(self, fields: FloatArray, sigma: float, tolerance: float) -> tuple[float, FloatArray, FloatArray]:
+        flow = self.flow(fields, tolerance)
         gradient = np.zeros(self.shape)
         advected = np.empty_like(self.source)
         mismatch = 0.0
