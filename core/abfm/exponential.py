@@ -42,6 +42,7 @@ class Workspace:
         self.terms = np.empty((np.clip(_MEMORY // size, 2 * self.block, 8 * self.block), size))
         self.rolling = np.empty((3, size))
         self.used = self.block
+        self.generation = 0
 
     def take(self, rows: int) -> FloatArray | None:
         """Rows to keep until `release`, or None where there is no room; the first block is for scratch."""
@@ -50,6 +51,7 @@ class Workspace:
     def release(self) -> None:
         """Forget all kept terms."""
         self.used = self.block
+        self.generation += 1
 
 
 def _bessel_coefficients(x: float) -> FloatArray:
@@ -59,11 +61,15 @@ def _bessel_coefficients(x: float) -> FloatArray:
 
 @dataclass
 class Segment:
-    """One series of a trajectory: where it started, how many terms it summed, and the terms if they were kept."""
+    """One series of a trajectory: where it started, how many terms it summed, and the terms if they were kept.
+
+    They are there as long as the workspace's ``generation`` is this one.
+    """
 
     start: FloatArray
     count: int
-    terms: FloatArray | None
+    terms: FloatArray | None = None
+    generation: int = 0
 
 
 @dataclass
@@ -138,7 +144,7 @@ class ExponentialFlow:
                 return Trajectory(step, segments, np.full_like(f, np.inf))
             if terms is not None:
                 self.workspace.used += used
-            segments.append(Segment(state, used, terms))
+            segments.append(Segment(state, used, terms, self.workspace.generation))
             state = end
         return Trajectory(step, segments, state)
 
@@ -175,7 +181,7 @@ class ExponentialFlow:
         entries = np.zeros_like(transposed)
         for segment in reversed(trajectory.segments):
             terms = segment.terms
-            if terms is None:
+            if terms is None or segment.generation != self.workspace.generation:
                 terms = self.workspace.terms
                 self._series(segment.start, trajectory.step, coefficients, terms)
             mu = derivative_kernels.chebyshev_backward(
@@ -198,7 +204,6 @@ class ExponentialFlow:
 
         One series serves all times of a segment: only its coefficients change.
         """
-        self.workspace.release()
         trajectory = self.forward(f, float(times[-1]))
         step = trajectory.step
         out = np.repeat(trajectory.end[None], len(times), axis=0)
