@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +15,10 @@ from abfm.bracket import BracketGradient
 from abfm.channels import channels
 from abfm.errors import FunctionError, ParameterError
 from abfm.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Workspace
+from abfm.far_metric import FarMetric
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import function_norm_matrix, l2_norm
+from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
+from abfm.operators import function_norm_matrix, vertex_areas
 from abfm.parameters import Parameters
 from abfm.regularizer import regularizer
 from abfm.vector_fields import to_ambient, to_frame
@@ -52,7 +54,8 @@ class MatchingEnergy:
     """Regularity of the fields plus mismatch of the advected source, with the exact or the paper's gradient.
 
     ``E(v) = dtau/2 sum_j v_j^T G_F D_alpha v_j + 1/(2 sigma^2) sum_c w_c dg_c^T G_V C_beta dg_c`` with
-    ``dg = f_tau - g`` (Eq. 6); the mesh is scaled to unit area.
+    ``dg = f_tau - g`` (Eq. 6); the mesh is scaled to unit area. A norm of second order has ``D_alpha^2``, a sigma that
+    is relative is multiplied by `function_size`, and early stages measure ``dg`` with a `reach`.
 
     Parameters
     ----------
@@ -64,6 +67,12 @@ class MatchingEnergy:
         Weight of the mismatch at each vertex, not negative.
     weights : (C,) array, optional
         Weight of each channel's mismatch, not negative.
+
+    Attributes
+    ----------
+    function_size : float
+        The larger of the two functions' deviations from their means, in L2 with mask and weights, all channels
+        together; 1 where both are constant.
     """
 
     def __init__(
@@ -83,18 +92,15 @@ class MatchingEnergy:
             raise FunctionError(
                 f"source has {len(self.source)} and target {len(self.target)} channels; give as many of each"
             )
-        self.mask = None
-        if mask is not None:
-            of_vertices = np.asarray(mask)
-            if of_vertices.shape == (mesh.file_vertex_count,):
-                of_vertices = mesh.restrict(of_vertices)
-            self.mask = _weights(of_vertices, len(mesh.vertices), "mask")
-        self.weights = np.ones(len(self.source)) if weights is None else _weights(weights, len(self.source), "weights")
+        self.mask = vertex_mask(mesh, mask)
+        self.weights = channel_weights(weights, len(self.source))
         self.metric = function_norm_matrix(self.mesh, parameters.beta, self.mask)
-        self.regularizer = regularizer(self.mesh, parameters.alpha)
+        self.regularizer = regularizer(self.mesh, parameters.alpha, parameters.order)
+        self.function_size = max(self._deviation(self.source), self._deviation(self.target)) or 1.0
         self.shape = (parameters.segments, len(mesh.faces), 2)
         self.step = parameters.tau / parameters.segments
         self._workspace = Workspace(self.mesh)
+        self._far_metrics: dict[float, FarMetric] = {}
 
     def __call__(self, velocity: ArrayLike) -> tuple[float, FloatArray]:
         """Value, and Euclidean gradient (N, F, 3), at fields (N, F, 3) on the mesh scaled to unit area."""
@@ -106,24 +112,50 @@ class MatchingEnergy:
         linearised = self.parameters.method == "linearised"
         return Flow(self.mesh, fields, self.parameters.tau, linearised, self._workspace, tolerance)
 
-    def evaluate(self, fields: FloatArray, sigma: float, tolerance: float = TOLERANCE) -> Evaluation:
+    def evaluate(
+        self,
+        fields: FloatArray,
+        sigma: float,
+        reach: float = 0.0,
+        target: FloatArray | None = None,
+        tolerance: float = TOLERANCE,
+    ) -> Evaluation:
         """Energy and gradient at frame coefficients (N, F, 2), with ``sigma`` in place of the parameters'.
 
-        ``tolerance`` truncates the advection; the gradient is that of the truncated sum.
+        With a ``reach`` the mismatch is measured by a `FarMetric`; a ``target`` (C, V) takes the place of g;
+        ``tolerance`` truncates the advection, and the gradient is that of the truncated sum.
         """
         momentum = self.step * np.stack([self.regularizer.apply(v) for v in fields])
         regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(fields).ravel())
         try:
-            mismatch, advected, gradient = self._mismatch(fields, sigma, tolerance)
+            mismatch, advected, gradient = self._mismatch(fields, sigma, reach, target, tolerance)
         except AdvectionError:
             nowhere = np.full(self.shape, np.nan)
             mismatch, advected, gradient = np.inf, np.full_like(self.source, np.nan), lambda: nowhere
         return Evaluation(regularity + mismatch, regularity, mismatch, advected, lambda: momentum + gradient())
 
+    def sigma(self, sigma: float) -> float:
+        """The sigma of the energy, in the functions' unit, for one as the parameters give it."""
+        return sigma * self.function_size if self.parameters.sigma_unit == "relative" else sigma
+
+    def far_metric(self, reach: float) -> FarMetric:
+        """The norm of early stages, scaled so that the mismatch of source and target keeps its L2 energy."""
+        if reach not in self._far_metrics:
+            areas = vertex_areas(self.mesh) if self.mask is None else vertex_areas(self.mesh) * self.mask
+            self._far_metrics[reach] = FarMetric(self.mesh, areas, reach, self.source - self.target, self.weights)
+        return self._far_metrics[reach]
+
+    def _deviation(self, functions: FloatArray) -> float:
+        areas = vertex_areas(self.mesh) if self.mask is None else vertex_areas(self.mesh) * self.mask
+        means = functions @ areas / areas.sum()
+        return float(np.sqrt(self.weights @ ((functions - means[:, None]) ** 2 @ areas)))
+
     def _mismatch(
-        self, fields: FloatArray, sigma: float, tolerance: float
+        self, fields: FloatArray, sigma: float, reach: float, target: FloatArray | None, tolerance: float
     ) -> tuple[float, FloatArray, Callable[[], FloatArray]]:
         flow = self.flow(fields, tolerance)
+        measure = self.far_metric(reach) if reach else partial(kernels.product, self.metric)
+        target = self.target if target is None else target
         advected = np.empty_like(self.source)
         mismatch = 0.0
         by_bracket = self.parameters.gradient == "bracket" and self.parameters.method == "nonlinear"
@@ -134,8 +166,8 @@ class MatchingEnergy:
             advected[c] = trajectories[c][-1].end
             if not np.isfinite(advected[c]).all():
                 raise AdvectionError("the advected function overflows")
-            difference = advected[c] - self.target[c]
-            residuals[c] = self.weights[c] / sigma**2 * kernels.product(self.metric, difference)
+            difference = advected[c] - target[c]
+            residuals[c] = self.weights[c] / self.sigma(sigma) ** 2 * measure(difference)
             mismatch += 0.5 * kernels.inner(residuals[c], difference)
 
         def differentiate() -> FloatArray:
@@ -162,24 +194,21 @@ class MatchingEnergy:
                 residuals = np.stack([part.transposed().forward(mu, self.step).end for mu in residuals])
         return gradient
 
+    def advected(self, fields: FloatArray) -> FloatArray:
+        """The source (C, V) carried by frame coefficients (N, F, 2); not finite where the flow overflows."""
+        flow = self.flow(fields)
+        try:
+            return np.stack([flow.forward(f)[-1].end for f in self.source])
+        except AdvectionError:
+            return np.full_like(self.source, np.nan)
+
     def relative_mismatch(self, advected: FloatArray) -> float:
         """``||f_tau - g|| / ||g||`` in L2 over all channels (C, V), with mask and weights; ``||f||`` where g is 0."""
-        root = np.sqrt(self.weights)
+        return relative_mismatch(self.mesh, advected, self.target, self.source, self.mask, self.weights)
 
-        def norm(functions: FloatArray) -> float:
-            return l2_norm(self.mesh, (root[:, None] * functions).T, self.mask)
-
-        scale = norm(self.target) or norm(self.source) or 1.0
-        return norm(advected - self.target) / scale
-
-
-def _weights(values: ArrayLike, count: int, name: str) -> FloatArray:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != (count,):
-        raise ParameterError(f"{name} has shape {array.shape}; expected ({count},)")
-    if not np.isfinite(array).all() or (array < 0).any() or not array.any():
-        raise ParameterError(f"{name} must be finite, not negative, and not zero everywhere")
-    return array
+    def relative_norm(self, functions: FloatArray) -> float:
+        """Norm of functions (C, V) over that of g, as `relative_mismatch` measures."""
+        return self.relative_mismatch(functions + self.target)
 
 
 def check_fields(velocity: ArrayLike, shape: tuple[int, int, int], name: str = "velocity") -> FloatArray:

@@ -100,8 +100,8 @@ def flow_lines(
         If an array has another shape or values that are not finite, a start is not in the mesh, or ``duration``,
         ``tau`` or ``step_limit`` is out of range.
     """
-    fields = _check_fields(mesh, velocity)
-    faces, barycentric = _check_start(mesh, start)
+    fields = fields_in_a_row(mesh, velocity)
+    faces, barycentric = check_start(mesh, start)
     if np.ndim(duration) or not np.isfinite(duration):
         raise ParameterError(f"duration is {duration}; expected a finite time")
     if step_limit < 1:
@@ -150,7 +150,14 @@ class _Walk:
         return count + 1
 
 
-def _check_fields(mesh: TriangleMesh, velocity: ArrayLike) -> list[FloatArray]:
+def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> list[FloatArray]:
+    """N fields (F, 3), given as (F, 3) or (N, F, 3).
+
+    Raises
+    ------
+    ParameterError
+        If they have another shape or values that are not finite.
+    """
     array = np.asarray(velocity, dtype=np.float64)
     if array.ndim == 2:
         array = array[None]
@@ -160,7 +167,14 @@ def _check_fields(mesh: TriangleMesh, velocity: ArrayLike) -> list[FloatArray]:
     return [check_field(mesh, field, "velocity") for field in array]
 
 
-def _check_start(mesh: TriangleMesh, start: FacePoints) -> tuple[IntArray, FloatArray]:
+def check_start(mesh: TriangleMesh, start: FacePoints) -> tuple[IntArray, FloatArray]:
+    """Faces (P,) and barycentric weights (P, 3) of points.
+
+    Raises
+    ------
+    ParameterError
+        If they are not points of the mesh.
+    """
     faces, barycentric = np.asarray(start.faces), np.asarray(start.barycentric, dtype=np.float64)
     if faces.ndim != 1 or not np.issubdtype(faces.dtype, np.integer) or barycentric.shape != (len(faces), 3):
         raise ParameterError(

@@ -11,6 +11,7 @@ from abfm.errors import ParameterError
 Method = Literal["nonlinear", "linearised"]
 Gradient = Literal["adjoint", "bracket"]
 Preconditioner = Literal["hodge", "none"]
+SigmaUnit = Literal["relative", "absolute"]
 
 _LARGEST_ALPHA = 1e7
 _SMALLEST, _LARGEST = 1e-30, 1e30  # numbers other than 0, whose squares neither underflow nor overflow
@@ -22,7 +23,11 @@ CHOICES = {
     "method": ("nonlinear", "linearised"),
     "gradient": ("adjoint", "bracket"),
     "preconditioner": ("hodge", "none"),
+    "sigma_unit": ("relative", "absolute"),
 }
+
+PAPER = {"order": 1, "reach": 0.0, "levels": 1, "sigma_unit": "absolute", "balance": 0.0}
+"""What makes the energy and the course of its minimisation those of the paper; also what files of before had."""
 
 
 def _parameter(
@@ -46,9 +51,29 @@ class Parameters:
     """
 
     tau: float = _parameter(1.0, "τ", "end time of the flow; larger deformations may need more", 0, True)
-    alpha: float = _parameter(0.02, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
+    alpha: float = _parameter(0.005, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
     beta: float = _parameter(0.0, "β", "weight of the mismatch's gradient: above 0, slopes must match as well", 0)
-    sigma: float = _parameter(1e-3, "σ", "weight of the match against the smoothness: smaller matches closer", 0, True)
+    order: int = _parameter(
+        2,
+        "",
+        "order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as computed",
+        1,
+        False,
+        2,
+    )
+    sigma: float = _parameter(0.02, "σ", "weight of the match against the smoothness: smaller matches closer", 0, True)
+    sigma_unit: SigmaUnit = _parameter(
+        "relative", "", "sigma as a fraction of the functions' deviation from their mean in L2, or as the paper has it"
+    )
+    reach: float = _parameter(
+        1.0, "", "how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper", 0
+    )
+    balance: float = _parameter(
+        0.5, "", "weight of flow lines against the discrete advection in the end; 0 as the paper", 0, False, 1
+    )
+    levels: int = _parameter(
+        0, "", "meshes from coarse to fine; 1 only the mesh itself, 0 by its size and its triangles", 0, False, 10
+    )
     method: Method = _parameter("nonlinear", "", "exponential flow, or the first two terms of the exponential")
     segments: int = _parameter(
         0, "N", "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)", 0, False, 1000
@@ -58,11 +83,11 @@ class Parameters:
     )
     substeps: int = _parameter(10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1)
     quadrature: int = _parameter(10, "k", "intervals of the time integral in the bracket gradient", 1)
-    iterations: int = _parameter(150, "", "iterations at most, over all cooling stages together", 0)
+    iterations: int = _parameter(200, "", "iterations at most, over all cooling stages together", 0)
     cooling_stages: int = _parameter(
         3, "*", "stages of sigma, the last one at its value; 1 for no cooling", 1, False, 1000
     )
-    cooling_factor: float = _parameter(10.0, "*", "sigma is divided by this from stage to stage", 1, True)
+    cooling_factor: float = _parameter(3.0, "*", "sigma is divided by this from stage to stage", 1, True)
     stage_iterations: int = _parameter(
         0, "*", "iterations at most of each stage before the last; 0 shares half of all among them", 0
     )
@@ -123,12 +148,15 @@ class Parameters:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Parameters:
-        """Inverse of `to_dict`; unknown names are refused."""
+        """Inverse of `to_dict`; unknown names are refused.
+
+        Values that name nothing of `PAPER` were written before there was anything but the paper's energy, and mean it.
+        """
         known = {entry.name for entry in fields(cls)}
         unknown = sorted(set(values) - known)
         if unknown:
             raise ParameterError(f"unknown parameter {unknown[0]!r}; expected one of {', '.join(sorted(known))}")
-        return cls(**values)
+        return cls(**(values if PAPER.keys() & values.keys() else {**PAPER, **values}))
 
 
 def _check_number(name: str, value: Any, whole: bool, minimum: float, open: bool, maximum: int) -> None:

@@ -51,11 +51,12 @@ def vector_at(flow: SmoothFlow, f: int, x: float, y: float) -> tuple[float, floa
 
 @kernel
 def walk_straight(
-    flow: SmoothFlow, f: int, x: float, y: float, u: float, v: float
+    flow: SmoothFlow, f: int, x: float, y: float, u: float, v: float, slide: bool = False
 ) -> tuple[int, float, float, float, float]:
     """Go a way (u, v) from a place, unfolding the faces that it leads over.
 
-    Returns the place, with face -1 at a boundary, and the way as it is seen there.
+    Returns the place, with face -1 at a boundary, and the way as it is seen there; or, to ``slide``, goes on along the
+    boundary with the part of the way that leads along it.
     """
     left, entered = 1.0, -1
     for _ in range(_CROSSINGS):
@@ -69,15 +70,20 @@ def walk_straight(
         x, y = x + used * u, y + used * v
         if leave < 0:
             return f, x, y, u, v
+        left -= used
         slot = flow.neighbours[f, leave]
         if slot < 0:
-            return -1, x, y, u, v
+            if not slide:
+                return -1, x, y, u, v
+            p, q = flow.gradients[f, leave, 0], flow.gradients[f, leave, 1]
+            along = (p * v - q * u) / (p * p + q * q)
+            u, v, entered = -q * along, p * along, leave
+            continue
         c, s = flow.unfolding[f, leave, 0], flow.unfolding[f, leave, 1]
         x, y = c * x - s * y + flow.unfolding[f, leave, 2], s * x + c * y + flow.unfolding[f, leave, 3]
         u, v = c * u - s * v, s * u + c * v
-        left -= used
         f, entered = slot // 3, slot % 3
-    return -1, x, y, u, v
+    return f if slide else -1, x, y, u, v
 
 
 @kernel

@@ -1,0 +1,46 @@
+"""Pause, resume and cancel a solve from another thread."""
+
+from __future__ import annotations
+
+import threading
+
+
+class CancelledError(Exception):
+    """Raised inside a solve that was cancelled; `match` catches it."""
+
+
+class Control:
+    """Pause, resume or cancel a `match` from another thread; takes effect within one evaluation of the energy."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._running = threading.Event()
+        self._running.set()
+        self._cancelled = False
+
+    def pause(self) -> None:
+        """Hold the solve before its next evaluation."""
+        with self._lock:
+            if not self._cancelled:  # a cancelled solve must still end
+                self._running.clear()
+
+    def resume(self) -> None:
+        """Go on after `pause`."""
+        self._running.set()
+
+    def cancel(self) -> None:
+        """Stop the solve; `match` returns its best iterate with the stop reason "cancelled"."""
+        with self._lock:
+            self._cancelled = True
+            self._running.set()
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether `cancel` was called."""
+        return self._cancelled
+
+    def wait(self) -> None:
+        """Return when the solve may go on; raise `CancelledError` if it must not."""
+        self._running.wait()
+        if self._cancelled:
+            raise CancelledError

@@ -1,0 +1,65 @@
+"""What a display may want to know of one iterate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from abfm.mesh import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Iteration:
+    """One iterate; what it looks like on the mesh is computed when it is first asked for.
+
+    Attributes
+    ----------
+    iteration : int
+        Number of steps taken, all stages together; 0 is the start.
+    stage : int
+        Which stage, from 0; how many there will be shows on the way.
+    level, levels : int
+        Which mesh, from 0, the coarsest, of how many; the last one is the mesh itself.
+    vertices : int
+        Of that mesh.
+    reach, sigma : float
+        Values in this stage.
+    energy, regularity, mismatch_energy : float
+        Total and its terms, on the mesh of this level scaled to unit area.
+    mismatch : float
+        ``||f_tau - g|| / ||g||`` on the mesh of this level.
+    gradient_norm : float
+        Norm dual to the preconditioner's.
+    step_length : float
+        Most that the latest step changed ``tau |v|``, as a fraction of sqrt(area).
+    evaluations : int
+        Evaluations of energy and gradient so far.
+    """
+
+    iteration: int
+    stage: int
+    level: int
+    levels: int
+    vertices: int
+    reach: float
+    sigma: float
+    energy: float
+    regularity: float
+    mismatch_energy: float
+    mismatch: float
+    gradient_norm: float
+    step_length: float
+    evaluations: int
+    _velocity: Callable[[], FloatArray]
+    _advected: Callable[[], FloatArray]
+
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """The fields, (N, F, 3), in the input's units."""
+        return self._velocity()
+
+    @cached_property
+    def advected(self) -> FloatArray:
+        """The source carried to tau, (V, C); on a coarser level what was carried there, interpolated."""
+        return self._advected()

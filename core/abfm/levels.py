@@ -1,0 +1,99 @@
+"""The energy on meshes from coarse to fine, and what goes from one to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from abfm.energy import MatchingEnergy
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh.coarsening import coarsened
+from abfm.operators import face_areas
+from abfm.parameters import Parameters
+from abfm.transfer import Transfer
+from abfm.vector_fields import to_ambient
+
+COARSEST = 2500
+"""Vertices of the coarsest mesh where their number is chosen here."""
+RATIO = 4.0
+"""Of the numbers of vertices of a mesh and the next coarser one."""
+_WORTH = 2.0  # times as many vertices as the coarsest mesh: with fewer, a mesh of even triangles is its own
+_NEEDLES = 30.0  # median over least height of the triangles: with more a coarser mesh is worth its while from the start
+
+
+class Level:
+    """The energy on one mesh, and the way from there to the next finer one, if there is one."""
+
+    def __init__(self, energy: MatchingEnergy, to_finer: Transfer | None) -> None:
+        self.energy, self._to_finer = energy, to_finer
+
+    def fields_to_finer(self, x: FloatArray) -> FloatArray:
+        """Frame coefficients (N, F, 2) on the finer mesh; times mean the same there."""
+        transfer = self._transfer
+        fields = to_ambient(self.energy.mesh, x) * self.energy.length_scale
+        return np.stack([transfer.field_to_fine(field) for field in fields])
+
+    def fields_from_finer(self, fields: FloatArray) -> FloatArray:
+        """Frame coefficients (N, F, 2) here of fields (N, F, 3) on the finer mesh scaled to unit area."""
+        found = np.stack([self._transfer.field_to_coarse(field) for field in fields])
+        return found / self.energy.length_scale
+
+    def functions_to_finer(self, functions: FloatArray) -> FloatArray:
+        """Functions (C, V) on the finer mesh."""
+        return self._transfer.function_to_fine(functions)
+
+    @property
+    def _transfer(self) -> Transfer:
+        assert self._to_finer is not None
+        return self._to_finer
+
+
+def levels(finest: MatchingEnergy, between: Callable[[], None]) -> list[Level]:
+    """The energy on all meshes, from the coarsest to that of ``finest``; ``between`` is called on the way."""
+    found = [Level(finest, None)]
+    for count in _vertex_counts(finest.mesh, finest.parameters):
+        between()
+        energy = found[0].energy
+        coarse = coarsened(energy.mesh, count)
+        if coarse is None:
+            break
+        transfer = _transfer(energy.mesh, coarse)
+        mask = None if energy.mask is None else np.maximum(transfer.function_to_coarse(energy.mask), 0)
+        if mask is not None and not mask.any():
+            break
+        f, g = transfer.function_to_coarse(energy.source), transfer.function_to_coarse(energy.target)
+        smaller = MatchingEnergy(coarse, f.T, g.T, energy.parameters, mask, energy.weights)
+        smaller.function_size = energy.function_size
+        found.insert(0, Level(smaller, transfer))
+    return found
+
+
+def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
+    """Of the coarser meshes, finest first."""
+    count = len(mesh.vertices)
+    if p.levels:
+        return [max(int(count / RATIO**step), 4) for step in range(1, p.levels)]
+    if count < _WORTH * COARSEST and not (count > COARSEST / 2 and _has_needles(mesh)):
+        return []
+    if count <= COARSEST:
+        return [count // 2]
+    steps = max(1, round(np.log(count / COARSEST) / np.log(RATIO)))
+    return [int(count * (COARSEST / count) ** (step / steps)) for step in range(1, steps + 1)]
+
+
+def _has_needles(mesh: TriangleMesh) -> bool:
+    """Whether the least height of a triangle, which sets the cost of an evaluation, is far below the usual one."""
+    corners = mesh.vertices[mesh.faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    heights = face_areas(mesh) / longest
+    return bool(np.median(heights) > _NEEDLES * heights.min())
+
+
+def _transfer(fine: TriangleMesh, coarse: TriangleMesh) -> Transfer:
+    """Made once for two meshes, and kept with the fine one."""
+    key = (__name__, len(coarse.vertices))
+    if key not in fine.cache:
+        fine.cache[key] = Transfer(coarse, fine)
+    transfer: Transfer = fine.cache[key]
+    return transfer

@@ -1,0 +1,104 @@
+"""The course of a match: which mesh, reach and sigma each stage has, and when it ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from abfm.parameters import Parameters
+
+REACHED = 0.5
+"""Mismatch at which a search for the target has found it."""
+CLOSE = 0.02
+"""Mismatch at which a match on the mesh itself is close enough: flow lines seldom confirm less."""
+_CLOSE_ON_COARSER = 0.04
+_MATCHED = 0.05  # a match that leaves more goes on with a smaller sigma
+_PAYING, _OVER = 0.03, 6  # a stage goes on while its energy falls by this share within so many iterations
+_TRIES = ((1.0, 1.0), (2.0, 1 / 3), (0.5, 1 / 3))  # factors of reach and of the first sigma in a search
+_SEARCH, _COARSE = 0.4, 0.75  # of all iterations: in one stage of a search, and before the mesh itself
+_SMALLER, _CLOSING = 1 / 3, 2  # factor of sigma in stages after the last one, and how many of them
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A part of a match.
+
+    Attributes
+    ----------
+    level : int
+        Which mesh, from 0, the coarsest.
+    sigma : float
+        As the parameters give it.
+    reach : float
+        Of its norm of mismatches, in sqrt(area); 0 for that of the parameters.
+    iterations : int
+        At most.
+    until : int
+        Of all iterations together, at most.
+    patient : bool
+        Whether it goes on to the end of its iterations, or only as long as it pays.
+    goal : float
+        Mismatch at which it ends.
+    needed_above : float
+        It is left out where the mismatch is this small already.
+    balanced : bool
+        Whether it weighs flow lines against the discrete advection.
+    """
+
+    level: int
+    sigma: float
+    reach: float
+    iterations: int
+    until: int
+    patient: bool
+    goal: float = 0.0
+    needed_above: float = 0.0
+    balanced: bool = False
+
+    def pays(self, energies: list[float]) -> bool:
+        """Whether to go on after these energies, one for each of the stage's iterates."""
+        return self.patient or len(energies) <= _OVER or energies[-1] < (1 - _PAYING) * energies[-1 - _OVER]
+
+
+def search(p: Parameters, levels: int) -> list[list[Stage]]:
+    """Ways to find the target on the coarsest mesh, one to be tried after the other until it is `REACHED`.
+
+    Each begins with the norm that reaches far and ends with that of the parameters. Without reach there is one, the
+    paper's: every sigma but the last.
+    """
+    patient = _is_patient(p, levels)
+    until = p.iterations if levels == 1 else int(_COARSE * p.iterations)
+    sigmas = p.stage_sigmas()
+    early = len(sigmas) - 1
+    share = p.stage_iterations or (p.iterations // 2 // early if early else p.iterations)
+    near = Stage(0, sigmas[0], 0.0, share, until, patient)
+    if not p.reach:
+        return [[replace(near, sigma=sigma) for sigma in sigmas[:-1]]]
+    far = replace(near, iterations=p.stage_iterations or max(1, int(_SEARCH * p.iterations)))
+    tries = [[replace(far, reach=p.reach * further, sigma=sigmas[0] * colder), near] for further, colder in _TRIES]
+    return tries
+
+
+def finish(p: Parameters, levels: int, warm: bool) -> list[Stage]:
+    """What follows once the target is found: the other sigmas, the finer meshes, and flow lines.
+
+    With a fixed number of iterations per stage, and without reach on one mesh, which is the paper's way, stages go on
+    to the end of their iterations; else they end when they stop paying, or are close.
+    """
+    patient = _is_patient(p, levels)
+    last = Stage(levels - 1, p.sigma, 0.0, p.iterations, p.iterations, patient, 0.0 if patient else CLOSE)
+    coarse = replace(last, level=0, until=int(_COARSE * p.iterations), goal=0.0 if patient else _CLOSE_ON_COARSER)
+    sigmas = p.stage_sigmas()[1:-1] if p.reach and not warm else []
+    plan = [replace(coarse if levels > 1 else last, sigma=sigma) for sigma in sigmas]
+    if not warm:
+        plan += [replace(coarse, level=level) for level in range(levels - 1)]
+    plan.append(last)
+    if not patient:
+        factors = [_SMALLER**step for step in range(1, _CLOSING + 1)]
+        plan += [replace(last, sigma=p.sigma * factor, goal=_MATCHED, needed_above=_MATCHED) for factor in factors]
+    if p.balance:
+        plan.append(replace(last, balanced=True))
+    return plan
+
+
+def _is_patient(p: Parameters, levels: int) -> bool:
+    return p.stage_iterations > 0 or (p.reach == 0 and levels == 1)

@@ -1,0 +1,319 @@
+"""The stages of a match, one after the other, with their record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.continuous_flow import flow_map
+from abfm.control import CancelledError, Control
+from abfm.energy import Evaluation, MatchingEnergy, check_fields
+from abfm.errors import AbfmError, FunctionError, ParameterError
+from abfm.flow_maps import pull_back
+from abfm.iteration import Iteration
+from abfm.levels import Level, levels
+from abfm.mesh import FloatArray
+from abfm.optimizer import LBFGS, State
+from abfm.schedule import REACHED, Stage, finish, search
+from abfm.vector_fields import to_ambient, to_frame
+
+_TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradient is exact for any
+_LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
+_ROUND, _ROUNDS = 8, 4  # iterations between two looks at the flow lines, and how many looks
+_GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
+_BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
+_KEPT = 0.05  # discrete mismatch that flow lines may cost
+_MOST_WALKS = 50_000  # vertices up to which flow lines are balanced: finer meshes carry what is matched on them
+_HALVINGS = 8  # of fields that overflow on a finer mesh
+
+Best = State[Evaluation]
+
+
+class Solver:
+    """Runs the stages of a match and keeps their record.
+
+    Attributes
+    ----------
+    history : list of (total, regularity, mismatch)
+        Of every iterate.
+    stage_of : list of int
+        Stage of every iterate.
+    schedule : list of Stage
+        The stages that were begun.
+    """
+
+    def __init__(
+        self, energy: MatchingEnergy, on_iteration: Callable[[Iteration], None] | None, control: Control
+    ) -> None:
+        self.energy, self.on_iteration, self.control = energy, on_iteration, control
+        self.history: list[tuple[float, float, float]] = []
+        self.stage_of: list[int] = []
+        self.schedule: list[Stage] = []
+        self.evaluations = 0
+        self._levels: list[Level] = [Level(energy, None)]
+        self._reason = ""
+        self._level = 0
+        self._state: Best | None = None
+        self._before: Stage | None = None
+
+    def run(self, start: ArrayLike | None) -> tuple[FloatArray, FloatArray, str]:
+        """Fields (N, F, 2) on the mesh, the source carried by them (C, V), and why the solve stopped."""
+        self._reason = "iteration limit"
+        fields = None if start is None else self._given(start)
+        try:
+            warm = fields is not None and not self._is_lost(fields)
+            if not warm:
+                self._levels = levels(self.energy, self._pass)
+            if not warm:
+                fields = self._find(fields)
+            assert fields is not None
+            self._finish(fields, warm)
+        except CancelledError:
+            self._reason = "cancelled"
+        return (*self._on_the_mesh(), self._reason)
+
+    def _find(self, fields: FloatArray | None) -> FloatArray:
+        """Fields on the coarsest mesh that lead at least near the target, or the best that were found."""
+        coarsest, p = self._levels[0].energy, self.energy.parameters
+        x = np.zeros(coarsest.shape)
+        if fields is not None:
+            x = self._on_the_coarsest(fields)
+        best, least = x, np.inf
+        for tried in search(p, len(self._levels)):
+            if len(self.history) > tried[0].until:
+                break
+            self._state, self._before = None, None
+            found = x
+            for stage in tried:
+                found = self._minimise(stage, found).x
+            mismatch = coarsest.relative_mismatch(self._known().point.advected) if tried else 0.0
+            if mismatch < least:
+                best, least = found, mismatch
+            if mismatch <= REACHED:
+                break
+        return best
+
+    def _finish(self, x: FloatArray, warm: bool) -> None:
+        """Come close on all meshes."""
+        for stage in finish(self.energy.parameters, len(self._levels), warm):
+            x = self._prolonged(x, stage.level)
+            if self._state is not None and self._level == stage.level:
+                mismatch = self._levels[stage.level].energy.relative_mismatch(self._state.point.advected)
+                if mismatch <= stage.needed_above:
+                    continue
+            if stage.balanced:
+                self._balance(stage)
+            else:
+                x = self._minimise(stage, x).x
+
+    def _known(self) -> Best:
+        assert self._state is not None
+        return self._state
+
+    def _given(self, start: ArrayLike) -> FloatArray:
+        p = self.energy.parameters
+        count = max(len(np.asarray(start)), 1) if np.ndim(start) == 3 else 1
+        fields = check_fields(start, (count, *self.energy.shape[1:]), "start") / self.energy.length_scale
+        return to_frame(self.energy.mesh, np.tensordot(_averages(count, p.segments), fields, 1))
+
+    def _is_lost(self, fields: FloatArray) -> bool:
+        """Whether a start is so far from the target that the way there must be looked for."""
+        if not self.energy.parameters.reach:
+            return False
+        advected = self.energy.advected(fields)
+        if not np.isfinite(advected).all():
+            raise ParameterError("start: the flow of these fields overflows; start from slower ones or from none")
+        return self.energy.relative_mismatch(advected) > _LOST
+
+    def _on_the_coarsest(self, fields: FloatArray) -> FloatArray:
+        for finer, coarser in zip(self._levels[:0:-1], self._levels[-2::-1], strict=True):
+            fields = coarser.fields_from_finer(to_ambient(finer.energy.mesh, fields))
+        return fields
+
+    def _prolonged(self, x: FloatArray, level: int) -> FloatArray:
+        """Fields of the level that was last, on another one; slower where their flow overflows there."""
+        if level == self._level:
+            return x
+        while self._level < level:
+            self._pass()
+            x = self._levels[self._level].fields_to_finer(x)
+            self._level += 1
+        self._state = None
+        energy = self._levels[level].energy
+        for _ in range(_HALVINGS):
+            if np.isfinite(energy.advected(x)).all():
+                break
+            x = x / 2
+        return x
+
+    def _minimise(self, stage: Stage, x: FloatArray, target: FloatArray | None = None) -> Best:
+        """Run a stage to its end."""
+        if target is None:
+            self.schedule.append(stage)
+        energy = self._levels[stage.level].energy
+        search = self._search(stage, target)
+        current = self._begin(search, stage, x)
+        if not self.history:
+            self._check_start(current.point)
+            self._record(current, stage)
+        self._state = current
+        energies = [current.point.energy]
+        until = min(stage.until, len(self.history) - 1 + stage.iterations)
+        ended = None
+        while len(self.history) <= until and (ended := search.stop_reason(current)) is None:
+            if not stage.pays(energies) or energy.relative_mismatch(current.point.advected) <= stage.goal:
+                ended = "converged"
+                break
+            current = search.step(current)
+            if current.failed:
+                continue
+            self._state = current
+            energies.append(current.point.energy)
+            self._record(current, stage)
+        self._reason = ended or "iteration limit"
+        return self._state
+
+    def _begin(self, search: LBFGS[Evaluation], stage: Stage, x: FloatArray) -> Best:
+        """The stage's first iterate; what the one before has learned of the energy is scaled with sigma."""
+        before = self._before
+        self._before = stage
+        if before is None or before.level != stage.level or before.reach != stage.reach:
+            return search.init(x)
+        return search.init(x, self._state, (before.sigma / stage.sigma) ** 2)
+
+    def _balance(self, stage: Stage) -> None:
+        """Move the target by a share of what the discrete advection lies away from the flow lines, again and again.
+
+        With ``g + b (f_tau - f o phi)`` as target a perfect match has ``(1 - b) f_tau + b (f o phi) = g``: both witnesses
+        of the flow, which neither is exactly, share what divides them. The best round stays.
+        """
+        energy, p = self.energy, self.energy.parameters
+        if len(energy.mesh.vertices) > _MOST_WALKS or p.method == "linearised":
+            return
+        reason, best, best_score = self._reason, self._known(), np.inf
+        allowed = max(energy.relative_mismatch(best.point.advected), _KEPT)
+        self.schedule.append(stage)
+        for _ in range(_ROUNDS):
+            state = self._known()
+            advected, walked = state.point.advected, self._by_flow_lines(state.x)
+            discrete, lines = energy.relative_mismatch(advected), energy.relative_mismatch(walked)
+            score = float(np.sqrt((1 - p.balance) * discrete**2 + p.balance * lines**2))
+            if discrete > allowed or score >= best_score:
+                break
+            worse, best, best_score = score > _BETTER * best_score, state, score
+            if worse or energy.relative_norm(advected - walked) < _GAP or len(self.history) > p.iterations:
+                break
+            part = replace(stage, iterations=_ROUND, patient=True, goal=0.0)
+            self._minimise(part, state.x, energy.target + p.balance * (advected - walked))
+        self._state, self._reason = best, reason
+
+    def _by_flow_lines(self, x: FloatArray) -> FloatArray:
+        """The source carried along the continuous field, (C, V)."""
+        energy = self.energy
+        points = flow_map(
+            energy.mesh,
+            to_ambient(energy.mesh, x),
+            energy.parameters.tau,
+            backwards=True,
+            between=self._pass,
+        )
+        return np.ascontiguousarray(pull_back(energy.mesh, points, energy.source.T).T)
+
+    def _on_the_mesh(self) -> tuple[FloatArray, FloatArray]:
+        """The best fields on the mesh itself, and the source carried by them."""
+        if self._state is None:
+            x = np.zeros(self._levels[self._level].energy.shape)
+        else:
+            x = self._state.x
+            if self._level == len(self._levels) - 1:
+                return x, self._state.point.advected
+        for level in self._levels[self._level : -1]:
+            x = level.fields_to_finer(x)
+        for _ in range(_HALVINGS):
+            advected = self.energy.advected(x)
+            if np.isfinite(advected).all():
+                return x, advected
+            x = x / 2
+        return np.zeros_like(x), self.energy.source
+
+    def _pass(self) -> None:
+        """Wait while paused, end when cancelled; what has nothing to show yet goes on to its first evaluation."""
+        if self.history:
+            self.control.wait()
+
+    def _search(self, stage: Stage, target: FloatArray | None) -> LBFGS[Evaluation]:
+        p, energy = self.energy.parameters, self._levels[stage.level].energy
+
+        def evaluate(x: FloatArray) -> Evaluation:
+            if self.evaluations:
+                self.control.wait()
+            self.evaluations += 1
+            return energy.evaluate(x, stage.sigma, stage.reach, target, _TOLERANCE)
+
+        def inverse(gradient: FloatArray) -> FloatArray:
+            return np.stack([energy.regularizer.inverse(momentum) for momentum in gradient]) / energy.step
+
+        def displacement(fields: FloatArray) -> float:
+            return energy.step * float(np.sqrt((fields**2).sum(axis=-1)).max(axis=-1).sum())
+
+        return LBFGS(
+            evaluate,
+            inverse if p.preconditioner == "hodge" else None,
+            p.memory,
+            displacement,
+            p.max_displacement,
+            p.tolerance,
+        )
+
+    def _check_start(self, point: Evaluation) -> None:
+        if not np.isfinite(point.energy):
+            raise FunctionError("the mismatch of source and target overflows; scale both functions down or sigma up")
+
+    def _record(self, state: Best, stage: Stage) -> None:
+        point = state.point
+        self.history.append((point.energy, point.regularity, point.mismatch))
+        self.stage_of.append(len(self.schedule) - 1)
+        if self.on_iteration:
+            level = self._levels[stage.level]
+            self.on_iteration(
+                Iteration(
+                    iteration=len(self.history) - 1,
+                    stage=len(self.schedule) - 1,
+                    level=stage.level,
+                    levels=len(self._levels),
+                    vertices=len(level.energy.mesh.vertices),
+                    reach=stage.reach,
+                    sigma=stage.sigma,
+                    energy=point.energy,
+                    regularity=point.regularity,
+                    mismatch_energy=point.mismatch,
+                    mismatch=level.energy.relative_mismatch(point.advected),
+                    gradient_norm=state.gradient_norm,
+                    step_length=state.length,
+                    evaluations=self.evaluations,
+                    _velocity=partial(self._shown_velocity, stage.level, state.x),
+                    _advected=partial(self._shown_functions, stage.level, point.advected),
+                )
+            )
+
+    def _shown_velocity(self, level: int, x: FloatArray) -> FloatArray:
+        for each in self._levels[level:-1]:
+            x = each.fields_to_finer(x)
+        return to_ambient(self.energy.mesh, x) * self.energy.length_scale
+
+    def _shown_functions(self, level: int, functions: FloatArray) -> FloatArray:
+        for each in self._levels[level:-1]:
+            functions = each.functions_to_finer(functions)
+        return functions.T.copy()
+
+
+def _averages(given: int, wanted: int) -> FloatArray:
+    """Weights (wanted, given) that average over even parts of a time what is constant on other even parts."""
+    begins, others = np.arange(wanted)[:, None] * given, np.arange(given) * wanted
+    overlaps = np.minimum(begins + given, others + wanted) - np.maximum(begins, others)
+    weights: FloatArray = np.maximum(overlaps, 0) / given
+    return weights

@@ -1,0 +1,267 @@
+"""What a match came to, why, and what to try, in plain words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+from abfm.mesh import FloatArray
+from abfm.parameters import Parameters
+from abfm.peaks import Extrema
+from abfm.solvability import Problem, range_bound
+
+Kind = Literal["matched", "nearly", "not reached", "impossible"]
+
+MATCHED, NEARLY = 0.05, 0.15
+"""Mismatch, relative to the target, up to which functions are matched, and nearly so."""
+CONFIRMED = 2.0
+"""Flow lines confirm a mismatch if they leave at most this many times as much: 0.1 of a match, 0.3 of a near one."""
+FOLDED = 0.1
+"""Share of folded faces beyond which the map of a flow is not to be trusted; an exact flow folds none."""
+RESOLVED = 2.0
+"""Edges per width of a function below which the mesh does not carry it."""
+
+_MOVING = 10  # iterations after which whatever will move has moved
+_RECENT, _FALLING = 10, 0.01  # an energy still falls that has fallen by this share within so many iterations
+_FURTHER = 3.0  # how much larger or smaller a parameter is advised
+_USUAL_ALPHA = 0.02  # advised in place of 0
+_NEAR = 0.1  # the least reach that is advised
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What is known of a match that has ended.
+
+    Attributes
+    ----------
+    advected : (C, V) array
+        Source carried to tau.
+    mismatch : float
+        ``||f_tau - g|| / ||g||`` of the discrete flow.
+    stop_reason : str
+        "converged", "iteration limit", "line search failed" or "cancelled".
+    verified : float
+        The same mismatch where flow lines carry the source; NaN if unknown.
+    folded : float
+        Share of the faces, 0 to 1, that the flow's map turns over; NaN if unknown.
+    edges_per_width : float
+        Width of the narrower function, in edges of the mesh; NaN if unknown.
+    energies : (n,) array or None
+        Energy of each iterate of the last stage, to tell whether it still fell; None counts as falling.
+    """
+
+    advected: FloatArray
+    mismatch: float
+    stop_reason: str
+    verified: float = math.nan
+    folded: float = math.nan
+    edges_per_width: float = math.nan
+    energies: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a match came to.
+
+    Attributes
+    ----------
+    kind : "matched", "nearly", "not reached" or "impossible"
+        Impossible: no flow would do. Not reached: not by this flow, which may still be worth having.
+    reason : str
+        The first and the last mismatch, and what they mean: one line without a full stop.
+    advice : str
+        What to try, likewise; empty where nothing is needed.
+    """
+
+    kind: Kind
+    reason: str
+    advice: str
+
+
+def advice(problem: Problem, outcome: Outcome, parameters: Parameters) -> Verdict:
+    """Say what a match came to, why, and what to do; numbers that are advised start from the parameters it had.
+
+    What no flow can do comes first, whatever the discrete flow has made of it; then whether flow lines confirm the
+    mismatch; then its size; and where it is large, the most telling cause.
+    """
+    case = _Case(problem, outcome, parameters)
+    return case.impossible() or case.unconfirmed() or case.by_size() or case.not_reached()
+
+
+def early_warning(problem: Problem, advected: FloatArray, iteration: int) -> str | None:
+    """What looks wrong while a match runs, in one line without a full stop; None where nothing does.
+
+    A source that vanishes may come back in a later stage of cooling, but mostly does not.
+
+    Parameters
+    ----------
+    advected : (C, V) array
+        Source carried to tau by the fields so far.
+    iteration : int
+        Iterations so far; that a source stands still is not told before the tenth.
+    """
+    if problem.mismatch(advected) <= NEARLY:
+        return None
+    if problem.vanished(advected):
+        return "the source is being squeezed to nothing instead of moved: it may be too far from the target"
+    if iteration >= _MOVING and problem.stood_still(advected):
+        return "the source hardly moves: it may be too far from the target, or sigma too large"
+    return None
+
+
+class _Case:
+    """A match under the rules, each of which gives a verdict or None."""
+
+    def __init__(self, problem: Problem, outcome: Outcome, parameters: Parameters) -> None:
+        self.problem, self.outcome, self.parameters = problem, outcome, parameters
+        self.bound = range_bound(problem)
+        self.true_mismatch = max(outcome.mismatch, self.bound)
+        self.first = problem.mismatch(problem.source)
+        self.known = not math.isnan(outcome.verified)
+
+    @cached_property
+    def different_peaks(self) -> tuple[int, Extrema, Extrema] | None:
+        return self.problem.different_peaks()
+
+    def impossible(self) -> Verdict | None:
+        """Values that the source lacks, or cannot lose; functions that were alike from the start are no such case."""
+        problem = self.problem
+        if max(self.first, self.outcome.mismatch) <= MATCHED:
+            return None
+        if problem.source_is_constant() and not problem.target_is_constant():
+            why = "the source is constant, and no flow changes that"
+            return self._verdict("impossible", why, "take a source that has the target's values")
+        if problem.target_is_constant() and not problem.source_is_constant():
+            why = "the target is constant and the source is not, and a flow keeps every value of the source"
+            return self._verdict("impossible", why, "take a target that has the source's values in other places")
+        if self.bound > NEARLY:
+            return self._verdict("impossible", self._missing_values(), "scale or clip one of the functions")
+        return None
+
+    def unconfirmed(self) -> Verdict | None:
+        """A small mismatch of the discrete flow that is not one of the flow."""
+        verified, folded = self.outcome.verified, self.outcome.folded
+        if self.true_mismatch > NEARLY:
+            return None
+        if self.known and verified > CONFIRMED * NEARLY:
+            if self.different_peaks:
+                return self._of_peaks()
+            why = f"the flow lines confirm only {verified:.2g}, so the discrete flow is not one here"
+            return self._unresolved() or self._verdict("not reached", why, self._smoother())
+        if folded > FOLDED and not self.known:
+            return self._verdict("not reached", f"{self._folds()}, which no flow does", self._smoother())
+        return None
+
+    def by_size(self) -> Verdict | None:
+        """A mismatch that is small, also by flow lines where they are known."""
+        verified = self.outcome.verified / CONFIRMED if self.known else 0.0
+        size = max(self.true_mismatch, verified)
+        if size > NEARLY:
+            return None
+        if size <= MATCHED < self.first and not self.known and self.different_peaks:
+            return self._of_peaks("nearly")
+        if size <= MATCHED:
+            advised = f"do not trust its point map, where {self._folds()}" if self.outcome.folded > FOLDED else ""
+            return self._verdict("matched", "", advised)
+        if self.bound > MATCHED:
+            return self._verdict("nearly", self._missing_values(), "scale or clip one of the functions")
+        if verified > max(MATCHED, self.outcome.mismatch):
+            return self._verdict("nearly", "the flow lines confirm less than the discrete flow shows", self._smoother())
+        return self._verdict("nearly", "", self._more_iterations() if self._still_falls() else self._closer())
+
+    def not_reached(self) -> Verdict:
+        """The most telling cause of a mismatch that is large."""
+        problem, outcome = self.problem, self.outcome
+        if problem.vanished(outcome.advected):
+            why = "the flow squeezed the source to nothing instead of moving it, as nothing led it to the target"
+            return self._verdict("not reached", why, self._further())
+        if outcome.stop_reason == "cancelled":
+            return self._verdict("not reached", "it was cancelled", "go on from this field")
+        if problem.stood_still(outcome.advected):
+            more = f"; {self._more_iterations()}" if self._still_falls() else ""
+            why = "the source hardly moved, as moving costs more smoothness than it gains"
+            return self._verdict("not reached", why, f"{self._smaller('sigma')}; or {self._further()}{more}")
+        if self.different_peaks:
+            return self._of_peaks()
+        if unresolved := self._unresolved():
+            return unresolved
+        if self._still_falls():
+            return self._verdict("not reached", "it was still falling", self._more_iterations())
+        if outcome.stop_reason == "line search failed":
+            why = "no step lowers the energy any more, which is often rounding"
+            return self._verdict("not reached", why, f"{self._larger('alpha')}, or {self._larger('sigma')}")
+        why = "what is left differs, or would cost more smoothness than it gains"
+        return self._verdict("not reached", why, self._closer())
+
+    def _verdict(self, kind: Kind, why: str, advised: str) -> Verdict:
+        before, after = f"{self.first:.2g}", f"{self.outcome.mismatch:.2g}"
+        if before == after:
+            change = f"the mismatch stayed at {after}"
+        else:
+            change = f"the mismatch {'fell' if self.outcome.mismatch < self.first else 'rose'} from {before} to {after}"
+        if self.known:
+            change += f" ({self.outcome.verified:.2g} by flow lines)"
+        return Verdict(kind, f"{change}: {why}" if why else change, advised)
+
+    def _of_peaks(self, kind: Kind = "not reached") -> Verdict:
+        assert self.different_peaks is not None
+        channel, here, there = self.different_peaks
+        why = f"{self._of(channel)}the source has {here}, the target {there}, and flows neither split nor join them"
+        return self._verdict(kind, why, "expect a match in part, or smooth the function that has more of them")
+
+    def _unresolved(self) -> Verdict | None:
+        if not self.outcome.edges_per_width < RESOLVED:
+            return None
+        why = f"the functions are only {self.outcome.edges_per_width:.2g} edges of the mesh wide"
+        return self._verdict("not reached", why, f"a finer mesh, or functions at least {RESOLVED:g} edges wide")
+
+    def _missing_values(self) -> str:
+        channel = self.problem.worst_channel()
+        low, high = self.problem.target_range(channel)
+        source = self.problem.source[channel]
+        return (
+            f"{self._of(channel)}the target has values from {low:.3g} to {high:.3g}, the source from "
+            f"{source.min():.3g} to {source.max():.3g}, and no flow changes values: {self.bound:.2g} is the least left"
+        )
+
+    def _of(self, channel: int) -> str:
+        return f"in channel {channel} " if len(self.problem.source) > 1 else ""
+
+    def _folds(self) -> str:
+        return f"{100 * self.outcome.folded:.0f}% of the faces are folded"
+
+    def _still_falls(self) -> bool:
+        energies = self.outcome.energies
+        if self.outcome.stop_reason != "iteration limit":
+            return False
+        if energies is None or len(energies) <= _RECENT:
+            return True
+        return bool(energies[-1] < (1 - _FALLING) * energies[-1 - _RECENT])
+
+    def _more_iterations(self) -> str:
+        return f"more iterations, such as {max(2 * self.parameters.iterations, 20)}, or go on from this field"
+
+    def _further(self) -> str:
+        """What leads a source to a target that is far away."""
+        reach = getattr(self.parameters, "reach", None)  # not every version has one
+        needed = max(self.problem.distance(), _NEAR)
+        if reach is not None and reach < needed:
+            return f"a larger reach, such as {needed:.2g} of sqrt(area)"
+        return "wider functions that overlap, or targets in between, each match started from the last one's field"
+
+    def _smoother(self) -> str:
+        return f"{self._larger('alpha')}, {self._larger('sigma')}, or a finer mesh"
+
+    def _closer(self) -> str:
+        alpha = f", or {self._smaller('alpha')}" if self.parameters.alpha else ""
+        return f"to come closer with a rougher field, {self._smaller('sigma')}{alpha}"
+
+    def _larger(self, name: Literal["alpha", "sigma"]) -> str:
+        value: float = getattr(self.parameters, name)
+        return f"a larger {name}, such as {_FURTHER * value or _USUAL_ALPHA:.2g}"
+
+    def _smaller(self, name: Literal["alpha", "sigma"]) -> str:
+        value: float = getattr(self.parameters, name)
+        return f"a smaller {name}, such as {value / _FURTHER:.2g}"

@@ -1,0 +1,269 @@
+"""The verdict on matches: each cause is told from a small match that has it, or from functions made for it."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm.match_result import Match
+from abfm.mesh import FloatArray
+from abfm.parameters import Parameters
+from abfm.solvability import Problem
+from abfm.verdict import Kind, Outcome, Verdict, advice, early_warning
+from tests.core.fields import bump
+from tests.shapes import icosphere
+
+SPHERE, FINE = icosphere(3), icosphere(4)
+USUAL = Parameters()
+
+
+def at(degrees: float, width: float = 0.15, mesh: abfm.TriangleMesh = SPHERE) -> FloatArray:
+    """A Gaussian on the unit sphere, so far from the pole."""
+    angle = np.deg2rad(degrees)
+    return bump(mesh, [0, np.sin(angle), np.cos(angle)], width)
+
+
+def judged(match: Match, **known: float) -> Verdict:
+    """The verdict on a match."""
+    last = match.energy_history[match.stages == match.stages[-1], 0]
+    outcome = Outcome(match.advected.T, match.mismatch, match.stop_reason, energies=last, **known)
+    return advice(
+        Problem(match.mesh, match.source.T, match.target.T, match.mask, match.weights), outcome, match.parameters
+    )
+
+
+def imagined(
+    source: FloatArray, target: FloatArray, advected: FloatArray, reason: str = "converged", **known: float
+) -> Verdict:
+    """The verdict on a function that a flow might have carried."""
+    problem = Problem(SPHERE, source[None], target[None])
+    return advice(problem, Outcome(advected[None], problem.mismatch(advected[None]), reason, **known), USUAL)
+
+
+def test_a_match_needs_no_advice():
+    match = abfm.match(SPHERE, at(0), at(45))
+    assert judged(match) == Verdict("matched", f"the mismatch fell from 0.86 to {match.mismatch:.2g}", "")
+    assert judged(match, verified=0.08).kind == "matched"
+    assert "(0.08 by flow lines)" in judged(match, verified=0.08).reason
+
+
+def test_functions_that_are_alike_are_matched_from_the_start():
+    nearly_flat = 1 + 1e-3 * SPHERE.vertices[:, 0]
+    flat = np.ones_like(nearly_flat)
+    for f, g in itertools.product((nearly_flat, flat), repeat=2):
+        assert judged(abfm.match(SPHERE, f, g, Parameters(iterations=2))).kind == "matched"
+    assert judged(abfm.match(SPHERE, at(0), at(0), Parameters(iterations=2))) == Verdict(
+        "matched", "the mismatch stayed at 0", ""
+    )
+
+
+def test_values_that_the_source_lacks_are_impossible_whatever_the_discrete_flow_shows():
+    match = abfm.match(SPHERE, at(0, 0.2), 2 * at(30, 0.2))
+    assert match.mismatch < 0.05
+    verdict = judged(match)
+    assert verdict.kind == "impossible"
+    assert "the target has values from " in verdict.reason
+    assert "to 2, the source from " in verdict.reason
+    assert "to 1, and no flow changes values: 0.31 is the least left" in verdict.reason
+    assert verdict.advice == "scale or clip one of the functions"
+    assert judged(abfm.match(SPHERE, at(0, 0.2), 1.3 * at(30, 0.2))).kind == "nearly"
+
+
+def test_values_are_told_for_the_channel_that_lacks_most():
+    f, g = np.stack([at(0), at(20)], axis=1), np.stack([at(10), 2 * at(30)], axis=1)
+    few = Parameters(iterations=2)
+    assert "in channel 1 the target has values from" in judged(abfm.match(SPHERE, f, g, few)).reason
+    assert judged(abfm.match(SPHERE, f, g, few, weights=[1, 0])).kind != "impossible"
+
+
+def test_constants_are_impossible():
+    flat = np.full(len(SPHERE.vertices), 0.3)
+    match = abfm.match(SPHERE, at(0, 0.2), flat)
+    assert match.mismatch < 0.05
+    to_flat, from_flat = judged(match), judged(abfm.match(SPHERE, flat, at(0)))
+    assert to_flat.kind == from_flat.kind == "impossible"
+    assert "the target is constant and the source is not" in to_flat.reason
+    assert from_flat.reason == "the mismatch stayed at 1: the source is constant, and no flow changes that"
+    assert judged(abfm.match(SPHERE, flat, 2 * flat)).kind == "impossible"
+    assert judged(abfm.match(SPHERE, at(0), 0 * flat, Parameters(iterations=3))).kind == "impossible"
+
+
+@dataclass(frozen=True)
+class WithReach(Parameters):
+    """Parameters of a solver that looks for far targets."""
+
+    reach: float = field(default=0.0, metadata={"minimum": 0, "open": False, "maximum": 1})
+
+
+def test_a_source_that_vanished_is_told_and_warned_of():
+    f, g = at(0, 0.05, FINE), at(120, 0.05, FINE)
+    problem = Problem(FINE, f[None], g[None])
+    warnings = []
+    match = abfm.match(
+        FINE,
+        f,
+        g,
+        Parameters(iterations=20),
+        on_iteration=lambda now: warnings.append(early_warning(problem, now.advected.T, now.iteration)),
+    )
+    verdict = judged(match)
+    assert verdict.kind == "not reached"
+    assert verdict.reason.startswith("the mismatch fell from 1.4 to 1: the flow squeezed the source to nothing")
+    assert "wider functions that overlap" in verdict.advice
+    assert warnings[0] is None
+    assert warnings[5] is not None
+    assert warnings[5].startswith("the source is being squeezed to nothing")
+    outcome = Outcome(match.advected.T, match.mismatch, match.stop_reason)
+    assert problem.distance() == pytest.approx(np.sqrt(3) / FINE.length_scale, abs=0.03)
+    assert advice(problem, outcome, WithReach()).advice == "a larger reach, such as 0.47 of sqrt(area)"
+    assert "wider functions" in advice(problem, outcome, WithReach(reach=0.6)).advice
+
+
+def test_a_source_that_stood_still_is_told():
+    match = abfm.match(SPHERE, at(0, 0.1), at(90, 0.1), Parameters(sigma=10.0, cooling_stages=1))
+    assert match.stop_reason == "converged"
+    verdict = judged(match)
+    assert verdict.kind == "not reached"
+    assert "the source hardly moved" in verdict.reason
+    assert verdict.advice.startswith("a smaller sigma, such as 3.3")
+    assert "more iterations" not in verdict.advice
+    problem = Problem(SPHERE, match.source.T, match.target.T)
+    assert early_warning(problem, match.advected.T, 2) is None
+    told = early_warning(problem, match.advected.T, 10)
+    assert told is not None
+    assert told.startswith("the source hardly moves")
+
+
+def test_a_running_match_that_goes_well_is_not_warned_of():
+    problem = Problem(SPHERE, at(0)[None], at(45)[None])
+    warnings = []
+    abfm.match(
+        SPHERE,
+        at(0),
+        at(45),
+        Parameters(iterations=30),
+        on_iteration=lambda now: warnings.append(early_warning(problem, now.advected.T, now.iteration)),
+    )
+    assert warnings == [None] * 31
+
+
+def test_other_peaks_are_matched_in_part_at_best():
+    """The discrete flow splits a peak; unless flow lines do so too, this is no match."""
+    match = abfm.match(SPHERE, at(0), at(50) + at(-50))
+    assert match.mismatch < 0.05
+    unknown, refuted, confirmed = (judged(match, verified=value) for value in (np.nan, 0.7, 0.05))
+    assert (unknown.kind, refuted.kind, confirmed.kind) == ("nearly", "not reached", "matched")
+    for verdict in (unknown, refuted):
+        assert "the source has 1 peak and 1 pit, the target 2 peaks and 1 pit" in verdict.reason
+        assert "flows neither split nor join them" in verdict.reason
+    assert "flows neither split" in imagined(at(0), at(50) + at(-50), at(50)).reason
+
+
+def test_what_flow_lines_do_not_confirm_is_not_reached():
+    verdict = imagined(at(0), at(40), at(40), verified=0.4)
+    assert verdict.kind == "not reached"
+    assert verdict.reason.endswith("the flow lines confirm only 0.4, so the discrete flow is not one here")
+    assert verdict.advice == "a larger alpha, such as 0.06, a larger sigma, such as 0.003, or a finer mesh"
+    coarse = imagined(at(0), at(40), at(40), verified=0.4, edges_per_width=1.5)
+    assert coarse.reason.endswith("the functions are only 1.5 edges of the mesh wide")
+    assert "finer mesh" in coarse.advice
+    nearly = imagined(at(0), at(40), at(40), verified=0.2)
+    assert nearly.kind == "nearly"
+    assert "confirm less" in nearly.reason
+
+
+def test_folds_count_unless_flow_lines_confirm_the_match():
+    verdict = imagined(at(0), at(40), at(40), folded=0.15)
+    assert verdict.kind == "not reached"
+    assert verdict.reason.endswith("15% of the faces are folded, which no flow does")
+    confirmed = imagined(at(0), at(40), at(40), folded=0.15, verified=0.02)
+    assert confirmed.kind == "matched"
+    assert confirmed.advice == "do not trust its point map, where 15% of the faces are folded"
+    assert imagined(at(0), at(40), at(40), folded=0.05).advice == ""
+
+
+def test_iterations_that_ran_out():
+    verdict = judged(abfm.match(SPHERE, at(0), at(90), Parameters(iterations=4)))
+    assert verdict.kind == "not reached"
+    assert verdict.reason.endswith("it was still falling")
+    assert verdict.advice == "more iterations, such as 20, or go on from this field"
+    nearly = judged(abfm.match(SPHERE, at(0), at(45), Parameters(iterations=5)))
+    assert (nearly.kind, nearly.advice) == ("nearly", verdict.advice)
+
+
+def test_iterations_that_ran_out_long_after_the_energy_stopped_falling():
+    problem = Problem(SPHERE, at(0)[None], at(60)[None])
+    outcome = Outcome(at(30)[None], problem.mismatch(at(30)[None]), "iteration limit", energies=np.ones(30))
+    verdict = advice(problem, outcome, USUAL)
+    assert verdict.reason.endswith("what is left differs, or would cost more smoothness than it gains")
+    assert "still falling" in advice(problem, replace(outcome, energies=np.linspace(2, 1, 30)), USUAL).reason
+
+
+@pytest.mark.parametrize(
+    ("stop_reason", "words", "advised"),
+    [
+        ("cancelled", "it was cancelled", "go on"),
+        ("line search failed", "no step lowers the energy", "a larger alpha, such as 0.06, or a larger sigma"),
+        ("converged", "what is left differs", "a smaller sigma, such as 0.00033, or a smaller alpha, such as 0.0067"),
+        ("iteration limit", "it was still falling", "more iterations, such as 300"),
+    ],
+)
+def test_the_stop_reason_is_told_where_nothing_else_is(stop_reason, words, advised):
+    verdict = imagined(at(0), at(60), at(30), stop_reason)
+    assert verdict.kind == "not reached"
+    assert verdict.reason.startswith("the mismatch fell from 1.1 to 0.61: ")
+    assert words in verdict.reason
+    assert advised in verdict.advice
+
+
+def test_functions_narrower_than_the_mesh_carries():
+    assert "1.2 edges" in imagined(at(0), at(60), at(30), edges_per_width=1.2).reason
+    assert "edges" not in imagined(at(0), at(60), at(30), edges_per_width=5.0).reason
+
+
+def test_without_smoothness_more_of_it_is_advised_from_the_usual_value_and_never_less():
+    problem = Problem(SPHERE, at(0)[None], at(60)[None])
+    outcome = Outcome(at(30)[None], problem.mismatch(at(30)[None]), "line search failed")
+    rough = Parameters(alpha=0.0)
+    assert "a larger alpha, such as 0.02" in advice(problem, outcome, rough).advice
+    assert "alpha" not in advice(problem, replace(outcome, stop_reason="converged"), rough).advice
+
+
+def test_signals_that_only_resemble_each_other_are_told_without_blame():
+    """Shared waves and others of each function's own, as measured signals have: the shared part is matched."""
+    rng = np.random.default_rng(1)
+    waves = np.sin(5 * SPHERE.vertices @ rng.normal(size=(3, 6)) + rng.normal(size=6)).T
+    f, g = waves[:3].sum(axis=0), waves[1:4].sum(axis=0)
+    match = abfm.match(SPHERE, f, g, Parameters(iterations=60, alpha=0.3, sigma=0.1))
+    verdict = judged(match)
+    assert verdict.kind in ("not reached", "nearly")
+    assert verdict.reason.startswith("the mismatch fell from ")
+    assert "failed" not in verdict.reason
+
+
+def test_every_verdict_is_one_line_without_a_full_stop():
+    """All combinations of what may be known, for functions of each kind."""
+    flat = np.full(len(SPHERE.vertices), 0.3)
+    pairs = [(at(0), at(60)), (at(0), 1.3 * at(60)), (at(0), 3 * at(60)), (at(0), at(60) + at(-60)), (flat, at(0))]
+    unknown = np.nan
+    kinds: set[Kind] = set()
+    for f, g in pairs:
+        for advected, reason, verified, folded in itertools.product(
+            (f, g, 0.05 * f, at(30)),
+            ("converged", "iteration limit", "line search failed", "cancelled"),
+            (unknown, 0.01, 0.2, 1.0),
+            (unknown, 0.5),
+        ):
+            verdict = imagined(f, g, advected, reason, verified=verified, folded=folded)
+            kinds.add(verdict.kind)
+            assert verdict.reason.startswith("the mismatch ")
+            for line in (verdict.reason, verdict.advice):
+                assert "\n" not in line
+                assert not line.endswith((".", " "))
+                assert "nan" not in line
+            assert verdict.advice or verdict.kind == "matched"
+    assert kinds == {"matched", "nearly", "not reached", "impossible"}
