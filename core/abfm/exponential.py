@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import jv
 
-from abfm import derivative_kernels
+from abfm import derivative_kernels, series_kernels
 from abfm.derivative_pattern import derivative_pattern
 from abfm.errors import AbfmError
 from abfm.mesh import FloatArray, TriangleMesh
@@ -56,7 +56,7 @@ class Workspace:
 
 def _bessel_coefficients(x: float) -> FloatArray:
     """``c_k J_k(x)`` up to far below rounding, with room for terms that grow."""
-    return derivative_kernels.bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 40)
+    return series_kernels.bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 40)
 
 
 @dataclass
@@ -153,7 +153,7 @@ class ExponentialFlow:
     ) -> tuple[FloatArray, int, float]:
         end = np.empty_like(f)
         x = abs(step) * self.rho
-        used, growth = derivative_kernels.chebyshev_forward(
+        used, growth = series_kernels.chebyshev_forward(
             self.pattern.indptr,
             self.pattern.indices,
             self.values,
@@ -184,7 +184,7 @@ class ExponentialFlow:
             if terms is None or segment.generation != self.workspace.generation:
                 terms = self.workspace.terms
                 self._series(segment.start, trajectory.step, coefficients, terms)
-            mu = derivative_kernels.chebyshev_backward(
+            mu = series_kernels.chebyshev_backward(
                 self.pattern.indptr,
                 self.pattern.indices,
                 transposed,
