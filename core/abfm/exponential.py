@@ -25,7 +25,8 @@ _GROWTH_LIMIT = 1e5  # terms this much larger than the function lose five digits
 _PRODUCT_LIMIT = 1e6
 _SHORTEST = 2.0  # products per segment below which splitting cannot help
 _SLOWEST = 1e-100  # a zero field still needs a positive rho for its derivative
-_MEMORY = 50_000_000  # numbers
+_MEMORY = 70_000_000  # numbers
+_SHORT_SEGMENT, _LONG_SEGMENT = 30.0, 1000.0  # products; shorter ones spend more than half on the tail
 
 
 class AdvectionError(AbfmError):
@@ -33,19 +34,28 @@ class AdvectionError(AbfmError):
 
 
 class Workspace:
-    """Memory for the terms of series, kept between evaluations: about 400 MB at most, touched only as far as used."""
+    """Memory for the terms of series, kept between evaluations: about 560 MB, and as much for scratch where it is full.
+
+    The array is larger, but touched only as far as used. Beyond a million vertices one short series takes more.
+    """
 
     def __init__(self, mesh: TriangleMesh) -> None:
         size = len(mesh.vertices)
-        self.longest_segment = float(np.clip(_MEMORY / size, 60.0, 1000.0))
+        rows = _MEMORY // size
+        self.longest_segment = float(np.clip(2 * rows - _likely_terms(rows), _SHORT_SEGMENT, _LONG_SEGMENT))
         self.block = len(_bessel_coefficients(self.longest_segment))
-        self.terms = np.empty((np.clip(_MEMORY // size, 2 * self.block, 8 * self.block), size))
+        self.capacity = min(rows, 8 * self.block)
+        self.terms = np.empty((self.capacity + 2 * self.block, size))
         self.rolling = np.empty((3, size))
         self.used = self.block
         self.generation = 0
 
+    def fits(self, rows: int) -> bool:
+        """Whether so many more rows may be kept; the first block is for scratch."""
+        return self.used - self.block + rows <= self.capacity
+
     def take(self, rows: int) -> FloatArray | None:
-        """Rows to keep until `release`, or None where there is no room; the first block is for scratch."""
+        """Rows to keep until `release`, or None where there is no room."""
         return self.terms[self.used : self.used + rows] if self.used + rows <= len(self.terms) else None
 
     def release(self) -> None:
@@ -54,9 +64,14 @@ class Workspace:
         self.generation += 1
 
 
+def _likely_terms(x: float) -> int:
+    """How many terms a series sums to the default tolerance unless they grow."""
+    return int(x + 8 * np.cbrt(x)) + 8
+
+
 def _bessel_coefficients(x: float) -> FloatArray:
-    """``c_k J_k(x)`` up to far below rounding, with room for terms that grow."""
-    return series_kernels.bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 40)
+    """``c_k J_k(x)`` to below rounding."""
+    return series_kernels.bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 20)
 
 
 @dataclass
@@ -131,14 +146,16 @@ class ExponentialFlow:
 
     def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
         """All segments; None where the terms of one outgrow the function so far that a shorter step is needed."""
-        coefficients = _bessel_coefficients(abs(step) * self.rho)
+        x = abs(step) * self.rho
+        coefficients = _bessel_coefficients(x)
+        keep = keep and self.workspace.fits(count * _likely_terms(x))  # scratch serves the others one by one
         segments: list[Segment] = []
         state = f
         for _ in range(count):
             terms = self.workspace.take(len(coefficients)) if keep else None
             buffer = self.workspace.rolling if terms is None else terms
             end, used, growth = self._series(state, step, coefficients, buffer)
-            if (used == 0 or growth > _GROWTH_LIMIT) and abs(step) * self.rho > _SHORTEST:
+            if (used == 0 or growth > _GROWTH_LIMIT) and x > _SHORTEST:
                 return None
             if used == 0:
                 return Trajectory(step, segments, np.full_like(f, np.inf))
