@@ -8,6 +8,8 @@ The derivative is that of the sum as computed, so it is exact whatever the trunc
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 
@@ -30,6 +32,37 @@ _MEMORY = 50_000_000  # numbers
 
 class AdvectionError(AbfmError):
     """A field so fast, or a time so long, that the advection cannot be computed in reasonable time or range."""
+
+
+@dataclass(eq=False)
+class RowProducts:
+    """How many rows of ``D_v``, or of its transpose, were multiplied with functions: ``count``."""
+
+    count: int = 0
+
+
+_open_counts: list[RowProducts] = []
+
+
+@contextmanager
+def counted_row_products() -> Iterator[RowProducts]:
+    """Count what all series and adjoints in the process cost inside the block, whatever the machine.
+
+    A term of a series on V vertices is V row products, and so is one of its adjoint; series that are cut off because
+    they overflow do not count.
+    """
+    products = RowProducts()
+    _open_counts.append(products)
+    try:
+        yield products
+    finally:
+        _open_counts.remove(products)
+
+
+def _count(terms: int, size: int) -> None:
+    """Note a series of so many terms, of which the first is the function itself."""
+    for products in _open_counts:
+        products.count += max(terms - 1, 0) * size
 
 
 class Workspace:
@@ -160,6 +193,7 @@ class ExponentialFlow:
             terms,
             end,
         )
+        _count(used, len(f))
         return end[self.pattern.rank], used, growth
 
     def _scale(self, step: float) -> float:
@@ -178,6 +212,7 @@ class ExponentialFlow:
             if terms is None:
                 terms = self.workspace.terms
                 self._series(segment.start, trajectory.step, coefficients, terms)
+            _count(segment.count, len(mu))
             mu = derivative_kernels.chebyshev_backward(
                 self.pattern.indptr,
                 self.pattern.indices,
