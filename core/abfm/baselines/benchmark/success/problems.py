@@ -35,6 +35,7 @@ _TURN: tuple[Family, ...] = (
     *("gaussian", "one to two", "descriptor", "gaussian", "disc"),
 )
 _HIGHEST = 8  # of the eigenfunctions matched
+_APART = (0.5, 1.0)  # of the most possible: how far the two targets of one source are from each other
 _OFF_MIRROR = 0.2  # of sqrt(area): how far a landmark is from its image
 
 
@@ -142,12 +143,13 @@ def _disc(vertex: int, width: float) -> str:
 def _places(mesh: TriangleMesh, rng: np.random.Generator, between: tuple[float, float]) -> tuple[int, int, int]:
     """A random vertex, one as far from there as asked for, and another such one that is not near the second."""
     here = int(rng.integers(len(mesh.vertices)))
-    there = _choice(rng, geodesic_distance(mesh, [here]), between)
     distances = geodesic_distance(mesh, [here])
+    there = _choice(rng, distances, between)
     low, high = between
-    ring = np.abs(distances / distances.max() - (low + high) / 2) <= (high - low) / 2
+    fractions = distances / distances.max()
+    ring = (fractions >= low) & (fractions <= high)
     apart = np.where(ring, geodesic_distance(mesh, [there]), 0.0)
-    return here, there, _choice(rng, apart, (0.5, 1.0))
+    return here, there, _choice(rng, apart, _APART)
 
 
 def _choice(rng: np.random.Generator, distances: FloatArray, between: tuple[float, float]) -> int:

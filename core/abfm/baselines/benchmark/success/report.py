@@ -96,9 +96,9 @@ def _context(report: dict[str, Any]) -> list[str]:
     first, last = versions[0], versions[-1]
     return [
         f"{_ARROW.join(versions)}. Succeeded: mismatch at most {LEVEL:g}. Confirmed: at most {CONFIRMED:g} by flow "
-        "lines, of those problems that the mesh resolves. Mismatches are medians. Unfolded: share of matches that fold at "
-        f"most {100 * UNFOLDED:g}% of the faces. Products, seconds: what {first} costs over what {last} costs, median "
-        "over problems in which both succeed.",
+        "lines, of those problems that the mesh resolves. Mismatches are medians. Unfolded: share of matches that "
+        f"fold at most {100 * UNFOLDED:g}% of the faces. Products, seconds: what {first} costs over what {last} costs, "
+        "median over problems in which both succeed.",
         f"{len(report['rows'])} problems on {len(settings['meshes'])} meshes, seed {settings['seed']}; "
         f"{_ARROW.join(f'{total:.0f} s' for total in sums)} in all. {in_words(report['machine'])}.",
     ]
