@@ -128,7 +128,9 @@ def test_report_is_whole_and_survives_json(report: dict[str, Any]) -> None:
     for row in report["rows"]:
         assert list(row) == ["problem", "before", "now"]
         assert {"mesh", "index", "family", "width", "distance", "source", "target", "resolved"} <= row["problem"].keys()
-        assert {"mismatch", "verified", "folded", "row_products", "seconds", "stop_reason"} <= row["now"].keys()
+        assert {"mismatch", "verified", "folded", "row_products", "seconds", "stop_reason", "verdict"} <= row[
+            "now"
+        ].keys()
     assert report["settings"]["meshes"] == {"ball": 162}
 
 

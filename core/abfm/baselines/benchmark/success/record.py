@@ -56,11 +56,13 @@ class Record:
         Rows of ``D_v`` multiplied by all advections and adjoints, see `abfm.exponential.counted_row_products`:
         factorisations, flow lines and what else the solver does come on top.
     seconds : float
-        Of the match on a mesh of which nothing was known, verification not included.
+        Of the match on a mesh of which nothing was known; the verification here, by every vertex, is not included.
     seconds_to_level : float
         Until the mismatch on the mesh itself was at most `LEVEL`; NaN if it never was.
     stop_reason : str
         As `abfm.Match.stop_reason`, or "time limit", or the error.
+    verdict : str
+        Kind of `abfm.Match.verdict`; empty where there was an error.
     """
 
     mismatch: float = math.nan
@@ -73,6 +75,7 @@ class Record:
     seconds: float = math.nan
     seconds_to_level: float = math.nan
     stop_reason: str = ""
+    verdict: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """All fields, None for what is not a finite number, and whether it is a success and confirmed."""
@@ -132,4 +135,5 @@ def run_problem(problem: SuccessProblem, parameters: Parameters, limit: float = 
         seconds=seconds,
         seconds_to_level=reached,
         stop_reason="time limit" if seconds > limit and found.stop_reason == "cancelled" else found.stop_reason,
+        verdict=found.verdict.kind,
     )
