@@ -8,6 +8,8 @@ The derivative is that of the sum as computed, so it is exact whatever the trunc
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 
@@ -31,6 +33,37 @@ _SHORT_SEGMENT, _LONG_SEGMENT = 30.0, 1000.0  # products; shorter ones spend mor
 
 class AdvectionError(AbfmError):
     """A field so fast, or a time so long, that the advection cannot be computed in reasonable time or range."""
+
+
+@dataclass(eq=False)
+class RowProducts:
+    """How many rows of ``D_v``, or of its transpose, were multiplied with functions: ``count``."""
+
+    count: int = 0
+
+
+_open_counts: list[RowProducts] = []
+
+
+@contextmanager
+def counted_row_products() -> Iterator[RowProducts]:
+    """Count what all series and adjoints in the process cost inside the block, whatever the machine.
+
+    A term of a series on V vertices is V row products, and so is one of its adjoint; series that are cut off because
+    they overflow do not count.
+    """
+    products = RowProducts()
+    _open_counts.append(products)
+    try:
+        yield products
+    finally:
+        _open_counts.remove(products)
+
+
+def _count(terms: int, size: int) -> None:
+    """Note a series of so many terms, of which the first is the function itself."""
+    for products in _open_counts:
+        products.count += max(terms - 1, 0) * size
 
 
 class Workspace:
@@ -183,6 +216,7 @@ class ExponentialFlow:
             terms,
             end,
         )
+        _count(used, len(f))
         return end[self.pattern.rank], used, growth
 
     def _scale(self, step: float) -> float:
@@ -201,6 +235,7 @@ class ExponentialFlow:
             if terms is None or segment.generation != self.workspace.generation:
                 terms = self.workspace.terms
                 self._series(segment.start, trajectory.step, coefficients, terms)
+            _count(segment.count, len(mu))
             mu = series_kernels.chebyshev_backward(
                 self.pattern.indptr,
                 self.pattern.indices,
