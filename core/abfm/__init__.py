@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from abfm.mesh import TriangleMesh as TriangleMesh
     from abfm.mesh import load_mesh as load_mesh
     from abfm.parameters import Parameters as Parameters
+    from abfm.verification import Verification as Verification
+    from abfm.verification import verify as verify
 
 _MODULES = {
     "AbfmError": "errors",
@@ -38,11 +40,13 @@ _MODULES = {
     "Parameters": "parameters",
     "ResultError": "errors",
     "TriangleMesh": "mesh",
+    "Verification": "verification",
     "advect": "advection",
     "function": "functions",
     "load_match": "match_result",
     "load_mesh": "mesh",
     "match": "matching",  # so no submodule may be called match: its import would take the name
+    "verify": "verification",
 }
 
 if not TYPE_CHECKING:  # mypy would take every name for one of this package

@@ -16,7 +16,8 @@ from abfm.errors import FunctionError, ParameterError
 from abfm.exponential import AdvectionError, ExponentialFlow, Workspace
 from abfm.far_metric import FarMetric
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import function_norm_matrix, l2_norm, vertex_areas
+from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
+from abfm.operators import function_norm_matrix, vertex_areas
 from abfm.parameters import Parameters
 from abfm.regularizer import regularizer
 from abfm.vector_fields import to_ambient, to_frame
@@ -85,13 +86,8 @@ class MatchingEnergy:
             raise FunctionError(
                 f"source has {len(self.source)} and target {len(self.target)} channels; give as many of each"
             )
-        self.mask = None
-        if mask is not None:
-            of_vertices = np.asarray(mask)
-            if of_vertices.shape == (mesh.file_vertex_count,):
-                of_vertices = mesh.restrict(of_vertices)
-            self.mask = _weights(of_vertices, len(mesh.vertices), "mask")
-        self.weights = np.ones(len(self.source)) if weights is None else _weights(weights, len(self.source), "weights")
+        self.mask = vertex_mask(mesh, mask)
+        self.weights = channel_weights(weights, len(self.source))
         self.metric = function_norm_matrix(self.mesh, parameters.beta, self.mask)
         self.regularizer = regularizer(self.mesh, parameters.alpha, parameters.order)
         self.function_size = max(self._deviation(self.source), self._deviation(self.target)) or 1.0
@@ -189,25 +185,11 @@ class MatchingEnergy:
 
     def relative_mismatch(self, advected: FloatArray) -> float:
         """``||f_tau - g|| / ||g||`` in L2 over all channels (C, V), with mask and weights; ``||f||`` where g is 0."""
-        return self.relative_norm(advected - self.target)
+        return relative_mismatch(self.mesh, advected, self.target, self.source, self.mask, self.weights)
 
     def relative_norm(self, functions: FloatArray) -> float:
         """Norm of functions (C, V) over that of g, as `relative_mismatch` measures."""
-        root = np.sqrt(self.weights)
-
-        def norm(functions: FloatArray) -> float:
-            return l2_norm(self.mesh, (root[:, None] * functions).T, self.mask)
-
-        return norm(functions) / (norm(self.target) or norm(self.source) or 1.0)
-
-
-def _weights(values: ArrayLike, count: int, name: str) -> FloatArray:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != (count,):
-        raise ParameterError(f"{name} has shape {array.shape}; expected ({count},)")
-    if not np.isfinite(array).all() or (array < 0).any() or not array.any():
-        raise ParameterError(f"{name} must be finite, not negative, and not zero everywhere")
-    return array
+        return self.relative_mismatch(functions + self.target)
 
 
 def check_fields(velocity: ArrayLike, shape: tuple[int, int, int], name: str = "velocity") -> FloatArray:

@@ -21,6 +21,7 @@ from abfm.io import load_arrays, save_arrays
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 from abfm.parameters import Parameters
 from abfm.vector_fields import to_frame
+from abfm.verification import Verification, verify
 
 _ONE_AT_A_TIME = threading.Lock()  # all flows on a mesh work in the same memory
 
@@ -114,6 +115,20 @@ class Match:
         """Per-face distortion of the map that takes each vertex to where it is at time ``t`` (tau by default)."""
         time = self.parameters.tau if t is None else t
         return distortion(self.mesh, self.point_map(-time).positions)
+
+    def verify(self, subdivided: bool = True) -> Verification:
+        """Witnesses of whether the fields carry the source to the target, not only the scheme; see `abfm.verify`."""
+        return verify(
+            self.mesh,
+            self.source,
+            self.target,
+            self.velocity,
+            self.parameters.tau,
+            mask=self.mask,
+            weights=self.weights,
+            linearised=self.parameters.method == "linearised",
+            subdivided=subdivided,
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a result file (``.npz``, no pickles), whole or not at all.

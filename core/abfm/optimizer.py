@@ -103,12 +103,18 @@ class LBFGS(Generic[Point]):
         self.longest = longest
         self.tolerance = tolerance
 
-    def init(self, x: FloatArray) -> State[Point]:
-        """Evaluate at the first iterate."""
+    def init(self, x: FloatArray, before: State[Point] | None = None, steeper: float = 1.0) -> State[Point]:
+        """Evaluate at the first iterate.
+
+        What a search ``before`` has learned serves this one, whose energy bends about ``steeper`` times as much.
+        """
         point = self.evaluate(x)
         preconditioned = self._precondition(point.gradient)
         norm = float(np.sqrt(_inner(point.gradient, preconditioned)))
-        return State(x, point, preconditioned, (), 1.0, norm, norm)
+        if before is None:
+            return State(x, point, preconditioned, (), 1.0, norm, norm)
+        pairs = tuple((s, steeper * y, rho / steeper) for s, y, rho in before.pairs)
+        return State(x, point, preconditioned, pairs, before.scale / steeper, norm, norm, before.length)
 
     def step(self, state: State[Point]) -> State[Point]:
         """One iteration; where the search fails along the quasi-Newton direction, again without the memory."""

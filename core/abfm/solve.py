@@ -53,7 +53,9 @@ class Solver:
         self.evaluations = 0
         self._levels: list[Level] = [Level(energy, None)]
         self._planned = 0
-        self._level, self._state = 0, None  # type: tuple[int, Best | None]
+        self._level = 0
+        self._state: Best | None = None
+        self._before: Stage | None = None
 
     def run(self, start: ArrayLike | None) -> tuple[FloatArray, FloatArray, str]:
         """Fields (N, F, 2) on the mesh, the source carried by them (C, V), and why the solve stopped."""
@@ -123,7 +125,7 @@ class Solver:
         if target is None:
             self.schedule.append(stage)
         search = self._search(stage, target)
-        current = search.init(x)
+        current = self._begin(search, stage, x)
         if not self.history:
             self._check_start(current.point)
         if not self.history or stage.level != self._recorded_level:
@@ -144,6 +146,14 @@ class Solver:
                 energies.append(current.point.energy)
                 self._record(current, stage)
         return self._state.point.mismatch > STANDING * initial, ended or "iteration limit"
+
+    def _begin(self, search: LBFGS[Evaluation], stage: Stage, x: FloatArray) -> Best:
+        """The stage's first iterate; what the one before has learned of the energy is scaled with sigma."""
+        before = self._before
+        self._before = stage
+        if before is None or before.level != stage.level or before.reach != stage.reach:
+            return search.init(x)
+        return search.init(x, self._state, (before.sigma / stage.sigma) ** 2)
 
     def _balance(self, stage: Stage, x: FloatArray) -> tuple[bool, str]:
         """Move the target by a share of what the discrete advection lies away from the flow lines, again and again.

@@ -1,0 +1,218 @@
+"""Whether fields carry one function to another, by witnesses that know nothing of how they were found.
+
+A match is found with the exponential of ``D_v`` on the vertices of one mesh, and a search that may choose among all
+fields of that mesh also finds those that this scheme carries better than their flow does. So the flow itself is asked:
+
+- flow lines of the continuous field (`abfm.continuous_flow`) lead from each vertex back to where its value comes from.
+  They have no dispersion, and their error falls with the square of the edge length;
+- the continuous field on the midpoint subdivision of the mesh, with the exponential there. It shares the scheme's
+  dispersion, a quarter of it, but not the mesh.
+
+Where both agree the mismatch is that of the field, whatever the discrete one was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.advection import Flow
+from abfm.channels import channels
+from abfm.continuous_flow import flow_map
+from abfm.errors import FunctionError, MeshError
+from abfm.exponential import AdvectionError, Workspace
+from abfm.flow_lines import fields_in_a_row
+from abfm.flow_maps import pull_back
+from abfm.folds import folds
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh.subdivision import interpolated
+from abfm.mesh.subdivision import subdivided as subdivided_mesh
+from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
+from abfm.operators import face_frames
+from abfm.resolution import RESOLVED, resolution
+from abfm.smooth_flow import smooth_flow
+from abfm.vector_fields import to_frame
+
+SUBDIVIDED_LIMIT = 200_000
+"""Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""
+_APART, _TIMES = 0.05, 2.0  # witnesses that differ by more than both do not agree
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What independent witnesses say of fields that are to carry a source to a target; see `verify`.
+
+    Attributes
+    ----------
+    flow_lines : float
+        Relative mismatch ``||f o phi^-1 - g|| / ||g||`` in L2 (as `abfm.Match.mismatch`), with ``phi`` the flow of the
+        continuous fields to tau.
+    subdivided : float
+        The same by the matrix exponential of the continuous fields on the midpoint subdivision, with f and g
+        interpolated; inf where it overflows or would take very long, NaN where it was not asked.
+    folded : float
+        Share of the faces, by number, that the inverse flow folds: see `abfm.folds.folds`. The flow of a continuous
+        field tears nothing, so this is small even for rough fields.
+    overturned : float
+        Share of the faces whose three carried vertices alone look turned over: what the vertex-to-vertex map does.
+        Several percent where a smooth flow stretches much, tens of percent where the field is noise.
+    resolution : float
+        How many edges the narrow features of source and target span, mask or not (`abfm.resolution.resolution`).
+    """
+
+    flow_lines: float
+    subdivided: float
+    folded: float
+    overturned: float
+    resolution: float
+
+    @property
+    def mismatch(self) -> float:
+        """The verified mismatch: that by flow lines.
+
+        Of the two it has no dispersion and does not depend on the stability of a scheme, which a field with steep
+        places can lose on a finer mesh; where the fields are smooth both agree.
+        """
+        return self.flow_lines
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the two witnesses differ by more than a factor of 2 and more than 0.05.
+
+        Then the fields or the functions are too rough for this mesh: no number can be relied on.
+        """
+        least, most = sorted((self.flow_lines, self.subdivided))  # comparisons with NaN are False
+        return bool(most - least > _APART and most > _TIMES * least)
+
+    @property
+    def resolved(self) -> bool:
+        """Whether source and target are wide enough for advection on this mesh, see `abfm.resolution.RESOLVED`."""
+        return self.resolution >= RESOLVED
+
+    def report(self) -> str:
+        """The numbers in a line."""
+        parts = [f"verified mismatch {self.mismatch:.4f} by flow lines"]
+        if not np.isnan(self.subdivided):
+            parts.append(f"{self.subdivided:.4f} on the subdivided mesh")
+        parts.append(f"{100 * self.folded:.2g} % of the faces folded")
+        parts.append(f"functions {self.resolution:.1f} edges wide")
+        notes = ["the witnesses disagree"] * self.doubtful + ["too narrow for this mesh"] * (not self.resolved)
+        return ", ".join(parts) + "".join(f"; {note}" for note in notes)
+
+
+def verify(
+    mesh: TriangleMesh,
+    source: ArrayLike,
+    target: ArrayLike,
+    velocity: ArrayLike,
+    tau: float,
+    *,
+    mask: ArrayLike | None = None,
+    weights: ArrayLike | None = None,
+    linearised: bool = False,
+    subdivided: bool = True,
+    between: Callable[[], None] | None = None,
+) -> Verification:
+    """Ask independent witnesses whether fields carry a source to a target.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    source, target : (V,) or (V, C) arrays
+    velocity : (N, F, 3) or (F, 3) array
+        Tangent fields in a row, each for ``tau / N``, in the mesh's length unit per unit of time, such as
+        ``match.velocity``.
+    tau : float
+        End time.
+    mask : (V,) array, optional
+        Weight of the mismatch at each vertex, not negative.
+    weights : (C,) array, optional
+        Weight of each channel's mismatch, not negative.
+    linearised : bool
+        On the subdivided mesh take the linearised steps ``id - tau / N D_v`` instead of the exponentials.
+    subdivided : bool
+        Whether to ask on the subdivided mesh, which takes most of the time. Above `SUBDIVIDED_LIMIT` vertices it is
+        not asked.
+    between : callable, optional
+        Called again and again in this thread; what it raises ends the work.
+
+    Raises
+    ------
+    AbfmError
+        If an array or ``tau`` does not fit, or the fields lead over too many faces, see
+        `abfm.continuous_flow.flow_map`.
+    """
+    f, g = channels(mesh, source, "source"), channels(mesh, target, "target")
+    if len(f) != len(g):
+        raise FunctionError(f"source has {len(f)} and target {len(g)} channels; give as many of each")
+    of_vertices, of_channels = vertex_mask(mesh, mask), channel_weights(weights, len(f))
+    fields = np.stack(fields_in_a_row(mesh, velocity))
+    points = flow_map(mesh, fields, tau, backwards=True, between=between)
+    folded, overturned = folds(
+        mesh, lambda start: flow_map(mesh, fields, tau, backwards=True, start=start, between=between), points
+    )
+    on_fine = np.nan
+    if subdivided and len(mesh.vertices) <= SUBDIVIDED_LIMIT:
+        on_fine = _on_subdivided(mesh, f, g, fields, tau, of_vertices, of_channels, linearised, between)
+    used = of_channels > 0
+    return Verification(
+        flow_lines=relative_mismatch(mesh, pull_back(mesh, points, f.T).T, g, f, of_vertices, of_channels),
+        subdivided=on_fine,
+        folded=folded,
+        overturned=overturned,
+        resolution=resolution(mesh, np.concatenate([f[used], g[used]]).T),
+    )
+
+
+def _on_subdivided(
+    mesh: TriangleMesh,
+    f: FloatArray,
+    g: FloatArray,
+    fields: FloatArray,
+    tau: float,
+    mask: FloatArray | None,
+    weights: FloatArray,
+    linearised: bool,
+    between: Callable[[], None] | None,
+) -> float:
+    """The mismatch on the subdivided mesh, NaN where there is none because a face is too thin."""
+    try:
+        fine = subdivided_mesh(mesh)
+    except MeshError:
+        return np.nan
+    source, target = (np.ascontiguousarray(interpolated(mesh, h.T).T) for h in (f, g))
+    carried, workspace = source, Workspace(fine)
+    for field in fields:
+        coefficients = to_frame(fine, _on_children(mesh, fine, field))
+        try:
+            flow = Flow(fine, coefficients[None], tau / len(fields), linearised, workspace)
+            rows = []
+            for row in carried:
+                if between is not None:
+                    between()
+                rows.append(flow.forward(row)[-1].end)
+        except AdvectionError:
+            return np.inf
+        carried = np.stack(rows)
+        if not np.isfinite(carried).all():
+            return np.inf
+    with np.errstate(over="ignore"):
+        return relative_mismatch(fine, carried, target, source, _least(mesh, mask), weights)
+
+
+def _on_children(mesh: TriangleMesh, fine: TriangleMesh, field: FloatArray) -> FloatArray:
+    """The continuous field at the centres of the subdivided mesh's faces, (4 F, 3)."""
+    vectors = smooth_flow(mesh, field).vectors
+    centres = fine.vertices[fine.faces].mean(axis=1).reshape(-1, 4, 3) - mesh.vertices[mesh.faces[:, :1]]
+    places = np.einsum("fqx,fkx->fqk", centres, face_frames(mesh))
+    at_centres = vectors[:, None, 0] + np.einsum("fqj,fjk->fqk", places, vectors[:, 1:])
+    on_children: FloatArray = np.einsum("fqk,fkx->fqx", at_centres, face_frames(mesh)).reshape(-1, 3)
+    return on_children
+
+
+def _least(mesh: TriangleMesh, mask: FloatArray | None) -> FloatArray | None:
+    """The mask on the subdivided mesh: on an edge the least of its ends, so that what it hides nowhere matters."""
+    return None if mask is None else np.concatenate([mask, mask[mesh.edges].min(axis=1)])

@@ -1,0 +1,218 @@
+"""Witnesses of a match: they agree with what is known, fall with order two, and find what the scheme alone hides."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+import abfm
+from abfm import verification
+from abfm.advection import advect
+from abfm.errors import FunctionError, ParameterError
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.operators import l2_norm
+from abfm.verification import Verification, verify
+from tests.core.fields import bump, rotation_field, wavy_field
+from tests.core.verification import observed_orders
+from tests.shapes import disc, icosphere
+
+AXIS = np.array([0.3, -0.5, 0.8])
+
+
+def turned(mesh: TriangleMesh, axis: FloatArray, width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A bump, the same after a turn by a rotation vector (exact on a surface of revolution), and its field."""
+    place = np.array([0.8, 0.0, 0.6]) if mesh.is_closed else np.array([0.8, 0.0, 0.0])
+    place_after = Rotation.from_rotvec(axis).as_matrix() @ place
+    return bump(mesh, place, width), bump(mesh, place_after, width), rotation_field(mesh, axis)
+
+
+def noisy(mesh: TriangleMesh, field: FloatArray, size: float) -> FloatArray:
+    """The field with independent noise on each face."""
+    noise = np.random.default_rng(3).normal(size=field.shape)
+    return field + size * mesh.length_scale * noise
+
+
+def test_a_turning_sphere_is_verified_with_order_two() -> None:
+    found = []
+    for level in (3, 4, 5):
+        mesh = icosphere(level)
+        found.append(verify(mesh, *turned(mesh, AXIS, 0.12), 1.0))
+    for name in ("flow_lines", "subdivided"):
+        errors = [getattr(one, name) for one in found]
+        assert errors[-1] < 0.01
+        assert observed_orders([4, 2, 1], errors).min() > 1.8
+    assert all(one.folded == one.overturned == 0 and not one.doubtful for one in found)
+    assert [one.resolved for one in found] == [False, True, True]
+    assert_allclose(observed_orders([1, 2, 4], [one.resolution for one in found]), 1, rtol=0, atol=0.1)
+
+
+def test_a_turning_disc_is_verified_up_to_its_boundary() -> None:
+    errors = []
+    for n in (10, 20, 40):
+        mesh = disc(n)
+        one = verify(mesh, *turned(mesh, np.array([0, 0, 1.2]), 0.15), 1.0)
+        errors.append([one.flow_lines, one.subdivided])
+        assert one.folded == 0
+    assert max(errors[-1]) < 0.02
+    for column in np.transpose(errors):
+        assert observed_orders([4, 2, 1], column).min() > 1.4
+
+
+def test_what_only_the_scheme_carries_is_found_out() -> None:
+    """A target made with the scheme itself, so that the discrete mismatch is 0: all is in the field's roughness."""
+    mesh = icosphere(4)
+    f, _, field = turned(mesh, AXIS, 0.15)
+    smooth = verify(mesh, f, advect(mesh, field, f, 1.0), field, 1.0)
+    assert smooth.mismatch < 0.03
+    assert not smooth.doubtful
+    rough_field = noisy(mesh, field, 2.0)
+    rough = verify(mesh, f, advect(mesh, rough_field, f, 1.0), rough_field, 1.0)
+    assert min(rough.mismatch, rough.subdivided) > 5 * smooth.mismatch
+    assert rough.overturned > 0.02
+
+
+def test_rough_fields_turn_faces_over_more_than_they_fold_them() -> None:
+    """The flow of a continuous field tears nothing; what it shears inside a face is not folded as a whole."""
+    mesh = icosphere(3)
+    f, g, field = turned(mesh, AXIS, 0.2)
+    smooth, rough = (verify(mesh, f, g, v, 1.0, subdivided=False) for v in (field, noisy(mesh, field, 10.0)))
+    assert smooth.folded == smooth.overturned == 0
+    assert 0 < rough.folded < 0.1 * rough.overturned
+    assert rough.overturned > 0.2
+
+
+def test_the_field_that_does_nothing_leaves_the_distance() -> None:
+    mesh = icosphere(3)
+    f, g, field = turned(mesh, AXIS, 0.2)
+    one = verify(mesh, f, g, 0 * field, 1.0)
+    expected = l2_norm(mesh, f - g) / l2_norm(mesh, g)
+    assert_allclose(one.flow_lines, expected, rtol=1e-8)
+    assert_allclose(one.subdivided, expected, rtol=0.1)  # the same functions, in another quadrature
+
+
+@pytest.mark.parametrize("scale", [1e-4, 300.0])
+def test_units_do_not_matter(scale: float) -> None:
+    mesh = icosphere(3)
+    f, g, field = turned(mesh, AXIS, 0.2)
+    scaled = TriangleMesh(scale * mesh.vertices, mesh.faces)
+    one, other = verify(mesh, f, g, field, 1.0), verify(scaled, 7 * f, 7 * g, scale / 5 * field, 5.0)
+    assert_allclose(dataclasses.astuple(other), dataclasses.astuple(one), rtol=1e-6)
+
+
+def test_several_fields_and_channels() -> None:
+    """Two turns that do not commute; of two channels, one with no weight does not count."""
+    mesh = icosphere(4)
+    first, second = [np.pi / 2, 0, 0], [0, 0, np.pi / 2]
+    fields = np.stack([2 * rotation_field(mesh, first), 2 * rotation_field(mesh, second)])
+    place = np.array([0.8, 0.0, 0.6])
+    end = (Rotation.from_rotvec(second) * Rotation.from_rotvec(first)).as_matrix() @ place
+    f, g = bump(mesh, place, 0.2), bump(mesh, end, 0.2)
+    one = verify(mesh, f, g, fields, 1.0)
+    assert max(one.flow_lines, one.subdivided) < 0.05
+    jump = np.sign(mesh.vertices[:, 0])
+    both = verify(mesh, np.stack([f, jump], axis=1), np.stack([g, -jump], axis=1), fields, 1.0, weights=[2.0, 0.0])
+    assert_allclose(dataclasses.astuple(both), dataclasses.astuple(one), rtol=1e-9)
+
+
+def test_what_a_mask_hides_does_not_matter() -> None:
+    mesh = icosphere(4)
+    f, g, field = turned(mesh, AXIS, 0.2)
+    mask = (mesh.vertices[:, 2] > -0.5).astype(float)
+    hidden = np.where(mask > 0, g, 1e3)
+    whole, masked = verify(mesh, f, g, field, 1.0), verify(mesh, f, hidden, field, 1.0, mask=mask)
+    assert_allclose([masked.flow_lines, masked.subdivided], [whole.flow_lines, whole.subdivided], rtol=0.05)
+    assert verify(mesh, f, hidden, field, 1.0).mismatch > 0.5
+
+
+def test_linearised_steps_are_those_of_the_subdivided_mesh() -> None:
+    """Many short ones are as good as the exponential, few long ones are not; flow lines do not care."""
+    mesh = icosphere(3)
+    f, g, field = turned(mesh, 0.3 * AXIS, 0.2)
+    exact = verify(mesh, f, g, field, 1.0)
+    many, few = (verify(mesh, f, g, np.stack([field] * n), 1.0, linearised=True) for n in (60, 1))
+    assert_allclose(many.subdivided, exact.subdivided, rtol=0, atol=0.03)
+    assert few.subdivided > 3 * exact.subdivided
+    assert_allclose([many.flow_lines, few.flow_lines], exact.flow_lines, rtol=0.02)
+
+
+def test_a_scheme_that_overflows_is_infinitely_far_and_doubtful() -> None:
+    mesh = icosphere(3)
+    f, g, field = turned(mesh, AXIS, 0.2)
+    one = verify(mesh, 1e140 * f, 1e140 * g, np.stack([30 * noisy(mesh, field, 1.0)] * 40), 1.0, linearised=True)
+    assert one.subdivided == np.inf
+    assert one.doubtful
+
+
+def test_a_match_verifies_itself() -> None:
+    mesh = icosphere(3)
+    f, g, _ = turned(mesh, 0.5 * AXIS, 0.25)
+    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=30, segments=2))
+    one = match.verify()
+    assert isinstance(one, abfm.Verification)
+    assert one == abfm.verify(mesh, f, g, match.velocity, match.parameters.tau)
+    assert abs(one.mismatch - match.mismatch) < 0.1
+    assert np.isnan(match.verify(subdivided=False).subdivided)
+
+
+def test_the_subdivided_mesh_is_asked_only_where_wanted_and_possible(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = icosphere(2)
+    given = (mesh, *turned(mesh, AXIS, 0.3), 1.0)
+    one = verify(*given, subdivided=False)
+    assert np.isnan(one.subdivided)
+    assert not one.doubtful
+    monkeypatch.setattr(verification, "SUBDIVIDED_LIMIT", len(mesh.vertices) - 1)
+    assert np.isnan(verify(*given).subdivided)
+
+
+@pytest.mark.parametrize(
+    ("flow_lines", "subdivided", "doubtful"),
+    [
+        (0.01, 0.05, False),  # far below what anyone sees
+        (0.10, 0.19, False),
+        (0.10, 0.21, True),
+        (0.30, 0.10, True),
+        (0.50, 0.40, False),
+        (0.02, np.inf, True),
+        (0.02, np.nan, False),
+    ],
+)
+def test_witnesses_that_disagree_are_doubtful(flow_lines: float, subdivided: float, doubtful: bool) -> None:
+    one = Verification(flow_lines, subdivided, 0.0, 0.0, 10.0)
+    assert one.doubtful == doubtful
+    assert one.mismatch == flow_lines
+    assert ("disagree" in one.report()) == doubtful
+    assert ("subdivided" in one.report()) == (not np.isnan(subdivided))
+
+
+def test_the_report_says_what_is_too_narrow() -> None:
+    assert Verification(0.1, 0.1, 0.012, 0.05, 3.0).report() == (
+        "verified mismatch 0.1000 by flow lines, 0.1000 on the subdivided mesh, 1.2 % of the faces folded, "
+        "functions 3.0 edges wide; too narrow for this mesh"
+    )
+
+
+def test_the_same_input_gives_the_same_bits() -> None:
+    mesh = icosphere(3)
+    f, g, _ = turned(mesh, AXIS, 0.2)
+    field = wavy_field(mesh, 2)
+    once, again = (dataclasses.astuple(verify(mesh, f, g, field, 1.0)) for _ in range(2))
+    assert_array_equal(once, again)
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    mesh = icosphere(1)
+    f, g, field = turned(mesh, AXIS, 0.3)
+    with pytest.raises(FunctionError, match="source has 1 and target 2 channels"):
+        verify(mesh, f, np.stack([g, g], axis=1), field, 1.0)
+    with pytest.raises(ParameterError, match="mask has shape"):
+        verify(mesh, f, g, field, 1.0, mask=g[1:])
+    with pytest.raises(ParameterError, match="weights has shape"):
+        verify(mesh, f, g, field, 1.0, weights=[1.0, 2.0])
+    with pytest.raises(ParameterError, match="velocity has shape"):
+        verify(mesh, f, g, field[1:], 1.0)
+    with pytest.raises(ParameterError, match="tau is"):
+        verify(mesh, f, g, field, -1.0)
