@@ -24,7 +24,15 @@ from abfm.vector_fields import (
 from tests.shapes import icosphere
 
 PARAMETERS = Parameters(
-    **PAPER, tau=1.5, alpha=0.3, beta=0.01, sigma=0.1, gradient="bracket", substeps=4, quadrature=3, preconditioner="none"
+    **PAPER,
+    tau=1.5,
+    alpha=0.3,
+    beta=0.01,
+    sigma=0.1,
+    gradient="bracket",
+    substeps=4,
+    quadrature=3,
+    preconditioner="none",
 )
 
 

@@ -87,8 +87,8 @@ TABLE_1 = {
 NOTE = (
     "Table 1 of the paper: tau, alpha, beta, sigma, N and n as printed. The paper's meshes keep their own size, those "
     "here are scaled to unit area, so alpha, beta and sigma weigh differently. A starred sigma is the first of three "
-    "cooling stages here, each 10 times smaller. The energy and the course of its minimisation are the paper's: order 1, "
-    "sigma absolute, no reach, one mesh, no flow lines. Iterations, gradient and optimiser stay as they are."
+    "cooling stages here, each 10 times smaller. Order, reach, levels and balance are such that the energy is the "
+    "paper's; iterations, gradient and optimiser stay as they are."
 )
 """What is taken over from the table, and what is not."""
 
