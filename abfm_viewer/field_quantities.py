@@ -14,12 +14,14 @@ from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm_viewer.background import Latest
 from abfm_viewer.colormaps import ColorRange
 from abfm_viewer.document import EXTRAPOLATION, HODGE_PARTS, FieldPart, Point
+from abfm_viewer.map_quantities import flow_distortion, flow_quality
 from abfm_viewer.related_fields import carried_gradient, commuting
 from abfm_viewer.transport import FlowState, Same
 
 if TYPE_CHECKING:
     from abfm.flow_lines import FlowLine
     from abfm.flow_maps import Distortion
+    from abfm.map_quality import MapQuality
     from abfm.texels import FloatImage
     from abfm.texture_atlas import TextureAtlas
     from abfm_viewer.session import Session
@@ -99,6 +101,7 @@ class FieldQuantities:
         self._field: Latest[Field] = Latest("field")
         self._scalar: Latest[FloatArray] = Latest("field values")
         self._distortion: Latest[Distortion] = Latest("distortion")
+        self._quality: Latest[tuple[TriangleMesh, MapQuality]] = Latest("map's quality")
         self._streaks: Latest[Streaks] = Latest("streaks")
         self._texture: Latest[Texture] = Latest("coloured streaks")
         self._lines: Latest[list[FlowLine]] = Latest("flow lines")
@@ -107,6 +110,7 @@ class FieldQuantities:
             self._field,
             self._scalar,
             self._distortion,
+            self._quality,
             self._streaks,
             self._texture,
             self._lines,
@@ -164,10 +168,19 @@ class FieldQuantities:
         flow, time = session.shown.flow, session.shown.time
         if flow is None:
             return None
-        found = self._distortion.ask((flow, time), partial(_distortion, flow, time))
+        found = self._distortion.ask((flow, time), partial(flow_distortion, flow, time))
         stale = self._distortion.value
         fits = stale is not None and len(stale.area) == len(session.mesh.faces)
         return found or (stale if fits else None)
+
+    def map_quality(self, session: Session) -> MapQuality | None:
+        """Whether what is shown of the flow as a map can be trusted: where values came from, or where faces go."""
+        flow, time = session.shown.flow, session.shown.time
+        if flow is None:
+            return None
+        time = -time if session.view.coloring in ("area distortion", "conformal distortion") else time
+        found = self._quality.ask((flow, time), partial(flow_quality, flow, time)) or self._quality.value
+        return found[1] if found is not None and found[0] is session.mesh else None
 
     def texture(self, session: Session, values: FloatArray, colors: ColorRange) -> Texture | None:
         """Streaks along the field, coloured by a function (V,), lately by an earlier one; None before there are any."""
@@ -252,13 +265,6 @@ def _scalar(field: Field, kind: str) -> FloatArray:
 
     operator = divergence(field.mesh) if kind == "divergence" else curl(field.mesh)
     return np.asarray(operator @ to_frame(field.mesh, field.velocity).ravel())
-
-
-def _distortion(flow: FlowState, time: float) -> Distortion:
-    from abfm.flow_maps import distortion, project_onto_surface
-
-    carried = flow.carry(flow.mesh.vertices, np.array([-time]))[0]
-    return distortion(flow.mesh, project_onto_surface(flow.mesh, carried).positions)
 
 
 def _streaks(field: Field, fade: bool, moving: bool) -> Streaks:

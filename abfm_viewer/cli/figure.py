@@ -28,7 +28,8 @@ SUMMARY = "a figure of the paper, computed, measured and drawn"
 DESCRIPTION = """\
 Compute a figure of the paper, or all of them, anew: figure-N.png is drawn in the paper's arrangement (blue frames for
 the source, red for the target, black for the result), figure-N.json holds what was measured, with the bounds that it
-keeps or not and whether the paper's claims reproduce. `all` also writes index.html, a page with everything.
+keeps or not, whether the paper's claims reproduce, and what colours do not show. `all` also writes index.html, a page
+with everything.
 
 The meshes are bundled or generated; --mesh computes the figure on another one. All figures take a few minutes.
 
@@ -98,6 +99,7 @@ def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespa
     """Run an experiment; when all are wanted, one that a mesh does not allow is told on the page."""
     from abfm.experiments import experiment_of
     from abfm_viewer.figures.page import Entry
+    from abfm_viewer.figures.ranges import captions
 
     of = experiment_of(number)
     try:
@@ -113,7 +115,7 @@ def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespa
         if arguments.figure != "all":
             raise
         return Entry(number, of.title, of.claim, problem=f"Not on this mesh: {error}")
-    return Entry(number, of.title, of.claim, findings.setting, findings.measures, picture, problem)
+    return Entry(number, of.title, of.claim, findings.setting, findings.measures, picture, problem, captions(sheet))
 
 
 def _drawn(sheet: Sheet) -> tuple[Image.Image | None, str]:
@@ -148,6 +150,7 @@ def _described(entry: Entry) -> dict[str, Any]:
         "claim": entry.claim,
         "setting": entry.setting,
         "problem": entry.problem,
+        "notes": list(entry.notes),
         "measures": [measure.to_dict() for measure in entry.measures],
     }
 
@@ -158,6 +161,8 @@ def _print(entry: Entry) -> None:
         bound = "" if measure.bound is None else f"  (at most {measure.bound:g}: {_word(measure.passes)})"
         claim = "" if measure.reproduces is None else f"  [{_word(measure.reproduces)}: {measure.claim}]"
         print(f"  {measure.value:10.4g}  {measure.name}{bound}{claim}")
+    for note in entry.notes:
+        print(f"note: figure {entry.number}: {note}", file=sys.stderr)
     if entry.problem:
         print(f"note: figure {entry.number}: {entry.problem}", file=sys.stderr)
     sys.stdout.flush()

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from abfm import FunctionError, Match, ParameterError, load_match
-from abfm.flow_maps import map_vertices_to_nearest
+from abfm.flow_maps import SurfacePoints, map_vertices_to_nearest
 from abfm.functions.permuted import vertex_map
 from abfm.functions.values_file import read_table
 from abfm.io import write_atomically
 from abfm.map_accuracy import BOUNDS, MapAccuracy, map_accuracy
+from abfm.map_quality import MapQuality, map_quality
 from abfm_viewer import outputs
 from abfm_viewer.exit_status import UsageError
 
@@ -24,7 +26,8 @@ if TYPE_CHECKING:
 SUMMARY = "the map that a result's flow makes: as a file, against a known one, for textures"
 DESCRIPTION = """\
 Write the map of a result's flow: for every vertex the vertex where its value came from. Such a file works in functions,
-permuted:map.txt(coordinate:x), and as a --truth.
+permuted:map.txt(coordinate:x), and as a --truth. How far the map leaves the surface, and which share of the faces it
+folds, is always told, with a warning on stderr where it is too much to trust the map.
 
 Examples:
   abfm map match.npz --out map.txt
@@ -70,18 +73,23 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check(arguments.out, _TABLES)
     match = load_match(arguments.input)
     time = match.parameters.tau if arguments.time is None else arguments.time
-    said: dict[str, Any] = {"time": time}
+    points = match.point_map(time)
+    quality = map_quality(match.mesh, points)
+    said: dict[str, Any] = {"time": time, "quality": _quality(quality)}
     if arguments.truth:
-        said["accuracy"] = _described(_measured(match, time, arguments.truth))
+        said["accuracy"] = _described(_measured(match, points, arguments.truth))
     if arguments.functional_map is not None:
         _write(arguments.out, match.functional_map(arguments.functional_map, time))
     elif arguments.carry:
         _write(arguments.out, _carried(match, arguments.carry, time))
     elif arguments.out:
-        _write(arguments.out, _as_in_file(match, time))
+        _write(arguments.out, _as_in_file(match, points))
+    if quality.warning:
+        print(f"warning: {quality.warning}", file=sys.stderr)
     if arguments.json:
         print(json.dumps({**said, "output": str(arguments.out) if arguments.out else None}))
         return 0
+    print(quality.report())
     if arguments.truth:
         print(said["accuracy"]["report"])
     if arguments.out:
@@ -106,17 +114,27 @@ def _carried(match: Match, path: str, time: float) -> NDArray[Any]:
     return whole
 
 
-def _as_in_file(match: Match, time: float) -> NDArray[Any]:
+def _as_in_file(match: Match, points: SurfacePoints) -> NDArray[Any]:
     """The nearest vertices, counted as the mesh file does; -1 for vertices that no face uses."""
     whole = np.full(match.mesh.file_vertex_count, -1)
-    nearest = map_vertices_to_nearest(match.mesh, match.point_map(time))
+    nearest = map_vertices_to_nearest(match.mesh, points)
     whole[match.mesh.vertex_ids] = match.mesh.vertex_ids[nearest]
     return whole
 
 
-def _measured(match: Match, time: float, truth: str) -> MapAccuracy:
+def _measured(match: Match, points: SurfacePoints, truth: str) -> MapAccuracy:
     known = None if truth == "identity" else vertex_map(match.mesh, truth)
-    return map_accuracy(match.mesh, match.point_map(time), known)
+    return map_accuracy(match.mesh, points, known)
+
+
+def _quality(quality: MapQuality) -> dict[str, Any]:
+    return {
+        "off_surface": quality.largest_distance,
+        "off_surface_rms": quality.rms_distance,
+        "folded": quality.folded,
+        "warning": quality.warning,
+        "report": quality.report(),
+    }
 
 
 def _described(accuracy: MapAccuracy) -> dict[str, Any]:

@@ -41,6 +41,8 @@ class Entry:
     picture : Image or None
     problem : str
         Why there is no figure; empty if there is one.
+    notes : sequence of str
+        What must be said with the picture: the captions of its sheet.
     """
 
     number: int
@@ -50,6 +52,7 @@ class Entry:
     measures: Sequence[Measure] = ()
     picture: Image.Image | None = None
     problem: str = ""
+    notes: Sequence[str] = ()
 
 
 def page(entries: Sequence[Entry]) -> str:
@@ -76,6 +79,7 @@ def _section(entry: Entry) -> str:
         parts.append(f'<p class="muted"><b>Here:</b> {escape(entry.setting)}</p>')
     if entry.problem:
         parts.append(f'<p class="bad">{escape(entry.problem)}</p>')
+    parts += [f'<p class="bad">{escape(note)}</p>' for note in entry.notes]
     if entry.picture is not None:
         alt = escape(f"Figure {entry.number}: {entry.title}")
         parts.append(f'<figure><img alt="{alt}" src="data:image/png;base64,{_png(entry.picture)}"></figure>')

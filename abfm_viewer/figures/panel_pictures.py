@@ -12,8 +12,9 @@ from abfm.mesh import FloatArray, TriangleMesh
 from abfm_viewer import marks, viewport
 from abfm_viewer.camera import Camera, View, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
-from abfm_viewer.colormaps import ColorRange, color_range, place_colors
+from abfm_viewer.colormaps import ColorRange, place_colors
 from abfm_viewer.drawing_units import drawing_units
+from abfm_viewer.figures.ranges import panels
 from abfm_viewer.opengl import ps
 from abfm_viewer.streak_texture import streak_texture
 from abfm_viewer.surface_quantities import register, show_checker, show_colors, show_texture, show_values
@@ -26,27 +27,6 @@ _ARROW_LENGTH, _ARROW_DENSITY = 0.12, 0.3
 _POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
 _TEXELS = 2048
 _HALF = 0.5  # side of a checkerboard's field in its unit
-
-
-def panels(sheet: Sheet) -> list[Panel]:
-    """All panels of a sheet, row by row."""
-    return [cell for row in sheet.rows for cell in row if isinstance(cell, Panel)]
-
-
-def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
-    """The range of each colour bar, by its title, in the order in which they are first used.
-
-    It is that of the sources and targets, where there are some: what overshoots them has the colour of the bar's end.
-    """
-    every: dict[str, list[FloatArray]] = {}
-    ends: dict[str, list[FloatArray]] = {}
-    for panel in panels(sheet):
-        paint = panel.paint
-        if isinstance(paint, Values | Streaks) and paint.values is not None:
-            every.setdefault(paint.bar, []).append(paint.values)
-            if panel.frame in ("source", "target"):
-                ends.setdefault(paint.bar, []).append(paint.values)
-    return {bar: color_range(*ends.get(bar, functions)) for bar, functions in every.items()}
 
 
 def cameras(sheet: Sheet) -> dict[TriangleMesh, Camera]:

@@ -17,6 +17,8 @@ from abfm.experiments.sheet import Plot
 
 CURVE_COLORS = ("#111111", "#2455c3", "#c62828", "#1b7a43", "#b26a00", "#6b3fa0")
 _FAINT = "#8a909c"
+_STYLES: tuple[str | tuple[int, tuple[int, ...]], ...] = ("--", ":", "-.", (0, (8, 3)), (0, (5, 2, 1, 2, 1, 2)))
+"""Of faint curves, which have one colour."""
 _DPI = 100
 
 
@@ -30,7 +32,7 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
     figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
     points = text * 72 / _DPI
     axes = figure.add_subplot()
-    colors, styles = cycle(CURVE_COLORS), cycle(("--", ":", "-."))
+    colors, styles = cycle(CURVE_COLORS), cycle(_STYLES)
     for curve in plot.curves:
         axes.plot(
             curve.x,

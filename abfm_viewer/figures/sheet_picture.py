@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -10,9 +11,10 @@ from PIL import Image, ImageDraw
 from abfm.experiments.sheet import Frame, Panel, Plot, Sheet
 from abfm_viewer.abbreviation import cut
 from abfm_viewer.colormaps import ColorRange, table
-from abfm_viewer.figures.layout import BARS, GAP, LABEL, Layout, Place, laid_out
-from abfm_viewer.figures.panel_pictures import cameras, color_ranges, panel_pictures, panels
+from abfm_viewer.figures.layout import BARS, GAP, LABEL, MARGIN, Layout, Place, laid_out
+from abfm_viewer.figures.panel_pictures import cameras, panel_pictures
 from abfm_viewer.figures.plot_pictures import font, plot_picture
+from abfm_viewer.figures.ranges import captions, color_ranges, panels
 from abfm_viewer.sheet import ticks
 
 _FRAMES: dict[Frame, tuple[str, int]] = {
@@ -25,6 +27,7 @@ _FRAMES: dict[Frame, tuple[str, int]] = {
 """Colour and width in pixels of each frame."""
 _INK = "#1d222b"
 _TEXT, _SMALL, _SMALLEST = 24, 20, 13
+_LINE = 28
 _BAR_WIDTH, _BAR_HEIGHT, _BAR_GAP = 380, 20, 90
 
 
@@ -44,7 +47,9 @@ def sheet_picture(sheet: Sheet) -> Image.Image:
         for row in sheet.rows
     ]
     layout = laid_out(aspects, bool(ranges))
-    picture = Image.new("RGB", (layout.width, layout.height), "white")
+    lines = wrapped(captions(sheet), layout.width - 2 * MARGIN)
+    room = _LINE * len(lines) + MARGIN // 2 if lines else 0
+    picture = Image.new("RGB", (layout.width, layout.height + room), "white")
     draw = ImageDraw.Draw(picture)
     cells = [
         (cell, place)
@@ -63,7 +68,24 @@ def sheet_picture(sheet: Sheet) -> Image.Image:
             _draw_frame(draw, cell.frame, place)
         _write_label(draw, cell, place)
     _draw_bars(draw, layout, ranges)
+    for number, line in enumerate(lines):
+        draw.text((MARGIN, layout.height + _LINE * (number + 0.5)), line, fill=_INK, font=font(_SMALL), anchor="lm")
     return picture
+
+
+def wrapped(texts: Sequence[str], width: float) -> list[str]:
+    """Texts broken into lines of a width in pixels at most, as a sheet's captions are written; a long word stays."""
+    lines = []
+    for text in texts:
+        line = ""
+        for word in text.split():
+            longer = f"{line} {word}".strip()
+            if line and font(_SMALL).getlength(longer) > width:
+                lines.append(line)
+                longer = word
+            line = longer
+        lines.append(line)
+    return lines
 
 
 def _draw_frame(draw: ImageDraw.ImageDraw, frame: Frame, place: Place) -> None:

@@ -34,11 +34,16 @@ def draw(ui: Ui, session: Session) -> None:
         found = quantities.distortion(session)
         if found is not None:
             area, angle = np.median(found.area), np.median(found.conformal)
+            most = np.percentile(found.conformal, 95, method="nearest")  # between infinite ones there is nothing
             ui.note(
                 f"Area's factor: median {area:.3f}, 5 to 95% {np.percentile(found.area, 5):.3f} to "
                 f"{np.percentile(found.area, 95):.3f}. Stretches' ratio: median {angle:.3f}, 95% below "
-                f"{np.percentile(found.conformal, 95):.3f}. Flipped faces: {int(found.flipped.sum())}."
+                f"{most:.3f}. Flipped faces: {int(found.flipped.sum())}."
             )
+    if view.coloring != "function" and view.coloring in _COLORINGS:
+        quality = quantities.map_quality(session)
+        if quality is not None and quality.warning:
+            ui.note(f"Warning: {quality.warning}.", "error")
     follow = ui.checkbox(
         "follow clicked points", view.tool == "follow a point", "A click on a surface marks a point, which then moves."
     )

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.derivative_pattern import derivative_pattern
-from abfm.exponential import AdvectionError, ExponentialFlow, Segment, Trajectory, Workspace
+from abfm.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Segment, Trajectory, Workspace
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.vector_fields import to_frame
 
@@ -14,7 +16,7 @@ from abfm.vector_fields import to_frame
 class LinearizedFlow:
     """``id - t D_v`` of one field: the first two terms of the exponential (Eq. 5)."""
 
-    def __init__(self, mesh: TriangleMesh, v: FloatArray, workspace: Workspace) -> None:
+    def __init__(self, mesh: TriangleMesh, v: FloatArray) -> None:
         self.pattern = derivative_pattern(mesh)
         self.values = self.pattern.values(v)
 
@@ -55,6 +57,8 @@ class Flow:
         ``id - t D_v`` per field instead of ``exp(-t D_v)``.
     workspace : Workspace, optional
         Memory of an earlier flow on the same mesh to use again.
+    tolerance : float
+        Truncation of the exponentials, relative to the function's largest value.
     """
 
     def __init__(
@@ -64,10 +68,15 @@ class Flow:
         tau: float,
         linearized: bool = False,
         workspace: Workspace | None = None,
+        tolerance: float = TOLERANCE,
     ) -> None:
         self.workspace = Workspace(mesh) if workspace is None else workspace
-        kind = LinearizedFlow if linearized else ExponentialFlow
-        self.parts = [kind(mesh, np.ascontiguousarray(v), self.workspace) for v in fields]
+        fields = np.ascontiguousarray(fields)
+        self.parts: Sequence[LinearizedFlow | ExponentialFlow] = (
+            [LinearizedFlow(mesh, v) for v in fields]
+            if linearized
+            else [ExponentialFlow(mesh, v, self.workspace, tolerance) for v in fields]
+        )
         self.step = tau / len(fields)
 
     def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:

@@ -113,6 +113,23 @@ def perron_bound(indptr: IndexArray, indices: IndexArray, values: FloatArray, ro
 
 
 @kernel
+def bessel_coefficients(x: float, count: int) -> FloatArray:
+    """``J_0(x), 2 J_1(x), 2 J_2(x), ...`` by Miller's recurrence; ``count`` is so large that the last one vanishes."""
+    out: FloatArray = np.zeros(count)
+    if x == 0.0:
+        out[0] = 1.0
+        return out
+    out[-1] = 1e-300
+    for k in range(count - 1, 0, -1):
+        out[k - 1] = 2 * k / x * out[k] - (out[k + 1] if k + 1 < count else 0.0)
+        if abs(out[k - 1]) > 1e150:
+            out[k - 1 :] *= 1e-150
+    out[1:] *= 2.0
+    out /= out[::2].sum()
+    return out
+
+
+@kernel
 def _forward_rows(
     indptr: IndexArray,
     indices: IndexArray,

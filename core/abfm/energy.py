@@ -13,7 +13,7 @@ from abfm.advection import Flow
 from abfm.bracket import BracketGradient
 from abfm.channels import channels
 from abfm.errors import FunctionError, ParameterError
-from abfm.exponential import AdvectionError, ExponentialFlow, Workspace
+from abfm.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Workspace
 from abfm.far_metric import FarMetric
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
@@ -101,21 +101,28 @@ class MatchingEnergy:
         result = self.evaluate(to_frame(self.mesh, check_fields(velocity, self.shape)), self.parameters.sigma)
         return result.energy, to_ambient(self.mesh, result.gradient)
 
-    def flow(self, fields: FloatArray) -> Flow:
+    def flow(self, fields: FloatArray, tolerance: float = TOLERANCE) -> Flow:
         """The flow of frame coefficients (N, F, 2)."""
-        return Flow(self.mesh, fields, self.parameters.tau, self.parameters.method == "linearised", self._workspace)
+        linearised = self.parameters.method == "linearised"
+        return Flow(self.mesh, fields, self.parameters.tau, linearised, self._workspace, tolerance)
 
     def evaluate(
-        self, fields: FloatArray, sigma: float, reach: float = 0.0, target: FloatArray | None = None
+        self,
+        fields: FloatArray,
+        sigma: float,
+        reach: float = 0.0,
+        target: FloatArray | None = None,
+        tolerance: float = TOLERANCE,
     ) -> Evaluation:
         """Energy and gradient at frame coefficients (N, F, 2), with ``sigma`` in place of the parameters'.
 
-        With a ``reach`` the mismatch is measured by a `FarMetric`; a ``target`` (C, V) takes the place of g.
+        With a ``reach`` the mismatch is measured by a `FarMetric`; a ``target`` (C, V) takes the place of g;
+        ``tolerance`` truncates the advection, and the gradient is that of the truncated sum.
         """
         momentum = self.step * np.stack([self.regularizer.apply(v) for v in fields])
         regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(fields).ravel())
         try:
-            mismatch, gradient, advected = self._mismatch(fields, sigma, reach, target)
+            mismatch, gradient, advected = self._mismatch(fields, sigma, reach, target, tolerance)
         except AdvectionError:
             mismatch, gradient, advected = np.inf, np.full(self.shape, np.nan), np.full_like(self.source, np.nan)
         return Evaluation(regularity + mismatch, regularity, mismatch, momentum + gradient, advected)
@@ -137,9 +144,9 @@ class MatchingEnergy:
         return float(np.sqrt(self.weights @ ((functions - means[:, None]) ** 2 @ areas)))
 
     def _mismatch(
-        self, fields: FloatArray, sigma: float, reach: float, target: FloatArray | None
+        self, fields: FloatArray, sigma: float, reach: float, target: FloatArray | None, tolerance: float
     ) -> tuple[float, FloatArray, FloatArray]:
-        flow = self.flow(fields)
+        flow = self.flow(fields, tolerance)
         measure = self.far_metric(reach) if reach else partial(kernels.product, self.metric)
         target = self.target if target is None else target
         gradient = np.zeros(self.shape)

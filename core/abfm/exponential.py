@@ -20,7 +20,7 @@ from abfm.errors import AbfmError
 from abfm.mesh import FloatArray, TriangleMesh
 
 TOLERANCE = 1e-10
-"""Truncation of the series, relative to ``max |f|``, per segment."""
+"""Truncation of the series where nothing else is asked for."""
 _GROWTH_LIMIT = 1e5  # terms this much larger than the function lose five digits: split the time instead
 _PRODUCT_LIMIT = 1e6
 _SHORTEST = 2.0  # products per segment below which splitting cannot help
@@ -54,10 +54,7 @@ class Workspace:
 
 def _bessel_coefficients(x: float) -> FloatArray:
     """``c_k J_k(x)`` up to far below rounding, with room for terms that grow."""
-    orders = np.arange(int(x + 14 * np.cbrt(x)) + 40)
-    coefficients = 2 * jv(orders, x)
-    coefficients[0] /= 2
-    return np.asarray(coefficients)
+    return derivative_kernels.bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 40)
 
 
 @dataclass
@@ -87,17 +84,20 @@ class ExponentialFlow:
     v : (F, 2) array
         Frame coefficients of the field, in the mesh's units.
     workspace : Workspace
+    tolerance : float
+        Where the series is truncated, relative to ``max |f|``, per segment.
     """
 
-    def __init__(self, mesh: TriangleMesh, v: FloatArray, workspace: Workspace) -> None:
+    def __init__(self, mesh: TriangleMesh, v: FloatArray, workspace: Workspace, tolerance: float = TOLERANCE) -> None:
         self.pattern = derivative_pattern(mesh)
         self.workspace = workspace
+        self.tolerance = tolerance
         self.values = self.pattern.values(v)
         bound = derivative_kernels.perron_bound(self.pattern.indptr, self.pattern.indices, self.values, 4)
         if not np.isfinite(bound):
             raise AdvectionError("the field has values that are not finite: give one finite vector per face")
         # Rounded up to a grid, so that the scheme, and with it the exactness of its derivative, is locally constant.
-        self.rho = float(2.0 ** (np.ceil(16 * np.log2(max(bound, _SLOWEST))) / 16))
+        self.rho = float(2.0 ** (np.ceil(64 * np.log2(max(bound, _SLOWEST))) / 64))
 
     def transposed(self) -> ExponentialFlow:
         """The action of ``exp(-t D_v^T)``."""
@@ -156,7 +156,7 @@ class ExponentialFlow:
             f[self.pattern.order],
             coefficients,
             int(np.ceil(x)),
-            TOLERANCE,
+            self.tolerance,
             terms,
             end,
         )

@@ -148,7 +148,7 @@ def map_vertices_to_nearest(mesh: TriangleMesh, points: SurfacePoints) -> IntArr
     return np.take_along_axis(corners, squared.argmin(axis=1)[:, None], axis=1)[:, 0]
 
 
-def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike) -> Distortion:
+def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMesh | None = None) -> Distortion:
     """Measure the distortion of the map that is linear on faces and takes each vertex to its mapped position.
 
     The Jacobian of a face, ``J = sum_i x_i (grad phi_i)^T`` with ``x_i`` the mapped corners, has the singular values
@@ -160,7 +160,10 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike) -> Distortion:
     Parameters
     ----------
     mapped_positions : (V, 3) array
-        Where the map takes each vertex, in the mesh's units; for a flow map the ``positions`` of its `SurfacePoints`.
+        Where the map takes each vertex, in the units of ``onto``; for a flow map the ``positions`` of its
+        `SurfacePoints`.
+    onto : TriangleMesh, optional
+        The surface that the map leads to, by default the mesh itself.
 
     Raises
     ------
@@ -171,7 +174,8 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike) -> Distortion:
     if len(mapped) != len(mesh.vertices):
         raise AbfmError(f"{len(mapped)} mapped positions for {len(mesh.vertices)} vertices: give one row per vertex")
     corners = mapped[mesh.faces]
-    landed = project_onto_surface(mesh, corners.mean(axis=1))
+    other = mesh if onto is None else onto
+    landed = project_onto_surface(other, corners.mean(axis=1))
     jacobian = np.einsum("fcx,fck->fxk", corners - corners[:, :1], hat_gradients(mesh))
     first, second = jacobian[..., 0], jacobian[..., 1]
     normal = np.cross(first, second)
@@ -180,7 +184,7 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike) -> Distortion:
     largest = np.sqrt(0.5 * (a + c + np.hypot(a - c, 2 * b)))
     smallest = np.minimum(np.divide(area, largest, out=np.zeros_like(area), where=largest > 0), largest)
     conformal = np.divide(largest, smallest, out=np.full_like(area, np.inf), where=smallest > 0)
-    flipped = (normal * face_normals(mesh)[landed.faces]).sum(axis=1) < 0
+    flipped = (normal * face_normals(other)[landed.faces]).sum(axis=1) < 0
     return Distortion(np.stack([largest, smallest], axis=1), area, conformal, flipped)
 
 

@@ -18,6 +18,7 @@ from abfm.operators import face_normals
 
 _PARTS = 8  # along each side
 _MOST = 2048  # faces that are looked at: of more, so many evenly chosen ones stand for all
+_FEWER = 256  # of them where only some faces are asked at all
 _INSIDE = 1e-6  # of the way to the centre, so that no point lies on two faces
 _FLAT = 1e-12  # of its size before: a part that has less area now has collapsed, not turned over
 
@@ -44,6 +45,33 @@ def folds(
     share = len(overturned) / len(mesh.faces)
     looked_at = overturned[np.linspace(0, len(overturned) - 1, min(len(overturned), _MOST)).astype(np.int64)]
     return share * float((turned_parts(mesh, carried, looked_at) > 0.5).mean()), share
+
+
+def folds_among(
+    mesh: TriangleMesh,
+    carried: Callable[[SurfacePoints], SurfacePoints],
+    faces: IntArray,
+    corners: FloatArray,
+    landed: IntArray,
+) -> float:
+    """The first of `folds`' shares, estimated from some faces (S,) alone.
+
+    Parameters
+    ----------
+    carried : callable
+        The map: points of the surface to points of the surface.
+    faces : (S,) array of int
+    corners : (S, 3, 3) array
+        Where the map takes their vertices.
+    landed : (S, 3) array of int
+        Faces in which these places are.
+    """
+    normals = face_normals(mesh)[landed].mean(axis=1)
+    overturned = faces[(_area_vectors(corners) * normals).sum(axis=1) < 0]
+    if not len(overturned):
+        return 0.0
+    looked_at = overturned[np.linspace(0, len(overturned) - 1, min(len(overturned), _FEWER)).astype(np.int64)]
+    return len(overturned) / len(faces) * float((turned_parts(mesh, carried, looked_at) > 0.5).mean())
 
 
 def turned_parts(mesh: TriangleMesh, carried: Callable[[SurfacePoints], SurfacePoints], faces: IntArray) -> FloatArray:

@@ -83,10 +83,13 @@ def carry(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike
 
 
 def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> SurfacePoints:
-    """Point map of a functional map: the nearest neighbour in the spectral embedding of the source [OBC*12, 6.1].
+    """Point map of a functional map: where the delta functions of the source's vertices arrive [OBC*12, 6.1].
 
-    Vertex i of the target, embedded as row i of ``Phi_target C``, goes to the vertex of the source whose row of
-    ``Phi_source`` is nearest. Nothing makes that map continuous.
+    The delta function at a vertex of the source has its row of ``Phi_source`` as coefficients, and ``C`` makes of it
+    that row of ``Phi_source C^T``. Each vertex of the target goes to the vertex of the source whose carried delta
+    function is nearest to its own, a row of ``Phi_target``. Looking up rows of ``Phi_target C`` among those of
+    ``Phi_source`` instead would carry the target's delta functions back by the adjoint of ``C``, which is its inverse
+    only where ``C`` is orthogonal. Nothing makes that map continuous.
 
     Parameters
     ----------
@@ -96,15 +99,24 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Surfa
     -------
     SurfacePoints
         A vertex of the source for every vertex of the target.
+
+    Raises
+    ------
+    ParameterError
+        If ``C`` is not a finite matrix.
+    FunctionError
+        If there are not so many eigenfunctions.
     """
     matrix = _check(C)
-    places = eigenbasis(source.normalized(), matrix.shape[1])[1]
-    asked = eigenbasis(target.normalized(), matrix.shape[0])[1] @ matrix
-    return vertex_points(source, np.asarray(cKDTree(places).query(asked)[1], dtype=np.int64))
+    arrived = eigenbasis(source.normalized(), matrix.shape[1])[1] @ matrix.T
+    asked = eigenbasis(target.normalized(), matrix.shape[0])[1]
+    return vertex_points(source, np.asarray(cKDTree(arrived).query(asked)[1], dtype=np.int64))
 
 
 def zoom_out(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, k: int, step: int = 1) -> FloatArray:
     """Refine a functional map to k eigenfunctions, (k, k), by going to points and back with ever more [MRR*19].
+
+    The way to points is `point_map`: by the adjoint, errors of the start stay.
 
     Parameters
     ----------

@@ -6,6 +6,7 @@ import json
 import os
 import threading
 from dataclasses import dataclass
+from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,7 @@ from abfm.io import load_arrays, save_arrays
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 from abfm.parameters import Parameters
 from abfm.vector_fields import to_frame
+from abfm.verdict import MATCHED, Kind, Verdict
 from abfm.verification import Verification, verify
 
 _ONE_AT_A_TIME = threading.Lock()  # all flows on a mesh work in the same memory
@@ -44,8 +46,15 @@ class Match:
         Cooling stage of each row.
     mismatch : float
         ``||f_tau - g|| / ||g||`` in L2 on the surface.
+    verified_mismatch : float
+        The same with the source carried along flow lines of the fields made continuous (see `abfm.verify`), on large
+        meshes estimated from some of the vertices; NaN if unknown.
+    folded : float
+        Share of the faces, 0 to 1, that this flow folds (`abfm.verification.Verification.folded`); NaN if unknown.
     stop_reason : str
-        "converged", "iteration limit", "line search failed" or "cancelled".
+        "converged", "iteration limit" or "cancelled"; "impossible" or "not reached" where the verdict says so.
+    verdict : Verdict
+        What the match came to, why, and what to try.
     mask : (V,) array or None
     weights : (C,) array
     channels_given : bool
@@ -61,7 +70,10 @@ class Match:
     energy_history: FloatArray
     stages: IntArray
     mismatch: float
+    verified_mismatch: float
+    folded: float
     stop_reason: str
+    verdict: Verdict
     mask: FloatArray | None
     weights: FloatArray
     channels_given: bool
@@ -154,9 +166,12 @@ class Match:
                 "stages": self.stages,
                 "mismatch": self.mismatch,
                 "stop_reason": self.stop_reason,
+                "verdict": [self.verdict.kind, self.verdict.reason, self.verdict.advice],
                 "weights": self.weights,
                 "channels_given": self.channels_given,
                 **({} if self.mask is None else {"mask": self.mask}),
+                **({"verified_mismatch": self.verified_mismatch} if np.isfinite(self.verified_mismatch) else {}),
+                **({"folded": self.folded} if np.isfinite(self.folded) else {}),
             },
         )
 
@@ -192,6 +207,16 @@ def _workspace(mesh: TriangleMesh) -> Workspace:
     return Workspace(mesh)
 
 
+def _verdict(path: str | os.PathLike[str], arrays: dict[str, Any]) -> Verdict:
+    """The verdict of a result file; those written before there were any say why the solve stopped."""
+    if "verdict" not in arrays:
+        return Verdict("matched" if arrays["mismatch"] <= MATCHED else "not reached", str(arrays["stop_reason"]), "")
+    kind, reason, advice = (str(text) for text in arrays["verdict"])
+    if kind not in get_args(Kind):
+        raise ResultError(f"{path}: the verdict is {kind[:40]!r}; expected one of {', '.join(get_args(Kind))}")
+    return Verdict(cast(Kind, kind), reason, advice)
+
+
 def load_match(path: str | os.PathLike[str]) -> Match:
     """Read a result file that `Match.save` wrote.
 
@@ -220,7 +245,10 @@ def load_match(path: str | os.PathLike[str]) -> Match:
         energy_history=arrays["energy_history"],
         stages=arrays["stages"],
         mismatch=float(arrays["mismatch"]),
+        verified_mismatch=float(arrays.get("verified_mismatch", np.nan)),
+        folded=float(arrays.get("folded", np.nan)),
         stop_reason=str(arrays["stop_reason"]),
+        verdict=_verdict(path, arrays),
         mask=arrays.get("mask"),
         weights=arrays["weights"],
         channels_given=bool(arrays["channels_given"]),

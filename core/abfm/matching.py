@@ -7,15 +7,18 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.control import Control
+from abfm.control import CancelledError, Control
 from abfm.energy import MatchingEnergy
 from abfm.errors import ParameterError
 from abfm.iteration import Iteration
 from abfm.match_result import Match
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.solvability import Problem
 from abfm.solve import Solver
 from abfm.vector_fields import to_ambient
+from abfm.verdict import Outcome, advice
+from abfm.verification import look
 
 __all__ = ["Control", "Iteration", "match"]
 
@@ -66,8 +69,32 @@ def match(
     if not isinstance(parameters, Parameters | None):
         raise ParameterError(f"parameters is {parameters!r}; expected abfm.Parameters(...)")
     energy = MatchingEnergy(mesh, f, g, parameters or Parameters(), mask, weights)
-    solver = Solver(energy, on_iteration, control or Control())
+    control = control or Control()
+    solver = Solver(energy, on_iteration, control)
     fields, advected, reason = solver.run(start)
+    mismatch = energy.relative_mismatch(advected)
+    try:
+        verified, folded = look(
+            energy.mesh,
+            energy.source,
+            energy.target,
+            to_ambient(energy.mesh, fields),
+            energy.parameters.tau,
+            energy.mask,
+            energy.weights,
+            control.wait if reason != "cancelled" else None,
+        )
+    except (ParameterError, CancelledError):  # too fast for walks, or no time for them
+        verified, folded = np.nan, np.nan
+    last = np.array(solver.stage_of) == solver.stage_of[-1]
+    energies = np.array(solver.history)[last, 0]
+    verdict = advice(
+        Problem(energy.mesh, energy.source, energy.target, energy.mask, energy.weights),
+        Outcome(advected, mismatch, reason, verified, folded, energies=energies),
+        energy.parameters,
+    )
+    if reason != "cancelled" and verdict.kind in ("impossible", "not reached"):
+        reason = verdict.kind
     return Match(
         mesh=mesh,
         source=energy.source.T.copy(),
@@ -77,8 +104,11 @@ def match(
         advected=advected.T.copy(),
         energy_history=np.array(solver.history),
         stages=np.array(solver.stage_of),
-        mismatch=energy.relative_mismatch(advected),
-        stop_reason=reason,
+        mismatch=mismatch,
+        verified_mismatch=verified,
+        folded=folded,
+        stop_reason="converged" if reason == "line search failed" else reason,
+        verdict=verdict,
         mask=energy.mask,
         weights=energy.weights,
         channels_given=np.ndim(f) == 2,

@@ -20,6 +20,7 @@ from abfm.optimizer import LBFGS, State
 from abfm.schedule import STANDING, Stage, stages
 from abfm.vector_fields import to_ambient, to_frame
 
+_TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradient is exact for any
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
 _ROUND, _ROUNDS = 8, 4  # iterations between two looks at the flow lines, and how many looks
 _GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
@@ -228,7 +229,7 @@ class Solver:
             if self.evaluations:
                 self.control.wait()
             self.evaluations += 1
-            return energy.evaluate(x, stage.sigma, stage.reach, target)
+            return energy.evaluate(x, stage.sigma, stage.reach, target, _TOLERANCE)
 
         def inverse(gradient: FloatArray) -> FloatArray:
             return np.stack([energy.regularizer.inverse(momentum) for momentum in gradient]) / energy.step

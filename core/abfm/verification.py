@@ -25,8 +25,8 @@ from abfm.continuous_flow import flow_map
 from abfm.errors import FunctionError, MeshError
 from abfm.exponential import AdvectionError, Workspace
 from abfm.flow_lines import fields_in_a_row
-from abfm.flow_maps import pull_back
-from abfm.folds import folds
+from abfm.flow_maps import SurfacePoints, pull_back, vertex_points
+from abfm.folds import folds, folds_among
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mesh.subdivision import interpolated
 from abfm.mesh.subdivision import subdivided as subdivided_mesh
@@ -38,6 +38,8 @@ from abfm.vector_fields import to_frame
 
 SUBDIVIDED_LIMIT = 200_000
 """Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""
+FEW = 20_000
+"""Vertices that `look` asks at most."""
 _APART, _TIMES = 0.05, 2.0  # witnesses that differ by more than both do not agree
 
 
@@ -165,6 +167,45 @@ def verify(
         overturned=overturned,
         resolution=resolution(mesh, np.concatenate([f[used], g[used]]).T),
     )
+
+
+def look(
+    mesh: TriangleMesh,
+    source: FloatArray,
+    target: FloatArray,
+    velocity: FloatArray,
+    tau: float,
+    mask: FloatArray | None,
+    weights: FloatArray,
+    between: Callable[[], None] | None = None,
+) -> tuple[float, float]:
+    """`Verification.flow_lines` and `Verification.folded`, for arrays that are known to fit, in less time.
+
+    On meshes of more than `FEW` vertices so many, those of evenly chosen faces, stand for all.
+
+    Parameters
+    ----------
+    source, target : (C, V) arrays
+    velocity : (N, F, 3) array
+    mask : (V,) array or None
+    weights : (C,) array
+    """
+
+    def carried(start: SurfacePoints) -> SurfacePoints:
+        return flow_map(mesh, velocity, tau, backwards=True, start=start, between=between)
+
+    count = len(mesh.vertices)
+    faces = np.arange(len(mesh.faces))
+    if count > FEW:
+        faces = np.linspace(0, len(mesh.faces) - 1, FEW // 2).astype(np.int64)
+    asked, corners = np.unique(mesh.faces[faces], return_inverse=True)
+    points = carried(vertex_points(mesh, asked))
+    rows = corners.reshape(-1, 3)
+    folded = folds_among(mesh, carried, faces, points.positions[rows], points.faces[rows])
+    weight = np.bincount(asked, minlength=count) * (1.0 if mask is None else mask)  # nothing where nobody asked
+    found = np.zeros_like(source)
+    found[:, asked] = pull_back(mesh, points, source.T).T
+    return relative_mismatch(mesh, found, target, source, weight, weights), folded
 
 
 def _on_subdivided(

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from scipy import sparse
 from scipy.sparse.linalg import expm_multiply
+from scipy.special import jv
 
 import abfm
 from abfm.advection import Flow, advect
+from abfm.derivative_kernels import bessel_coefficients
+from abfm.derivative_pattern import derivative_pattern
 from abfm.exponential import AdvectionError
 from abfm.operators import l2_norm, vertex_areas
 from abfm.vector_fields import directional_derivative, to_frame
@@ -199,8 +202,6 @@ def test_overflow_is_an_error_and_not_an_array():
 def test_the_pattern_is_that_of_the_operator():
     mesh = MESHES["boundary"]
     v = to_frame(mesh, wavy_field(mesh, 0))
-    from abfm.derivative_pattern import derivative_pattern
-
     pattern = derivative_pattern(mesh)
     starts = 7 * pattern.indptr.astype(int)
     values = pattern.values(v)
@@ -210,3 +211,41 @@ def test_the_pattern_is_that_of_the_operator():
     ):
         built = sparse.csr_array((entries.ravel(), pattern.indices.ravel(), starts))
         assert abs(built[pattern.rank][:, pattern.rank] - expected).max() < 1e-12
+
+
+@pytest.mark.parametrize("x", [0.0, 1e-100, 1e-5, 3.0, 80.0, 1000.0])
+def test_bessel_coefficients_are_those_of_scipy(x):
+    coefficients = bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 40)
+    expected = 2 * jv(np.arange(len(coefficients)), x)
+    expected[0] /= 2
+    np.testing.assert_allclose(coefficients, expected, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8])
+def test_tolerance_bounds_the_truncation(tolerance):
+    mesh = MESHES["closed"].normalized()
+    v, f = to_frame(mesh, wavy_field(mesh, 1))[None], bump(mesh, mesh.vertices[5], 0.2)
+    exact, rough = (Flow(mesh, v, 1.0, tolerance=each).forward(f)[-1] for each in (1e-14, tolerance))
+    assert rough.segments[0].count < exact.segments[0].count
+    assert np.abs(rough.end - exact.end).max() <= tolerance * np.abs(f).max()
+
+
+def test_several_terms_in_one_sweep_are_the_same_terms(monkeypatch):
+    """Blocks of rows, as large meshes have them, against one block."""
+    mesh = torus(60, 30)
+    v, f = wavy_field(mesh, 1), bump(mesh, mesh.vertices[5], 0.2)
+    mu = np.random.default_rng(0).normal(size=len(mesh.vertices))
+    results = []
+    for least in (10**9, 0):
+        monkeypatch.setattr("abfm.derivative_pattern._BLOCKED", least)
+        fresh = abfm.TriangleMesh(mesh.vertices, mesh.faces)
+        flow = Flow(fresh, to_frame(fresh, v)[None], 0.7, tolerance=1e-13)
+        gradient = np.zeros((1, len(mesh.faces), 2))
+        trajectories = flow.forward(f, keep=True)
+        flow.backward(trajectories, mu, gradient)
+        results.append((trajectories[0].segments[0].count, trajectories[0].end, gradient))
+    one, blocks = results
+    assert len(derivative_pattern(fresh).bounds) > 4
+    assert 0 <= blocks[0] - one[0] < 4
+    np.testing.assert_allclose(blocks[1], one[1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(blocks[2], one[2], rtol=0, atol=1e-9 * np.abs(one[2]).max())

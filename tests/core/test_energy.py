@@ -43,6 +43,21 @@ def test_adjoint_gradient_is_exact(name, method, segments, substeps, extras):
     assert taylor_order(energy, fields(mesh, segments), 0.02 * direction, 1.0) >= 1.9
 
 
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-7])
+def test_gradient_is_that_of_the_truncated_sum(tolerance):
+    """Small steps, so that the number of terms stays."""
+    mesh = MESHES["closed"]
+    energy = abfm.MatchingEnergy(mesh, *problem(mesh, 2), abfm.Parameters(**PLAIN))
+    v = to_frame(energy.mesh, fields(mesh, 1)[0])[None]
+    direction = 1e-3 * np.random.default_rng(1).normal(size=v.shape)
+
+    def evaluate(x):
+        result = energy.evaluate(x, 0.1, tolerance)
+        return result.energy, result.gradient
+
+    assert taylor_order(evaluate, v, direction, 1.0) >= 1.9
+
+
 @pytest.mark.parametrize("segments", [1, 3])
 def test_gradient_at_rest_is_exact(segments):
     """At v = 0 the series has no scale of its own."""

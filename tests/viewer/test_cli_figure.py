@@ -38,6 +38,7 @@ def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, capsys):
     described = json.loads((out / "figure-7.json").read_text())
     assert described["figure"] == 7
     assert described["title"] == TITLES[7]
+    assert described["notes"] == []
     for measure in described["measures"]:
         assert set(measure) == {"name", "value", "bound", "pass", "claim", "reproduces"}
         if measure["bound"] is not None:
@@ -47,6 +48,20 @@ def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, capsys):
     assert said.out.startswith(f"figure 7: {TITLES[7]}\n")
     assert "mismatch" in said.out
     assert said.err.startswith("figure 7: ")
+
+
+def test_what_the_sheet_says_stands_in_every_output(small, tmp_path, capsys, monkeypatch):
+    made = abfm.experiments.experiment_of
+
+    def noted(setup, report):
+        found = made(7).run(setup, report)
+        return replace(found, sheet=replace(found.sheet, notes=("no map",)))
+
+    monkeypatch.setattr(abfm.experiments, "experiment_of", lambda figure: replace(made(figure), run=noted))
+    assert main(["figure", "all", "--out", str(tmp_path), "--quiet"]) == 0
+    assert "no map" in json.loads((tmp_path / "figure-7.json").read_text())["notes"]
+    assert "no map" in (tmp_path / "index.html").read_text()
+    assert "note: figure 7: no map\n" in capsys.readouterr().err
 
 
 def test_all_figures_make_a_page_and_json_tells_everything(small, tmp_path, capsys):

@@ -10,7 +10,9 @@ import trimesh
 
 from abfm import Parameters, TriangleMesh, function, load_match
 from abfm.experiments.experiment import Setup
+from abfm.experiments.given_fields import tangent
 from abfm.functions import eigenbasis
+from abfm.map_quality import map_quality
 from abfm_viewer.cli import main
 from tests.shapes import ellipsoid, icosphere
 
@@ -37,7 +39,10 @@ def turned(tmp_path_factory):
 def test_the_map_is_half_a_turn_and_works_in_functions(turned, tmp_path, capsys):
     for name in ("map.txt", "map.npy", "map.csv"):
         assert main(["map", str(turned), "--out", str(tmp_path / name)]) == 0
-        assert capsys.readouterr().out == f"wrote {tmp_path / name}\n"
+        said = capsys.readouterr()
+        assert said.out.startswith("off the surface: largest 0.0")
+        assert said.out.endswith(f"0.0 % of the faces\nwrote {tmp_path / name}\n")
+        assert said.err == ""
     mesh = load_match(turned).mesh
     found = np.load(tmp_path / "map.npy")
     assert np.abs(mesh.vertices[found] - mesh.vertices * [-1, -1, 1]).max() < 0.1
@@ -54,9 +59,56 @@ def test_errors_against_a_known_map_are_told(turned, tmp_path, capsys):
     assert right["mean"] < 0.03
     assert right["vertices"] == len(mesh.vertices)
     assert main(["map", str(turned), "--truth", "identity"]) == 0
-    assert capsys.readouterr().out.startswith("geodesic error: mean 0.")
+    assert "\ngeodesic error: mean 0." in capsys.readouterr().out
     assert main(["map", str(turned), "--truth", "identity", "--time", "0", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["accuracy"]["maximum"] < 1e-6
+
+
+@pytest.fixture(scope="module")
+def wild(tmp_path_factory):
+    """The result of a field without any smoothness, whose discrete flow is no map."""
+    mesh = icosphere(2)
+    velocity = np.random.default_rng(0).normal(size=(1, len(mesh.faces), 3))
+    setup = Setup(
+        mesh=mesh,
+        name="",
+        sources=("coordinate:x",),
+        targets=("coordinate:x",),
+        parameters=Parameters(tau=0.5),
+        velocity=tangent(mesh, velocity[0])[None],
+    )
+    path = tmp_path_factory.mktemp("map") / "wild.npz"
+    setup.given.save(path)
+    return path
+
+
+@pytest.mark.parametrize("what", [[], ["--functional-map", "5"], ["--carry"]])
+def test_what_is_no_map_is_told_and_warned_of_in_one_line(wild, what, tmp_path, capsys):
+    match = load_match(wild)
+    np.save(tmp_path / "uv.npy", match.mesh.vertices)
+    what = [*what, str(tmp_path / "uv.npy")] if what == ["--carry"] else what
+    assert main(["map", str(wild), "--out", str(tmp_path / "out.npy"), *what]) == 0
+    said = capsys.readouterr()
+    quality = map_quality(match.mesh, match.point_map())
+    assert quality.warning
+    assert said.err == f"warning: {quality.warning}\n"
+    assert said.out == f"{quality.report()}\nwrote {tmp_path / 'out.npy'}\n"
+
+
+def test_json_has_the_quality_of_the_map_that_is_asked_for(wild, turned, tmp_path, capsys):
+    for path, time in ((wild, 0.5), (wild, -0.5), (wild, 0.0), (turned, 1.0)):
+        words = ["--time", str(time), "--out", str(tmp_path / "map.txt"), "--json"]
+        assert main(["map", str(path), *words]) == 0
+        said = capsys.readouterr()
+        told = json.loads(said.out)["quality"]
+        match = load_match(path)
+        quality = map_quality(match.mesh, match.point_map(time))
+        assert told["off_surface"] == quality.largest_distance
+        assert told["off_surface_rms"] == quality.rms_distance
+        assert told["folded"] == quality.folded
+        assert told["warning"] == quality.warning
+        assert said.err == (f"warning: {quality.warning}\n" if quality.warning else "")
+        assert (quality.warning is None) == (path is turned or time == 0)
 
 
 def test_texture_coordinates_are_carried_and_brought_back(turned, tmp_path):

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from abfm.assets import asset_path
 from abfm.experiments import symmetry_flow
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, affordable_iterations
+from abfm.experiments.map_measures import all_measures, notes, of_flow
 from abfm.experiments.meshes import bundled, two_armed
 from abfm.experiments.sheet import Coordinates, Panel, Sheet
 from abfm.experiments.symmetry_flow import SymmetrySetup
 from abfm.experiments.table_1 import TABLE_1
 from abfm.functions.vertex_map_file import read_vertex_map
+from abfm.map_quality import MapQuality
 from abfm.match_result import Match
 from abfm.mesh import TriangleMesh
 from abfm.symmetry import detect_symmetry
@@ -47,6 +49,7 @@ def run(setup: Figure9, report: Report) -> Findings:
     found = symmetry_flow.solve(setup, report, "matching", (0.0, 0.3))
     rows = [symmetry_flow.function_row(found), symmetry_flow.map_row(found, setup.marks)]
     measures = list(symmetry_flow.measures(found, symmetry))
+    maps = of_flow(found, "the map", symmetry_flow.MEASURED)
     if symmetry.kind == "rotation":
         one = symmetry_flow.solve(
             setup, report, "one function", (0.35, 0.5), (symmetry_flow.bump(mesh, setup.marks[0]),)
@@ -61,11 +64,13 @@ def run(setup: Figure9, report: Report) -> Findings:
             Measure("map error without cooling, mean", float(symmetry_flow.map_error(hot, symmetry).mean())),
         ]
     if setup.mirror is not None:
-        row, more = _mirror(setup.mirror, report)
+        row, more, its_maps = _mirror(setup.mirror, report)
         rows.append(row)
         measures += more
+        maps |= its_maps
     setting = f"{symmetry_flow.setting(setup)} Printed parameters, but sigma is cooled to {p.sigma:g} in three stages."
-    return Findings(tuple(measures), Sheet(tuple(rows), seen=symmetry_flow.seen(setup)), setting)
+    sheet = Sheet(tuple(rows), seen=symmetry_flow.seen(setup), notes=notes(maps))
+    return Findings((*measures, *all_measures(maps)), sheet, setting)
 
 
 def _of_one_function(one: Match, setup: SymmetrySetup) -> list[Measure]:
@@ -75,7 +80,7 @@ def _of_one_function(one: Match, setup: SymmetrySetup) -> list[Measure]:
     ]
 
 
-def _mirror(setup: SymmetrySetup, report: Report) -> tuple[tuple[Panel, ...], list[Measure]]:
+def _mirror(setup: SymmetrySetup, report: Report) -> tuple[tuple[Panel, ...], list[Measure], dict[str, MapQuality]]:
     """The human: its function is matched; as a map the mirror is out of reach, whatever the functions."""
     mesh, symmetry = setup.mesh, setup.symmetry
     found = symmetry_flow.solve(setup, report, "mirror", (0.75, 0.85))
@@ -86,7 +91,7 @@ def _mirror(setup: SymmetrySetup, report: Report) -> tuple[tuple[Panel, ...], li
         Panel(mesh, Coordinates(mesh.vertices[symmetry.vertex_map]), "the mirror as a map", "target"),
         Panel(mesh, Coordinates(all_places.advected), "matched: not reached", "result"),
     )
-    return row, [
+    measures = [
         Measure(
             "mirror: vertices where the detected map is not the file's", float((from_file != symmetry.vertex_map).sum())
         ),
@@ -98,6 +103,7 @@ def _mirror(setup: SymmetrySetup, report: Report) -> tuple[tuple[Panel, ...], li
             float(symmetry_flow.map_error(all_places, symmetry).mean()),
         ),
     ]
+    return row, measures, of_flow(all_places, "mirror, three coordinates, the map")
 
 
 EXPERIMENT = Experiment(

@@ -6,6 +6,7 @@ import numpy as np
 
 from abfm.experiments import symmetry_flow
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, affordable_iterations
+from abfm.experiments.map_measures import all_measures, notes, of_flow
 from abfm.experiments.meshes import stepped_slab
 from abfm.experiments.sheet import Sheet
 from abfm.experiments.symmetry_flow import SymmetrySetup
@@ -25,10 +26,11 @@ def run(setup: SymmetrySetup, report: Report) -> Findings:
     """Match, and look at the map."""
     found = symmetry_flow.solve(setup, report, "matching", (0.0, 0.9))
     rows = (symmetry_flow.function_row(found), symmetry_flow.map_row(found, setup.marks))
+    maps = of_flow(found, "the map", symmetry_flow.MEASURED)
     creases = Measure("edges with an angle of more than 45 degrees, share", _crease_share(setup.mesh))
     return Findings(
-        (*symmetry_flow.measures(found, setup.symmetry), creases),
-        Sheet(rows, up="z", seen=symmetry_flow.seen(setup)),
+        (*symmetry_flow.measures(found, setup.symmetry), creases, *all_measures(maps)),
+        Sheet(rows, up="z", seen=symmetry_flow.seen(setup), notes=notes(maps)),
         symmetry_flow.setting(setup),
     )
 

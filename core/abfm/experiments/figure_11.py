@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
+from abfm.experiments.map_measures import all_measures, notes, of_flow
 from abfm.experiments.pair import MATCHED, PairSetup, coordinates, matched, pair, share_left
 from abfm.experiments.sheet import Panel, Sheet, Values
 from abfm.mesh import TriangleMesh
@@ -19,6 +20,7 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> PairSetup:
 def run(setup: PairSetup, report: Report) -> Findings:
     """Match both at once, and see what is left at every vertex."""
     found = matched(setup, [0, 1], lambda share: report("matching two functions", share))
+    flow = of_flow(found, "the flow on B")
     weights = vertex_areas(setup.mesh.normalized())
     before, after = (np.abs(setup.target - f).sum(axis=1) for f in (setup.source, found.advected))
     left = share_left(float(weights @ after), float(weights @ before))
@@ -31,6 +33,7 @@ def run(setup: PairSetup, report: Report) -> Findings:
         Measure("largest pointwise sum of errors before, sqrt(area)", float(before.max())),
         Measure("largest pointwise sum of errors after, sqrt(area)", float(after.max())),
         Measure("mismatch", found.mismatch),
+        *all_measures(flow),
     )
     panels = (
         Panel(setup.other, setup.checker(coordinates(setup.other)[:, setup.axes]), "coordinates"),
@@ -39,7 +42,7 @@ def run(setup: PairSetup, report: Report) -> Findings:
         Panel(setup.mesh, setup.checker(found.advected), "matched", "result"),
         Panel(setup.mesh, Values(after, "sum of errors, √area"), "what is left"),
     )
-    return Findings(measures, Sheet((panels,), seen=(before,), one_view=True), setup.setting)
+    return Findings(measures, Sheet((panels,), seen=(before,), one_view=True, notes=notes(flow)), setup.setting)
 
 
 EXPERIMENT = Experiment(

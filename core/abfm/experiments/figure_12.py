@@ -5,11 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
-from abfm.experiments.map_comparison import compare
+from abfm.experiments.map_comparison import ONE, REDUCED, THREE, compare
+from abfm.experiments.map_measures import all_measures, notes
 from abfm.experiments.pair import MATCHED, PairSetup, coordinates, pair, share_left
+from abfm.experiments.read_outs import START, TARGETS
 from abfm.experiments.sheet import Panel, Sheet
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.operators import l2_norm
+
+QUALITIES = (START, TARGETS, ONE, THREE, REDUCED)
+"""The maps that the pictures show, of which it is said how much they leave the surface and fold it."""
 
 
 def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> PairSetup:
@@ -31,6 +36,7 @@ def run(setup: PairSetup, report: Report) -> Findings:
     three = left(found.three.advected, slice(3))
     reduced = left(found.reduced_functions, slice(3))
     claim = "the target functions are matched"
+    qualities = {name: found.qualities[name] for name in QUALITIES}
     measures = (
         Measure("1 function: mismatch", found.one.mismatch),
         Measure("1 function: share of the start's mismatch that is left", one, None, claim, one <= MATCHED),
@@ -41,6 +47,7 @@ def run(setup: PairSetup, report: Report) -> Findings:
             "reduced basis: share of the functional map's mismatch left",
             share_left(found.reduced.mismatch, found.reduced.start_mismatch),
         ),
+        *all_measures(qualities),
     )
     shown = list(setup.longest[:2])
     panels = (
@@ -52,7 +59,8 @@ def run(setup: PairSetup, report: Report) -> Findings:
         Panel(setup.mesh, setup.checker(found.reduced_functions[:, shown]), "reduced basis"),
     )
     wrong = np.abs(source - target).sum(axis=1)
-    return Findings(measures, Sheet((panels,), seen=(wrong,), one_view=True), f"{setup.setting}. {found.setting}")
+    sheet = Sheet((panels,), seen=(wrong,), one_view=True, notes=notes(qualities))
+    return Findings(measures, sheet, f"{setup.setting}. {found.setting}")
 
 
 EXPERIMENT = Experiment(

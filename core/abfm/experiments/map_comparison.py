@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 from abfm.advection import advect
 from abfm.baselines.reduced_basis import ReducedMatch, reduced_match
 from abfm.experiments.experiment import Report
 from abfm.experiments.pair import PairSetup, closest, followed, matched
+from abfm.experiments.read_outs import (
+    CUT_OFF,
+    LINES,
+    NEIGHBOURS,
+    ZOOM_OUT,
+    by_flow,
+    closest_cut_off,
+    cut_off,
+    without_flow,
+)
+from abfm.flow_maps import SurfacePoints, pull_back
 from abfm.functional_maps import functional_map, point_map
 from abfm.map_accuracy import MapAccuracy, map_accuracy
+from abfm.map_quality import MapQuality, map_quality
 from abfm.match_result import Match
 from abfm.mesh import FloatArray
 
+ONE, THREE, REDUCED = "1 function", "3 functions", "reduced basis"
+BOTH = "3 functions, both cut off"
+AGAIN = "ZoomOut, then 3 functions, both cut off"
 _FIELDS, _SIGMA = 50, 0.1
-_MEASURED = 1500
+_ALL_UP_TO, _MEASURED = 1500, 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +47,9 @@ class Comparison:
     reduced_functions : (V, 3) array
         The three coordinates, carried by the flow of the reduced basis' field.
     accuracies : dict of name to MapAccuracy
-        Of the maps and of what they are compared with.
+        Of the maps, and of those that need no flow (see `abfm.experiments.read_outs`).
+    qualities : dict of name to MapQuality
+        Of the same maps.
     setting : str
     """
 
@@ -41,11 +59,12 @@ class Comparison:
     reduced: ReducedMatch
     reduced_functions: FloatArray
     accuracies: dict[str, MapAccuracy]
+    qualities: dict[str, MapQuality]
     setting: str
 
 
 def compare(setup: PairSetup, report: Report) -> Comparison:
-    """Match by all three ways and measure; kept with the mesh, so that the second figure need not wait."""
+    """Match by all ways and measure; kept with the mesh, so that the second figure need not wait."""
     key = (__name__, setup.parameters, setup.wanted.shape)
     if key not in setup.mesh.cache:
         setup.mesh.cache[key] = _compare(setup, report)
@@ -54,41 +73,57 @@ def compare(setup: PairSetup, report: Report) -> Comparison:
 
 
 def _compare(setup: PairSetup, report: Report) -> Comparison:
-    a, b = setup.other, setup.mesh
-    one = matched(setup, [setup.longest[0]], lambda share: report("matching one function", 0.3 * share))
-    three = matched(setup, [0, 1, 2], lambda share: report("matching three functions", 0.3 + 0.4 * share))
-    report("matching in a reduced basis", 0.7)
+    b, p = setup.mesh, setup.parameters
+    one = matched(setup, [setup.longest[0]], lambda share: report("matching one function", 0.2 * share))
+    three = matched(setup, [0, 1, 2], lambda share: report("matching three functions", 0.2 + 0.2 * share))
+    maps = without_flow(setup)
+    maps |= _both_cut_off(setup, BOTH, lambda share: report("matching three functions, cut off", 0.4 + 0.2 * share))
+    better = replace(setup, start=maps[ZOOM_OUT])
+    maps |= _both_cut_off(better, AGAIN, lambda share: report("refining a good map", 0.6 + 0.2 * share))
+    report("matching in a reduced basis", 0.8)
     k = len(setup.wanted)
     fields = min(_FIELDS, k // 2)
-    begin = functional_map(a, b, setup.start, k)
-    reduced = reduced_match(b, begin, setup.wanted, fields, setup.parameters.tau, setup.parameters.alpha, _SIGMA)
-    report("measuring the maps", 0.8)
-    one_carries = one.push(setup.source, setup.parameters.tau)
-    reduced_functions = advect(b, reduced.velocity, setup.source, setup.parameters.tau)
-    maps = {
-        "3 functions": closest(setup, three.advected),
-        "1 function": closest(setup, one_carries),
-        "reduced basis": closest(setup, reduced_functions),
-        "start": setup.start,
-        "targets": closest(setup, setup.target),
-        "3 functions, flow lines": followed(setup, three.velocity),
-        "1 function, flow lines": followed(setup, one.velocity),
-        "reduced basis, flow lines": followed(setup, reduced.velocity[None]),
-        "reduced basis, nearest neighbours": point_map(a, b, reduced.functional_map),
+    begin = functional_map(setup.other, b, setup.start, k)
+    reduced = reduced_match(b, begin, setup.wanted, fields, p.tau, p.alpha, _SIGMA)
+    one_carries = one.push(setup.source, p.tau)
+    reduced_functions = advect(b, reduced.velocity, setup.source, p.tau)
+    maps |= {
+        THREE: closest(setup, three.advected),
+        THREE + CUT_OFF: closest_cut_off(setup, three.advected),
+        ONE: closest(setup, one_carries),
+        REDUCED: closest(setup, reduced_functions),
+        **by_flow(setup, THREE, three),
+        **by_flow(setup, ONE, one),
+        REDUCED + LINES: followed(setup, reduced.velocity[None]),
+        REDUCED + NEIGHBOURS: point_map(setup.other, b, reduced.functional_map),
     }
-    accuracies = {}
-    for index, (name, points) in enumerate(maps.items()):
-        report("measuring the maps", 0.8 + 0.2 * index / len(maps))
-        accuracies[name] = map_accuracy(a, points, most=_MEASURED)
     return Comparison(
         one=one,
         three=three,
         one_carries=one_carries,
         reduced=reduced,
         reduced_functions=reduced_functions,
-        accuracies=accuracies,
+        accuracies=_accuracies(setup, maps, report),
+        qualities={name: map_quality(b, points, setup.other) for name, points in maps.items()},
         setting=(
             f"Reduced basis: {k} eigenfunctions, {2 * fields} fields, sigma {_SIGMA:g}. Maps: the closest points of A "
-            "to the carried coordinates; or the start map composed with exact flow lines, where that is said"
+            "to the carried coordinates; among A's coordinates cut off as the targets are; the start map composed with "
+            "exact flow lines; or nearest neighbours by the flow's functional map"
         ),
     )
+
+
+def _both_cut_off(setup: PairSetup, name: str, tell: Callable[[float], None]) -> dict[str, SurfacePoints]:
+    """Maps of a match whose sources are cut off as its targets are, so that a true start has nothing to correct."""
+    source = pull_back(setup.other, setup.start, cut_off(setup.other, len(setup.wanted)))
+    found = matched(setup, [0, 1, 2], tell, source)
+    return {name: closest_cut_off(setup, found.advected), **by_flow(setup, name, found)}
+
+
+def _accuracies(setup: PairSetup, maps: dict[str, SurfacePoints], report: Report) -> dict[str, MapAccuracy]:
+    most = _ALL_UP_TO if len(setup.mesh.vertices) <= _ALL_UP_TO else _MEASURED
+    found = {}
+    for index, (name, points) in enumerate(maps.items()):
+        report("measuring the maps", 0.85 + 0.15 * index / len(maps))
+        found[name] = map_accuracy(setup.other, points, most=most)
+    return found

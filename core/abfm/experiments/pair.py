@@ -25,7 +25,9 @@ from abfm.matching import Iteration, match
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 from abfm.operators import vertex_areas
 
-_FEW, _MANY, _MANY_SMALL = 10, 100, 30
+FEW = 10
+"""Eigenfunctions of the start map."""
+_MANY, _MANY_SMALL = 100, 30
 _FEWEST_VERTICES = 60
 _BEND = np.pi / 3
 _FIELDS = 16  # of the checkerboard, along the longest axis
@@ -90,9 +92,9 @@ def pair(figure: int, mesh: TriangleMesh | None, small: bool, channels: int) -> 
         a, b, name = mesh, bent(mesh), "bent mesh"
         poses = f"the mesh bent by {np.degrees(_BEND):.0f}° against itself, as no second pose is known"
     count = len(b.vertices)
-    few, many = _FEW, min(_MANY_SMALL if small else _MANY, count // 3)
+    many = min(_MANY_SMALL if small else _MANY, count // 3)
     truth = vertex_points(a, np.arange(count))
-    start = point_map(a, b, functional_map(a, b, truth, few))
+    start = point_map(a, b, functional_map(a, b, truth, FEW))
     wanted = functional_map(a, b, truth, many)
     places = coordinates(a)
     axes = sorted(_by_extent(a)[:channels])
@@ -112,7 +114,7 @@ def pair(figure: int, mesh: TriangleMesh | None, small: bool, channels: int) -> 
         wanted=wanted,
         setting=(
             f"{poses}, {count:,} vertices. Functions: coordinates {', '.join(_AXES[x] for x in axes)} of A in units of "
-            f"sqrt(area); start: by the nearest neighbour in the spectral embedding, {few} eigenfunctions; targets: "
+            f"sqrt(area); start: by the nearest neighbour in the spectral embedding, {FEW} eigenfunctions; targets: "
             f"by the true functional map, {many} x {many}. Parameters of Table 1, {parameters.iterations} iterations"
         ),
     )
@@ -156,8 +158,13 @@ def bent(mesh: TriangleMesh) -> TriangleMesh:
     return TriangleMesh(moved, mesh.faces)
 
 
-def matched(setup: PairSetup, channels: list[int], tell: Callable[[float], None]) -> Match:
-    """Match some of the set-up's functions; `tell` hears which share of the iterations is done."""
+def matched(
+    setup: PairSetup, channels: list[int], tell: Callable[[float], None], source: FloatArray | None = None
+) -> Match:
+    """Match some of the set-up's functions; `tell` hears which share of the iterations is done.
+
+    `source` (V, C) takes the place of the set-up's sources.
+    """
     limit = setup.parameters.iterations
 
     def on_iteration(now: Iteration) -> None:
@@ -165,7 +172,7 @@ def matched(setup: PairSetup, channels: list[int], tell: Callable[[float], None]
 
     return match(
         setup.mesh,
-        setup.source[:, channels],
+        (setup.source if source is None else source)[:, channels],
         setup.target[:, channels],
         setup.parameters,
         on_iteration=on_iteration,

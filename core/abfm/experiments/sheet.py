@@ -155,9 +155,12 @@ class Sheet:
         source and target panels.
     one_view : bool
         Whether all meshes are seen from the direction of the first: poses of one body.
+    notes : tuple of str
+        What must be said with the pictures, a line each: they stand below them.
     """
 
     rows: tuple[tuple[Panel | Plot, ...], ...]
     up: Up = "y"
     seen: tuple[FloatArray, ...] = ()
     one_view: bool = False
+    notes: tuple[str, ...] = ()

@@ -23,6 +23,8 @@ from abfm.symmetry import KINDS, Kind, Symmetry, SymmetryError, detect_symmetry
 Specs = tuple[str, ...]
 
 _SHOWN = (0.0, 0.5, 1.0, 2.0)  # of tau
+MEASURED = (1.0, 2.0)
+"""Those of them, of tau, at which the map is measured."""
 _WIDTH = 0.2  # of the Gaussian
 _SAMPLE = 150
 _CORRECT, _SMALL_DRIFT = 0.02, 0.05  # of sqrt(area), for what the paper says in words

@@ -43,6 +43,9 @@ ENTRIES = {
     "file_vertex_count": Entry("integer", ()),
     "channels_given": Entry("boolean", ()),  # False: f and g were (V,), and come back so
     "mask": Entry("real", ("V",), required=False),
+    "verified_mismatch": Entry("real", (), required=False),
+    "folded": Entry("real", (), required=False),
+    "verdict": Entry("text", (3,), required=False),
     "weights": Entry("real", ("C",)),  # the last one is required: damage to a zip's directory can hide the last entry
 }
 KINDS: dict[str, tuple[str, Any]] = {

@@ -3,17 +3,35 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import MeshError
 from abfm.experiments import experiment_of
 from abfm.experiments.map_comparison import compare
 from abfm.experiments.pair import bent, closest, coordinates, followed
+from abfm.experiments.read_outs import (
+    CUT_OFF,
+    LINES,
+    NEIGHBOURS,
+    NO_FLOW,
+    START,
+    TARGETS,
+    ZOOM_OUT,
+    by_flow,
+    closest_cut_off,
+    cut_off,
+    without_flow,
+)
 from abfm.experiments.sheet import Plot
+from abfm.flow_maps import pull_back, vertex_points
+from abfm.functional_maps import spectral_coefficients
 from abfm.map_accuracy import map_accuracy
+from abfm.map_quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE
+from abfm.matching import match
 from abfm.mesh import TriangleMesh
 from abfm.operators import cotangent_laplacian, l2_norm
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron, torus
@@ -62,6 +80,81 @@ def test_coordinates_where_they_belong_are_the_identity() -> None:
     setup = experiment_of(12).set_up(None, True)
     found = closest(setup, coordinates(setup.other))
     assert_allclose(found.positions, setup.other.vertices, atol=1e-9)
+
+
+def test_coordinates_cut_off_alike_are_the_identity() -> None:
+    setup = experiment_of(12).set_up(None, True)
+    found = closest_cut_off(setup, cut_off(setup.other, len(setup.wanted)))
+    assert_allclose(found.positions, setup.other.vertices, atol=1e-7)
+    assert_allclose(found.distances, 0, atol=1e-9)
+
+
+def test_cut_off_coordinates_are_their_own_projection() -> None:
+    mesh = ellipsoid(3, 1, 1.2, 2)
+    cut = cut_off(mesh, 20)
+    whole = spectral_coefficients(mesh, coordinates(mesh), 20)
+    assert_allclose(spectral_coefficients(mesh, cut, 20), whole, atol=1e-9)
+    assert_allclose(spectral_coefficients(mesh, cut, 30)[20:], 0, atol=1e-9)
+
+
+def test_with_both_cut_off_a_true_start_has_much_less_to_correct() -> None:
+    setup = experiment_of(12).set_up(None, False)
+    truth = vertex_points(setup.other, np.arange(len(setup.mesh.vertices)))
+    cut = pull_back(setup.other, truth, cut_off(setup.other, len(setup.wanted)))
+    raw = coordinates(setup.other)
+    left, whole = (l2_norm(setup.mesh, source - setup.target) for source in (cut, raw))
+    assert left < 0.4 * whole
+
+
+def test_what_needs_no_flow_is_read_off_the_targets_and_the_start() -> None:
+    setup = experiment_of(13).set_up(None, True)
+    maps = without_flow(setup)
+    assert_array_equal(maps[TARGETS].positions, closest(setup, setup.target).positions)
+    assert maps[START] is setup.start
+    errors = {name: map_accuracy(setup.other, points, most=200).mean for name, points in maps.items()}
+    assert errors[ZOOM_OUT] < 0.7 * errors[START]
+    assert errors[TARGETS + CUT_OFF] < errors[TARGETS]
+
+
+def test_a_flow_that_stands_still_reads_as_no_flow() -> None:
+    setup = experiment_of(13).set_up(None, True)
+    still = np.zeros((setup.parameters.segments, len(setup.mesh.faces), 3))
+    found = match(setup.mesh, setup.source, setup.target, replace(setup.parameters, iterations=0), start=still)
+    maps = by_flow(setup, "still", found)
+    expected = without_flow(setup)[NO_FLOW + NEIGHBOURS]
+    assert_array_equal(maps["still" + NEIGHBOURS].positions, expected.positions)
+    assert_allclose(maps["still" + LINES].positions, setup.start.positions, atol=1e-9)
+
+
+def test_figure_13_says_what_the_flow_adds() -> None:
+    setup = experiment_of(13).set_up(None, True)
+    findings = experiment_of(13).run(setup, quiet)
+    values = {measure.name: measure.value for measure in findings.measures}
+    accuracies = compare(setup, quiet).accuracies
+    assert values[f"{TARGETS}: mean error, sqrt(area)"] == accuracies[TARGETS].mean
+    added = {name: value for name, value in values.items() if name.startswith("what the flow adds")}
+    assert len(added) == 8
+    name = f"what the flow adds: mean error of '3 functions' less that of '{TARGETS}', sqrt(area)"
+    assert added[name] == accuracies["3 functions"].mean - accuracies[TARGETS].mean
+    (plot,) = findings.sheet.rows[0]
+    assert isinstance(plot, Plot)
+    assert TARGETS in [curve.name for curve in plot.curves]
+
+
+@pytest.mark.parametrize("figure", [9, 10, 11, 12, 13])
+def test_figures_with_maps_measure_them_as_maps(figure: int) -> None:
+    chosen = experiment_of(figure)
+    found = chosen.run(chosen.set_up(None, True), quiet)
+    values = {measure.name: measure.value for measure in found.measures}
+    names = [name.split(": off_surface, largest")[0] for name in values if ": off_surface, largest" in name]
+    assert names
+    for name in names:
+        largest, rms = (values[f"{name}: off_surface, {which}, sqrt(area)"] for which in ("largest", "RMS"))
+        folded = values[f"{name}: folded, % of the faces"]
+        assert 0 <= rms <= largest
+        assert 0 <= folded <= 100
+        faulty = largest > LARGEST_DISTANCE or rms > RMS_DISTANCE or folded > 100 * FOLDED
+        assert any(f": {name} (" in note or f"; {name} (" in note for note in found.sheet.notes) == faulty
 
 
 def test_curves_are_shares_that_only_rise() -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from abfm.operators import vertex_areas
+from abfm.operators import face_normals, vertex_areas
 from abfm_viewer.document import FIELD_PARTS
+from abfm_viewer.ui import Ui
 
 MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")
 
@@ -85,6 +88,31 @@ def test_maps_color_the_advected_surface(matched):
         calm(matched)
         matched.drag("time", 0.5)
         calm(matched)
+
+
+def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, monkeypatch):
+    notes = []
+    note = Ui.note
+    monkeypatch.setattr(Ui, "note", lambda self, text, *kind: notes.append(text) or note(self, text, *kind))
+
+    def warned():
+        calm(matched)
+        notes.clear()
+        matched.frames(1)
+        return [text for text in notes if text.startswith("Warning: this map is not to be trusted")]
+
+    session = matched.session
+    good = session.result
+    slow = replace(good, velocity=1e-3 * good.velocity)
+    wild = np.random.default_rng(0).normal(size=good.velocity.shape) * session.mesh.length_scale
+    normals = face_normals(session.mesh)
+    wild -= (wild * normals).sum(axis=-1, keepdims=True) * normals
+    matched.drag("time", 1.0)
+    for result, expected in ((slow, 0), (replace(good, velocity=wild), 1)):
+        session.amend(result=result)
+        for coloring in MAPS:
+            matched.click(coloring, within="Maps")
+            assert len(warned()) == (expected if coloring != "function" else 0)
 
 
 def test_the_comparison_has_surfaces_of_its_own(matched):

@@ -48,10 +48,19 @@ def test_the_page_has_everything_and_needs_nothing_else():
             (Measure("mismatch", 0.0123, 0.05, "small", True), Measure("drift", 0.5)),
             Image.new("RGB", (4, 3), "red"),
         ),
-        Entry(9, "a symmetry", "it works", problem="Not on this mesh: no symmetry"),
+        Entry(9, "a symmetry", "it works", problem="Not on this mesh: no symmetry", notes=("beyond <colours>",)),
     ]
     parsed = Balanced(page(entries))
-    for text in ("two & more", "f < g", "a <sphere>", "0.0123", "0.05 yes", "drift", "Not on this mesh: no symmetry"):
+    for text in (
+        "two & more",
+        "f < g",
+        "a <sphere>",
+        "0.0123",
+        "0.05 yes",
+        "drift",
+        "Not on this mesh: no symmetry",
+        "beyond <colours>",
+    ):
         assert text in parsed.text
     assert all(link.startswith(("data:image/png;base64,", "#")) for link in parsed.links)
     assert {link[1:] for link in parsed.links if link.startswith("#")} <= set(parsed.ids)

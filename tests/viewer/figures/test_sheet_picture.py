@@ -8,8 +8,9 @@ from PIL import Image
 
 from abfm.experiments.sheet import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm_viewer.colormaps import ColorRange
-from abfm_viewer.figures.panel_pictures import POINT_COLORS, cameras, color_ranges, panel_pictures
+from abfm_viewer.figures.panel_pictures import POINT_COLORS, cameras, panel_pictures
 from abfm_viewer.figures.plot_pictures import CURVE_COLORS, plot_picture
+from abfm_viewer.figures.ranges import color_ranges
 from abfm_viewer.figures.sheet_picture import readable, sheet_picture
 from abfm_viewer.sheet import ticks
 from tests.shapes import ellipsoid, icosphere
@@ -56,18 +57,6 @@ def test_a_panel_shows_its_paint_on_a_transparent_ground(name):
     assert alpha[0].max() == 0
     plain = draw(Panel(SPHERE, Values(np.zeros(len(X))), "x"))
     assert spread(pixels) > 1.3 * spread(plain)
-
-
-def test_functions_of_one_title_share_a_range():
-    sheet = Sheet(((Panel(SPHERE, Values(X), "a"), Panel(SPHERE, Streaks(ROTATION, 3 * X), "b")),))
-    [(title, shared)] = color_ranges(sheet).items()
-    assert title == "function"
-    assert (shared.low, shared.high) == (-3 * abs(X).max(), 3 * abs(X).max())
-
-
-def test_the_range_is_that_of_source_and_target():
-    row = (Panel(SPHERE, Values(X), "a", "source"), Panel(SPHERE, Values(3 * X), "b", "result"))
-    assert color_ranges(Sheet((row,)))["function"].high == abs(X).max()
 
 
 def test_marks_are_drawn():
