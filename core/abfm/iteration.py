@@ -17,8 +17,8 @@ class Iteration:
     ----------
     iteration : int
         Number of steps taken, all stages together; 0 is the start.
-    stage, stages : int
-        Which stage of the schedule, from 0, of how many.
+    stage : int
+        Which stage, from 0; how many there will be shows on the way.
     level, levels : int
         Which mesh, from 0, the coarsest, of how many; the last one is the mesh itself.
     vertices : int
@@ -39,7 +39,6 @@ class Iteration:
 
     iteration: int
     stage: int
-    stages: int
     level: int
     levels: int
     vertices: int

@@ -51,7 +51,7 @@ class Parameters:
     """
 
     tau: float = _parameter(1.0, "τ", "end time of the flow; larger deformations may need more", 0, True)
-    alpha: float = _parameter(0.02, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
+    alpha: float = _parameter(0.005, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
     beta: float = _parameter(0.0, "β", "weight of the mismatch's gradient: above 0, slopes must match as well", 0)
     order: int = _parameter(
         2, "", "order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as computed", 1, False, 2
@@ -61,7 +61,7 @@ class Parameters:
         "relative", "", "sigma as a fraction of the functions' deviation from their mean in L2, or as the paper has it"
     )
     reach: float = _parameter(
-        0.5, "", "how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper", 0
+        1.0, "", "how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper", 0
     )
     balance: float = _parameter(
         0.5, "", "weight of flow lines against the discrete advection in the end; 0 as the paper", 0, False, 1
@@ -78,11 +78,11 @@ class Parameters:
     )
     substeps: int = _parameter(10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1)
     quadrature: int = _parameter(10, "k", "intervals of the time integral in the bracket gradient", 1)
-    iterations: int = _parameter(150, "", "iterations at most, over all cooling stages together", 0)
+    iterations: int = _parameter(200, "", "iterations at most, over all cooling stages together", 0)
     cooling_stages: int = _parameter(
         3, "*", "stages of sigma, the last one at its value; 1 for no cooling", 1, False, 1000
     )
-    cooling_factor: float = _parameter(10.0, "*", "sigma is divided by this from stage to stage", 1, True)
+    cooling_factor: float = _parameter(3.0, "*", "sigma is divided by this from stage to stage", 1, True)
     stage_iterations: int = _parameter(
         0, "*", "iterations at most of each stage before the last; 0 shares half of all among them", 0
     )

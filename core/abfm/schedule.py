@@ -6,14 +6,16 @@ from dataclasses import dataclass, replace
 
 from abfm.parameters import Parameters
 
-FURTHER = 2.0
-"""Factor of the reach in another stage after one that left its mismatch standing."""
-STANDING = 0.5
-"""Share of the mismatch, in the stage's own norm, that counts as left standing."""
-FURTHEST = 2.0
-"""Largest reach that is tried, in sqrt(area): beyond it the norm only compares the functions' means."""
-_PAYING, _OVER = 0.03, 5  # a stage goes on while its energy falls by this share within so many iterations
-_FAR_SHARE = 0.4  # of all iterations, at most, in a stage with reach
+REACHED = 0.5
+"""Mismatch at which a search for the target has found it."""
+CLOSE = 0.02
+"""Mismatch at which a match on the mesh itself is close enough: flow lines seldom confirm less."""
+_CLOSE_ON_COARSER = 0.04
+_MATCHED = 0.05  # a match that leaves more goes on with a smaller sigma
+_PAYING, _OVER = 0.03, 6  # a stage goes on while its energy falls by this share within so many iterations
+_TRIES = ((1.0, 1.0), (2.0, 1 / 3), (0.5, 1 / 3))  # factors of reach and of the first sigma in a search
+_SEARCH, _COARSE = 0.4, 0.75  # of all iterations: in one stage of a search, and before the mesh itself
+_SMALLER, _CLOSING = 1 / 3, 2  # factor of sigma in stages after the last one, and how many of them
 
 
 @dataclass(frozen=True)
@@ -30,8 +32,14 @@ class Stage:
         Of its norm of mismatches, in sqrt(area); 0 for that of the parameters.
     iterations : int
         At most.
+    until : int
+        Of all iterations together, at most.
     patient : bool
         Whether it goes on to the end of its iterations, or only as long as it pays.
+    goal : float
+        Mismatch at which it ends.
+    needed_above : float
+        It is left out where the mismatch is this small already.
     balanced : bool
         Whether it weighs flow lines against the discrete advection.
     """
@@ -40,34 +48,59 @@ class Stage:
     sigma: float
     reach: float
     iterations: int
+    until: int
     patient: bool
+    goal: float = 0.0
+    needed_above: float = 0.0
     balanced: bool = False
 
     def pays(self, energies: list[float]) -> bool:
         """Whether to go on after these energies, one for each of the stage's iterates."""
         return self.patient or len(energies) <= _OVER or energies[-1] < (1 - _PAYING) * energies[-1 - _OVER]
 
-    def further(self) -> Stage | None:
-        """A stage that reaches further, or None."""
-        return replace(self, reach=self.reach * FURTHER) if 0 < self.reach and self.reach * FURTHER <= FURTHEST else None
 
+def search(p: Parameters, levels: int) -> list[list[Stage]]:
+    """Ways to find the target on the coarsest mesh, one to be tried after the other until it is `REACHED`.
 
-def stages(p: Parameters, levels: int, warm: bool) -> list[Stage]:
-    """The plan of a match on so many meshes; one that starts close to its end, ``warm``, is not cooled again.
-
-    With a fixed number of iterations per stage, and without reach on one mesh, which is the paper's way, stages go on
-    to the end of their iterations; else they end when they stop paying.
+    Each begins with the norm that reaches far and ends with that of the parameters. Without reach there is one, the
+    paper's: every sigma but the last.
     """
-    patient = p.stage_iterations > 0 or (p.reach == 0 and levels == 1)
-    last = Stage(levels - 1, p.sigma, 0.0, p.iterations, patient or not p.balance)
-    ending = [replace(last, patient=False, balanced=True)] if p.balance else []
-    if warm:
-        return [last, *ending]
+    patient = _is_patient(p, levels)
+    until = p.iterations if levels == 1 else int(_COARSE * p.iterations)
     sigmas = p.stage_sigmas()
     early = len(sigmas) - 1
     share = p.stage_iterations or (p.iterations // 2 // early if early else p.iterations)
-    far = p.stage_iterations or max(1, int(_FAR_SHARE * p.iterations))
-    plan = [Stage(0, sigmas[0], p.reach, far, patient)] if p.reach else []
-    plan += [Stage(0, sigma, 0.0, share, patient) for sigma in sigmas[:-1]]
-    plan += [Stage(level, p.sigma, 0.0, p.iterations, patient) for level in range(levels - 1)]
-    return [*plan, last, *ending]
+    near = Stage(0, sigmas[0], 0.0, share, until, patient)
+    if not p.reach:
+        return [[replace(near, sigma=sigma) for sigma in sigmas[:-1]]]
+    far = replace(near, iterations=p.stage_iterations or max(1, int(_SEARCH * p.iterations)))
+    tries = [
+        [replace(far, reach=p.reach * further, sigma=sigmas[0] * colder), near] for further, colder in _TRIES
+    ]
+    return tries
+
+
+def finish(p: Parameters, levels: int, warm: bool) -> list[Stage]:
+    """What follows once the target is found: the other sigmas, the finer meshes, and flow lines.
+
+    With a fixed number of iterations per stage, and without reach on one mesh, which is the paper's way, stages go on
+    to the end of their iterations; else they end when they stop paying, or are close.
+    """
+    patient = _is_patient(p, levels)
+    last = Stage(levels - 1, p.sigma, 0.0, p.iterations, p.iterations, patient, 0.0 if patient else CLOSE)
+    coarse = replace(last, level=0, until=int(_COARSE * p.iterations), goal=0.0 if patient else _CLOSE_ON_COARSER)
+    sigmas = p.stage_sigmas()[1:-1] if p.reach and not warm else []
+    plan = [replace(coarse if levels > 1 else last, sigma=sigma) for sigma in sigmas]
+    if not warm:
+        plan += [replace(coarse, level=level) for level in range(levels - 1)]
+    plan.append(last)
+    if not patient:
+        factors = [_SMALLER**step for step in range(1, _CLOSING + 1)]
+        plan += [replace(last, sigma=p.sigma * factor, goal=_MATCHED, needed_above=_MATCHED) for factor in factors]
+    if p.balance:
+        plan.append(replace(last, balanced=True))
+    return plan
+
+
+def _is_patient(p: Parameters, levels: int) -> bool:
+    return p.stage_iterations > 0 or (p.reach == 0 and levels == 1)

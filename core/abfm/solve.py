@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +18,7 @@ from abfm.iteration import Iteration
 from abfm.levels import Level, levels
 from abfm.mesh import FloatArray
 from abfm.optimizer import LBFGS, State
-from abfm.schedule import STANDING, Stage, stages
+from abfm.schedule import REACHED, Stage, finish, search
 from abfm.vector_fields import to_ambient, to_frame
 
 _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradient is exact for any
@@ -25,6 +26,7 @@ _LOST = 0.3  # mismatch of a given start beyond which the target is looked for a
 _ROUND, _ROUNDS = 8, 4  # iterations between two looks at the flow lines, and how many looks
 _GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
 _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
+_KEPT = 0.05  # discrete mismatch that flow lines may cost
 _MOST_WALKS = 50_000  # vertices up to which flow lines are balanced: finer meshes carry what is matched on them
 _HALVINGS = 8  # of fields that overflow on a finer mesh
 
@@ -53,33 +55,64 @@ class Solver:
         self.schedule: list[Stage] = []
         self.evaluations = 0
         self._levels: list[Level] = [Level(energy, None)]
-        self._planned = 0
+        self._reason = ""
         self._level = 0
         self._state: Best | None = None
         self._before: Stage | None = None
 
     def run(self, start: ArrayLike | None) -> tuple[FloatArray, FloatArray, str]:
         """Fields (N, F, 2) on the mesh, the source carried by them (C, V), and why the solve stopped."""
-        reason = "iteration limit"
+        self._reason = "iteration limit"
         fields = None if start is None else self._given(start)
         try:
             warm = fields is not None and not self._is_lost(fields)
-            self._levels = levels(self.energy, self._pass) if not warm else self._levels
-            plan = stages(self.energy.parameters, len(self._levels), warm)
-            self._planned = len(plan)
-            x = self._first(fields)
-            while plan:
-                stage = plan.pop(0)
-                x = self._prolonged(x, stage.level)
-                standing, reason = self._balance(stage, x) if stage.balanced else self._minimise(stage, x)
-                assert self._state is not None
-                x = self._state.x
-                if standing and (further := stage.further()) is not None:
-                    plan.insert(0, further)
-                    self._planned += 1
+            if not warm:
+                self._levels = levels(self.energy, self._pass)
+            if not warm:
+                fields = self._find(fields)
+            assert fields is not None
+            self._finish(fields, warm)
         except CancelledError:
-            reason = "cancelled"
-        return (*self._on_the_mesh(), reason)
+            self._reason = "cancelled"
+        return (*self._on_the_mesh(), self._reason)
+
+    def _find(self, fields: FloatArray | None) -> FloatArray:
+        """Fields on the coarsest mesh that lead at least near the target, or the best that were found."""
+        coarsest, p = self._levels[0].energy, self.energy.parameters
+        x = np.zeros(coarsest.shape)
+        if fields is not None:
+            x = self._on_the_coarsest(fields)
+        best, least = x, np.inf
+        for tried in search(p, len(self._levels)):
+            if len(self.history) > tried[0].until:
+                break
+            self._state, self._before = None, None
+            found = x
+            for stage in tried:
+                found = self._minimise(stage, found).x
+            mismatch = coarsest.relative_mismatch(self._known().point.advected) if tried else 0.0
+            if mismatch < least:
+                best, least = found, mismatch
+            if mismatch <= REACHED:
+                break
+        return best
+
+    def _finish(self, x: FloatArray, warm: bool) -> None:
+        """Come close on all meshes."""
+        for stage in finish(self.energy.parameters, len(self._levels), warm):
+            x = self._prolonged(x, stage.level)
+            if self._state is not None and self._level == stage.level:
+                mismatch = self._levels[stage.level].energy.relative_mismatch(self._state.point.advected)
+                if mismatch <= stage.needed_above:
+                    continue
+            if stage.balanced:
+                self._balance(stage)
+            else:
+                x = self._minimise(stage, x).x
+
+    def _known(self) -> Best:
+        assert self._state is not None
+        return self._state
 
     def _given(self, start: ArrayLike) -> FloatArray:
         p = self.energy.parameters
@@ -96,11 +129,7 @@ class Solver:
             raise ParameterError("start: the flow of these fields overflows; start from slower ones or from none")
         return self.energy.relative_mismatch(advected) > _LOST
 
-    def _first(self, fields: FloatArray | None) -> FloatArray:
-        """The start on the coarsest mesh."""
-        coarsest = self._levels[0].energy
-        if fields is None:
-            return np.zeros(coarsest.shape)
+    def _on_the_coarsest(self, fields: FloatArray) -> FloatArray:
         for finer, coarser in zip(self._levels[:0:-1], self._levels[-2::-1], strict=True):
             fields = coarser.fields_from_finer(to_ambient(finer.energy.mesh, fields))
         return fields
@@ -121,32 +150,32 @@ class Solver:
             x = x / 2
         return x
 
-    def _minimise(self, stage: Stage, x: FloatArray, target: FloatArray | None = None) -> tuple[bool, str]:
-        """Run a stage to its end; whether its mismatch is left standing, and why it ended."""
+    def _minimise(self, stage: Stage, x: FloatArray, target: FloatArray | None = None) -> Best:
+        """Run a stage to its end."""
         if target is None:
             self.schedule.append(stage)
+        energy = self._levels[stage.level].energy
         search = self._search(stage, target)
         current = self._begin(search, stage, x)
         if not self.history:
             self._check_start(current.point)
-        if not self.history or stage.level != self._recorded_level:
             self._record(current, stage)
         self._state = current
         energies = [current.point.energy]
-        initial = current.point.mismatch
-        left = min(stage.iterations, self.energy.parameters.iterations - len(self.history) + 1)
+        until = min(stage.until, len(self.history) - 1 + stage.iterations)
         ended = None
-        while left > 0 and (ended := search.stop_reason(current)) is None:
-            if not stage.pays(energies):
+        while len(self.history) <= until and (ended := search.stop_reason(current)) is None:
+            if not stage.pays(energies) or energy.relative_mismatch(current.point.advected) <= stage.goal:
                 ended = "converged"
                 break
             current = search.step(current)
-            left -= 1
-            if not current.failed:
-                self._state = current
-                energies.append(current.point.energy)
-                self._record(current, stage)
-        return self._state.point.mismatch > STANDING * initial, ended or "iteration limit"
+            if current.failed:
+                continue
+            self._state = current
+            energies.append(current.point.energy)
+            self._record(current, stage)
+        self._reason = ended or "iteration limit"
+        return self._state
 
     def _begin(self, search: LBFGS[Evaluation], stage: Stage, x: FloatArray) -> Best:
         """The stage's first iterate; what the one before has learned of the energy is scaled with sigma.
@@ -161,37 +190,31 @@ class Solver:
             return search.init(x)
         return search.init(x, self._state, (before.sigma / stage.sigma) ** 2)
 
-    def _balance(self, stage: Stage, x: FloatArray) -> tuple[bool, str]:
+    def _balance(self, stage: Stage) -> None:
         """Move the target by a share of what the discrete advection lies away from the flow lines, again and again.
 
         With ``g + b (f_tau - f o phi)`` as target a perfect match has ``(1 - b) f_tau + b (f o phi) = g``: both witnesses
         of the flow, which neither is exactly, share what divides them. The best round stays.
         """
         energy, p = self.energy, self.energy.parameters
-        assert self._state is not None
-        reason = "converged"
         if len(energy.mesh.vertices) > _MOST_WALKS or p.method == "linearised":
-            return False, reason
-        best, best_score = self._state, np.inf
+            return
+        reason, best, best_score = self._reason, self._known(), np.inf
+        allowed = max(energy.relative_mismatch(best.point.advected), _KEPT)
         self.schedule.append(stage)
         for _ in range(_ROUNDS):
-            advected = self._state.point.advected
-            walked = self._by_flow_lines(self._state.x)
+            state = self._known()
+            advected, walked = state.point.advected, self._by_flow_lines(state.x)
             discrete, lines = energy.relative_mismatch(advected), energy.relative_mismatch(walked)
-            gap = energy.relative_norm(advected - walked)
             score = float(np.sqrt((1 - p.balance) * discrete**2 + p.balance * lines**2))
-            if score < best_score:
-                best = self._state
-            if score > _BETTER * best_score or gap < _GAP:
+            if discrete > allowed or score >= best_score:
                 break
-            best_score = score
-            if len(self.history) > p.iterations:
-                reason = "iteration limit"
+            worse, best, best_score = score > _BETTER * best_score, state, score
+            if worse or energy.relative_norm(advected - walked) < _GAP or len(self.history) > p.iterations:
                 break
-            part = Stage(stage.level, stage.sigma, 0.0, _ROUND, True, True)
-            self._minimise(part, self._state.x, energy.target + p.balance * (advected - walked))
-        self._state = best
-        return False, reason
+            part = replace(stage, iterations=_ROUND, patient=True, goal=0.0)
+            self._minimise(part, state.x, energy.target + p.balance * (advected - walked))
+        self._state, self._reason = best, reason
 
     def _by_flow_lines(self, x: FloatArray) -> FloatArray:
         """The source carried along the continuous field, (C, V)."""
@@ -255,10 +278,6 @@ class Solver:
         if not np.isfinite(point.energy):
             raise FunctionError("the mismatch of source and target overflows; scale both functions down or sigma up")
 
-    @property
-    def _recorded_level(self) -> int:
-        return self.schedule[self.stage_of[-1]].level
-
     def _record(self, state: Best, stage: Stage) -> None:
         point = state.point
         self.history.append((point.energy, point.regularity, point.mismatch))
@@ -269,7 +288,6 @@ class Solver:
                 Iteration(
                     iteration=len(self.history) - 1,
                     stage=len(self.schedule) - 1,
-                    stages=self._planned,
                     level=stage.level,
                     levels=len(self._levels),
                     vertices=len(level.energy.mesh.vertices),
