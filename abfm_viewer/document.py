@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, get_args
 
+import numpy as np
+
 from abfm import Parameters, TriangleMesh
 from abfm.mesh import FloatArray, IntArray
 
@@ -144,12 +146,16 @@ class Run:
     energies : (n, 3) array
         Total, regularity and mismatch.
     stages : (n,) array of int
-        Cooling stage of each row.
+        Stage of each row.
     restarts : tuple of int
         Rows at which a change of the problem started the solver again from the field that it had.
     mismatch : float
     label : str
         What was solved, in a few words.
+    vertices : (n,) or (0,) array of int
+        Of the mesh of each row, which may be a coarser one than the document's; empty where this is not known.
+    reaches : (n,) or (0,) array
+        The reach of each row's stage, likewise.
     """
 
     energies: FloatArray
@@ -157,6 +163,13 @@ class Run:
     restarts: tuple[int, ...]
     mismatch: float
     label: str
+    vertices: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    reaches: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def has_course(self) -> bool:
+        """Whether meshes and reaches are known."""
+        return len(self.vertices) > 0
 
 
 @dataclass(frozen=True, eq=False)

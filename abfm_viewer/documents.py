@@ -230,7 +230,7 @@ def write_project(path: Path, document: Document, functions: Functions) -> None:
 
 def known_values(document: Document, functions: Functions) -> dict[str, FloatArray]:
     """Values (V,) of the document's functions from files, so that a project does not need these files."""
-    from abfm_viewer.project import terms_from_files
+    from abfm_viewer.project_checks import terms_from_files
 
     specs = [spec for channel in document.channels for spec in (channel.source, channel.target)]
     known = {}

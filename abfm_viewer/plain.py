@@ -22,6 +22,8 @@ def to_plain(value: Any) -> Any:
 def from_plain(hint: Any, value: Any, where: str) -> Any:
     """What `to_plain` was given, for a type hint; missing fields take their defaults.
 
+    A dataclass that has a `from_dict` of its own is made by that, which knows what older versions left out.
+
     Raises
     ------
     PlainError
@@ -60,7 +62,8 @@ def _dataclass(hint: Any, value: Any, where: str) -> Any:
     required = {name for name, e in known.items() if e.default is MISSING and e.default_factory is MISSING}
     missing = sorted(required - value.keys())
     _check(not missing, where, value, f"also {', '.join(missing)}")
-    return hint(**{name: from_plain(hints[name], part, f"{where}.{name}") for name, part in value.items()})
+    parts = {name: from_plain(hints[name], part, f"{where}.{name}") for name, part in value.items()}
+    return hint.from_dict(parts) if hasattr(hint, "from_dict") else hint(**parts)
 
 
 def _check(fits: bool, where: str, value: Any, expected: str) -> None:

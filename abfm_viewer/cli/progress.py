@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from abfm import Iteration
+from abfm_viewer.verdict_words import place
 
 Report = Callable[[Iteration], None]
 _LINES_EVERY = 10
@@ -35,7 +36,7 @@ def progress(iterations: int, quiet: bool) -> Iterator[Report]:
 @contextmanager
 def _bar(iterations: int) -> Iterator[Report]:
     columns = (
-        TextColumn("stage {task.fields[stage]}"),
+        TextColumn("{task.fields[place]}"),
         BarColumn(bar_width=None),
         TextColumn("{task.completed}/{task.total}"),
         TextColumn("energy {task.fields[energy]}  mismatch {task.fields[mismatch]}"),
@@ -43,13 +44,13 @@ def _bar(iterations: int) -> Iterator[Report]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=iterations, stage="-", energy="-", mismatch="-")
+        task = bar.add_task("", total=iterations, place="-", energy="-", mismatch="-")
 
         def report(now: Iteration) -> None:
             bar.update(
                 task,
                 completed=now.iteration,
-                stage=f"{now.stage + 1}/{now.stages}",
+                place=place(now),
                 energy=f"{now.energy:.4g}",
                 mismatch=f"{now.mismatch:.4f}",
             )
@@ -60,8 +61,7 @@ def _bar(iterations: int) -> Iterator[Report]:
 def _print_line(now: Iteration) -> None:
     if now.iteration % _LINES_EVERY == 0:
         print(
-            f"iteration {now.iteration}  stage {now.stage + 1}/{now.stages}  "
-            f"energy {now.energy:.4g}  mismatch {now.mismatch:.4f}",
+            f"iteration {now.iteration}  {place(now)}  energy {now.energy:.4g}  mismatch {now.mismatch:.4f}",
             file=sys.stderr,
             flush=True,
         )

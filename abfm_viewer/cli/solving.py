@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from abfm_viewer import outputs
 from abfm_viewer.cli.interrupt import cancelled_by_signals
 from abfm_viewer.cli.progress import progress
 from abfm_viewer.exit_status import INTERRUPTED
+from abfm_viewer.verdict_words import numbers
 
 
 @dataclass(frozen=True)
@@ -36,10 +38,13 @@ class Outcome:
         return len(self.match.energy_history) - 1
 
     def summary(self) -> str:
-        """One line for a person."""
+        """For a person: a line with the numbers, one with the verdict, and one with advice if there is any."""
+        verdict = self.match.verdict
+        advice = f"\nto try: {verdict.advice}" if verdict.advice else ""
         return (
-            f"mismatch {self.match.mismatch:.4f} after {self.iterations} iterations in {self.seconds:.1f} s "
-            f"({self.match.stop_reason}); wrote {', '.join(map(str, self.outputs))}"
+            f"mismatch {numbers(self.match)}, after {self.iterations} iterations in {self.seconds:.1f} s "
+            f"({self.match.stop_reason}); wrote {', '.join(map(str, self.outputs))}\n"
+            f"{verdict.kind}: {verdict.reason}{advice}"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -47,6 +52,9 @@ class Outcome:
         total, regularity, mismatch_energy = self.match.energy_history[-1].tolist()
         return {
             "mismatch": float(self.match.mismatch),
+            "verified_mismatch": _known(self.match.verified_mismatch),
+            "folded": _known(self.match.folded),
+            "verdict": asdict(self.match.verdict),
             "energy": {"total": total, "regularity": regularity, "mismatch": mismatch_energy},
             "iterations": self.iterations,
             "stop_reason": self.match.stop_reason,
@@ -57,6 +65,11 @@ class Outcome:
             "parameters": self.match.parameters.to_dict(),
             "outputs": [str(path) for path in self.outputs],
         }
+
+
+def _known(value: float) -> float | None:
+    """A number for JSON, which has no NaN."""
+    return None if math.isnan(value) else float(value)
 
 
 def solve(

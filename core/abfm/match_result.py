@@ -207,10 +207,15 @@ def _workspace(mesh: TriangleMesh) -> Workspace:
     return Workspace(mesh)
 
 
+def former_verdict(mismatch: float, stop_reason: str) -> Verdict:
+    """The verdict of a match that was kept before there were any: by its size, and why the solve stopped."""
+    return Verdict("matched" if mismatch <= MATCHED else "not reached", stop_reason, "")
+
+
 def _verdict(path: str | os.PathLike[str], arrays: dict[str, Any]) -> Verdict:
-    """The verdict of a result file; those written before there were any say why the solve stopped."""
+    """The verdict of a result file."""
     if "verdict" not in arrays:
-        return Verdict("matched" if arrays["mismatch"] <= MATCHED else "not reached", str(arrays["stop_reason"]), "")
+        return former_verdict(float(arrays["mismatch"]), str(arrays["stop_reason"]))
     kind, reason, advice = (str(text) for text in arrays["verdict"])
     if kind not in get_args(Kind):
         raise ResultError(f"{path}: the verdict is {kind[:40]!r}; expected one of {', '.join(get_args(Kind))}")

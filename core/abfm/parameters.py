@@ -26,7 +26,7 @@ CHOICES = {
     "sigma_unit": ("relative", "absolute"),
 }
 
-PAPER = {"order": 1, "reach": 0.0, "levels": 1, "sigma_unit": "absolute", "balance": 0.0}
+PAPER: dict[str, Any] = {"order": 1, "reach": 0.0, "levels": 1, "sigma_unit": "absolute", "balance": 0.0}
 """What makes the energy and the course of its minimisation those of the paper; also what files of before had."""
 
 

@@ -72,7 +72,7 @@ def search(p: Parameters, levels: int) -> list[list[Stage]]:
     share = p.stage_iterations or (p.iterations // 2 // early if early else p.iterations)
     near = Stage(0, sigmas[0], 0.0, share, until, patient)
     if not p.reach:
-        return [[replace(near, sigma=sigma) for sigma in sigmas[:-1]]]
+        return [[replace(near, sigma=sigma) for sigma in sigmas[:-1]]] if early else []
     far = replace(near, iterations=p.stage_iterations or max(1, int(_SEARCH * p.iterations)))
     tries = [[replace(far, reach=p.reach * further, sigma=sigmas[0] * colder), near] for further, colder in _TRIES]
     return tries

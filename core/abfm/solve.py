@@ -190,10 +190,15 @@ class Solver:
         return self._state
 
     def _begin(self, search: LBFGS[Evaluation], stage: Stage, x: FloatArray) -> Best:
-        """The stage's first iterate; what the one before has learned of the energy is scaled with sigma."""
+        """The stage's first iterate; what the one before has learned of the energy is scaled with sigma.
+
+        Stages that go on to the end of their iterations learn anew, which on the long way leads further.
+        """
         before = self._before
         self._before = stage
         if before is None or before.level != stage.level or before.reach != stage.reach:
+            return search.init(x)
+        if stage.patient and before.sigma != stage.sigma:
             return search.init(x)
         return search.init(x, self._state, (before.sigma / stage.sigma) ** 2)
 

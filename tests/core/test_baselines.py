@@ -14,7 +14,7 @@ from abfm.baselines.paper import exponential_span
 from abfm.energy import MatchingEnergy
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.operators import function_norm_matrix, vector_norm_matrix
-from abfm.parameters import Parameters
+from abfm.parameters import PAPER, Parameters
 from abfm.vector_fields import (
     directional_derivative,
     dual_directional_derivative,
@@ -24,7 +24,15 @@ from abfm.vector_fields import (
 from tests.shapes import icosphere
 
 PARAMETERS = Parameters(
-    tau=1.5, alpha=0.3, beta=0.01, sigma=0.1, gradient="bracket", substeps=4, quadrature=3, preconditioner="none"
+    **PAPER,
+    tau=1.5,
+    alpha=0.3,
+    beta=0.01,
+    sigma=0.1,
+    gradient="bracket",
+    substeps=4,
+    quadrature=3,
+    preconditioner="none",
 )
 
 

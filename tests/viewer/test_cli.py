@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields, replace
+import re
+from dataclasses import asdict, fields, replace
 from functools import partial
 
 import av
@@ -16,6 +17,7 @@ from abfm import Parameters, load_match
 from abfm.assets import asset_path
 from abfm.baselines import benchmark
 from abfm_viewer.cli import main
+from abfm_viewer.cli.solving import Outcome
 from abfm_viewer.documents import document_of_result
 from abfm_viewer.project import load_project, save_project
 
@@ -131,18 +133,57 @@ def test_match_reports_and_writes_what_it_found(tmp_path, capsys):
     assert report["parameters"] == match.parameters.to_dict()
     assert (report["parameters"]["iterations"], report["parameters"]["beta"]) == (20, 0)
     assert report["stop_reason"] == match.stop_reason
-    assert "iteration 0  stage 1/3  energy" in captured.err
+    assert report["verified_mismatch"] == match.verified_mismatch
+    assert report["folded"] == match.folded
+    assert report["verdict"] == asdict(match.verdict)
+    assert re.search(r"^iteration 0  stage 1(, reach [\d.]+)?  energy [\d.]+  mismatch [\d.]+$", captured.err, re.M)
     assert match.source.shape == (315, 1)
     assert match.advect(0.5).shape == (315,)
 
 
-def test_match_says_the_outcome_in_one_line(tmp_path, capsys):
+def test_match_says_the_outcome_in_a_few_lines(tmp_path, capsys):
     out = tmp_path / "m.npz"
     assert main(["match", EIGHT, *PAIR, *SHORT, "--out", str(out)]) == 0
     captured = capsys.readouterr()
+    match = load_match(out)
     assert captured.err == ""
-    assert captured.out.startswith("mismatch 0.")
-    assert captured.out.endswith(f"(iteration limit); wrote {out}\n")
+    numbers, verdict, *advice = captured.out.splitlines()
+    assert numbers.startswith(f"mismatch {match.mismatch:.3g}, {match.verified_mismatch:.3g} by flow lines, ")
+    assert numbers.endswith(f" s ({match.stop_reason}); wrote {out}")
+    assert verdict == f"{match.verdict.kind}: {match.verdict.reason}"
+    assert advice == ([f"to try: {match.verdict.advice}"] if match.verdict.advice else [])
+
+
+def test_match_of_what_cannot_match_says_so_and_what_to_try(tmp_path, capsys):
+    out = tmp_path / "m.npz"
+    pair = ["--source", "expression:1", "--target", PAIR[3]]
+    assert main(["match", EIGHT, *pair, *SHORT, "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "(impossible); wrote" in said
+    assert "\nimpossible: " in said
+    assert "the source is constant" in said
+    assert "\nto try: " in said
+
+
+def test_progress_tells_meshes_stages_and_reach(tmp_path, capsys):
+    words = ["--iterations", "40", "--levels", "2", "--reach", "0.4"]
+    assert main(["match", HUMAN, *PAIR, *words, "--out", str(tmp_path / "m.npz")]) == 0
+    said = capsys.readouterr().err
+    assert "iteration 0  mesh 1/2, stage 1, reach 0.4  energy" in said
+    assert "  mesh 2/2, stage " in said
+
+
+def test_what_is_not_known_is_null_for_machines(tmp_path):
+    match = replace(load_match_of_six_steps(tmp_path), verified_mismatch=float("nan"), folded=float("nan"))
+    described = Outcome(match, 1.0, [], False).to_dict()
+    assert described["verified_mismatch"] is described["folded"] is None
+    assert "flow lines" not in Outcome(match, 1.0, [], False).summary().splitlines()[0]
+
+
+def load_match_of_six_steps(tmp_path):
+    out = tmp_path / "m.npz"
+    assert main(["match", EIGHT, *PAIR, *SHORT, "--out", str(out)]) == 0
+    return load_match(out)
 
 
 def test_channels_and_their_weights_reach_the_solver(result):
@@ -165,7 +206,8 @@ def test_a_mask_is_a_function_or_its_file(as_file, tmp_path):
 
 def test_a_warm_start_begins_where_the_earlier_result_ended(tmp_path):
     first, second = tmp_path / "first.npz", tmp_path / "second.npz"
-    words = ["match", EIGHT, *PAIR, "--cooling-stages", "1", "--quiet", "--iterations"]
+    one_stage = ["--cooling-stages", "1", "--reach", "0", "--levels", "1", "--balance", "0"]
+    words = ["match", EIGHT, *PAIR, *one_stage, "--quiet", "--iterations"]
     assert main([*words, "8", "--out", str(first)]) == 0
     assert main([*words, "1", "--start", str(first), "--out", str(second)]) == 0
     assert load_match(second).energy_history[0] == pytest.approx(load_match(first).energy_history[-1])

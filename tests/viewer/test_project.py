@@ -23,6 +23,7 @@ from numpy.testing import assert_array_equal
 
 from abfm import Match, Parameters, ResultError, TriangleMesh, match
 from abfm.mesh import FloatArray
+from abfm.parameters import PAPER
 from abfm_viewer.colormaps import NAMES
 from abfm_viewer.document import (
     CLICK_TOOLS,
@@ -69,6 +70,7 @@ DOCUMENT = Document(
     result=RESULT,
     runs=(
         Run(RESULT.energy_history, RESULT.stages, (2, len(RESULT.stages)), 0.25, "alpha 1"),
+        Run(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "on two meshes", np.array([12, 42]), np.array([0.5, 0.0])),
         Run(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), (), 1.0, "cancelled at once"),
     ),
     time=1 / 3,
@@ -120,7 +122,7 @@ def assert_same(value: object, expected: object, where: str = "document") -> Non
         for part, other in zip(value, expected, strict=True):  # type: ignore[call-overload]
             assert_same(part, other, where)
     else:
-        assert value == expected, where
+        assert value == expected or (value != value and expected != expected), where
 
 
 class TestRoundTrip:
@@ -131,6 +133,7 @@ class TestRoundTrip:
             Document(WHOLE, "nothing yet"),
             Document(WHOLE, "no channels", view=View(camera=None)),
             replace(DOCUMENT, result=replace(RESULT, mask=None, channels_given=False), runs=()),
+            replace(DOCUMENT, result=replace(RESULT, verified_mismatch=math.nan, folded=math.nan)),
         ],
         ids=lambda document: document.name.encode("ascii", "replace"),
     )
@@ -178,6 +181,26 @@ class TestRoundTrip:
     def test_fields_that_an_older_version_did_not_have_take_their_defaults(self, saved: Path) -> None:
         changed(saved, lambda content: content["document"].update(view={"theme": "dark"}))
         assert load_project(saved)[0].view == View(theme="dark")
+
+    def test_what_was_written_before_there_were_verdicts_meshes_and_reach_means_the_paper_s(self, saved: Path) -> None:
+        def aged(content: dict[str, Any]) -> None:
+            for parameters in (content["document"]["parameters"], content["result"]["parameters"]):
+                for name in PAPER:
+                    del parameters[name]
+            for name in ("verified_mismatch", "folded", "verdict"):
+                del content["result"][name]
+            for run in content["runs"]:
+                del run["has_course"]
+
+        changed(saved, aged)
+        opened, _ = load_project(saved)
+        assert opened.parameters == replace(DOCUMENT.parameters, **PAPER)
+        assert opened.result is not None
+        assert opened.result.parameters == replace(RESULT.parameters, **PAPER)
+        assert opened.result.verdict.reason == RESULT.stop_reason
+        assert math.isnan(opened.result.verified_mismatch)
+        assert math.isnan(opened.result.folded)
+        assert not any(run.has_course for run in opened.runs)
 
     def test_saving_and_opening_large_meshes_is_quick(self, tmp_path: Path) -> None:
         mesh = torus(500, 500)
@@ -313,6 +336,9 @@ class TestDamage:
             ({"known/0": np.full(V, np.inf)}, "the values of file:x.npy has values that are not finite"),
             ({"runs/0/energies": np.zeros((1, 3))}, "runs/0/energies"),
             ({"runs/0/stages": np.zeros(len(RESULT.stages))}, "runs/0/stages is float64"),
+            ({"runs/1/vertices": np.array([12])}, "runs/1/vertices"),
+            ({"runs/1/reaches": np.array([1, 0])}, "runs/1/reaches is int64"),
+            ({"runs/1/reaches": None}, "runs/1/reaches"),
             ({"result/velocity": np.zeros((1, F - 1, 3))}, "result/velocity"),
             ({"result/velocity": np.zeros((2, F, 3))}, "expected reals of shape (1, 80, 3)"),
             ({"result/velocity": RESULT.velocity.astype(complex)}, "type complex128"),
@@ -382,7 +408,7 @@ class TestDamage:
             ({"format_version": None}, "format_version is None"),
             ({"file_vertex_count": 12}, "vertex_ids do not ascend from 0 to below 12"),
             ({"file_vertex_count": 10**15}, "1000000000000000 vertices, and 42 are used"),
-            ({"runs": [{"restarts": [], "mismatch": 0, "label": "a"}] * 3}, "runs/2"),
+            ({"runs": [{"restarts": [], "mismatch": 0, "label": "a"}] * 4}, "runs/3"),
             ({"runs": [{"restarts": [99], "mismatch": 0, "label": "a"}]}, "restarts"),
             ({"known": ["a", "b", "c"]}, "known/2"),
             ({"document": None}, "project.document"),

@@ -18,6 +18,7 @@ from abfm.match_result import Match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
 from abfm.vector_fields import to_frame
+from abfm.verdict import MATCHED, Verdict
 
 _VERTICES_TIMES_ITERATIONS = 1_230_000
 
@@ -119,6 +120,7 @@ class Setup:
         source, target, p = self.source, self.target, self.parameters
         energy = MatchingEnergy(self.mesh, source, target, p)
         evaluated = energy.evaluate(to_frame(self.mesh, self.velocity / self.mesh.length_scale), p.sigma)
+        mismatch = energy.relative_mismatch(evaluated.advected)
         return Match(
             mesh=self.mesh,
             source=source,
@@ -128,8 +130,11 @@ class Setup:
             advected=np.ascontiguousarray(evaluated.advected.T),
             energy_history=np.array([[evaluated.energy, evaluated.regularity, evaluated.mismatch]]),
             stages=np.zeros(1, dtype=np.int64),
-            mismatch=energy.relative_mismatch(evaluated.advected),
+            mismatch=mismatch,
+            verified_mismatch=math.nan,
+            folded=math.nan,
             stop_reason="given",
+            verdict=Verdict("matched" if mismatch <= MATCHED else "not reached", "the field is given, not sought", ""),
             mask=None,
             weights=np.ones(source.shape[1]),
             channels_given=True,

@@ -8,6 +8,7 @@ from abfm.experiments.experiment import Experiment, Findings, Measure, Report, S
 from abfm.experiments.meshes import five_limbs
 from abfm.experiments.sheet import Panel, Sheet, Values
 from abfm.experiments.table_1 import TABLE_1
+from abfm.experiments.witnesses import witnessed
 from abfm.functions import function
 from abfm.matching import match
 from abfm.mesh import FloatArray, TriangleMesh
@@ -40,30 +41,33 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Setup:
 
 
 def run(setup: Setup, report: Report) -> Findings:
-    """Match, and look at the way between."""
+    """Match, verify, and look at the way between."""
     p, mesh = setup.parameters, setup.mesh
     found = match(
         mesh,
         setup.source[:, 0],
         setup.target[:, 0],
         p,
-        on_iteration=lambda now: report("matching", now.iteration / p.iterations),
+        on_iteration=lambda now: report("matching", 0.95 * now.iteration / p.iterations),
     )
+    report("verifying", 0.95)
+    witnesses = witnessed(found)
     path = found.advect(np.linspace(0, p.tau, p.segments + 1))
     shown = found.advect(np.array(_SHOWN) * p.tau)
     sign = "−" if setup.values else ""
     panels = [
         Panel(mesh, Values(path[0]), "eigenfunction 7", "source"),
         *(Panel(mesh, Values(f), f"t = {s:g} τ") for s, f in zip(_SHOWN, shown, strict=True)),
-        Panel(mesh, Values(path[-1]), "matched", "result"),
+        Panel(mesh, Values(path[-1]), witnesses.label, "result"),
         Panel(mesh, Values(found.target[:, 0]), f"{sign}eigenfunction 8", "target"),
     ]
     mismatch = Measure("mismatch, relative L2", found.mismatch, _BOUND, "highly matches", found.mismatch <= _BOUND)
     setting = (
         f"{setup.name}, {len(mesh.vertices):,} vertices; eigenfunction 7 to {sign}eigenfunction 8, "
-        f"{p.segments} linearised steps, {p.iterations} iterations."
+        f"{p.segments} linearised steps, {p.iterations} iterations.{witnesses.note}"
     )
-    return Findings((mismatch, *_smoothness(mesh, path, found.target[:, 0])), Sheet((tuple(panels),)), setting)
+    measures = (mismatch, *witnesses.measures, *_smoothness(mesh, path, found.target[:, 0]))
+    return Findings(measures, Sheet((tuple(panels),)), setting)
 
 
 def _smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tuple[Measure, ...]:

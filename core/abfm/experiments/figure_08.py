@@ -12,6 +12,7 @@ from abfm.experiments.given_flow import root_mean_square, stream_field
 from abfm.experiments.meshes import smoothed
 from abfm.experiments.sheet import Panel, Sheet, Streaks, Values
 from abfm.experiments.table_1 import TABLE_1
+from abfm.experiments.witnesses import witnessed
 from abfm.functions import function
 from abfm.match_result import push
 from abfm.matching import match
@@ -56,7 +57,9 @@ def run(setup: OpticalFlowSetup, report: Report) -> Findings:
     """Match without knowing the field, and compare what was found with it."""
     p, mesh, given = setup.parameters, setup.mesh, setup.hidden
     f, g = setup.source[:, 0], setup.target[:, 0]
-    found = match(mesh, f, g, p, on_iteration=lambda now: report("matching", now.iteration / p.iterations))
+    found = match(mesh, f, g, p, on_iteration=lambda now: report("matching", 0.95 * now.iteration / p.iterations))
+    report("verifying", 0.95)
+    witnesses = witnessed(found)
     velocity, matched = found.velocity[0], found.advected[:, 0]
     difference = np.abs(g - matched)
 
@@ -92,6 +95,7 @@ def run(setup: OpticalFlowSetup, report: Report) -> Findings:
             bool(difference.max() <= _BOUND),
         ),
         Measure("mismatch, relative L2", found.mismatch),
+        *witnesses.measures,
     )
     rows = (
         (
@@ -103,14 +107,14 @@ def run(setup: OpticalFlowSetup, report: Report) -> Findings:
         (
             Panel(mesh, Streaks(velocity), "found field v", "result"),
             Panel(mesh, Values(_speed(mesh, velocity), "speed"), "|v|", "result"),
-            Panel(mesh, Values(matched), "matched", "result"),
+            Panel(mesh, Values(matched), witnesses.label, "result"),
             Panel(mesh, Values(difference, "|g − matched|"), "|g − matched|"),
         ),
     )
     setting = (
         f"{setup.name}, {len(mesh.vertices):,} vertices; the rotated gradient of eigenfunctions "
         f"{' and '.join(map(str, _MODES))} carries eigenfunction 7 to τ = {p.tau:g}, "
-        f"on average {_WAY:g} sqrt(area) far."
+        f"on average {_WAY:g} sqrt(area) far.{witnesses.note}"
     )
     return Findings(measures, Sheet(rows), setting)
 

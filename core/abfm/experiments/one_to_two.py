@@ -9,6 +9,7 @@ import numpy as np
 from abfm.baselines import linear_blend, optimal_transport
 from abfm.experiments.experiment import Findings, Measure, Report, Setup
 from abfm.experiments.sheet import Panel, Sheet, Streaks, Values
+from abfm.experiments.witnesses import Witnessed, witnessed
 from abfm.functions import geodesic_distance
 from abfm.match_result import Match
 from abfm.matching import Iteration, match
@@ -80,7 +81,7 @@ def one_to_two(
 
 
 def run(setup: OneToTwo, report: Report) -> Findings:
-    """Match, follow the flow, and do the same with optimal transport and the linear blend."""
+    """Match, follow and verify the flow, and do the same with optimal transport and the linear blend."""
     mesh, p = setup.mesh, setup.parameters
     areas = vertex_areas(mesh)
     masses_at_tau: dict[int, float] = {}  # of each stage, in the end
@@ -92,14 +93,16 @@ def run(setup: OneToTwo, report: Report) -> Findings:
     found = match(mesh, setup.source[:, 0], setup.target[:, 0], p, on_iteration=on_iteration)
     f, g = found.source[:, 0], found.target[:, 0]
     flow = found.advect(_WAY * p.tau)
-    report("optimal transport", 0.75)
+    report("verifying", 0.7)
+    witnesses = witnessed(found)
+    report("optimal transport", 0.8)
     ways = {
         "advection": flow[_SHOWN],
         "optimal transport": optimal_transport(mesh, f, g, _WAY[_SHOWN], blur=0.5 * setup.width),
         "linear blend": np.stack([linear_blend(f, g, t) for t in _WAY[_SHOWN]]),
     }
     measures = (
-        *_quality(found, flow, areas, masses_at_tau),
+        *_quality(found, witnesses, flow, areas, masses_at_tau),
         *_movement(setup, f, g, ways),
     )
     rows = [
@@ -110,17 +113,19 @@ def run(setup: OneToTwo, report: Report) -> Findings:
         Panel(mesh, Values(f), "source", "source"),
         Panel(mesh, Values(g), "target", "target"),
         Panel(mesh, Streaks(found.velocity[0]), "vector field", "field"),
-        Panel(mesh, Values(flow[-1]), "matched", "result"),
+        Panel(mesh, Values(flow[-1]), witnesses.label, "result"),
     )
     setting = (
         f"{setup.name}, {len(mesh.vertices):,} vertices: a Gaussian and two others of the same mass in all, "
         f"{setup.way:.2f} sqrt(area) away; {p.iterations} iterations, sigma "
-        f"{', '.join(format(sigma, 'g') for sigma in p.stage_sigmas())}."
+        f"{', '.join(format(sigma, 'g') for sigma in p.stage_sigmas())}.{witnesses.note}"
     )
     return Findings(measures, Sheet((first, *rows)), setting)
 
 
-def _quality(found: Match, flow: FloatArray, areas: FloatArray, masses_at_tau: dict[int, float]) -> list[Measure]:
+def _quality(
+    found: Match, witnesses: Witnessed, flow: FloatArray, areas: FloatArray, masses_at_tau: dict[int, float]
+) -> list[Measure]:
     """How well the target is matched, and what the discrete advection does to a function's range and mass."""
     f, g = found.source[:, 0], found.target[:, 0]
     low, high = min(f.min(), g.min()), max(f.max(), g.max())
@@ -144,6 +149,7 @@ def _quality(found: Match, flow: FloatArray, areas: FloatArray, masses_at_tau: d
             "the advected source matches the target",
             found.mismatch <= _BOUND,
         ),
+        *witnesses.measures,
         Measure(
             "largest over- or undershoot on the way, as a share of the functions' range",
             overshoot,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from abfm.parameters import Parameters
+from abfm.parameters import PAPER, Parameters
 
 _STAGES, _FACTOR = 3, 10.0
 
@@ -62,6 +62,7 @@ def _row(
         "cooling_stages": _STAGES if cooled else 1,
         "cooling_factor": _FACTOR,
         "stage_iterations": 0,
+        **PAPER,
     }
     if n is not None:
         values["substeps"] = n
@@ -86,7 +87,8 @@ TABLE_1 = {
 NOTE = (
     "Table 1 of the paper: tau, alpha, beta, sigma, N and n as printed. The paper's meshes keep their own size, those "
     "here are scaled to unit area, so alpha, beta and sigma weigh differently. A starred sigma is the first of three "
-    "cooling stages here, each 10 times smaller; iterations, gradient and optimiser stay as they are."
+    "cooling stages here, each 10 times smaller. Order, reach, levels and balance are such that the energy is the "
+    "paper's; iterations, gradient and optimiser stay as they are."
 )
 """What is taken over from the table, and what is not."""
 

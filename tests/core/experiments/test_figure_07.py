@@ -12,8 +12,10 @@ from tests.shapes import ellipsoid, torus
 
 def test_matches_by_a_smooth_path() -> None:
     findings = EXPERIMENT.run(EXPERIMENT.set_up(None, True), lambda text, share: None)
-    mismatch, length, step, turn, rise = (measure.value for measure in findings.measures)
+    mismatch, by_flow_lines, _, folded, length, step, turn, rise = (measure.value for measure in findings.measures)
     assert mismatch < 0.1
+    assert mismatch < by_flow_lines < 1
+    assert folded < 0.05
     assert 1 < length < 1.5
     assert 1 < step < 2
     assert turn < 0.5

@@ -13,13 +13,14 @@ from tests.shapes import open_cylinder, torus
 
 def test_field_is_found() -> None:
     findings = EXPERIMENT.run(EXPERIMENT.set_up(None, True), lambda text, share: None)
-    along, share, seen, whole, largest, mismatch = (measure.value for measure in findings.measures)
+    along, share, seen, whole, largest, mismatch, *witnesses = (measure.value for measure in findings.measures)
     assert along < 0.1
     assert 0.1 < share < 1
     assert seen < 0.1
     assert seen < whole
     assert largest < 0.02
     assert mismatch < 0.02
+    assert max(witnesses) < 0.1  # by flow lines, on the subdivided mesh; folded faces
 
 
 def test_target_is_the_source_carried_by_the_field() -> None:

@@ -34,6 +34,14 @@ def test_a_row_is_as_printed(row, printed):
         assert (parameters.method, parameters.segments, parameters.substeps) == ("nonlinear", 1, int(n))
 
 
+@pytest.mark.parametrize("row", list(TABLE_1.values()))
+def test_a_row_has_the_energy_of_the_paper(row):
+    found = row.parameters(iterations=7)
+    assert (found.order, found.sigma_unit) == (1, "absolute")
+    assert (found.reach, found.levels, found.balance) == (0, 1, 0)
+    assert row_of(row.parameters(order=2)) is None
+
+
 def test_a_row_is_recognised_until_one_of_its_values_changes():
     assert row_of(Parameters()) is None
     for row in TABLE_1.values():

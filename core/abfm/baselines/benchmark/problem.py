@@ -8,10 +8,10 @@ import numpy as np
 import trimesh
 
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.parameters import Parameters
+from abfm.parameters import PAPER, Parameters
 
 PARAMETERS = Parameters(
-    tau=2.0, alpha=1e3, beta=1e-5, sigma=1e-4, substeps=40, quadrature=10, cooling_stages=1, tolerance=0.0
+    **PAPER, tau=2.0, alpha=1e3, beta=1e-5, sigma=1e-4, substeps=40, quadrature=10, cooling_stages=1, tolerance=0.0
 )
 """The row of Fig. 3 in Table 1, sigma constant, and no end but the iteration limit."""
 

@@ -1,0 +1,28 @@
+"""What a match came to, in the words of window and command line."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from abfm import Iteration, Match
+
+
+def numbers(match: Match) -> str:
+    """The mismatch, and what is known of its verification: ``0.012, 0.03 by flow lines, 0.1% folded``."""
+    parts = [f"{match.mismatch:.3g}"]
+    if not math.isnan(match.verified_mismatch):
+        parts.append(f"{match.verified_mismatch:.3g} by flow lines")
+    if not math.isnan(match.folded):
+        parts.append(f"{100 * match.folded:.2g}% folded")
+    return ", ".join(parts)
+
+
+def place(now: Iteration) -> str:
+    """Where in its course a match is: ``mesh 1/3, stage 2, reach 0.5``."""
+    parts = [f"mesh {now.level + 1}/{now.levels}"] if now.levels > 1 else []
+    parts.append(f"stage {now.stage + 1}")
+    if now.reach:
+        parts.append(f"reach {now.reach:g}")
+    return ", ".join(parts)
