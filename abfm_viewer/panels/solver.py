@@ -53,7 +53,8 @@ def _progress(ui: Ui, session: Session) -> None:
         return
     now, limit = snapshot.iteration, snapshot.problem.parameters.iterations
     ui.progress(now.iteration / max(limit, 1), "")
-    stage = f", stage {now.stage + 1}/{now.stages}" if now.stages > 1 else ""
+    stage = f", mesh {now.level + 1}/{now.levels}" if now.levels > 1 else ""
+    stage += f", stage {now.stage + 1}"
     ui.note(f"Iteration {now.iteration}/{limit}{stage}, mismatch {now.mismatch:.3g}", "ink")
 
 

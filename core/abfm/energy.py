@@ -194,6 +194,11 @@ class MatchingEnergy:
                 residuals = np.stack([part.transposed().forward(mu, self.step).end for mu in residuals])
         return gradient
 
+    def exponent(self, fields: FloatArray) -> float:
+        """Spectral bound times time of the flow of frame coefficients (N, F, 2): about what an advection costs."""
+        parts = self.flow(fields).parts
+        return self.step * sum(part.rho for part in parts if isinstance(part, ExponentialFlow))
+
     def advected(self, fields: FloatArray) -> FloatArray:
         """The source (C, V) carried by frame coefficients (N, F, 2); not finite where the flow overflows."""
         flow = self.flow(fields)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from abfm.continuous_flow import flow_map
 from abfm.control import CancelledError, Control
 from abfm.energy import Evaluation, MatchingEnergy, check_fields
-from abfm.errors import AbfmError, FunctionError, ParameterError
+from abfm.errors import FunctionError, ParameterError
 from abfm.flow_maps import pull_back
 from abfm.iteration import Iteration
 from abfm.levels import Level, levels
@@ -174,7 +174,8 @@ class Solver:
             self._record(current, stage)
         self._state = current
         energies = [current.point.energy]
-        until = min(stage.until, len(self.history) - 1 + stage.iterations)
+        left = self._levels[stage.level].affordable(stage.iterations, x)
+        until = min(stage.until, len(self.history) - 1 + left)
         ended = None
         while len(self.history) <= until and (ended := search.stop_reason(current)) is None:
             if not stage.pays(energies) or energy.relative_mismatch(current.point.advected) <= stage.goal:
@@ -205,8 +206,8 @@ class Solver:
     def _balance(self, stage: Stage) -> None:
         """Move the target by a share of what the discrete advection lies away from the flow lines, again and again.
 
-        With ``g + b (f_tau - f o phi)`` as target a perfect match has ``(1 - b) f_tau + b (f o phi) = g``: both witnesses
-        of the flow, which neither is exactly, share what divides them. The best round stays.
+        With ``g + b (f_tau - f o phi)`` as target a perfect match has ``(1 - b) f_tau + b (f o phi) = g``: both
+        witnesses of the flow, which neither is exactly, share what divides them. The best round stays.
         """
         energy, p = self.energy, self.energy.parameters
         if len(energy.mesh.vertices) > _MOST_WALKS or p.method == "linearised":
