@@ -65,6 +65,8 @@ class Worker:
         self._functions = functions
         self._rows: list[tuple[float, float, float]] = []
         self._stages: list[int] = []
+        self._vertices: list[int] = []
+        self._reaches: list[float] = []
         self._restarts: list[int] = []
         self._lock = threading.Lock()
         self._next: Problem | None = problem
@@ -96,7 +98,15 @@ class Worker:
         snapshot, parameters = self.snapshot, self.problem.parameters
         mismatch = snapshot.iteration.mismatch if snapshot else 1.0
         label = f"alpha {parameters.alpha:g}, beta {parameters.beta:g}, sigma {parameters.sigma:g}"
-        return Run(energies, np.array(self._stages[:count], dtype=np.int64), tuple(self._restarts), mismatch, label)
+        return Run(
+            energies,
+            np.array(self._stages[:count], dtype=np.int64),
+            tuple(self._restarts),
+            mismatch,
+            label,
+            np.array(self._vertices[:count], dtype=np.int64),
+            np.array(self._reaches[:count], dtype=np.float64),
+        )
 
     def pause(self) -> None:
         """Hold the run."""
@@ -187,6 +197,8 @@ class Worker:
 
     def _post(self, problem: Problem, iteration: Iteration) -> None:
         self._rows.append((iteration.energy, iteration.regularity, iteration.mismatch_energy))
+        self._vertices.append(iteration.vertices)
+        self._reaches.append(iteration.reach)
         self.snapshot = Snapshot(problem, iteration)
         self._stages.append(iteration.stage)
         self._since_restart += 1
