@@ -5,19 +5,29 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from pathlib import Path
 
+from abfm import TriangleMesh, load_mesh
+from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.options import positive
+from abfm_viewer.exit_status import INTERRUPTED, UsageError
 
-SUMMARY = "measure the solver against the paper's algorithm and plain L-BFGS"
+SUMMARY = "measure the solver against the paper's algorithm and plain L-BFGS, or how often it succeeds"
 DESCRIPTION = """\
 Measure the solver against the paper's algorithm and plain L-BFGS, how it scales, and what its gradient costs.
 
 Takes about four minutes, alone on the machine: most of it is the time that the baselines get. With --viewer it measures
 the window instead: how long it takes to open, what it costs the solver, and how even its frames are during a solve.
 
+With --success it tries random problems on many meshes, near and far, wide and narrow, and counts how often the solver
+succeeds with its default parameters and how often it did as it was before: about ten minutes. Every problem is the same
+whatever else runs. After Ctrl-C it reports what is finished.
+
 Examples:
   abfm bench --json > bench.json
   abfm bench --viewer
+  abfm bench --success
+  abfm bench --success --only-given --mesh a.off --mesh b.off --problems 10 --part 1/2 --json > part-1.json
 """
 
 
@@ -27,6 +37,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seconds", type=positive, default=60.0, metavar="S", help="time for each baseline (default: 60)"
     )
     parser.add_argument("--viewer", action="store_true", help="measure the window (off the screen where there is none)")
+    parser.add_argument("--success", action="store_true", help="count on random problems how often matches succeed")
+    group = parser.add_argument_group("with --success")
+    group.add_argument("--mesh", action="append", default=[], metavar="FILE", help="try this mesh too; may be repeated")
+    group.add_argument("--only-given", action="store_true", help="leave out the bundled and generated meshes")
+    group.add_argument("--problems", type=_count, default=6, metavar="N", help="problems on each mesh (default: 6)")
+    group.add_argument("--seed", type=int, default=0, help="another number gives other problems (default: 0)")
+    group.add_argument(
+        "--part", type=_part, default=(1, 1), metavar="K/N", help="only every N-th problem, from the K-th"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
@@ -38,15 +57,51 @@ def run(arguments: argparse.Namespace) -> int:
         if not arguments.quiet:
             print(line, file=sys.stderr, flush=True)
 
-    if arguments.viewer:
+    if arguments.success:
+        from abfm.baselines.benchmark import success  # not before: it loads much that the other commands do without
+
+        meshes = _meshes(arguments, {} if arguments.only_given else success.success_meshes())
+        with interrupted_by_sigterm():
+            report = success.run_success(
+                meshes, tell, seed=arguments.seed, count=arguments.problems, part=arguments.part
+            )
+        text = success.format_success(report)
+    elif arguments.viewer:
         from abfm_viewer import benchmark as viewer_benchmark  # not before: it needs OpenGL
 
         report = viewer_benchmark.run(tell)
         text = viewer_benchmark.format_report(report)
     else:
-        from abfm.baselines import benchmark  # not before: it loads much that the other commands do without
+        from abfm.baselines import benchmark  # not before, as above
 
         report = benchmark.run(tell, seconds=arguments.seconds)
         text = benchmark.format_report(report)
     print(json.dumps(report, allow_nan=False) if arguments.json else text)
-    return 0
+    return INTERRUPTED if report.get("interrupted") else 0
+
+
+def _meshes(arguments: argparse.Namespace, meshes: dict[str, TriangleMesh]) -> dict[str, TriangleMesh]:
+    """These, and those that a command line gives; a file's name is the mesh's."""
+    found = dict(meshes)
+    for path in arguments.mesh:
+        name = Path(path).name
+        if name in found:
+            raise UsageError(f"two meshes are called {name}: rename one, as problems are told apart by the name")
+        found[name] = load_mesh(path, largest_component=True)
+    if not found:
+        raise UsageError("--only-given needs a --mesh")
+    return found
+
+
+def _count(text: str) -> int:
+    if not (text.isdecimal() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number above 0")
+    return int(text)
+
+
+def _part(text: str) -> tuple[int, int]:
+    """A part of a whole: ``1/2``."""
+    k, slash, n = text.partition("/")
+    if not (slash and k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a part such as 1/2")
+    return int(k), int(n)

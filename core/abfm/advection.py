@@ -22,7 +22,7 @@ class LinearizedFlow:
 
     def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
         """One step of length ``t`` from ``f`` (V,)."""
-        return Trajectory(t, [Segment(f, 1, None)], f - t * self._derivative(f))
+        return Trajectory(t, [Segment(f, 1)], f - t * self._derivative(f))
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
         """Adjoint of `forward`: adds the derivative by ``v`` to ``gradient`` (F, 2), returns the derivative by ``f``.
@@ -56,7 +56,7 @@ class Flow:
     linearized : bool
         ``id - t D_v`` per field instead of ``exp(-t D_v)``.
     workspace : Workspace, optional
-        Memory of an earlier flow on the same mesh to use again.
+        Memory of an earlier flow on the same mesh to use again, which forgets that flow's terms.
     tolerance : float
         Truncation of the exponentials, relative to the function's largest value.
     """
@@ -71,6 +71,7 @@ class Flow:
         tolerance: float = TOLERANCE,
     ) -> None:
         self.workspace = Workspace(mesh) if workspace is None else workspace
+        self.workspace.release()
         fields = np.ascontiguousarray(fields)
         self.parts: Sequence[LinearizedFlow | ExponentialFlow] = (
             [LinearizedFlow(mesh, v) for v in fields]
@@ -80,8 +81,11 @@ class Flow:
         self.step = tau / len(fields)
 
     def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:
-        """Advect ``f`` (V,) to time tau: one trajectory per field; the last one's ``end`` is the result."""
-        self.workspace.release()
+        """Advect ``f`` (V,) to time tau: one trajectory per field; the last one's ``end`` is the result.
+
+        With ``keep`` the terms of all functions are kept for `backward`, as far as they fit, until another flow uses
+        the workspace.
+        """
         trajectories: list[Trajectory] = []
         for part in self.parts:
             trajectories.append(part.forward(f, self.step, keep))

@@ -1,4 +1,4 @@
-"""Kernels for ``D_v``: assembly, a bound on its spectrum, and the series of its exponential with the adjoint.
+"""Kernels for the matrix of ``D_v``: assembly, products, a bound on its spectrum.
 
 Matrices come in groups of seven entries of one row: ``indptr`` counts groups, ``indices`` and values are (G, 7), and
 what is left of a row's last group is padded with zeros. Seven are what a vertex of valence six has. A group's loads
@@ -12,8 +12,7 @@ import numpy as np
 from abfm.kernels import FloatArray, IndexArray, kernel
 
 GROUP = 7
-_ONE = np.uint32(1)  # a signed one makes a signed index of the sum
-_SWEEP = 4  # terms per sweep: their rows of the matrix together stay in the cache
+ONE = np.uint32(1)  # a signed one makes a signed index of the sum
 
 
 @kernel
@@ -57,12 +56,12 @@ def assemble_derivative_transposed(
 
 
 @kernel
-def _gathered(x: FloatArray, at: IndexArray) -> tuple[float, ...]:
+def gathered(x: FloatArray, at: IndexArray) -> tuple[float, ...]:
     return x[at[0]], x[at[1]], x[at[2]], x[at[3]], x[at[4]], x[at[5]], x[at[6]]
 
 
 @kernel
-def _dot(a: FloatArray, b: tuple[float, ...]) -> float:
+def dot(a: FloatArray, b: tuple[float, ...]) -> float:
     total: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5] + a[6] * b[6]
     return total
 
@@ -75,7 +74,7 @@ def grouped_product(
     for i in range(out.size):
         total = 0.0
         for group in range(indptr[i], indptr[i + 1]):
-            total += _dot(values[group], _gathered(x, indices[group]))
+            total += dot(values[group], gathered(x, indices[group]))
         out[i] = total
 
 
@@ -110,194 +109,3 @@ def perron_bound(indptr: IndexArray, indices: IndexArray, values: FloatArray, ro
         for i in range(size):
             x[i] = y[i] / top + 1e-3
     return best
-
-
-@kernel
-def bessel_coefficients(x: float, count: int) -> FloatArray:
-    """``J_0(x), 2 J_1(x), 2 J_2(x), ...`` by Miller's recurrence; ``count`` is so large that the last one vanishes."""
-    out: FloatArray = np.zeros(count)
-    if x == 0.0:
-        out[0] = 1.0
-        return out
-    out[-1] = 1e-300
-    for k in range(count - 1, 0, -1):
-        out[k - 1] = 2 * k / x * out[k] - (out[k + 1] if k + 1 < count else 0.0)
-        if abs(out[k - 1]) > 1e150:
-            out[k - 1 :] *= 1e-150
-    out[1:] *= 2.0
-    out /= out[::2].sum()
-    return out
-
-
-@kernel
-def _forward_rows(
-    indptr: IndexArray,
-    indices: IndexArray,
-    values: FloatArray,
-    factor: float,
-    weight: float,
-    now: FloatArray,
-    before: FloatArray,
-    after: FloatArray,
-    out: FloatArray,
-    first: int,
-    last: int,
-) -> float:
-    """``after = factor M now + before``, ``out += weight after`` on some rows; the largest ``|after|``."""
-    largest = 0.0
-    for i in range(first, last):
-        total = 0.0
-        for group in range(indptr[i], indptr[i + _ONE]):
-            total += _dot(values[group], _gathered(now, indices[group]))
-        value = factor * total + before[i]
-        after[i] = value
-        out[i] += weight * value
-        if not abs(value) <= largest:
-            largest = abs(value)
-    return largest
-
-
-@kernel
-def chebyshev_forward(
-    indptr: IndexArray,
-    indices: IndexArray,
-    values: FloatArray,
-    bounds: IndexArray,
-    scale: float,
-    f: FloatArray,
-    coefficients: FloatArray,
-    first: int,
-    tolerance: float,
-    terms: FloatArray,
-    out: FloatArray,
-) -> tuple[int, float]:
-    """``out = sum_k coefficients[k] phi_k`` with ``phi_1 = scale M f`` and ``phi_(k+1) = 2 scale M phi_k + phi_(k-1)``.
-
-    ``terms`` (rows, V) receives the ``phi_k`` cyclically (all of them where it has as many rows as ``coefficients``).
-    Stops after term ``first`` once two terms in a row are below ``tolerance * max |f|``. Returns how many terms
-    were summed (0: the table of coefficients was too short) and ``max |phi_k| / max |f|``.
-
-    The rows between two ``bounds`` have no neighbours beyond the next or last such block, so that several terms can be
-    computed in one sweep, each a block behind the one before, while the matrix is in the cache.
-    """
-    rows = terms.shape[0]
-    blocks = bounds.size - 1
-    most = _SWEEP if blocks > 1 else 1
-    top = 0.0
-    for i in range(f.size):
-        terms[0, i] = f[i]
-        out[i] = coefficients[0] * f[i]
-        if not abs(f[i]) <= top:
-            top = abs(f[i])
-    if top == 0.0:
-        return 1, 1.0
-    nothing = np.zeros(f.size)
-    growth = top
-    small = 0
-    for start in range(1, coefficients.size, most):
-        steps = min(most, coefficients.size - start)
-        largest = np.zeros(steps)
-        for front in range(blocks + steps - 1):
-            for step in range(max(0, front - blocks + 1), min(steps, front + 1)):
-                k, block = start + step, front - step
-                highest = _forward_rows(
-                    indptr,
-                    indices,
-                    values,
-                    scale if k == 1 else 2.0 * scale,
-                    coefficients[k],
-                    terms[(k - 1) % rows],
-                    nothing if k == 1 else terms[(k - 2) % rows],
-                    terms[k % rows],
-                    out,
-                    bounds[block],
-                    bounds[block + 1],
-                )
-                if not highest <= largest[step]:
-                    largest[step] = highest
-        for step in range(steps):
-            k = start + step
-            if not np.isfinite(largest[step]):
-                return 0, np.inf
-            growth = max(growth, largest[step])
-            if small < 2:
-                small = small + 1 if k >= first and abs(coefficients[k]) * largest[step] <= tolerance * top else 0
-        if small == 2:
-            return start + steps, growth / top
-    return 0, growth / top
-
-
-@kernel
-def _backward_rows(
-    indptr: IndexArray,
-    indices: IndexArray,
-    transposed: FloatArray,
-    factor: float,
-    weight: float,
-    known: FloatArray,
-    later: FloatArray,
-    result: FloatArray,
-    term: FloatArray,
-    mu: FloatArray,
-    entries: FloatArray,
-    first: int,
-    last: int,
-) -> None:
-    """``result = factor M^T known + later + weight mu`` on some rows; adds derivatives by entries to ``entries``."""
-    for j in range(first, last):
-        total = 0.0
-        gain = factor * term[j]
-        for group in range(indptr[j], indptr[j + _ONE]):
-            a = _gathered(known, indices[group])
-            total += _dot(transposed[group], a)
-            entry = entries[group]
-            for slot in range(GROUP):
-                entry[slot] += gain * a[slot]
-        result[j] = weight * mu[j] + factor * total + later[j]
-
-
-@kernel
-def chebyshev_backward(
-    indptr: IndexArray,
-    indices: IndexArray,
-    transposed: FloatArray,
-    bounds: IndexArray,
-    scale: float,
-    terms: FloatArray,
-    coefficients: FloatArray,
-    count: int,
-    mu: FloatArray,
-    entries: FloatArray,
-) -> FloatArray:
-    """Adjoint of `chebyshev_forward`: returns the derivative by ``f`` for the derivative ``mu`` by ``out``.
-
-    ``transposed`` are the values of the transposed matrix on the same (structurally symmetric) sparsity; the derivative
-    by the value of the transposed entry is added to ``entries``.
-    """
-    blocks = bounds.size - 1
-    most = _SWEEP if blocks > 1 else 1
-    work: FloatArray = np.zeros((3, mu.size))
-    for i in range(mu.size):
-        work[(count - 1) % 3, i] = coefficients[count - 1] * mu[i]
-    for start in range(count - 2, -1, -most):
-        steps = min(most, start + 1)
-        for front in range(blocks + steps - 1):
-            for step in range(max(0, front - blocks + 1), min(steps, front + 1)):
-                k, block = start - step, front - step
-                _backward_rows(
-                    indptr,
-                    indices,
-                    transposed,
-                    scale if k == 0 else 2.0 * scale,
-                    coefficients[k],
-                    work[(k + 1) % 3],
-                    work[(k + 2) % 3],
-                    work[k % 3],
-                    terms[k],
-                    mu,
-                    entries,
-                    bounds[block],
-                    bounds[block + 1],
-                )
-    mu_start: FloatArray = work[0].copy()
-    return mu_start

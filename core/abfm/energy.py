@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,17 +32,22 @@ class Evaluation:
     ----------
     energy, regularity, mismatch : float
         Total and its two terms; infinite where the flow overflows.
-    gradient : (N, F, 2) array
-        Derivative by the frame coefficients of the fields.
     advected : (C, V) array
         Source carried to the end time.
+    differentiate : callable
+        Computes the gradient; faster before than after the next evaluation of the energy.
     """
 
     energy: float
     regularity: float
     mismatch: float
-    gradient: FloatArray
     advected: FloatArray
+    differentiate: Callable[[], FloatArray]
+
+    @cached_property
+    def gradient(self) -> FloatArray:
+        """Derivative by the frame coefficients of the fields, (N, F, 2), computed when first asked for."""
+        return self.differentiate()
 
 
 class MatchingEnergy:
@@ -122,10 +128,11 @@ class MatchingEnergy:
         momentum = self.step * np.stack([self.regularizer.apply(v) for v in fields])
         regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(fields).ravel())
         try:
-            mismatch, gradient, advected = self._mismatch(fields, sigma, reach, target, tolerance)
+            mismatch, advected, gradient = self._mismatch(fields, sigma, reach, target, tolerance)
         except AdvectionError:
-            mismatch, gradient, advected = np.inf, np.full(self.shape, np.nan), np.full_like(self.source, np.nan)
-        return Evaluation(regularity + mismatch, regularity, mismatch, momentum + gradient, advected)
+            nowhere = np.full(self.shape, np.nan)
+            mismatch, advected, gradient = np.inf, np.full_like(self.source, np.nan), lambda: nowhere
+        return Evaluation(regularity + mismatch, regularity, mismatch, advected, lambda: momentum + gradient())
 
     def sigma(self, sigma: float) -> float:
         """The sigma of the energy, in the functions' unit, for one as the parameters give it."""
@@ -145,28 +152,33 @@ class MatchingEnergy:
 
     def _mismatch(
         self, fields: FloatArray, sigma: float, reach: float, target: FloatArray | None, tolerance: float
-    ) -> tuple[float, FloatArray, FloatArray]:
+    ) -> tuple[float, FloatArray, Callable[[], FloatArray]]:
         flow = self.flow(fields, tolerance)
         measure = self.far_metric(reach) if reach else partial(kernels.product, self.metric)
         target = self.target if target is None else target
-        gradient = np.zeros(self.shape)
         advected = np.empty_like(self.source)
         mismatch = 0.0
         by_bracket = self.parameters.gradient == "bracket" and self.parameters.method == "nonlinear"
         residuals = np.empty_like(self.source)
+        trajectories = []
         for c, f in enumerate(self.source):
-            trajectories = flow.forward(f, keep=not by_bracket)
-            advected[c] = trajectories[-1].end
+            trajectories.append(flow.forward(f, keep=not by_bracket))
+            advected[c] = trajectories[c][-1].end
             if not np.isfinite(advected[c]).all():
                 raise AdvectionError("the advected function overflows")
             difference = advected[c] - target[c]
             residuals[c] = self.weights[c] / self.sigma(sigma) ** 2 * measure(difference)
             mismatch += 0.5 * kernels.inner(residuals[c], difference)
-            if not by_bracket:
-                flow.backward(trajectories, residuals[c], gradient)
-        if by_bracket:
-            gradient = self._bracket_gradient(fields, flow, residuals)
-        return mismatch, gradient, advected
+
+        def differentiate() -> FloatArray:
+            if by_bracket:
+                return self._bracket_gradient(fields, flow, residuals)
+            gradient = np.zeros(self.shape)
+            for trajectory, residual in zip(trajectories, residuals, strict=True):
+                flow.backward(trajectory, residual, gradient)
+            return gradient
+
+        return mismatch, advected, differentiate
 
     def _bracket_gradient(self, fields: FloatArray, flow: Flow, residuals: FloatArray) -> FloatArray:
         p = self.parameters
@@ -181,6 +193,11 @@ class MatchingEnergy:
             if j:
                 residuals = np.stack([part.transposed().forward(mu, self.step).end for mu in residuals])
         return gradient
+
+    def exponent(self, fields: FloatArray) -> float:
+        """Spectral bound times time of the flow of frame coefficients (N, F, 2): about what an advection costs."""
+        parts = self.flow(fields).parts
+        return self.step * sum(part.rho for part in parts if isinstance(part, ExponentialFlow))
 
     def advected(self, fields: FloatArray) -> FloatArray:
         """The source (C, V) carried by frame coefficients (N, F, 2); not finite where the flow overflows."""

@@ -8,13 +8,15 @@ The derivative is that of the sum as computed, so it is exact whatever the trunc
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import jv
 
-from abfm import derivative_kernels
+from abfm import derivative_kernels, series_kernels
 from abfm.derivative_pattern import derivative_pattern
 from abfm.errors import AbfmError
 from abfm.mesh import FloatArray, TriangleMesh
@@ -25,45 +27,97 @@ _GROWTH_LIMIT = 1e5  # terms this much larger than the function lose five digits
 _PRODUCT_LIMIT = 1e6
 _SHORTEST = 2.0  # products per segment below which splitting cannot help
 _SLOWEST = 1e-100  # a zero field still needs a positive rho for its derivative
-_MEMORY = 50_000_000  # numbers
+_MEMORY = 70_000_000  # numbers
+_SHORT_SEGMENT, _LONG_SEGMENT = 30.0, 1000.0  # products; shorter ones spend more than half on the tail
 
 
 class AdvectionError(AbfmError):
     """A field so fast, or a time so long, that the advection cannot be computed in reasonable time or range."""
 
 
+@dataclass(eq=False)
+class RowProducts:
+    """How many rows of ``D_v``, or of its transpose, were multiplied with functions: ``count``."""
+
+    count: int = 0
+
+
+_open_counts: list[RowProducts] = []
+
+
+@contextmanager
+def counted_row_products() -> Iterator[RowProducts]:
+    """Count what all series and adjoints in the process cost inside the block, whatever the machine.
+
+    A term of a series on V vertices is V row products, and so is one of its adjoint; series that are cut off because
+    they overflow do not count.
+    """
+    products = RowProducts()
+    _open_counts.append(products)
+    try:
+        yield products
+    finally:
+        _open_counts.remove(products)
+
+
+def _count(terms: int, size: int) -> None:
+    """Note a series of so many terms, of which the first is the function itself."""
+    for products in _open_counts:
+        products.count += max(terms - 1, 0) * size
+
+
 class Workspace:
-    """Memory for the terms of series, kept between evaluations: about 400 MB at most, touched only as far as used."""
+    """Memory for the terms of series, kept between evaluations: about 560 MB, and as much for scratch where it is full.
+
+    The array is larger, but touched only as far as used. Beyond a million vertices one short series takes more.
+    """
 
     def __init__(self, mesh: TriangleMesh) -> None:
         size = len(mesh.vertices)
-        self.longest_segment = float(np.clip(_MEMORY / size, 60.0, 1000.0))
+        rows = _MEMORY // size
+        self.longest_segment = float(np.clip(2 * rows - _likely_terms(rows), _SHORT_SEGMENT, _LONG_SEGMENT))
         self.block = len(_bessel_coefficients(self.longest_segment))
-        self.terms = np.empty((np.clip(_MEMORY // size, 2 * self.block, 8 * self.block), size))
+        self.capacity = min(rows, 8 * self.block)
+        self.terms = np.empty((self.capacity + 2 * self.block, size))
         self.rolling = np.empty((3, size))
         self.used = self.block
+        self.generation = 0
+
+    def fits(self, rows: int) -> bool:
+        """Whether so many more rows may be kept; the first block is for scratch."""
+        return self.used - self.block + rows <= self.capacity
 
     def take(self, rows: int) -> FloatArray | None:
-        """Rows to keep until `release`, or None where there is no room; the first block is for scratch."""
+        """Rows to keep until `release`, or None where there is no room."""
         return self.terms[self.used : self.used + rows] if self.used + rows <= len(self.terms) else None
 
     def release(self) -> None:
         """Forget all kept terms."""
         self.used = self.block
+        self.generation += 1
+
+
+def _likely_terms(x: float) -> int:
+    """How many terms a series sums to the default tolerance unless they grow."""
+    return int(x + 8 * np.cbrt(x)) + 8
 
 
 def _bessel_coefficients(x: float) -> FloatArray:
-    """``c_k J_k(x)`` up to far below rounding, with room for terms that grow."""
-    return derivative_kernels.bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 40)
+    """``c_k J_k(x)`` to below rounding."""
+    return series_kernels.bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 20)
 
 
 @dataclass
 class Segment:
-    """One series of a trajectory: where it started, how many terms it summed, and the terms if they were kept."""
+    """One series of a trajectory: where it started, how many terms it summed, and the terms if they were kept.
+
+    They are there as long as the workspace's ``generation`` is this one.
+    """
 
     start: FloatArray
     count: int
-    terms: FloatArray | None
+    terms: FloatArray | None = None
+    generation: int = 0
 
 
 @dataclass
@@ -125,20 +179,22 @@ class ExponentialFlow:
 
     def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
         """All segments; None where the terms of one outgrow the function so far that a shorter step is needed."""
-        coefficients = _bessel_coefficients(abs(step) * self.rho)
+        x = abs(step) * self.rho
+        coefficients = _bessel_coefficients(x)
+        keep = keep and self.workspace.fits(count * _likely_terms(x))  # scratch serves the others one by one
         segments: list[Segment] = []
         state = f
         for _ in range(count):
             terms = self.workspace.take(len(coefficients)) if keep else None
             buffer = self.workspace.rolling if terms is None else terms
             end, used, growth = self._series(state, step, coefficients, buffer)
-            if (used == 0 or growth > _GROWTH_LIMIT) and abs(step) * self.rho > _SHORTEST:
+            if (used == 0 or growth > _GROWTH_LIMIT) and x > _SHORTEST:
                 return None
             if used == 0:
                 return Trajectory(step, segments, np.full_like(f, np.inf))
             if terms is not None:
                 self.workspace.used += used
-            segments.append(Segment(state, used, terms))
+            segments.append(Segment(state, used, terms, self.workspace.generation))
             state = end
         return Trajectory(step, segments, state)
 
@@ -147,7 +203,7 @@ class ExponentialFlow:
     ) -> tuple[FloatArray, int, float]:
         end = np.empty_like(f)
         x = abs(step) * self.rho
-        used, growth = derivative_kernels.chebyshev_forward(
+        used, growth = series_kernels.chebyshev_forward(
             self.pattern.indptr,
             self.pattern.indices,
             self.values,
@@ -160,6 +216,7 @@ class ExponentialFlow:
             terms,
             end,
         )
+        _count(used, len(f))
         return end[self.pattern.rank], used, growth
 
     def _scale(self, step: float) -> float:
@@ -175,10 +232,11 @@ class ExponentialFlow:
         entries = np.zeros_like(transposed)
         for segment in reversed(trajectory.segments):
             terms = segment.terms
-            if terms is None:
+            if terms is None or segment.generation != self.workspace.generation:
                 terms = self.workspace.terms
                 self._series(segment.start, trajectory.step, coefficients, terms)
-            mu = derivative_kernels.chebyshev_backward(
+            _count(segment.count, len(mu))
+            mu = series_kernels.chebyshev_backward(
                 self.pattern.indptr,
                 self.pattern.indices,
                 transposed,
@@ -198,7 +256,6 @@ class ExponentialFlow:
 
         One series serves all times of a segment: only its coefficients change.
         """
-        self.workspace.release()
         trajectory = self.forward(f, float(times[-1]))
         step = trajectory.step
         out = np.repeat(trajectory.end[None], len(times), axis=0)

@@ -1,10 +1,10 @@
 """A norm of mismatches that reaches far, for the first stages of a match.
 
-Where source and target do not touch, the derivative of ``||f_tau - g||^2`` by the field is ``-grad(f^2)`` on the source's
-own support: it says "shrink", never "move". Measured through the smoothing ``(A + s L)^-1``, with vertex masses ``A`` and
-the cotangent stiffness ``L``, the mismatch is felt as far as ``sqrt(s)``. The kernel is positive definite, so that only
-an exact match has none; it is the linearisation of optimal transport's distance [Peyre, Comparison between W2 distance
-and H^-1 norm, and localization of Wasserstein distance, ESAIM: COCV 24 (2018)].
+Where source and target do not touch, the derivative of ``||f_tau - g||^2`` by the field is ``-grad(f^2)`` on the
+source's own support: it says "shrink", never "move". Measured through the smoothing ``(A + s L)^-1``, with vertex
+masses ``A`` and the cotangent stiffness ``L``, the mismatch is felt as far as ``sqrt(s)``. The kernel is positive
+definite, so that only an exact match has none; it is the linearisation of optimal transport's distance [Peyre,
+Comparison between W2 distance and H^-1 norm, and localization of Wasserstein distance, ESAIM: COCV 24 (2018)].
 """
 
 from __future__ import annotations

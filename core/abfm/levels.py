@@ -19,14 +19,17 @@ COARSEST = 2500
 RATIO = 4.0
 """Of the numbers of vertices of a mesh and the next coarser one."""
 _WORTH = 2.0  # times as many vertices as the coarsest mesh: with fewer, a mesh of even triangles is its own
+_COST = 4.0  # of an evaluation on even triangles: spectral bound times height over speed
+_LEAST = 2  # iterations that are always spent
 _NEEDLES = 30.0  # median over least height of the triangles: with more a coarser mesh is worth its while from the start
 
 
 class Level:
     """The energy on one mesh, and the way from there to the next finer one, if there is one."""
 
-    def __init__(self, energy: MatchingEnergy, to_finer: Transfer | None) -> None:
-        self.energy, self._to_finer = energy, to_finer
+    def __init__(self, energy: MatchingEnergy, to_finer: Transfer | None, is_coarsest: bool = True) -> None:
+        self.energy, self._to_finer, self.is_coarsest = energy, to_finer, is_coarsest
+        self._usual_height = float(np.median(_heights(energy.mesh)))
 
     def fields_to_finer(self, x: FloatArray) -> FloatArray:
         """Frame coefficients (N, F, 2) on the finer mesh; times mean the same there."""
@@ -42,6 +45,17 @@ class Level:
     def functions_to_finer(self, functions: FloatArray) -> FloatArray:
         """Functions (C, V) on the finer mesh."""
         return self._transfer.function_to_fine(functions)
+
+    def affordable(self, iterations: int, x: FloatArray) -> int:
+        """How many of so many iterations to spend here, from frame coefficients (N, F, 2) on.
+
+        Where a few thin triangles set the cost of an evaluation it can be fifty times the usual one; on coarser meshes,
+        which have none, these iterations have been made already. What is spent is what even triangles would cost.
+        """
+        if self.is_coarsest:
+            return iterations
+        usual = self.energy.step * float(np.sqrt((x**2).sum(axis=-1)).max(axis=-1).sum()) / self._usual_height
+        return max(_LEAST, int(iterations * min(1.0, _COST * usual / max(self.energy.exponent(x), 1e-300))))
 
     @property
     def _transfer(self) -> Transfer:
@@ -65,6 +79,7 @@ def levels(finest: MatchingEnergy, between: Callable[[], None]) -> list[Level]:
         f, g = transfer.function_to_coarse(energy.source), transfer.function_to_coarse(energy.target)
         smaller = MatchingEnergy(coarse, f.T, g.T, energy.parameters, mask, energy.weights)
         smaller.function_size = energy.function_size
+        found[0].is_coarsest = False
         found.insert(0, Level(smaller, transfer))
     return found
 
@@ -84,10 +99,15 @@ def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
 
 def _has_needles(mesh: TriangleMesh) -> bool:
     """Whether the least height of a triangle, which sets the cost of an evaluation, is far below the usual one."""
+    heights = _heights(mesh)
+    return bool(np.median(heights) > _NEEDLES * heights.min())
+
+
+def _heights(mesh: TriangleMesh) -> FloatArray:
+    """Least height of each face."""
     corners = mesh.vertices[mesh.faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    heights = face_areas(mesh) / longest
-    return bool(np.median(heights) > _NEEDLES * heights.min())
+    return np.asarray(2 * face_areas(mesh) / longest)
 
 
 def _transfer(fine: TriangleMesh, coarse: TriangleMesh) -> Transfer:

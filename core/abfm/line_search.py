@@ -26,7 +26,7 @@ Point = TypeVar("Point", bound=HasEnergy)
 
 @dataclass(frozen=True)
 class Trial(Generic[Point]):
-    """One step length tried: value and slope along the direction."""
+    """One step length tried: value, and slope along the direction (NaN where the value alone rules it out)."""
 
     length: float
     value: float
@@ -35,14 +35,20 @@ class Trial(Generic[Point]):
 
 
 def strong_wolfe(
-    evaluate: Callable[[float], tuple[Point, float]], start: Trial[Point], first: float, longest: float
+    evaluate: Callable[[float], Point],
+    slope_at: Callable[[Point], float],
+    start: Trial[Point],
+    first: float,
+    longest: float,
 ) -> Trial[Point] | None:
     """Find a step length with sufficient decrease and, unless it is ``longest``, a flatter slope.
 
     Parameters
     ----------
     evaluate : callable
-        Step length to evaluation and slope along the direction.
+        Step length to evaluation.
+    slope_at : callable
+        Evaluation to slope along the direction: asked for only where the value is low enough.
     start : Trial
         The trial of length 0; its slope is negative.
     first, longest : float
@@ -56,10 +62,12 @@ def strong_wolfe(
     low, high = start, None
     length = min(first, longest)
     for _ in range(_MOST_TRIALS):
-        point, slope = evaluate(length)
-        value = point.energy if np.isfinite(point.energy) and np.isfinite(slope) else np.inf
+        point = evaluate(length)
+        value, slope = point.energy, np.nan
+        if value <= start.value + DECREASE * length * start.slope and value < low.value:
+            slope = slope_at(point)
         trial = Trial(length, value, slope, point)
-        if value > start.value + DECREASE * length * start.slope or value >= low.value:
+        if not np.isfinite(slope):
             high = trial
         elif abs(slope) <= -CURVATURE * start.slope or (slope < 0 and length >= longest):
             return trial
@@ -77,16 +85,25 @@ def strong_wolfe(
 
 
 def _interpolate(low: Trial[Point], high: Trial[Point]) -> float:
-    """Minimiser of the cubic through both trials, kept off the ends; a tenth of the way if ``high`` is infinite."""
+    """Minimiser of the cubic or, without a slope at ``high``, the parabola through both trials, kept off the ends.
+
+    A tenth of the way if ``high`` is infinite.
+    """
     width = high.length - low.length
-    if not np.isfinite(high.value):
-        return low.length + 0.1 * width
-    bend = low.slope + high.slope - 3 * (low.value - high.value) / (low.length - high.length)
-    under = bend**2 - low.slope * high.slope
+    rise = high.value - low.value
     fraction = 0.5
-    if under >= 0:
-        root = np.sign(width) * np.sqrt(under)
-        bottom = high.slope - low.slope + 2 * root
-        if bottom != 0:
-            fraction = 1 - (high.slope + root - bend) / bottom
+    if not np.isfinite(rise):
+        fraction = 0.1
+    elif not np.isfinite(high.slope):
+        above = rise - low.slope * width  # the tangent at low
+        if above > 0:
+            fraction = -0.5 * low.slope * width / above
+    else:
+        bend = low.slope + high.slope - 3 * rise / width
+        under = bend**2 - low.slope * high.slope
+        if under >= 0:
+            root = np.sign(width) * np.sqrt(under)
+            bottom = high.slope - low.slope + 2 * root
+            if bottom != 0:
+                fraction = 1 - (high.slope + root - bend) / bottom
     return low.length + width * float(np.clip(fraction, 0.1, 0.9))

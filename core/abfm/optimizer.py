@@ -73,7 +73,8 @@ class LBFGS(Generic[Point]):
     Parameters
     ----------
     evaluate : callable
-        Array to evaluation with ``energy`` and ``gradient``; the energy may be infinite.
+        Array to evaluation with ``energy`` and ``gradient``; the energy may be infinite. The gradient is asked for only
+        where it is needed, at the latest before the next evaluation.
     precondition : callable, optional
         ``H_0``: applies a symmetric positive definite approximation of the inverse Hessian. Without it ``H_0`` is the
         usual multiple of the identity, ``<s, y> / <y, y>``.
@@ -124,11 +125,13 @@ class LBFGS(Generic[Point]):
             return self._without_memory(state, 0)
         evaluations = 0
 
-        def along(length: float) -> tuple[Point, float]:
+        def along(length: float) -> Point:
             nonlocal evaluations
             evaluations += 1
-            point = self.evaluate(state.x + length * direction)
-            return point, _inner(direction, point.gradient)
+            return self.evaluate(state.x + length * direction)
+
+        def slope_at(point: Point) -> float:
+            return _inner(direction, point.gradient)
 
         full = self.size(direction)
         longest = self.longest / full if full > 0 else 1.0
@@ -138,7 +141,7 @@ class LBFGS(Generic[Point]):
         elif not state.pairs and not self.precondition:
             first = min(1.0, 1.0 / float(np.abs(direction).sum()))
         origin = Trial(0.0, state.point.energy, slope, state.point)
-        trial = strong_wolfe(along, origin, first, longest)
+        trial = strong_wolfe(along, slope_at, origin, first, longest)
         if trial is None:
             return self._without_memory(state, evaluations)
         return self._accept(state, trial, direction, evaluations)

@@ -54,7 +54,12 @@ class Parameters:
     alpha: float = _parameter(0.005, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
     beta: float = _parameter(0.0, "β", "weight of the mismatch's gradient: above 0, slopes must match as well", 0)
     order: int = _parameter(
-        2, "", "order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as computed", 1, False, 2
+        2,
+        "",
+        "order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as computed",
+        1,
+        False,
+        2,
     )
     sigma: float = _parameter(0.02, "σ", "weight of the match against the smoothness: smaller matches closer", 0, True)
     sigma_unit: SigmaUnit = _parameter(

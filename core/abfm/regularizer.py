@@ -4,8 +4,8 @@
 ``B`` of (rotated) vertex functions, and their masses. Because ``A^T M B = 0``, the Woodbury identity splits into two
 scalar problems, ``R^-1 = M^-1 - alpha A (G_1 + alpha A^T M A)^-1 A^T - alpha B (G_0 + alpha B^T M B)^-1 B^T``.
 
-The norm of second order, ``(id + alpha Delta_H)^2``, is ``R M^-1 R``, with the inverse ``R^-1 M R^-1``: fields of finite
-norm are continuous, which those of the first order, the paper's, need not be in two dimensions.
+The norm of second order, ``(id + alpha Delta_H)^2``, is ``R M^-1 R``, with the inverse ``R^-1 M R^-1``: fields of
+finite norm are continuous, which those of the first order, the paper's, need not be in two dimensions.
 """
 
 from __future__ import annotations

@@ -74,10 +74,7 @@ def search(p: Parameters, levels: int) -> list[list[Stage]]:
     if not p.reach:
         return [[replace(near, sigma=sigma) for sigma in sigmas[:-1]]] if early else []
     far = replace(near, iterations=p.stage_iterations or max(1, int(_SEARCH * p.iterations)))
-    tries = [
-        [replace(far, reach=p.reach * further, sigma=sigmas[0] * colder), near] for further, colder in _TRIES
-    ]
-    return tries
+    return [[replace(far, reach=p.reach * further, sigma=sigmas[0] * colder), near] for further, colder in _TRIES]
 
 
 def finish(p: Parameters, levels: int, warm: bool) -> list[Stage]:

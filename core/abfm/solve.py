@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike
 from abfm.continuous_flow import flow_map
 from abfm.control import CancelledError, Control
 from abfm.energy import Evaluation, MatchingEnergy, check_fields
-from abfm.errors import AbfmError, FunctionError, ParameterError
+from abfm.errors import FunctionError, ParameterError
 from abfm.flow_maps import pull_back
 from abfm.iteration import Iteration
 from abfm.levels import Level, levels
 from abfm.mesh import FloatArray
 from abfm.optimizer import LBFGS, State
+from abfm.regularizer import Regularizer
 from abfm.schedule import REACHED, Stage, finish, search
 from abfm.vector_fields import to_ambient, to_frame
 
@@ -28,6 +29,8 @@ _GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that
 _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
 _KEPT = 0.05  # discrete mismatch that flow lines may cost
 _MOST_WALKS = 50_000  # vertices up to which flow lines are balanced: finer meshes carry what is matched on them
+_WORSE = 2.0  # a mismatch this many times that on the coarser mesh is not the field's doing
+_CALMING = (1.0, 2.0, 4.0)  # edges over which fields are smoothed, one after the other, until they are calm
 _HALVINGS = 8  # of fields that overflow on a finer mesh
 
 Best = State[Evaluation]
@@ -135,20 +138,29 @@ class Solver:
         return fields
 
     def _prolonged(self, x: FloatArray, level: int) -> FloatArray:
-        """Fields of the level that was last, on another one; slower where their flow overflows there."""
-        if level == self._level:
-            return x
+        """Fields of the level that was last, on another one."""
         while self._level < level:
             self._pass()
+            mismatch = self._levels[self._level].energy.relative_mismatch(self._known().point.advected)
             x = self._levels[self._level].fields_to_finer(x)
             self._level += 1
-        self._state = None
-        energy = self._levels[level].energy
-        for _ in range(_HALVINGS):
-            if np.isfinite(energy.advected(x)).all():
-                break
-            x = x / 2
+            self._state = None
+            x = self._calmed(x, self._levels[self._level].energy, mismatch)
         return x
+
+    def _calmed(self, x: FloatArray, energy: MatchingEnergy, mismatch: float) -> FloatArray:
+        """Fields that came from a coarser mesh, smoothed until they carry the source about as well as they did there.
+
+        Where the normal parts of a field jump over edges the discrete flow grows, on meshes of thin triangles beyond
+        bounds; smoothing on the scale of an edge, by the norm of first order, takes most of the jumps away.
+        """
+        area = 1 / len(energy.mesh.vertices)
+        for edges in _CALMING:
+            if energy.relative_mismatch(energy.advected(x)) <= _WORSE * mismatch + _KEPT:  # false if not finite
+                return x
+            smooth = Regularizer(energy.mesh, area * edges**2)
+            x = np.stack([smooth.inverse((smooth.mass * v.ravel()).reshape(v.shape)) for v in x])
+        return x if np.isfinite(energy.advected(x)).all() else np.zeros_like(x)
 
     def _minimise(self, stage: Stage, x: FloatArray, target: FloatArray | None = None) -> Best:
         """Run a stage to its end."""
@@ -162,7 +174,8 @@ class Solver:
             self._record(current, stage)
         self._state = current
         energies = [current.point.energy]
-        until = min(stage.until, len(self.history) - 1 + stage.iterations)
+        left = self._levels[stage.level].affordable(stage.iterations, x)
+        until = min(stage.until, len(self.history) - 1 + left)
         ended = None
         while len(self.history) <= until and (ended := search.stop_reason(current)) is None:
             if not stage.pays(energies) or energy.relative_mismatch(current.point.advected) <= stage.goal:
@@ -193,8 +206,8 @@ class Solver:
     def _balance(self, stage: Stage) -> None:
         """Move the target by a share of what the discrete advection lies away from the flow lines, again and again.
 
-        With ``g + b (f_tau - f o phi)`` as target a perfect match has ``(1 - b) f_tau + b (f o phi) = g``: both witnesses
-        of the flow, which neither is exactly, share what divides them. The best round stays.
+        With ``g + b (f_tau - f o phi)`` as target a perfect match has ``(1 - b) f_tau + b (f o phi) = g``: both
+        witnesses of the flow, which neither is exactly, share what divides them. The best round stays.
         """
         energy, p = self.energy, self.energy.parameters
         if len(energy.mesh.vertices) > _MOST_WALKS or p.method == "linearised":

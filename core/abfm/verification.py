@@ -202,7 +202,8 @@ def look(
     points = carried(vertex_points(mesh, asked))
     rows = corners.reshape(-1, 3)
     folded = folds_among(mesh, carried, faces, points.positions[rows], points.faces[rows])
-    weight = np.bincount(asked, minlength=count) * (1.0 if mask is None else mask)  # nothing where nobody asked
+    weight = np.zeros(count)  # nothing where nobody asked
+    weight[asked] = 1.0 if mask is None else mask[asked]
     found = np.zeros_like(source)
     found[:, asked] = pull_back(mesh, points, source.T).T
     return relative_mismatch(mesh, found, target, source, weight, weights), folded

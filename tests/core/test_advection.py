@@ -8,10 +8,10 @@ from scipy.special import jv
 
 import abfm
 from abfm.advection import Flow, advect
-from abfm.derivative_kernels import bessel_coefficients
 from abfm.derivative_pattern import derivative_pattern
 from abfm.exponential import AdvectionError
 from abfm.operators import l2_norm, vertex_areas
+from abfm.series_kernels import bessel_coefficients
 from abfm.vector_fields import directional_derivative, to_frame
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.verification import observed_orders
@@ -249,3 +249,23 @@ def test_several_terms_in_one_sweep_are_the_same_terms(monkeypatch):
     assert 0 <= blocks[0] - one[0] < 4
     np.testing.assert_allclose(blocks[1], one[1], rtol=0, atol=1e-12)
     np.testing.assert_allclose(blocks[2], one[2], rtol=0, atol=1e-9 * np.abs(one[2]).max())
+
+
+def test_little_memory_changes_nothing_but_the_time(monkeypatch):
+    """Short segments whose terms are computed again."""
+    mesh = MESHES["closed"].normalized()
+    fields = to_frame(mesh, wavy_field(mesh, 1))[None]
+    f, mu = np.random.default_rng(2).normal(size=(2, len(mesh.vertices)))
+    results = []
+    for memory in (70_000_000, 70 * len(mesh.vertices)):
+        monkeypatch.setattr("abfm.exponential._MEMORY", memory)
+        flow = Flow(mesh, fields, 4.0)
+        gradient = np.zeros_like(fields)
+        [trajectory] = flow.forward(f, keep=True)
+        flow.backward([trajectory], mu, gradient)
+        results.append((trajectory, gradient))
+    (ample, expected), (scarce, gradient) = results
+    assert ample.segments[0].terms is not None
+    assert len(scarce.segments) > len(ample.segments)
+    assert all(segment.terms is None for segment in scarce.segments)
+    np.testing.assert_allclose(gradient, expected, rtol=0, atol=1e-7 * np.abs(expected).max())

@@ -58,6 +58,18 @@ def test_gradient_is_that_of_the_truncated_sum(tolerance):
     assert taylor_order(evaluate, v, direction, 1.0) >= 1.9
 
 
+@pytest.mark.parametrize("extras", [{}, {"gradient": "bracket"}, {"method": "linearised"}])
+def test_gradient_may_be_asked_for_late(extras):
+    """Later evaluations use the same memory."""
+    mesh = MESHES["closed"]
+    energy = abfm.MatchingEnergy(mesh, *problem(mesh, 2), abfm.Parameters(**PLAIN, **extras))
+    v, w = (to_frame(energy.mesh, wavy_field(mesh, seed))[None] / 10 for seed in (1, 2))
+    early = energy.evaluate(v, 0.1).gradient
+    late = energy.evaluate(v, 0.1)
+    assert np.abs(energy.evaluate(w, 0.1).gradient).max() > 0
+    assert np.array_equal(late.gradient, early)
+
+
 @pytest.mark.parametrize("segments", [1, 3])
 def test_gradient_at_rest_is_exact(segments):
     """At v = 0 the series has no scale of its own."""

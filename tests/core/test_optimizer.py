@@ -104,7 +104,9 @@ def test_accepted_lengths_satisfy_the_strong_wolfe_conditions(bend, wave, first,
     start = Trial(0.0, value(0.0), slope(0.0), Point(value(0.0), np.zeros(1)))
     if not start.slope < 0:
         return
-    found = strong_wolfe(lambda t: (Point(value(t), np.zeros(1)), slope(t)), start, first, np.inf)
+    found = strong_wolfe(
+        lambda t: Point(value(t), np.array([slope(t)])), lambda point: float(point.gradient[0]), start, first, np.inf
+    )
     assert found is not None
     assert found.value <= start.value + DECREASE * found.length * start.slope
     assert abs(found.slope) <= CURVATURE * abs(start.slope)
@@ -119,3 +121,22 @@ def test_a_preconditioner_that_rounds_small_changes_away_is_no_division_by_zero(
         state, energies = run(search, [3.0, 2.0], most=5)
     assert all(after < before for before, after in pairwise(energies))
     assert np.isfinite(state.scale)
+
+
+def test_slopes_are_asked_for_only_where_the_value_is_low_enough():
+    asked, tried = [], []
+
+    def evaluate(t):
+        tried.append(t)
+        return Point((t - 1) ** 2 if t < 3 else np.inf, np.array([2 * (t - 1)]))
+
+    def slope_at(point):
+        asked.append(point.energy)
+        return float(point.gradient[0])
+
+    start = Trial(0.0, 1.0, -2.0, Point(1.0, np.array([-2.0])))
+    found = strong_wolfe(evaluate, slope_at, start, 25.0, np.inf)
+    assert tried[:2] == [25.0, 2.5]
+    assert len(tried) == 3  # the parabola through 0 and 2.5 has its bottom at 1
+    assert found.length == pytest.approx(1.0)
+    assert asked == [found.value]

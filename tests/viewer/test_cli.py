@@ -84,6 +84,9 @@ def test_help_of_match_names_every_parameter_and_example(capsys):
         (["match", EIGHT, "--source", "gausian:vertex=1", *PAIR[2:], "--out", "m.npz"], "did you mean 'gaussian'?"),
         (["match", EIGHT, "--source", "gaussian:vertex=999", *PAIR[2:], "--out", "m.npz"], "315"),
         (["bench", "--seconds", "0"], "above 0"),
+        (["bench", "--success", "--problems", "0"], "above 0"),
+        (["bench", "--success", "--part", "3/2"], "not a part such as 1/2"),
+        (["bench", "--success", "--only-given"], "needs a --mesh"),
         (["render", "none.npz", "--out", "a.png"], "none.npz"),
         (["render", "none.abfm", "--out", "a.mp4"], "none.abfm"),
         (["render", "none.npz", "--out", "a.jpg"], "must end in .png, .mp4, .gif"),
@@ -434,3 +437,19 @@ def test_bench_prints_its_report_for_people_and_machines(capsys, monkeypatch):
     captured = capsys.readouterr()
     assert "finest / coarsest" in captured.out
     assert captured.err == ""
+
+
+def test_bench_counts_successes_on_given_meshes(capsys):
+    success = ["bench", "--success", "--only-given", "--mesh", EIGHT, "--problems", "1"]
+    assert main([*success, "--json"]) == 0
+    captured = capsys.readouterr()
+    (row,) = json.loads(captured.out)["rows"]
+    assert row["problem"]["mesh"] == "eight.off"
+    assert {"before", "now"} <= row.keys()
+    assert "1/1 eight.off" in captured.err
+    assert main([*success, "--quiet"]) == 0
+    captured = capsys.readouterr()
+    assert "of 1" in captured.out
+    assert captured.err == ""
+    assert main([*success, "--mesh", EIGHT]) == 2
+    assert "two meshes are called eight.off" in capsys.readouterr().err

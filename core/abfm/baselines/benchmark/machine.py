@@ -21,3 +21,9 @@ def machine() -> dict[str, str | int]:
         "python": platform.python_version(),
         **{package: version(package) for package in ("numpy", "scipy", "numba")},
     }
+
+
+def in_words(machine: dict[str, str | int]) -> str:
+    """What `machine` gives, in a line."""
+    packages = ", ".join(f"{name} {machine[name]}" for name in ("python", "numpy", "scipy", "numba"))
+    return f"{machine['processor']}, {machine['cores']} cores, {machine['system']}; {packages}"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from abfm.baselines.benchmark.machine import in_words
+
 
 def format_report(report: dict[str, Any]) -> str:
     """The report of `run` as aligned lines of text."""
@@ -61,12 +63,7 @@ def _rows(report: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _context(report: dict[str, Any]) -> str:
-    machine, packages = report["machine"], ("python", "numpy", "scipy", "numba")
-    return (
-        f"{machine['processor']}, {machine['cores']} cores, {machine['system']}; "
-        f"{', '.join(f'{name} {machine[name]}' for name in packages)}. "
-        f"Sphere of {report['settings']['vertices']} vertices unless said."
-    )
+    return f"{in_words(report['machine'])}. Sphere of {report['settings']['vertices']} vertices unless said."
 
 
 def _number(value: float | None) -> str:

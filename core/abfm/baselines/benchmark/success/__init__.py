@@ -1,0 +1,23 @@
+"""How often matches succeed: random problems of many kinds, by several versions of the solver, side by side."""
+
+from abfm.baselines.benchmark.success.merging import merged
+from abfm.baselines.benchmark.success.meshes import success_meshes
+from abfm.baselines.benchmark.success.problems import SuccessProblem, success_problems
+from abfm.baselines.benchmark.success.record import BEFORE, LEVEL, VERSIONS, Record, run_problem
+from abfm.baselines.benchmark.success.report import format_success, success_table
+from abfm.baselines.benchmark.success.run import run_success
+
+__all__ = [
+    "BEFORE",
+    "LEVEL",
+    "VERSIONS",
+    "Record",
+    "SuccessProblem",
+    "format_success",
+    "merged",
+    "run_problem",
+    "run_success",
+    "success_meshes",
+    "success_problems",
+    "success_table",
+]

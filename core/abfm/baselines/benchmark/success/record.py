@@ -1,0 +1,139 @@
+"""One problem by one version of the solver: what came out, and what it cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from time import perf_counter
+from typing import Any
+
+from abfm.baselines.benchmark.success.problems import SuccessProblem
+from abfm.errors import AbfmError
+from abfm.exponential import counted_row_products
+from abfm.matching import Control, Iteration, match
+from abfm.mesh import TriangleMesh
+from abfm.parameters import Parameters
+from abfm.verification import verify
+
+BEFORE = Parameters(
+    reach=0.0,
+    order=1,
+    levels=1,
+    balance=0.0,
+    sigma=1e-3,
+    sigma_unit="absolute",
+    alpha=0.02,
+    iterations=150,
+    cooling_stages=3,
+    cooling_factor=10.0,
+)
+"""The paper's energy on the mesh alone, in three stages of sigma: the solver as it was before it had a reach."""
+VERSIONS = {"before": BEFORE, "now": Parameters()}
+"""What is compared."""
+LEVEL = 0.05
+"""Largest relative mismatch of a success."""
+CONFIRMED = 0.1
+"""Largest mismatch by flow lines that confirms one."""
+UNFOLDED = 0.01
+"""Largest share of folded faces of a flow that folds none but for its discretisation."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """A match in numbers; NaN is what could not be had.
+
+    Attributes
+    ----------
+    mismatch : float
+        ``||f_tau - g|| / ||g||`` by the solver's own flow.
+    verified : float
+        The same by flow lines of the continuous field, see `abfm.verify`.
+    folded, overturned : float
+        Shares of the faces, likewise.
+    iterations, evaluations : int
+        Up to the last iterate, on all meshes together.
+    row_products : int
+        Rows of ``D_v`` multiplied by all advections and adjoints, see `abfm.exponential.counted_row_products`:
+        factorisations, flow lines and what else the solver does come on top.
+    seconds : float
+        Of the match on a mesh of which nothing was known; the verification here, by every vertex, is not included.
+    seconds_to_level : float
+        Until the mismatch on the mesh itself was at most `LEVEL`; NaN if it never was.
+    stop_reason : str
+        As `abfm.Match.stop_reason`, or "time limit", or the error.
+    verdict : str
+        Kind of `abfm.Match.verdict`; empty where there was an error.
+    """
+
+    mismatch: float = math.nan
+    verified: float = math.nan
+    folded: float = math.nan
+    overturned: float = math.nan
+    iterations: int = 0
+    evaluations: int = 0
+    row_products: int = 0
+    seconds: float = math.nan
+    seconds_to_level: float = math.nan
+    stop_reason: str = ""
+    verdict: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """All fields, None for what is not a finite number, and whether it is a success and confirmed."""
+        numbers = {
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
+            for key, value in asdict(self).items()
+        }
+        return {**numbers, "success": self.mismatch <= LEVEL, "confirmed": self.verified <= CONFIRMED}
+
+
+def run_problem(problem: SuccessProblem, parameters: Parameters, limit: float = 120.0) -> Record:
+    """Match and verify.
+
+    Parameters
+    ----------
+    problem : SuccessProblem
+    parameters : Parameters
+    limit : float
+        Seconds after which the match ends with what it has.
+    """
+    source, target = problem.functions()
+    mesh = TriangleMesh(problem.mesh.vertices, problem.mesh.faces)  # nothing computed yet
+    control = Control()
+    last: Iteration | None = None
+    reached = math.nan
+    start = perf_counter()
+
+    def record(iterate: Iteration) -> None:
+        nonlocal last, reached
+        last = iterate
+        seconds = perf_counter() - start
+        if iterate.mismatch <= LEVEL and iterate.level == iterate.levels - 1 and math.isnan(reached):
+            reached = seconds
+        if seconds > limit:
+            control.cancel()
+
+    with counted_row_products() as products:
+        try:
+            found = match(mesh, source, target, parameters, on_iteration=record, control=control)
+        except AbfmError as error:
+            return Record(stop_reason=str(error), seconds=perf_counter() - start, row_products=products.count)
+    seconds = perf_counter() - start
+    verified, folded, overturned = math.nan, math.nan, math.nan
+    try:
+        witness = verify(problem.mesh, source, target, found.velocity, parameters.tau, subdivided=False)
+        verified, folded, overturned = witness.mismatch, witness.folded, witness.overturned
+    except AbfmError:  # fields along which flow lines do not end
+        pass
+    return Record(
+        mismatch=found.mismatch,
+        verified=verified,
+        folded=folded,
+        overturned=overturned,
+        iterations=last.iteration if last else 0,
+        evaluations=last.evaluations if last else 0,
+        row_products=products.count,
+        seconds=seconds,
+        seconds_to_level=reached,
+        stop_reason="time limit" if seconds > limit and found.stop_reason == "cancelled" else found.stop_reason,
+        verdict=found.verdict.kind,
+    )

@@ -1,0 +1,104 @@
+"""How often matches succeeded, by distance, width and family, all versions side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from statistics import median
+from typing import Any
+
+from abfm.baselines.benchmark.machine import in_words
+from abfm.baselines.benchmark.success.problems import DISTANCES, FAMILIES, WIDTHS
+from abfm.baselines.benchmark.success.record import CONFIRMED, LEVEL, UNFOLDED
+
+Row = dict[str, Any]
+
+_ARROW = " → "
+
+
+def format_success(report: dict[str, Any]) -> str:
+    """The report of `run_success` as aligned lines of text."""
+    table = _table(report)
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    lines = ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in table]
+    return "\n".join([*lines, "", *_context(report)])
+
+
+def success_table(report: dict[str, Any]) -> str:
+    """The report of `run_success` as a table in Markdown."""
+    header, *rows = _table(report)
+    lines = [f"| {' | '.join(row)} |" for row in (header, ("---",) * len(header), *rows)]
+    return "\n".join([*lines, "", "\n\n".join(_context(report))])
+
+
+def _table(report: dict[str, Any]) -> list[tuple[str, ...]]:
+    """A header, and a row for every group of problems."""
+    versions = list(report["settings"]["versions"])
+    header = ("problems", "succeeded", "confirmed", "mismatch", "by flow lines", "unfolded", "products", "seconds")
+    return [header, *(_cells(name, group, versions) for name, group in _groups(report["rows"]))]
+
+
+def _groups(rows: list[Row]) -> Iterator[tuple[str, list[Row]]]:
+    """Names of groups, and what is in them; those without problems are left out."""
+    yield "all", rows
+    groups: list[tuple[str, str, Any]] = [("that the mesh resolves", "resolved", True)]
+    groups += [(f"distance {distance}", "distance", distance) for distance in DISTANCES]
+    groups += [(f"width {width:g}", "width", width) for width in WIDTHS]
+    groups += [(family, "family", family) for family in FAMILIES]
+    for name, key, value in groups:
+        group = [row for row in rows if row["problem"][key] == value]
+        if group:
+            yield name, group
+
+
+def _cells(name: str, group: list[Row], versions: list[str]) -> tuple[str, ...]:
+    resolved = [row for row in group if row["problem"]["resolved"]]
+    records = [[row[version] for row in group] for version in versions]
+    counts = (
+        [str(sum(record["success"] for record in each)) for each in records],
+        [str(sum(row[version]["confirmed"] for row in resolved)) for version in versions],
+    )
+    return (
+        name,
+        f"{_ARROW.join(counts[0])} of {len(group)}",
+        f"{_ARROW.join(counts[1])} of {len(resolved)}",
+        _ARROW.join(_median(each, "mismatch") for each in records),
+        _ARROW.join(_median(each, "verified") for each in records),
+        _ARROW.join(_unfolded(each) for each in records),
+        _ratio(group, versions, "row_products"),
+        _ratio(group, versions, "seconds"),
+    )
+
+
+def _median(records: list[Row], key: str) -> str:
+    """What could not be had counts as infinite."""
+    value = median(math.inf if record[key] is None else record[key] for record in records) if records else math.inf
+    return f"{value:.2g}" if math.isfinite(value) else "none"
+
+
+def _unfolded(records: list[Row]) -> str:
+    count = sum(record["folded"] is not None and record["folded"] <= UNFOLDED for record in records)
+    return f"{100 * count / len(records):.0f}%" if records else "none"
+
+
+def _ratio(group: list[Row], versions: list[str], cost: str) -> str:
+    """Median of what the first version costs over what the last does, where both succeed."""
+    first, last = versions[0], versions[-1]
+    both = [row for row in group if row[first]["success"] and row[last]["success"] and row[last][cost]]
+    return f"{median(row[first][cost] / row[last][cost] for row in both):.2g}" if both and first != last else "none"
+
+
+def _context(report: dict[str, Any]) -> list[str]:
+    """What the columns mean, and where this was measured."""
+    settings = report["settings"]
+    versions = list(settings["versions"])
+    sums = [sum(row[version]["seconds"] for row in report["rows"]) for version in versions]
+    first, last = versions[0], versions[-1]
+    return [
+        f"{_ARROW.join(versions)}. Succeeded: mismatch at most {LEVEL:g}. Confirmed: at most {CONFIRMED:g} by flow "
+        "lines, of those problems that the mesh resolves. Mismatches are medians. Unfolded: share of matches that "
+        f"fold at most {100 * UNFOLDED:g}% of the faces. Products, seconds: what {first} costs over what {last} costs, "
+        "median over problems in which both succeed.",
+        f"{len(report['rows'])} problems on {len(settings['meshes'])} meshes, seed {settings['seed']}; "
+        f"{_ARROW.join(f'{total:.0f} s' for total in sums)} in all. {in_words(report['machine'])}.",
+    ]

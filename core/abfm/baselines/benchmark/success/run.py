@@ -1,0 +1,95 @@
+"""Many problems by all versions, one after the other, as one report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from abfm.baselines.benchmark.machine import machine
+from abfm.baselines.benchmark.success.meshes import torus
+from abfm.baselines.benchmark.success.problems import SuccessProblem, success_problems
+from abfm.baselines.benchmark.success.record import LEVEL, VERSIONS, run_problem
+from abfm.mesh import TriangleMesh
+from abfm.parameters import Parameters
+
+
+def run_success(
+    meshes: Mapping[str, TriangleMesh],
+    tell: Callable[[str], None] | None = None,
+    *,
+    seed: int = 0,
+    count: int = 6,
+    part: tuple[int, int] = (1, 1),
+    versions: Mapping[str, Parameters] = VERSIONS,
+) -> dict[str, Any]:
+    """Match all problems by all versions.
+
+    Parameters
+    ----------
+    meshes : mapping of names to meshes
+    tell : callable, optional
+        Told in one line what came out of each problem.
+    seed, count : int
+        Of `success_problems`.
+    part : (k, n)
+        Only every n-th problem, from the k-th, which is 1 for the first.
+    versions : mapping of names to parameters
+        The first one is what the others are compared with.
+
+    Returns
+    -------
+    dict
+        Only numbers, text, lists and dictionaries: ``rows``, with the ``problem`` and a record under the name of
+        every version, then ``settings`` and ``machine``. After an interruption by Ctrl-C, ``interrupted`` is true and
+        rows are those that were finished.
+    """
+    say = tell or (lambda line: None)
+    rows: list[dict[str, Any]] = []
+    report: dict[str, Any] = {"rows": rows, "interrupted": False}
+    try:
+        say("compiling")
+        for parameters in versions.values():
+            run_problem(_warm_up(), replace(parameters, iterations=4, stage_iterations=1))
+        problems = list(success_problems(meshes, seed, count))[part[0] - 1 :: part[1]]
+        for number, problem in enumerate(problems, 1):
+            row: dict[str, Any] = {"problem": problem.to_dict()}
+            for name, parameters in versions.items():
+                row[name] = run_problem(problem, parameters).to_dict()
+            rows.append(row)
+            say(f"{number}/{len(problems)} {_line(row, versions)}")
+    except KeyboardInterrupt:
+        report["interrupted"] = True
+    return {
+        **report,
+        "settings": {
+            "seed": seed,
+            "count": count,
+            "meshes": {name: len(mesh.vertices) for name, mesh in meshes.items()},
+            "level": LEVEL,
+            "versions": {name: parameters.to_dict() for name, parameters in versions.items()},
+        },
+        "machine": machine(),
+    }
+
+
+def _warm_up() -> SuccessProblem:
+    """A problem on a mesh that has a coarser one, so that all that is needed gets compiled."""
+    return SuccessProblem(
+        "", 0, torus(120, 50), "gaussian", "gaussian:vertex=0,width=0.2", "gaussian:vertex=4,width=0.2"
+    )
+
+
+def _line(row: dict[str, Any], versions: Mapping[str, Parameters]) -> str:
+    problem = row["problem"]
+    kind = [problem["mesh"], problem["family"]]
+    kind += [f"{problem['width']:g}", problem["distance"]] if problem["width"] else []
+    results = [
+        f"{name} {_number(row[name]['mismatch'])} ({_number(row[name]['verified'])}) {row[name]['seconds']:.1f} s"
+        for name in versions
+    ]
+    return f"{', '.join(kind)}: {'; '.join(results)}"
+
+
+def _number(value: float | None) -> str:
+    return "none" if value is None else f"{value:.2g}"
