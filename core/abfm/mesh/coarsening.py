@@ -11,7 +11,6 @@ from abfm.mesh.topology import FloatArray, IntArray
 from abfm.mesh.triangle_mesh import TriangleMesh
 from abfm.own_process import OwnProcess, ProcessEndedError, Requests
 
-_SLOWER = 4  # than factoring a system on as many vertices
 _ENOUGH = 1.25  # a mesh that refuses to shrink to this times what was asked is no coarser mesh
 
 
@@ -44,7 +43,7 @@ def _collapse(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
 def _decimated(vertices: FloatArray, faces: IntArray, face_count: int) -> tuple[FloatArray, IntArray]:
     """Collapse edges, in a process of its own where a window would stand still: igl keeps the interpreter to itself."""
     limit = own_process.factor_from
-    if limit is None or _SLOWER * len(vertices) < limit:
+    if limit is None or len(vertices) < limit:
         return _decimate(vertices, faces, face_count)
     process = OwnProcess(__name__)
     try:
