@@ -22,7 +22,7 @@ COARSEST = 2500
 RATIO = 4.0
 """Of the numbers of vertices of a mesh and the next coarser one."""
 _WORTH = 2.0  # times as many vertices as the coarsest mesh: with fewer, a mesh of even triangles is its own
-_COST = 4.0  # of an evaluation on even triangles: spectral bound times height over speed
+_COST = 2.0  # of an evaluation on even triangles: spectral bound times height over speed
 _LEAST = 2  # iterations that are always spent
 _NEEDLES = 30.0  # median over least height of the triangles: with more a coarser mesh is worth its while from the start
 

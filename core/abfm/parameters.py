@@ -51,7 +51,7 @@ class Parameters:
     """
 
     tau: float = _parameter(1.0, "τ", "end time of the flow; larger deformations may need more", 0, True)
-    alpha: float = _parameter(0.005, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
+    alpha: float = _parameter(0.002, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
     beta: float = _parameter(0.0, "β", "weight of the mismatch's gradient: above 0, slopes must match as well", 0)
     order: int = _parameter(
         2,
@@ -83,7 +83,7 @@ class Parameters:
     )
     substeps: int = _parameter(10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1)
     quadrature: int = _parameter(10, "k", "intervals of the time integral in the bracket gradient", 1)
-    iterations: int = _parameter(200, "", "iterations at most, over all cooling stages together", 0)
+    iterations: int = _parameter(500, "", "iterations at most, over all cooling stages together", 0)
     cooling_stages: int = _parameter(
         3, "*", "stages of sigma, the last one at its value; 1 for no cooling", 1, False, 1000
     )

@@ -8,13 +8,15 @@ from abfm.parameters import Parameters
 
 REACHED = 0.5
 """Mismatch at which a search for the target has found it."""
-CLOSE = 0.02
+CLOSE = 0.03
 """Mismatch at which a match on the mesh itself is close enough: flow lines seldom confirm less."""
 _CLOSE_ON_COARSER = 0.04
 _MATCHED = 0.05  # a match that leaves more goes on with a smaller sigma
 _PAYING, _OVER = 0.03, 6  # a stage goes on while its energy falls by this share within so many iterations
+_OVER_AT_LAST = 15  # the same on the mesh itself
 _TRIES = ((1.0, 1.0), (2.0, 1 / 3), (0.5, 1 / 3))  # factors of reach and of the first sigma in a search
 _SEARCH, _COARSE = 0.4, 0.75  # of all iterations: in one stage of a search, and before the mesh itself
+_FINE = 0.15  # of all iterations, in one stage on the mesh itself after coarser ones
 _SMALLER, _CLOSING = 1 / 3, 2  # factor of sigma in stages after the last one, and how many of them
 
 
@@ -40,6 +42,8 @@ class Stage:
         Mismatch at which it ends.
     needed_above : float
         It is left out where the mismatch is this small already.
+    last : bool
+        Whether it is on the mesh itself with the last sigma or a smaller one.
     balanced : bool
         Whether it weighs flow lines against the discrete advection.
     """
@@ -52,11 +56,13 @@ class Stage:
     patient: bool
     goal: float = 0.0
     needed_above: float = 0.0
+    last: bool = False
     balanced: bool = False
 
     def pays(self, energies: list[float]) -> bool:
         """Whether to go on after these energies, one for each of the stage's iterates."""
-        return self.patient or len(energies) <= _OVER or energies[-1] < (1 - _PAYING) * energies[-1 - _OVER]
+        over = _OVER_AT_LAST if self.last else _OVER
+        return self.patient or len(energies) <= over or energies[-1] < (1 - _PAYING) * energies[-1 - over]
 
 
 def search(p: Parameters, levels: int) -> list[list[Stage]]:
@@ -84,10 +90,12 @@ def finish(p: Parameters, levels: int, warm: bool) -> list[Stage]:
     to the end of their iterations; else they end when they stop paying, or are close.
     """
     patient = _is_patient(p, levels)
-    last = Stage(levels - 1, p.sigma, 0.0, p.iterations, p.iterations, patient, 0.0 if patient else CLOSE)
-    coarse = replace(last, level=0, until=int(_COARSE * p.iterations), goal=0.0 if patient else _CLOSE_ON_COARSER)
+    goal, coarse_goal = (0.0, 0.0) if patient else (CLOSE, _CLOSE_ON_COARSER)
+    most = p.iterations if patient or levels == 1 else max(1, int(_FINE * p.iterations))
+    last = Stage(levels - 1, p.sigma, 0.0, most, p.iterations, patient, goal, last=True)
+    coarse = replace(last, level=0, iterations=p.iterations, until=int(_COARSE * p.iterations), goal=coarse_goal, last=False)
     sigmas = p.stage_sigmas()[1:-1] if p.reach and not warm else []
-    plan = [replace(coarse if levels > 1 else last, sigma=sigma) for sigma in sigmas]
+    plan = [replace(coarse if levels > 1 else replace(last, last=False), sigma=sigma) for sigma in sigmas]
     if not warm:
         plan += [replace(coarse, level=level) for level in range(levels - 1)]
     plan.append(last)
