@@ -236,4 +236,4 @@ class Worker:
     def _yield_to_next(self) -> None:
         """End the present solve for the next problem, but not so soon that a drag would keep it from moving."""
         if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
-            self._control.cancel()
+            self._control.cancel(briefly=True)
