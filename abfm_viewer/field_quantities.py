@@ -230,7 +230,7 @@ def _fits(values: FloatArray, session: Session) -> bool:
 
 def _segment(flow: FlowState, time: float) -> int:
     """Which of N fields acts at a time."""
-    count = len(flow.velocity)
+    count = flow.parameters.segments
     return min(int(time / flow.parameters.tau * count * (1 - 1e-12)), count - 1)
 
 

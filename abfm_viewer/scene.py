@@ -26,6 +26,7 @@ from abfm_viewer.viewport import Rect
 _SPACING, _STACKING = 1.15, 1.25
 _SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25
 _FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for drawing
+_AT_ONCE = 3  # pictures of a run that do not wait: the start, and that something moves
 _CHECKER = 0.03
 _SLOW_REDRAWS_APART = 2.0  # new textures, of moving streaks
 _STRIPES = 0.8  # of the light that every other stripe between isolines keeps
@@ -76,6 +77,8 @@ class Scene:
         self._turntable: Turntable
         self._extent: FloatArray = np.zeros((0, 3))
         self._frames_behind = 0
+        self._run: object = None
+        self._pictures_of_run = 0
         self._layout: Layout = "row"
         self._rect: Rect = (0, 0, 1, 1)
         self._camera: Camera | None = None
@@ -109,6 +112,7 @@ class Scene:
         for name in self.names:
             paint = self.painter.paint(session, name)
             if paint is not None and not self._waits(session, name):
+                self._count(session, name, paint)
                 self.paints[name] = paint
                 self._show(name, paint)
         if "advected" in self.offsets:
@@ -124,10 +128,20 @@ class Scene:
             return clock.perf_counter() < self._textured_at + _SLOW_REDRAWS_APART * self.redraw_seconds
         if not session.solver.running or self.redraw_seconds <= _SLOW_REDRAW or name not in self._drawn:
             return False
+        if session.solver.worker is not self._run or self._pictures_of_run < _AT_ONCE:
+            return False
         if name == self.names[0]:
             frames = max(_FRAMES_PER_SLOW_REDRAW, round(_FRAMES_PER_SECOND_OF_REDRAW * self.redraw_seconds))
             self._frames_behind = (self._frames_behind + 1) % frames
         return self._frames_behind != 0 and not session.dragging
+
+    def _count(self, session: Session, name: str, paint: Paint) -> None:
+        """Count the pictures of a run."""
+        run = session.solver.worker
+        if run is not self._run:
+            self._run, self._pictures_of_run = run, 0
+        if name == "advected" and paint is not self.paints.get(name):
+            self._pictures_of_run += 1
 
     def frame(self, session: Session, rect: Rect, camera: Camera | None = None, whole: bool = False) -> None:
         """Look through a camera, or the view's, or from the front so that everything fits (`whole`: see `place`)."""

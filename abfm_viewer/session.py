@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from abfm import AbfmError, TriangleMesh, load_mesh
 from abfm.mesh import FloatArray
 from abfm_viewer.background import Latest
+from abfm_viewer.coarse_meshes import CoarseMeshes
 from abfm_viewer.comparison import Comparison
 from abfm_viewer.document import Channel, Document, Run, Side
 from abfm_viewer.editing import Editing
@@ -46,6 +47,8 @@ class Session(Editing):
         What can be told of the field and its flow.
     mass_transport : MassTransport
         What optimal transport makes of source and target.
+    coarse_meshes : CoarseMeshes
+        What a match begins on.
     exporter : Exporter
     dragging : bool
         Whether the mouse holds a widget or a Gaussian: changes until it lets go are one step of undo.
@@ -58,6 +61,7 @@ class Session(Editing):
         self.shown = ShownFlow(self)
         self.quantities = FieldQuantities()
         self.mass_transport = MassTransport()
+        self.coarse_meshes = CoarseMeshes()
         self.exporter = Exporter(self.say)
         self.dragging = False
         self._notices = Notices()
@@ -266,6 +270,8 @@ class Session(Editing):
         self._notices.forget(self.history.moves)
         self._find_defaults()
         self._evaluate()
+        if not self.obstacle:  # the functions come first
+            self.coarse_meshes.prepare(self.mesh, self.parameters)
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
         self._collect()
@@ -325,6 +331,7 @@ class Session(Editing):
     def close(self) -> None:
         """End all threads."""
         self.exporter.close()
+        self.coarse_meshes.close()
         self.quantities.close()
         self.mass_transport.close()
         self.solver.close()

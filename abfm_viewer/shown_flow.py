@@ -10,6 +10,7 @@ from abfm.mesh import FloatArray
 from abfm_viewer.transport import Carried, FlowState
 
 if TYPE_CHECKING:
+    from abfm import Iteration, Match
     from abfm_viewer.session import Session
 
 _SETTLED = 0.15  # seconds without a new time after which it is worth computing exactly
@@ -22,7 +23,7 @@ class ShownFlow:
         self._session = session
         self._source = Carried("source")
         self._coordinates = Carried("coordinates")
-        self._latest: FlowState | None = None
+        self._latest: tuple[Match | Iteration, FlowState] | None = None
         self._latest_column: tuple[FloatArray, int, FloatArray] | None = None
 
     @property
@@ -31,14 +32,14 @@ class ShownFlow:
         session = self._session
         snapshot, result = session.solver.snapshot, session.result
         if snapshot is not None and snapshot.problem.mesh is session.mesh:
-            return self._state(snapshot.iteration.velocity, snapshot.problem.parameters, final=False)
-        return None if result is None else self._state(result.velocity, result.parameters, final=True)
+            return self._state(snapshot.shown, snapshot.problem.parameters, final=False)
+        return None if result is None else self._state(result, result.parameters, final=True)
 
-    def _state(self, velocity: FloatArray, parameters: Parameters, final: bool) -> FlowState:
+    def _state(self, found: Match | Iteration, parameters: Parameters, final: bool) -> FlowState:
         """The same object for the same field, which what is computed from it is kept for."""
-        if self._latest is None or self._latest.velocity is not velocity:
-            self._latest = FlowState(self._session.mesh, velocity, parameters, final)
-        return self._latest
+        if self._latest is None or self._latest[0] is not found:
+            self._latest = found, FlowState(self._session.mesh, lambda: found.velocity, parameters, final)
+        return self._latest[1]
 
     @property
     def time(self) -> float:
@@ -58,7 +59,7 @@ class ShownFlow:
             if flow.final and result is not None and not session.outdated:
                 return self._column(result.advected, channel)
             if not flow.final and snapshot is not None and len(snapshot.problem.channels) == len(session.channels):
-                return self._column(snapshot.iteration.advected, channel)
+                return self._column(snapshot.shown.advected, channel)
         carried = self._source.at(flow, source, time, self.settled)
         return source if carried is None else carried
 

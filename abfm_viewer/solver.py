@@ -12,23 +12,6 @@ from abfm_viewer.worker import Problem, Snapshot, Worker
 if TYPE_CHECKING:
     from abfm import Match
 
-ADVICE = {
-    "converged": "The gradient is small: this is the best field for these parameters.",
-    "iteration limit": "It was still improving: give it more iterations, or start from the current field.",
-    "line search failed": "No step lowers the energy any more, which is often rounding: try a larger alpha or sigma.",
-    "cancelled": "The best field so far was kept.",
-    "given": "Nothing was solved: press Play below the surfaces to see its flow. Match looks for a field of its own.",
-}
-_POOR = 0.1
-
-
-def advice(reason: str, mismatch: float) -> str:
-    """What the end of a run means, and what to try."""
-    text = ADVICE.get(reason, "")
-    if mismatch > _POOR and reason in ("converged", "iteration limit", "line search failed"):
-        text += " The mismatch is still large: try a smaller alpha or sigma, or wider functions that overlap."
-    return text
-
 
 class Solver:
     """At most one run.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -20,12 +20,27 @@ _LARGEST = 1e37  # value that can be shown in single precision
 
 @dataclass(frozen=True, eq=False)
 class FlowState:
-    """A field and the parameters it was found with; two are the same only if they are one object."""
+    """A field and the parameters it was found with; two are the same only if they are one object.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+    found : (N, F, 3) array or callable
+        The field, or what computes it: that of a coarse mesh takes a while to be read on a fine one.
+    parameters : Parameters
+    final : bool
+        Whether it is a result, and not an iterate.
+    """
 
     mesh: TriangleMesh
-    velocity: FloatArray
+    found: FloatArray | Callable[[], FloatArray]
     parameters: Parameters
     final: bool = True
+
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """The fields (N, F, 3); not to be asked for in the frame loop."""
+        return self.found() if callable(self.found) else self.found
 
     def carry(self, function: FloatArray, times: FloatArray) -> FloatArray:
         """A function (V,) or (V, C) at times (T,): (T, V) or (T, V, C).

@@ -9,6 +9,28 @@ if TYPE_CHECKING:
     from abfm import Iteration, Match
 
 
+_OTHERWISE = {
+    "cancelled": "The best field so far was kept.",
+    "given": "Nothing was solved: press Play below the surfaces to see its flow. Match looks for a field of its own.",
+}
+"""What to say of matches that did not come to their end."""
+
+
+def headline(match: Match) -> str:
+    """How it ended, in a line: ``matched: mismatch 0.012, 0.03 by flow lines, 0.1% folded``."""
+    ends = {"cancelled": "cancelled", "given": "field given"}
+    return f"{ends.get(match.stop_reason, match.verdict.kind)}: mismatch {numbers(match)}"
+
+
+def explanation(match: Match) -> list[str]:
+    """Why it ended so, and what to try, each a sentence."""
+    if match.stop_reason in _OTHERWISE:
+        return [_OTHERWISE[match.stop_reason]]
+    verdict = match.verdict
+    tried = [f"To try: {verdict.advice}."] if verdict.advice else []
+    return [f"{verdict.reason[:1].upper()}{verdict.reason[1:]}.", *tried]
+
+
 def numbers(match: Match) -> str:
     """The mismatch, and what is known of its verification: ``0.012, 0.03 by flow lines, 0.1% folded``."""
     parts = [f"{match.mismatch:.3g}"]

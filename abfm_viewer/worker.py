@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time as clock
 import traceback
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from abfm import Iteration, Match
 
 _ITERATIONS_BETWEEN_RESTARTS = 3
+_TIMES_A_PICTURE, _LONGEST_WAIT = 9, 0.2
+"""How long no picture is made after one, times what it took, and at most, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +37,21 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """The newest iterate and the problem it belongs to."""
+    """What is known of a run at some moment.
+
+    Attributes
+    ----------
+    problem : Problem
+        That the newest iterate belongs to.
+    iteration : Iteration
+        The newest iterate.
+    shown : Iteration
+        The newest one that is worth a picture: its ``advected`` has been computed.
+    """
 
     problem: Problem
     iteration: Iteration
+    shown: Iteration
 
 
 class Worker:
@@ -65,12 +79,15 @@ class Worker:
         self._functions = functions
         self._rows: list[tuple[float, float, float]] = []
         self._stages: list[int] = []
+        self._vertices: list[int] = []
+        self._reaches: list[float] = []
         self._restarts: list[int] = []
         self._lock = threading.Lock()
         self._next: Problem | None = problem
         self._control = abfm.Control()
         self._cancelled = self._paused = False
         self._since_restart = 0
+        self._next_picture = 0.0
         self._thread = threading.Thread(target=self._run, args=(start,), name="solver", daemon=True)
         self._thread.start()
 
@@ -96,7 +113,15 @@ class Worker:
         snapshot, parameters = self.snapshot, self.problem.parameters
         mismatch = snapshot.iteration.mismatch if snapshot else 1.0
         label = f"alpha {parameters.alpha:g}, beta {parameters.beta:g}, sigma {parameters.sigma:g}"
-        return Run(energies, np.array(self._stages[:count], dtype=np.int64), tuple(self._restarts), mismatch, label)
+        return Run(
+            energies,
+            np.array(self._stages[:count], dtype=np.int64),
+            tuple(self._restarts),
+            mismatch,
+            label,
+            np.array(self._vertices[:count], dtype=np.int64),
+            np.array(self._reaches[:count], dtype=np.float64),
+        )
 
     def pause(self) -> None:
         """Hold the run."""
@@ -187,13 +212,28 @@ class Worker:
 
     def _post(self, problem: Problem, iteration: Iteration) -> None:
         self._rows.append((iteration.energy, iteration.regularity, iteration.mismatch_energy))
-        self.snapshot = Snapshot(problem, iteration)
+        self._vertices.append(iteration.vertices)
+        self._reaches.append(iteration.reach)
+        self.snapshot = Snapshot(problem, iteration, self._pictured(problem, iteration))
         self._stages.append(iteration.stage)
         self._since_restart += 1
         with self._lock:
             self._yield_to_next()
 
+    def _pictured(self, problem: Problem, iteration: Iteration) -> Iteration:
+        """The iterate to show: the new one, or an earlier one, so that pictures take a tenth of the time.
+
+        An iterate on a coarse mesh may take less time than its picture on a fine one.
+        """
+        before, now = self.snapshot, clock.perf_counter()
+        if before is not None and before.problem is problem and now < self._next_picture:
+            return before.shown
+        _ = iteration.advected  # computed here and kept: not in the frame loop
+        done = clock.perf_counter()
+        self._next_picture = done + min(_TIMES_A_PICTURE * (done - now), _LONGEST_WAIT)
+        return iteration
+
     def _yield_to_next(self) -> None:
         """End the present solve for the next problem, but not so soon that a drag would keep it from moving."""
         if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
-            self._control.cancel()
+            self._control.cancel(briefly=True)

@@ -6,6 +6,7 @@ import numpy as np
 
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
+from abfm_viewer.verdict_words import numbers
 
 
 def draw(ui: Ui, session: Session) -> None:
@@ -31,4 +32,4 @@ def draw(ui: Ui, session: Session) -> None:
         f"{session.mesh.vertex_ids[worst]}; on average {float(difference.mean()):.4g}."
     )
     if session.result is not None and not session.outdated:
-        ui.note(f"Mismatch at tau: {session.result.mismatch:.4f}, relative to the target in L2.")
+        ui.note(f"Mismatch at tau: {numbers(session.result)}; relative to the target in L2.")

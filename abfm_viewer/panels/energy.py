@@ -41,6 +41,7 @@ def draw(ui: Ui, session: Session) -> None:
     else:
         _plot(ui, run, previous if session.view.previous_runs else ())
         marks = ["grey line: next stage"] if _stage_starts(run) else []
+        marks += ["strong grey line: finer mesh"] if _mesh_starts(run) else []
         marks += ["green line: restart"] if run.restarts else []
         ui.note("; ".join([run.label, *marks]))
     shown = ui.checkbox(
@@ -85,6 +86,7 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
         for number, total in enumerate(totals):
             _line(f"##previous {number}", total, (*ui.colors.muted[:3], 0.45), ui.px(1))
         _marks("##stages", _stage_starts(run), (*ui.colors.muted[:3], 0.7), ui.px(1))
+        _marks("##meshes", _mesh_starts(run), (*ui.colors.muted[:3], 0.9), ui.px(2.5))
         _marks("##restarts", run.restarts, ui.colors.marker, ui.px(1.5))
         colors = (ui.colors.line_total, ui.colors.line_regularity, ui.colors.line_mismatch)
         for name, curve, color in zip(_NAMES, curves, colors, strict=True):
@@ -104,7 +106,8 @@ def _hover(ui: Ui, run: Run) -> None:
     _marks("##here", [at], ui.colors.accent, ui.px(1))
     total, regularity, mismatch = run.energies[at]
     lines = [
-        f"iteration {at}, stage {run.stages[at] + 1}{', restarted here' if at in run.restarts else ''}",
+        f"iteration {at}{', restarted here' if at in run.restarts else ''}",
+        _course(run, at),
         f"total {total:.4g}",
         f"regularity {regularity:.4g}",
         f"mismatch {mismatch:.4g}",
@@ -124,9 +127,24 @@ def _marks(label: str, iterations: Sequence[int], color: Color, weight: float) -
         implot.PlotInfLines(label, np.array(iterations, dtype=np.float64))
 
 
+def _course(run: Run, at: int) -> str:
+    """Where in the course of the match an iteration is: ``mesh of 2,500 vertices, reach 0.5, stage 2``."""
+    parts = [f"stage {run.stages[at] + 1}"]
+    if run.has_course:
+        reach = [f"reach {run.reaches[at]:g}"] if run.reaches[at] else []
+        parts = [f"mesh of {run.vertices[at]:,} vertices", *reach, *parts]
+    return ", ".join(parts)
+
+
 def _stage_starts(run: Run) -> list[int]:
-    """Iterations at which sigma was cooled, unless a restart skipped stages there."""
+    """Iterations at which another stage began on the same mesh, unless a restart skipped stages there."""
     starts: list[int] = (np.flatnonzero(np.diff(run.stages)) + 1).tolist()
+    return [start for start in starts if start not in (*run.restarts, *_mesh_starts(run))]
+
+
+def _mesh_starts(run: Run) -> list[int]:
+    """Iterations at which a finer mesh began, but not restarts."""
+    starts: list[int] = (np.flatnonzero(np.diff(run.vertices) > 0) + 1).tolist()
     return [start for start in starts if start not in run.restarts]
 
 

@@ -45,7 +45,26 @@ _MODEL = (
         "alpha", 1e-4, 1e4, "section 3, Eq. 3", "Smaller if the target is missed, larger if the field is rough.", True
     ),
     _Number("beta", 0, 1, "section 3, Eq. 3", "0 is mostly best; try 1e-4 if the target's edges are blurred.", True),
-    _Number("sigma", 1e-5, 1, "Eq. 3, section 7", "Smaller if the match is loose, larger if the field is wild.", True),
+    _Number(
+        "order",
+        1,
+        2,
+        "only 1",
+        "2 keeps fields continuous; 1 fits more closely, with fields whose flow differs.",
+        whole=True,
+    ),
+    _Number(
+        "sigma",
+        1e-4,
+        1,
+        "Eq. 3, section 7, where it is absolute",
+        "Smaller if the match is loose, larger if the field is wild. It is relative to the functions, whatever their "
+        "scale and width, unless sigma_unit is absolute: half as large asks for half the mismatch.",
+        True,
+    ),
+)
+_WAY = (
+    _Number("reach", 0, 2, "", "Larger if the source shrinks where it is instead of moving to the target."),
     _Number(
         "tau", 0.1, 10, "Eq. 3, section 7", "Leave it and change alpha: mostly only speed and tau trade places.", True
     ),
@@ -58,8 +77,10 @@ _BRACKET = (
 _EFFORT = (
     _Number("iterations", 1, 2000, "section 7", "More if it ended at the iteration limit.", True, True),
     _Number("cooling_stages", 1, 6, "section 7, Table 1", "More if functions far apart do not meet.", whole=True),
+    _Number("levels", 0, 5, "", "More if a large mesh takes long, 1 if its coarser ones lose thin parts.", whole=True),
 )
 _ADVANCED = (
+    _Number("balance", 0, 1, "", "Larger if flow lines confirm less than the match shows, 0 for the match alone."),
     _Number("cooling_factor", 1.5, 100, "section 7, Table 1", "Smaller if a new stage undoes the last one.", True),
     _Number("stage_iterations", 0, 200, "section 7", "More if the energy still falls where a stage ends.", whole=True),
     _Number("memory", 1, 100, "section 7", "More if it is slow, fewer if memory runs out.", whole=True),
@@ -67,6 +88,7 @@ _ADVANCED = (
     _Number("tolerance", 0, 0.1, "", "Smaller if it converges too early.", True),
 )
 _WORDS = {
+    "sigma_unit": ("absolute", "relative, which fits functions of any scale and width."),
     "method": ("Eqs. 4 and 5, section 5", "nonlinear if the result is jagged."),
     "gradient": ("Eqs. 7 and 9", "adjoint, which is exact."),
     "preconditioner": ("section 7", "hodge, which is faster on all but the coarsest meshes."),
@@ -83,6 +105,9 @@ def draw(ui: Ui, session: Session) -> None:
     parameters = session.parameters
     _preset(ui, session)
     for number in _MODEL:
+        _number(ui, session, number)
+    _choice(ui, session, "sigma_unit")
+    for number in _WAY:
         _number(ui, session, number)
     _choice(ui, session, "method")
     _number(ui, session, _SEGMENTS)

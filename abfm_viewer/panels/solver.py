@@ -5,10 +5,10 @@ from __future__ import annotations
 import polyscope.imgui as imgui
 
 from abfm_viewer.session import Session
-from abfm_viewer.solver import advice
 from abfm_viewer.ui import Ui
+from abfm_viewer.verdict_words import explanation, headline, place
 
-_STATE_HEIGHT = 90  # four lines
+_STATE_HEIGHT = 150  # seven lines
 _SIDE_BUTTON = 76
 
 
@@ -49,13 +49,12 @@ def _progress(ui: Ui, session: Session) -> None:
     snapshot = session.solver.snapshot
     if snapshot is None:
         ui.progress(0, "")
-        ui.note("Starting: factoring the norm of the field")
+        ui.note("Starting: making coarser meshes and factoring the norm of the field")
         return
     now, limit = snapshot.iteration, snapshot.problem.parameters.iterations
     ui.progress(now.iteration / max(limit, 1), "")
-    stage = f", mesh {now.level + 1}/{now.levels}" if now.levels > 1 else ""
-    stage += f", stage {now.stage + 1}"
-    ui.note(f"Iteration {now.iteration}/{limit}{stage}, mismatch {now.mismatch:.3g}", "ink")
+    ui.note(f"Iteration {now.iteration}/{limit}, mismatch {now.mismatch:.3g}", "ink")
+    ui.note(f"{place(now).capitalize()}")
 
 
 def _outcome(ui: Ui, session: Session) -> None:
@@ -67,14 +66,16 @@ def _outcome(ui: Ui, session: Session) -> None:
         if not solver.failed:
             ui.note("Finds the field whose flow carries the source to the target.")
         return
-    reason = result.stop_reason
     steps = len(result.energy_history) - 1
-    end = "The field is given" if reason == "given" else f"{reason.capitalize()} ({steps} iterations)"
-    ui.note(f"{end}. Mismatch {result.mismatch:.3g}.", "ink")
+    first, rest = headline(result).split(": ", 1)
+    after = "" if result.stop_reason == "given" else f" after {steps} iterations"
+    poor = first in ("not reached", "impossible")
+    ui.note(f"{first.capitalize()}{after}: {rest}.", "error" if poor else "good" if first == "matched" else "ink")
     if session.outdated:
         ui.note("The functions or parameters changed since: press Match again.", "error")
-    else:
-        ui.note(advice(reason, result.mismatch))
+        return
+    for line in explanation(result):
+        ui.note(line)
 
 
 def draw_switches(ui: Ui, session: Session) -> None:

@@ -7,6 +7,7 @@ import polyscope.imgui as imgui
 from abfm_viewer.abbreviation import cut
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
+from abfm_viewer.verdict_words import headline, place
 from abfm_viewer.widget_record import Rect
 
 
@@ -34,15 +35,16 @@ def _state(session: Session) -> str:
     if solver.running:
         snapshot = solver.snapshot
         state = "paused" if solver.paused else "solving"
-        return f"{state}, mismatch {snapshot.iteration.mismatch:.3g}" if snapshot else "starting the solver"
+        if snapshot is None:
+            return "starting the solver"
+        return f"{state}, {place(snapshot.iteration)}, mismatch {snapshot.iteration.mismatch:.3g}"
     if session.busy:
         return session.busy
     if solver.failed:
         return f"the solver stopped: {solver.reason}"
     if result is None:
         return "ready"
-    end = "field given" if result.stop_reason == "given" else result.stop_reason
-    return f"{end}, mismatch {result.mismatch:.3g}{', outdated' if session.outdated else ''}"
+    return f"{headline(result)}{', outdated' if session.outdated else ''}"
 
 
 def _width(text: str) -> float:

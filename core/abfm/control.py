@@ -16,7 +16,7 @@ class Control:
         self._lock = threading.Lock()
         self._running = threading.Event()
         self._running.set()
-        self._cancelled = False
+        self._cancelled = self._briefly = False
 
     def pause(self) -> None:
         """Hold the solve before its next evaluation."""
@@ -28,16 +28,24 @@ class Control:
         """Go on after `pause`."""
         self._running.set()
 
-    def cancel(self) -> None:
-        """Stop the solve; `match` returns its best iterate with the stop reason "cancelled"."""
+    def cancel(self, briefly: bool = False) -> None:
+        """Stop the solve; `match` returns its best iterate with the stop reason "cancelled".
+
+        Where that is only to go on from, ``briefly`` leaves out what takes its time: the result is not verified.
+        """
         with self._lock:
-            self._cancelled = True
+            self._cancelled, self._briefly = True, briefly
             self._running.set()
 
     @property
     def cancelled(self) -> bool:
         """Whether `cancel` was called."""
         return self._cancelled
+
+    @property
+    def brief(self) -> bool:
+        """Whether it was cancelled briefly."""
+        return self._briefly
 
     def wait(self) -> None:
         """Return when the solve may go on; raise `CancelledError` if it must not."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,6 +26,11 @@ _COST = 2.0  # of an evaluation on even triangles: spectral bound times height o
 _LEAST = 2  # iterations that are always spent
 _EVEN = 0.7  # of the vertices of a mesh with needles are left by one that has none
 _NEEDLES = 30.0  # median over least height of the triangles: with more a coarser mesh is worth its while from the start
+
+
+_PATIENCE = 0.05  # seconds between two looks at whether to go on waiting
+_LOCKS: WeakKeyDictionary[TriangleMesh, threading.Lock] = WeakKeyDictionary()
+_LOCKS_LOCK = threading.Lock()
 
 
 class Level:
@@ -70,7 +78,8 @@ def levels(finest: MatchingEnergy, between: Callable[[], None]) -> list[Level]:
     for count in _vertex_counts(finest.mesh, finest.parameters):
         between()
         energy = found[0].energy
-        coarse = coarsened(energy.mesh, count)
+        with _making(energy.mesh, between):
+            coarse = coarsened(energy.mesh, count)
         if coarse is None:
             break
         transfer = _transfer(energy.mesh, coarse)
@@ -83,6 +92,31 @@ def levels(finest: MatchingEnergy, between: Callable[[], None]) -> list[Level]:
         found[0].is_coarsest = False
         found.insert(0, Level(smaller, transfer))
     return found
+
+
+def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
+    """Make the meshes of `levels` ahead, which a match in another thread waits for."""
+    fine = mesh.normalized()
+    for count in _vertex_counts(fine, parameters):
+        with _making(fine):
+            coarse = coarsened(fine, count)
+            if coarse is None:
+                return
+            _transfer(fine, coarse).prepare()
+        fine = coarse.normalized()
+
+
+@contextmanager
+def _making(mesh: TriangleMesh, between: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """One thread at a time for the coarser mesh of a mesh; ``between`` is called while another one is at it."""
+    with _LOCKS_LOCK:
+        lock = _LOCKS.setdefault(mesh, threading.Lock())
+    while not lock.acquire(timeout=_PATIENCE):
+        between()
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:

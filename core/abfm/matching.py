@@ -73,7 +73,10 @@ def match(
     solver = Solver(energy, on_iteration, control)
     fields, advected, reason = solver.run(start)
     mismatch = energy.relative_mismatch(advected)
+    between = control.wait if reason != "cancelled" or control.brief else None
     try:
+        if between is not None:
+            between()
         verified, folded = look(
             energy.mesh,
             energy.source,
@@ -82,7 +85,7 @@ def match(
             energy.parameters.tau,
             energy.mask,
             energy.weights,
-            control.wait if reason != "cancelled" else None,
+            between,
         )
     except (ParameterError, CancelledError):  # too fast for walks, or no time for them
         verified, folded = np.nan, np.nan

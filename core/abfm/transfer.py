@@ -29,6 +29,10 @@ class Transfer:
     def __init__(self, coarse: TriangleMesh, fine: TriangleMesh) -> None:
         self.coarse, self.fine = coarse, fine
 
+    def prepare(self) -> None:
+        """Find all closest points now, which else are found when they are first needed."""
+        _ = self.interpolation, self._averaging, self._to_fine, self._to_coarse
+
     @cached_property
     def interpolation(self) -> Matrix:
         """Linear interpolation of coarse vertex functions at the points closest to the fine vertices, (V, V_coarse)."""

@@ -321,3 +321,14 @@ def test_inverse_and_point_map():
     assert l2_norm(SPHERE, pulled - match.advect(1.0)) < 0.1 * l2_norm(SPHERE, g)
     assert np.median(match.distortion().conformal) < 2
     assert match.distortion(0.0).area == pytest.approx(1.0)
+
+
+def test_a_brief_cancel_leaves_the_verification_out():
+    f, g = SPHERE.vertices[:, 0], SPHERE.vertices[:, 1]
+    for briefly in (False, True):
+        control = abfm.Control()
+        match = abfm.match(
+            SPHERE, f, g, FEW, control=control, on_iteration=lambda _, c=control, b=briefly: c.cancel(briefly=b)
+        )
+        assert match.stop_reason == "cancelled"
+        assert np.isnan(match.verified_mismatch) == briefly

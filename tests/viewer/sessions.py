@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 from abfm import Parameters
+from abfm.parameters import PAPER
 from abfm_viewer.document import Channel
 from abfm_viewer.session import Session
 from abfm_viewer.worker import Problem
@@ -14,8 +15,8 @@ from tests.shapes import icosphere
 SPHERE = icosphere(3)
 PAIR = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=1,z=0,width=0.15")
 QUICK = Parameters(iterations=20)
-ENDLESS = Parameters(iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1)
-"""So small steps that a run goes on until it is told otherwise."""
+ENDLESS = Parameters(**PAPER, iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1)
+"""One stage with so small steps that a run goes on until it is told otherwise."""
 
 
 def problem(parameters: Parameters = QUICK, channel: Channel = PAIR) -> Problem:

@@ -9,7 +9,7 @@ from abfm_viewer.panels import parameters as panel
 
 
 def test_the_panel_has_every_parameter_and_says_what_it_does():
-    numbers = [*panel._MODEL, panel._SEGMENTS, *panel._BRACKET, *panel._EFFORT, *panel._ADVANCED]
+    numbers = [*panel._MODEL, *panel._WAY, panel._SEGMENTS, *panel._BRACKET, *panel._EFFORT, *panel._ADVANCED]
     names = [number.name for number in numbers] + list(panel._WORDS)
     assert sorted(names) == sorted(entry.name for entry in fields(Parameters))
     for number in numbers:

@@ -138,12 +138,11 @@ def test_match_shows_the_end_of_the_flow(session):
 
 def test_a_second_run_starts_where_the_first_ended_if_asked_to(session):
     matched(session)
-    first = session.result.mismatch
+    end = session.document.runs[-1].energies[-1]
     session.solver.warm = True
     matched(session)
     start = session.document.runs[-1].energies[0]
-    assert start[1] > 0
-    assert session.result.mismatch < first
+    assert start[1] == pytest.approx(end[1], rel=0.2)  # the last iterate need not be the best
     session.solver.warm = False
     matched(session)
     assert session.document.runs[-1].energies[0, 1] == 0

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from abfm_viewer.evaluation import Functions
-from abfm_viewer.solver import Solver, advice
+from abfm_viewer.solver import Solver
 from abfm_viewer.worker import Problem
 from tests.shapes import tetrahedron
 from tests.viewer.sessions import ENDLESS, SPHERE, problem, until
@@ -87,12 +87,3 @@ def test_another_mesh_ends_the_run(solver, follow):
     _, _, solved = ended(solver)
     assert solved.mesh is SPHERE
     assert solver.reason == "cancelled"
-
-
-def test_every_end_of_a_run_has_advice():
-    for reason in ("converged", "iteration limit", "line search failed", "cancelled", "given"):
-        assert advice(reason, 0.01).endswith((".", "!"))
-    assert "press Play" in advice("given", 0.0)
-    assert "still large" in advice("converged", 0.5)
-    assert "still large" not in advice("cancelled", 0.5)
-    assert advice("MemoryError", 0.5) == ""

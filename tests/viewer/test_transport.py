@@ -150,3 +150,17 @@ def test_a_request_after_closing_is_never_answered():
     until(lambda: not latest.busy)
     latest.close()
     assert latest.ask("two", lambda: 2) is None
+
+
+def test_a_field_is_computed_when_it_is_first_needed():
+    asked: list[int] = []
+
+    def velocity():
+        asked.append(1)
+        return np.zeros((1, len(SPHERE.faces), 3))
+
+    flow = FlowState(SPHERE, velocity, QUICK)
+    assert asked == []
+    np.testing.assert_allclose(flow.carry(SPHERE.vertices[:, 0], np.array([1.0]))[0], SPHERE.vertices[:, 0])
+    assert flow.velocity is flow.velocity
+    assert asked == [1]

@@ -25,7 +25,7 @@ def per_mesh(build: Callable[[TriangleMesh], Result]) -> Callable[[TriangleMesh]
     def cached(mesh: TriangleMesh) -> Result:
         key = (build.__module__, build.__qualname__)
         if key not in mesh.cache:
-            mesh.cache[key] = build(mesh)
+            mesh.cache.setdefault(key, build(mesh))  # another thread may have built it meanwhile: there is only one
         return mesh.cache[key]  # type: ignore[no-any-return]
 
     return cached

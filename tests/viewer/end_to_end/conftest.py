@@ -11,6 +11,7 @@ from abfm_viewer.ui import Ui
 from abfm_viewer.widget_search import WidgetSearch
 from tests.shapes import ellipsoid
 from tests.viewer.end_to_end.widget_coverage import Coverage
+from tests.viewer.sessions import ENDLESS
 
 EGG = ellipsoid(3, 1.0, 0.7, 0.55)
 SIZE = (860, 600)  # drawing takes as long as there are pixels
@@ -59,8 +60,7 @@ def matched(gui):
 @pytest.fixture
 def running(gui):
     """The app during a run that does not end by itself."""
-    endless = replace(gui.session.parameters, iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1)
-    gui.session.amend(parameters=endless)
+    gui.session.amend(parameters=ENDLESS)
     gui.click("Match")
     gui.wait(lambda s: s.solver.snapshot is not None)
     return gui

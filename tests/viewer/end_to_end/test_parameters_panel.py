@@ -14,10 +14,14 @@ from abfm.parameters import CHOICES
     [
         ("alpha", "10", 0.1),
         ("beta", "0.001", 1e-2),
+        ("order", "1", 2),
         ("sigma", "0.05", 1e-3),
+        ("reach", "0.3", 1.4),
         ("tau", "2", 0.5),
         ("iterations", "30", 300),
         ("cooling_stages", "1", 4),
+        ("levels", "1", 3),
+        ("balance", "0.25", 0.8),
         ("cooling_factor", "4", 20),
         ("stage_iterations", "17", 60),
         ("memory", "8", 50),
@@ -45,8 +49,10 @@ def test_the_method_decides_what_can_be_set(gui):
     gui.drag("substeps", 40)
     gui.type("quadrature", "5")
     gui.drag("quadrature", 20)
-    for choice in CHOICES["preconditioner"]:
-        gui.choose("preconditioner", choice)
+    for name in ("preconditioner", "sigma_unit"):
+        for choice in CHOICES[name]:
+            gui.choose(name, choice)
+            assert getattr(gui.session.parameters, name) == choice
     gui.choose("method", "linearised")
     assert not gui.is_enabled("gradient")
     gui.type("segments", "4")

@@ -61,10 +61,10 @@ def test_a_changed_parameter_restarts_the_run_from_its_field(running, paused):
     running.wait(lambda s: s.solver.snapshot.iteration.iteration > 3)
     if paused:
         running.click("Pause")
-    running.type("sigma", "0.02")
+    running.type("sigma", "0.015")
     if paused:
         running.click("Resume")
-    running.wait(lambda s: s.solver.snapshot.problem.parameters.sigma == 0.02)
+    running.wait(lambda s: s.solver.snapshot.problem.parameters.sigma == 0.015)
     assert running.session.solver.run.restarts
     running.drag("alpha", 1.0)
     running.wait(lambda s: s.solver.snapshot.problem.parameters.alpha == s.parameters.alpha > 0.5)
@@ -73,9 +73,9 @@ def test_a_changed_parameter_restarts_the_run_from_its_field(running, paused):
 
 def test_without_restarts_a_changed_parameter_waits_for_the_next_match(running):
     running.check("Restart on changes", False)
-    running.type("sigma", "0.02")
+    running.type("sigma", "0.015")
     running.frames(10)
-    assert running.session.solver.worker.problem.parameters.sigma != 0.02
+    assert running.session.solver.worker.problem.parameters.sigma != 0.015
     running.click("Cancel")
     running.wait(lambda s: s.solver.finished)
     assert running.session.outdated
