@@ -118,7 +118,7 @@ def test_second_order_is_symmetric_and_positive_both_ways(mesh, alpha):
 
 
 def test_rotations_of_the_sphere_are_divided_by_their_eigenvalue():
-    """``Delta_H`` of a rotation's field is ``2 / R^2`` times it: of ``D_alpha^-order`` remains ``(1 + 2 alpha)^-order``.
+    """The field of a rotation is an eigenfield of ``Delta_H``: ``D_alpha^-order`` has ``(1 + 2 alpha)^-order`` of it.
 
     The error falls with the edge length. The norm itself has no such limit for interpolated fields, whose jumps over
     edges the second order magnifies; the fields that minimise it have no such jumps.
