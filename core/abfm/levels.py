@@ -24,6 +24,7 @@ RATIO = 4.0
 _WORTH = 2.0  # times as many vertices as the coarsest mesh: with fewer, a mesh of even triangles is its own
 _COST = 2.0  # of an evaluation on even triangles: spectral bound times height over speed
 _LEAST = 2  # iterations that are always spent
+_EVEN = 0.7  # of the vertices of a mesh with needles are left by one that has none
 _NEEDLES = 30.0  # median over least height of the triangles: with more a coarser mesh is worth its while from the start
 
 
@@ -123,12 +124,12 @@ def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
     count = len(mesh.vertices)
     if p.levels:
         return [max(int(count / RATIO**step), 4) for step in range(1, p.levels)]
-    if count < _WORTH * COARSEST and not (count > COARSEST / 2 and _has_needles(mesh)):
-        return []
-    if count <= COARSEST:
-        return [count // 2]
-    steps = max(1, round(np.log(count / COARSEST) / np.log(RATIO)))
-    return [int(count * (COARSEST / count) ** (step / steps)) for step in range(1, steps + 1)]
+    even = [int(_EVEN * count)] if count > COARSEST / _EVEN and _has_needles(mesh) else []
+    if count < _WORTH * COARSEST:
+        return even
+    first = even[0] if even else count
+    steps = max(1, round(np.log(first / COARSEST) / np.log(RATIO)))
+    return even + [int(first * (COARSEST / first) ** (step / steps)) for step in range(1, steps + 1)]
 
 
 def _has_needles(mesh: TriangleMesh) -> bool:

@@ -93,7 +93,9 @@ def finish(p: Parameters, levels: int, warm: bool) -> list[Stage]:
     goal, coarse_goal = (0.0, 0.0) if patient else (CLOSE, _CLOSE_ON_COARSER)
     most = p.iterations if patient or levels == 1 else max(1, int(_FINE * p.iterations))
     last = Stage(levels - 1, p.sigma, 0.0, most, p.iterations, patient, goal, last=True)
-    coarse = replace(last, level=0, iterations=p.iterations, until=int(_COARSE * p.iterations), goal=coarse_goal, last=False)
+    coarse = replace(
+        last, level=0, iterations=p.iterations, until=int(_COARSE * p.iterations), goal=coarse_goal, last=False
+    )
     sigmas = p.stage_sigmas()[1:-1] if p.reach and not warm else []
     plan = [replace(coarse if levels > 1 else replace(last, last=False), sigma=sigma) for sigma in sigmas]
     if not warm:

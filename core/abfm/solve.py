@@ -30,7 +30,7 @@ _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last o
 _KEPT = 0.05  # discrete mismatch that flow lines may cost
 _MOST_WALKS = 50_000  # vertices up to which flow lines are balanced: finer meshes carry what is matched on them
 _WORSE = 2.0  # a mismatch this many times that on the coarser mesh is not the field's doing
-_CALMING = (1.0, 2.0, 4.0)  # edges over which fields are smoothed, one after the other, until they are calm
+_CALMING = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # edges over which fields are smoothed, until they are calm
 _HALVINGS = 8  # of fields that overflow on a finer mesh
 
 Best = State[Evaluation]
@@ -155,12 +155,19 @@ class Solver:
         bounds; smoothing on the scale of an edge, by the norm of first order, takes most of the jumps away.
         """
         area = 1 / len(energy.mesh.vertices)
+        calm, least = np.zeros_like(x), np.inf
         for edges in _CALMING:
-            if energy.relative_mismatch(energy.advected(x)) <= _WORSE * mismatch + _KEPT:  # false if not finite
-                return x
-            smooth = Regularizer(energy.mesh, area * edges**2)
-            x = np.stack([smooth.inverse((smooth.mass * v.ravel()).reshape(v.shape)) for v in x])
-        return x if np.isfinite(energy.advected(x)).all() else np.zeros_like(x)
+            self._pass()
+            tried = x
+            if edges:
+                smooth = Regularizer(energy.mesh, area * edges**2)
+                tried = np.stack([smooth.inverse((smooth.mass * v.ravel()).reshape(v.shape)) for v in x])
+            found = energy.relative_mismatch(energy.advected(tried))
+            if found < least:
+                calm, least = tried, found
+            if found <= _WORSE * mismatch + _KEPT:  # false if not finite
+                break
+        return calm
 
     def _minimise(self, stage: Stage, x: FloatArray, target: FloatArray | None = None) -> Best:
         """Run a stage to its end."""
