@@ -29,7 +29,7 @@ _GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that
 _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
 _KEPT = 0.05  # discrete mismatch that flow lines may cost
 _MOST_WALKS = 50_000  # vertices up to which flow lines are balanced: finer meshes carry what is matched on them
-_WORSE = 2.0  # a mismatch this many times that on the coarser mesh is not the field's doing
+_WORSE, _GROWN = 2.0, 0.4  # times the mismatch on the coarser mesh, and more: not the field's doing
 _CALMING = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # edges over which fields are smoothed, until they are calm
 _HALVINGS = 8  # of fields that overflow on a finer mesh
 
@@ -165,7 +165,7 @@ class Solver:
             found = energy.relative_mismatch(energy.advected(tried))
             if found < least:
                 calm, least = tried, found
-            if found <= _WORSE * mismatch + _KEPT:  # false if not finite
+            if found <= _WORSE * mismatch + _GROWN:  # false if not finite
                 break
         return calm
 
