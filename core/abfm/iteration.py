@@ -30,7 +30,7 @@ class Iteration:
     mismatch : float
         ``||f_tau - g|| / ||g||`` on the mesh of this level.
     gradient_norm : float
-        Norm dual to the preconditioner's.
+        Norm dual to the preconditioner's; NaN where a level begins.
     step_length : float
         Most that the latest step changed ``tau |v|``, as a fraction of sqrt(area).
     evaluations : int

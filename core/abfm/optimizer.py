@@ -104,12 +104,14 @@ class LBFGS(Generic[Point]):
         self.longest = longest
         self.tolerance = tolerance
 
-    def init(self, x: FloatArray, before: State[Point] | None = None, steeper: float = 1.0) -> State[Point]:
-        """Evaluate at the first iterate.
+    def init(
+        self, x: FloatArray, point: Point | None = None, before: State[Point] | None = None, steeper: float = 1.0
+    ) -> State[Point]:
+        """The first iterate, with its evaluation if there is one already.
 
         What a search ``before`` has learned serves this one, whose energy bends about ``steeper`` times as much.
         """
-        point = self.evaluate(x)
+        point = self.evaluate(x) if point is None else point
         preconditioned = self._precondition(point.gradient)
         norm = float(np.sqrt(_inner(point.gradient, preconditioned)))
         if before is None:

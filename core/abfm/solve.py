@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,11 +30,16 @@ _GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that
 _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
 _KEPT = 0.05  # discrete mismatch that flow lines may cost
 _MOST_WALKS = 50_000  # vertices up to which flow lines are balanced: finer meshes carry what is matched on them
-_WORSE = 2.0  # a mismatch this many times that on the coarser mesh is not the field's doing
+_WORSE, _GROWN = 2.0, 0.4  # times the mismatch on the coarser mesh, and more: not the field's doing
 _CALMING = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # edges over which fields are smoothed, until they are calm
 _HALVINGS = 8  # of fields that overflow on a finer mesh
 
-Best = State[Evaluation]
+
+class Best(NamedTuple):
+    """Frame coefficients (N, F, 2) and the energy there."""
+
+    x: FloatArray
+    point: Evaluation
 
 
 class Solver:
@@ -60,7 +66,9 @@ class Solver:
         self._levels: list[Level] = [Level(energy, None)]
         self._reason = ""
         self._level = 0
-        self._state: Best | None = None
+        self._best: Best | None = None
+        self._learned: State[Evaluation] | None = None
+        self._recorded = 0  # level of the latest iterate
         self._before: Stage | None = None
 
     def run(self, start: ArrayLike | None) -> tuple[FloatArray, FloatArray, str]:
@@ -89,7 +97,7 @@ class Solver:
         for tried in search(p, len(self._levels)):
             if len(self.history) > tried[0].until:
                 break
-            self._state, self._before = None, None
+            self._best, self._learned, self._before = None, None, None
             found = x
             for stage in tried:
                 found = self._minimise(stage, found).x
@@ -104,8 +112,8 @@ class Solver:
         """Come close on all meshes."""
         for stage in finish(self.energy.parameters, len(self._levels), warm):
             x = self._prolonged(x, stage.level)
-            if self._state is not None and self._level == stage.level:
-                mismatch = self._levels[stage.level].energy.relative_mismatch(self._state.point.advected)
+            if self._best is not None and self._level == stage.level:
+                mismatch = self._levels[stage.level].energy.relative_mismatch(self._best.point.advected)
                 if mismatch <= stage.needed_above:
                     continue
             if stage.balanced:
@@ -114,8 +122,8 @@ class Solver:
                 x = self._minimise(stage, x).x
 
     def _known(self) -> Best:
-        assert self._state is not None
-        return self._state
+        assert self._best is not None
+        return self._best
 
     def _given(self, start: ArrayLike) -> FloatArray:
         p = self.energy.parameters
@@ -144,7 +152,7 @@ class Solver:
             mismatch = self._levels[self._level].energy.relative_mismatch(self._known().point.advected)
             x = self._levels[self._level].fields_to_finer(x)
             self._level += 1
-            self._state = None
+            self._best = self._learned = None
             x = self._calmed(x, self._levels[self._level].energy, mismatch)
         return x
 
@@ -165,7 +173,7 @@ class Solver:
             found = energy.relative_mismatch(energy.advected(tried))
             if found < least:
                 calm, least = tried, found
-            if found <= _WORSE * mismatch + _KEPT:  # false if not finite
+            if found <= _WORSE * mismatch + _GROWN:  # false if not finite
                 break
         return calm
 
@@ -175,40 +183,45 @@ class Solver:
             self.schedule.append(stage)
         energy = self._levels[stage.level].energy
         search = self._search(stage, target)
-        current = self._begin(search, stage, x)
+        self._best = Best(x, search.evaluate(x))
         if not self.history:
-            self._check_start(current.point)
-            self._record(current, stage)
-        self._state = current
+            self._check_start(self._best.point)
+        if not self.history or (stage.level != self._recorded and len(self.history) <= energy.parameters.iterations):
+            self._record(self._best, stage)
+        self._reason = "converged"
+        if energy.relative_mismatch(self._best.point.advected) <= stage.goal:
+            return self._best
+        current = self._begin(search, stage)
         energies = [current.point.energy]
         left = self._levels[stage.level].affordable(stage.iterations, x)
         until = min(stage.until, len(self.history) - 1 + left)
         ended = None
         while len(self.history) <= until and (ended := search.stop_reason(current)) is None:
-            if not stage.pays(energies) or energy.relative_mismatch(current.point.advected) <= stage.goal:
+            mismatch = energy.relative_mismatch(current.point.advected)
+            if mismatch <= stage.goal or not stage.pays(energies, mismatch):
                 ended = "converged"
                 break
             current = search.step(current)
             if current.failed:
                 continue
-            self._state = current
+            self._best, self._learned = Best(current.x, current.point), current
             energies.append(current.point.energy)
-            self._record(current, stage)
+            self._record(self._best, stage, current)
         self._reason = ended or "iteration limit"
-        return self._state
+        return self._best
 
-    def _begin(self, search: LBFGS[Evaluation], stage: Stage, x: FloatArray) -> Best:
+    def _begin(self, search: LBFGS[Evaluation], stage: Stage) -> State[Evaluation]:
         """The stage's first iterate; what the one before has learned of the energy is scaled with sigma.
 
         Stages that go on to the end of their iterations learn anew, which on the long way leads further.
         """
-        before = self._before
+        before, best = self._before, self._known()
         self._before = stage
         if before is None or before.level != stage.level or before.reach != stage.reach:
-            return search.init(x)
+            return search.init(best.x, best.point)
         if stage.patient and before.sigma != stage.sigma:
-            return search.init(x)
-        return search.init(x, self._state, (before.sigma / stage.sigma) ** 2)
+            return search.init(best.x, best.point)
+        return search.init(best.x, best.point, self._learned, (before.sigma / stage.sigma) ** 2)
 
     def _balance(self, stage: Stage) -> None:
         """Move the target by a share of what the discrete advection lies away from the flow lines, again and again.
@@ -234,7 +247,7 @@ class Solver:
                 break
             part = replace(stage, iterations=_ROUND, patient=True, goal=0.0)
             self._minimise(part, state.x, energy.target + p.balance * (advected - walked))
-        self._state, self._reason = best, reason
+        self._best, self._reason = best, reason
 
     def _by_flow_lines(self, x: FloatArray) -> FloatArray:
         """The source carried along the continuous field, (C, V)."""
@@ -250,12 +263,12 @@ class Solver:
 
     def _on_the_mesh(self) -> tuple[FloatArray, FloatArray]:
         """The best fields on the mesh itself, and the source carried by them."""
-        if self._state is None:
+        if self._best is None:
             x = np.zeros(self._levels[self._level].energy.shape)
         else:
-            x = self._state.x
+            x = self._best.x
             if self._level == len(self._levels) - 1:
-                return x, self._state.point.advected
+                return x, self._best.point.advected
         for level in self._levels[self._level : -1]:
             x = level.fields_to_finer(x)
         for _ in range(_HALVINGS):
@@ -298,8 +311,8 @@ class Solver:
         if not np.isfinite(point.energy):
             raise FunctionError("the mismatch of source and target overflows; scale both functions down or sigma up")
 
-    def _record(self, state: Best, stage: Stage) -> None:
-        point = state.point
+    def _record(self, best: Best, stage: Stage, step: State[Evaluation] | None = None) -> None:
+        point, self._recorded = best.point, stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
         self.stage_of.append(len(self.schedule) - 1)
         if self.on_iteration:
@@ -317,10 +330,10 @@ class Solver:
                     regularity=point.regularity,
                     mismatch_energy=point.mismatch,
                     mismatch=level.energy.relative_mismatch(point.advected),
-                    gradient_norm=state.gradient_norm,
-                    step_length=state.length,
+                    gradient_norm=step.gradient_norm if step else np.nan,
+                    step_length=step.length if step else 0.0,
                     evaluations=self.evaluations,
-                    _velocity=partial(self._shown_velocity, stage.level, state.x),
+                    _velocity=partial(self._shown_velocity, stage.level, best.x),
                     _advected=partial(self._shown_functions, stage.level, point.advected),
                 )
             )

@@ -78,7 +78,7 @@ def test_folders_are_gone_through_to_save(gui, tmp_path):
 
 
 def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
-    matched.type("sigma", "0.02")
+    matched.type("sigma", "0.03")
     matched.drag("time", 0.7)
     saved = matched.session.document
     matched.menu("File", "Save project")
@@ -98,7 +98,7 @@ def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
     matched.click("Reset to defaults", within="Parameters")
     matched.menu("File", "Open project...")
     matched.double_click("first.abfm")
-    matched.wait(lambda s: s.path == tmp_path / "first.abfm" and s.parameters.sigma == 0.02)
+    matched.wait(lambda s: s.path == tmp_path / "first.abfm" and s.parameters.sigma == 0.03)
     opened = matched.session.document
     for name in ("channels", "parameters", "mask", "time", "view", "lines", "points", "channel", "side", "bump"):
         assert getattr(opened, name) == getattr(saved, name), name
