@@ -23,8 +23,11 @@ With --success it tries random problems on many meshes, near and far, wide and n
 succeeds with its default parameters and how often it did as it was before: about ten minutes. Every problem is the same
 whatever else runs. After Ctrl-C it reports what is finished.
 
+With --arrival it measures how soon a match is there on ever finer meshes, now and as it was before: a few minutes.
+
 Examples:
   abfm bench --json > bench.json
+  abfm bench --arrival
   abfm bench --viewer
   abfm bench --success
   abfm bench --success --only-given --mesh a.off --mesh b.off --problems 10 --part 1/2 --json > part-1.json
@@ -38,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--viewer", action="store_true", help="measure the window (off the screen where there is none)")
     parser.add_argument("--success", action="store_true", help="count on random problems how often matches succeed")
+    parser.add_argument("--arrival", action="store_true", help="measure how soon a match arrives on ever finer meshes")
     group = parser.add_argument_group("with --success")
     group.add_argument("--mesh", action="append", default=[], metavar="FILE", help="try this mesh too; may be repeated")
     group.add_argument("--only-given", action="store_true", help="leave out the bundled and generated meshes")
@@ -66,6 +70,11 @@ def run(arguments: argparse.Namespace) -> int:
                 meshes, tell, seed=arguments.seed, count=arguments.problems, part=arguments.part
             )
         text = success.format_success(report)
+    elif arguments.arrival:
+        from abfm.baselines.benchmark.arrival import format_arrival, run_arrival  # not before, as above
+
+        report = run_arrival(tell)
+        text = format_arrival(report)
     elif arguments.viewer:
         from abfm_viewer import benchmark as viewer_benchmark  # not before: it needs OpenGL
 

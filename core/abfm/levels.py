@@ -14,6 +14,7 @@ from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mesh.coarsening import coarsened
 from abfm.operators import face_areas
 from abfm.parameters import Parameters
+from abfm.resolution import resolution
 from abfm.transfer import Transfer
 from abfm.vector_fields import to_ambient
 
@@ -21,11 +22,10 @@ COARSEST = 2500
 """Vertices of the coarsest mesh where their number is chosen here."""
 RATIO = 4.0
 """Of the numbers of vertices of a mesh and the next coarser one."""
-_WORTH = 2.0  # times as many vertices as the coarsest mesh: with fewer, a mesh of even triangles is its own
+_WORTH = 3.0  # times as many vertices as the coarsest mesh: smaller meshes are solved on themselves alone
+_EDGES = 3.0  # that a function's features span at least on a mesh of their own choice
 _COST = 2.0  # of an evaluation on even triangles: spectral bound times height over speed
 _LEAST = 2  # iterations that are always spent
-_EVEN = 0.7  # of the vertices of a mesh with needles are left by one that has none
-_NEEDLES = 30.0  # median over least height of the triangles: with more a coarser mesh is worth its while from the start
 
 
 _PATIENCE = 0.05  # seconds between two looks at whether to go on waiting
@@ -75,8 +75,11 @@ class Level:
 def levels(finest: MatchingEnergy, between: Callable[[], None]) -> list[Level]:
     """The energy on all meshes, from the coarsest to that of ``finest``; ``between`` is called on the way."""
     found = [Level(finest, None)]
+    edges = resolution(finest.mesh, np.concatenate([finest.source, finest.target]).T)
     for count in _vertex_counts(finest.mesh, finest.parameters):
         between()
+        if not finest.parameters.levels and edges >= _EDGES > edges * np.sqrt(count / len(finest.mesh.vertices)):
+            break  # what this mesh resolves and the coarser one does not would come back distorted
         energy = found[0].energy
         with _making(energy.mesh, between):
             coarse = coarsened(energy.mesh, count)
@@ -124,18 +127,10 @@ def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
     count = len(mesh.vertices)
     if p.levels:
         return [max(int(count / RATIO**step), 4) for step in range(1, p.levels)]
-    even = [int(_EVEN * count)] if count > COARSEST / _EVEN and _has_needles(mesh) else []
     if count < _WORTH * COARSEST:
-        return even
-    first = even[0] if even else count
-    steps = max(1, round(np.log(first / COARSEST) / np.log(RATIO)))
-    return even + [int(first * (COARSEST / first) ** (step / steps)) for step in range(1, steps + 1)]
-
-
-def _has_needles(mesh: TriangleMesh) -> bool:
-    """Whether the least height of a triangle, which sets the cost of an evaluation, is far below the usual one."""
-    heights = _heights(mesh)
-    return bool(np.median(heights) > _NEEDLES * heights.min())
+        return []
+    steps = max(1, round(np.log(count / COARSEST) / np.log(RATIO)))
+    return [int(count * (COARSEST / count) ** (step / steps)) for step in range(1, steps + 1)]
 
 
 def _heights(mesh: TriangleMesh) -> FloatArray:

@@ -13,7 +13,7 @@ CLOSE = 0.03
 _CLOSE_ON_COARSER = 0.04
 _MATCHED = 0.05  # a match that leaves more goes on with a smaller sigma
 _PAYING, _OVER = 0.03, 6  # a stage goes on while its energy falls by this share within so many iterations
-_OVER_AT_LAST = 15  # the same on the mesh itself
+_OVER_AT_LAST = 15  # the same on the mesh itself, as long as it is not matched
 _TRIES = ((1.0, 1.0), (2.0, 1 / 3), (0.5, 1 / 3))  # factors of reach and of the first sigma in a search
 _SEARCH, _COARSE = 0.4, 0.75  # of all iterations: in one stage of a search, and before the mesh itself
 _FINE = 0.15  # of all iterations, in one stage on the mesh itself after coarser ones
@@ -59,9 +59,9 @@ class Stage:
     last: bool = False
     balanced: bool = False
 
-    def pays(self, energies: list[float]) -> bool:
-        """Whether to go on after these energies, one for each of the stage's iterates."""
-        over = _OVER_AT_LAST if self.last else _OVER
+    def pays(self, energies: list[float], mismatch: float) -> bool:
+        """Whether to go on after these energies, one for each of the stage's iterates, at this mismatch."""
+        over = _OVER_AT_LAST if self.last and mismatch > _MATCHED else _OVER
         return self.patient or len(energies) <= over or energies[-1] < (1 - _PAYING) * energies[-1 - over]
 
 
@@ -103,7 +103,8 @@ def finish(p: Parameters, levels: int, warm: bool) -> list[Stage]:
     plan.append(last)
     if not patient:
         factors = [_SMALLER**step for step in range(1, _CLOSING + 1)]
-        plan += [replace(last, sigma=p.sigma * factor, goal=_MATCHED, needed_above=_MATCHED) for factor in factors]
+        closing = replace(last, iterations=p.iterations, goal=_MATCHED, needed_above=_MATCHED)
+        plan += [replace(closing, sigma=p.sigma * factor) for factor in factors]
     if p.balance:
         plan.append(replace(last, balanced=True))
     return plan

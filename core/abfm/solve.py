@@ -197,7 +197,8 @@ class Solver:
         until = min(stage.until, len(self.history) - 1 + left)
         ended = None
         while len(self.history) <= until and (ended := search.stop_reason(current)) is None:
-            if not stage.pays(energies) or energy.relative_mismatch(current.point.advected) <= stage.goal:
+            mismatch = energy.relative_mismatch(current.point.advected)
+            if mismatch <= stage.goal or not stage.pays(energies, mismatch):
                 ended = "converged"
                 break
             current = search.step(current)

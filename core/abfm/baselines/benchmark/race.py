@@ -14,8 +14,9 @@ from abfm.matching import Control, Iteration, match
 from abfm.mesh import FloatArray
 from abfm.parameters import Parameters
 
-SOLVER = replace(PARAMETERS, iterations=10**9)
-PLAIN = replace(SOLVER, preconditioner="none")
+SOLVER = replace(PARAMETERS, iterations=10**9, levels=0)
+"""The paper's energy, looked for on coarser meshes first; only iterates on the mesh itself count."""
+PLAIN = replace(PARAMETERS, iterations=10**9, preconditioner="none")
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,8 @@ def descend(problem: Problem, parameters: Parameters, seconds: float, until: flo
     start = perf_counter()
 
     def record(iterate: Iteration) -> None:
+        if iterate.level < iterate.levels - 1:
+            return
         history.append((perf_counter() - start, iterate.energy))
         if history[-1][0] > seconds or iterate.energy < until:
             control.cancel()
