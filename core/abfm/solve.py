@@ -93,20 +93,30 @@ class Solver:
         x = np.zeros(coarsest.shape)
         if fields is not None:
             x = self._on_the_coarsest(fields)
-        best, least = x, np.inf
+        best, least, kept = x, np.inf, self._best
         for tried in search(p, len(self._levels)):
             if len(self.history) > tried[0].until:
                 break
             self._best, self._learned, self._before = None, None, None
             found = x
-            for stage in tried:
-                found = self._minimise(stage, found).x
+            try:
+                for stage in tried:
+                    found = self._minimise(stage, found).x
+            except CancelledError:
+                self._go_back(kept, least)
+                raise
             mismatch = coarsest.relative_mismatch(self._known().point.advected) if tried else 0.0
             if mismatch < least:
-                best, least = found, mismatch
+                best, least, kept = found, mismatch, self._best
             if mismatch <= REACHED:
                 break
         return best
+
+    def _go_back(self, kept: Best | None, mismatch: float) -> None:
+        """Return to what an earlier way to the target had found, with this mismatch, where that is better."""
+        energy = self._levels[0].energy
+        if self._best is None or energy.relative_mismatch(self._best.point.advected) > mismatch:
+            self._best = kept
 
     def _finish(self, x: FloatArray, warm: bool) -> None:
         """Come close on all meshes."""
@@ -146,15 +156,13 @@ class Solver:
         return fields
 
     def _prolonged(self, x: FloatArray, level: int) -> FloatArray:
-        """Fields of the level that was last, on another one."""
-        while self._level < level:
-            self._pass()
-            mismatch = self._levels[self._level].energy.relative_mismatch(self._known().point.advected)
-            x = self._levels[self._level].fields_to_finer(x)
-            self._level += 1
-            self._best = self._learned = None
-            x = self._calmed(x, self._levels[self._level].energy, mismatch)
-        return x
+        """Fields of the level that was last, on the next finer one where that is asked for."""
+        if level == self._level:
+            return x
+        self._pass()
+        coarser = self._levels[self._level]
+        mismatch = coarser.energy.relative_mismatch(self._known().point.advected)
+        return self._calmed(coarser.fields_to_finer(x), self._levels[level].energy, mismatch)
 
     def _calmed(self, x: FloatArray, energy: MatchingEnergy, mismatch: float) -> FloatArray:
         """Fields that came from a coarser mesh, smoothed until they carry the source about as well as they did there.
@@ -184,6 +192,8 @@ class Solver:
         energy = self._levels[stage.level].energy
         search = self._search(stage, target)
         self._best = Best(x, search.evaluate(x))
+        if stage.level != self._level:  # not before: until then what is known is on the coarser mesh
+            self._level, self._learned = stage.level, None
         if not self.history:
             self._check_start(self._best.point)
         if not self.history or (stage.level != self._recorded and len(self.history) <= energy.parameters.iterations):
@@ -237,7 +247,10 @@ class Solver:
         self.schedule.append(stage)
         for _ in range(_ROUNDS):
             state = self._known()
-            advected, walked = state.point.advected, self._by_flow_lines(state.x)
+            try:
+                advected, walked = state.point.advected, self._by_flow_lines(state.x)
+            except ParameterError:  # too fast for walks
+                break
             discrete, lines = energy.relative_mismatch(advected), energy.relative_mismatch(walked)
             score = float(np.sqrt((1 - p.balance) * discrete**2 + p.balance * lines**2))
             if discrete > allowed or score >= best_score:
@@ -308,7 +321,7 @@ class Solver:
         )
 
     def _check_start(self, point: Evaluation) -> None:
-        if not np.isfinite(point.energy):
+        if not np.isfinite([point.energy, self.energy.function_size]).all():
             raise FunctionError("the mismatch of source and target overflows; scale both functions down or sigma up")
 
     def _record(self, best: Best, stage: Stage, step: State[Evaluation] | None = None) -> None:

@@ -12,6 +12,7 @@ from scipy.sparse.linalg import expm_multiply
 import abfm
 from abfm.assets import asset_path
 from abfm.operators import face_normals, l2_norm
+from abfm.parameters import PAPER
 from abfm.vector_fields import directional_derivative, to_frame
 from tests.core.fields import bump, wavy_field
 from tests.shapes import hemisphere, icosphere, torus
@@ -39,8 +40,7 @@ def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name):
     g = abfm.function(mesh, f"gaussian:vertex={target},width=0.1")
     match = abfm.match(mesh, f, g)
     assert match.mismatch <= 0.05
-    assert len(match.energy_history) <= 151
-    assert_never_rises_within_a_stage(match)
+    assert len(match.energy_history) <= 501
 
 
 @pytest.mark.parametrize("mesh", [SPHERE, hemisphere(12), torus(30, 12)], ids=["sphere", "hemisphere", "torus"])
@@ -51,7 +51,7 @@ def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name):
 )
 def test_every_method_lowers_the_mismatch(mesh, changes):
     f, g = pair(mesh, 0, 20, 0.25)
-    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=30, sigma=0.01, **changes))
+    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=30, sigma=0.01, balance=0, **changes))
     assert match.mismatch < 0.3 * l2_norm(mesh, f - g) / l2_norm(mesh, g)
     assert_never_rises_within_a_stage(match)
 
@@ -68,7 +68,8 @@ def test_plain_lbfgs_is_available_and_slower():
 
 def test_the_result_is_what_it_says():
     f, g = pair(SPHERE)
-    match = abfm.match(SPHERE, f, g, FEW)
+    p = abfm.Parameters(**PAPER, iterations=12)
+    match = abfm.match(SPHERE, f, g, p)
     assert match.velocity.shape == (1, len(SPHERE.faces), 3)
     assert np.abs(np.einsum("nfx,fx->nf", match.velocity, face_normals(SPHERE))).max() < 1e-12
     D = directional_derivative(SPHERE, to_frame(SPHERE, match.velocity[0]))
@@ -76,9 +77,9 @@ def test_the_result_is_what_it_says():
     assert np.linalg.norm(match.advected[:, 0] - expected) <= 1e-7 * np.linalg.norm(expected)
     assert match.advect(1.0) == pytest.approx(expected, abs=1e-7)
     assert match.mismatch == pytest.approx(l2_norm(SPHERE, expected - g) / l2_norm(SPHERE, g), rel=1e-6)
-    value, _ = abfm.MatchingEnergy(SPHERE, f, g, FEW)(match.velocity / SPHERE.length_scale)
-    assert value == pytest.approx(match.energy_history[-1, 0], rel=1e-9)
-    assert match.stop_reason == "iteration limit"
+    value, _ = abfm.MatchingEnergy(SPHERE, f, g, p)(match.velocity / SPHERE.length_scale)
+    assert value == pytest.approx(match.energy_history[-1, 0], rel=1e-7)  # a search sums its series so far
+    assert match.stop_reason == match.verdict.kind == "not reached"
     assert len(match.energy_history) == len(match.stages) == 13
 
 
@@ -144,8 +145,9 @@ def test_equal_functions_need_no_field():
 @pytest.mark.parametrize("f", [np.zeros(642), np.ones(642)], ids=["zeros", "ones"])
 def test_constant_functions_end_in_words(f):
     match = abfm.match(SPHERE, f, pair(SPHERE)[1])
-    assert match.stop_reason == "converged"
+    assert match.stop_reason == "impossible"
     assert np.isfinite(match.mismatch)
+    assert not match.velocity.any()
 
 
 def test_parameters_of_another_type_are_refused_in_words():
@@ -156,7 +158,7 @@ def test_parameters_of_another_type_are_refused_in_words():
 def test_callback_sees_every_row_of_the_history():
     f, g = pair(SPHERE)
     seen = []
-    match = abfm.match(SPHERE, f, g, FEW, on_iteration=seen.append)
+    match = abfm.match(SPHERE, f, g, abfm.Parameters(**PAPER, iterations=12), on_iteration=seen.append)
     assert [item.iteration for item in seen] == list(range(13))
     assert np.array_equal([[item.energy, item.regularity, item.mismatch_energy] for item in seen], match.energy_history)
     assert np.array_equal(seen[-1].velocity, match.velocity)
@@ -241,10 +243,12 @@ def test_fields_for_another_tau_move_as_far():
 
 def test_warm_start_never_ends_worse_at_sigma():
     f, g = pair(SPHERE)
-    first = abfm.match(SPHERE, f, g, abfm.Parameters(iterations=40))
-    second = abfm.match(SPHERE, f, g, abfm.Parameters(iterations=5), start=first.velocity)
+    p = abfm.Parameters(**PAPER, iterations=40)
+    first = abfm.match(SPHERE, f, g, p)
+    second = abfm.match(SPHERE, f, g, replace(p, iterations=5), start=first.velocity)
     assert second.energy_history[-1, 0] < first.energy_history[-1, 0]
-    assert set(second.stages) == {2}
+    assert set(first.stages) == {0, 1, 2}
+    assert set(second.stages) == {0}
 
 
 def test_pause_after_cancel_does_not_hold():
@@ -264,8 +268,9 @@ def test_a_start_that_overflows_is_refused_in_words():
 
 def test_functions_that_overflow_are_refused_in_words():
     f, g = pair(SPHERE)
-    with pytest.raises(abfm.FunctionError, match="scale"):
-        abfm.match(SPHERE, 1e200 * f, 1e200 * g)
+    for unit in ("relative", "absolute"):
+        with np.errstate(over="ignore", invalid="ignore"), pytest.raises(abfm.FunctionError, match="scale"):
+            abfm.match(SPHERE, 1e200 * f, 1e200 * g, abfm.Parameters(sigma_unit=unit))
 
 
 @settings(max_examples=15, deadline=None)

@@ -45,7 +45,7 @@ def test_numpy_scalars_become_plain_numbers():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"cooling_stages": 200}, "fewer stages"),
+        ({"cooling_stages": 400}, "fewer stages"),
         ({"cooling_stages": 10**6}, "at least 1 and at most 1000"),
         ({"stage_iterations": 200, "iterations": 100}, "never reached"),
         ({"cooling_factor": 1e300}, "between 1e-30 and"),
