@@ -33,7 +33,8 @@ def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
     names: dict[str, object] = {}
     exec(example, names)
     assert capsys.readouterr().out.startswith("mismatch 0.0")
-    assert names["halfway"].shape == (1229,)
+    assert names["halfway"].shape == (6475,)
+    assert names["match"].verdict.kind == "matched"
     assert load_match("match.npz").mismatch == names["match"].mismatch
 
 
