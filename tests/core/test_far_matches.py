@@ -246,6 +246,14 @@ class TestStart:
         assert relative_error(SPHERE, seen[0].advected[:, 0], at(-60)) < 0.4  # it begins where the start leads
         assert match.mismatch < 0.15
 
+    @pytest.mark.parametrize("levels", [1, 2])
+    def test_one_whose_flow_is_worse_than_none_is_as_good_as_none(self, levels: int) -> None:
+        """Noise so fast that the discrete flow grows beyond bounds."""
+        p = replace(QUICK, iterations=20, levels=levels)
+        noise = 30 * np.random.default_rng(0).normal(size=(len(SMALL.faces), 3))
+        astray, fresh = (abfm.match(SMALL, at(0, SMALL), at(60, SMALL), p, start=start) for start in (noise, None))
+        np.testing.assert_array_equal(astray.velocity, fresh.velocity)
+
     def test_without_reach_any_start_is_gone_on_from(self) -> None:
         p = replace(QUICK, iterations=3, reach=0, levels=2)
         seen: list[Iteration] = []
