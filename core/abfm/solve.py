@@ -25,6 +25,7 @@ from abfm.vector_fields import to_ambient, to_frame
 
 _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradient is exact for any
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
+_ASTRAY = 3.0  # times the mismatch of no flow at all beyond which the way is not looked for from a given start
 _ROUND, _ROUNDS = 8, 6  # iterations between two looks at the flow lines, and how many looks
 _GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
 _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
@@ -92,7 +93,9 @@ class Solver:
         coarsest, p = self._levels[0].energy, self.energy.parameters
         x = np.zeros(coarsest.shape)
         if fields is not None:
-            x = self._on_the_coarsest(fields)
+            given = self._on_the_coarsest(fields)
+            mismatch, at_rest = map(coarsest.relative_mismatch, (coarsest.advected(given), coarsest.source))
+            x = given if mismatch <= _ASTRAY * at_rest else x
         best, least, kept = x, np.inf, self._best
         for tried in search(p, len(self._levels)):
             if len(self.history) > tried[0].until:

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import abfm
+from abfm.parameters import PAPER
 
 
 def test_segments_follow_the_method():
@@ -54,6 +55,10 @@ def test_numpy_scalars_become_plain_numbers():
         ({"segments": 10**300}, r"segments is 1000000\d+\.\.\.; expected .* at most 1000"),
         ({"memory": 10**5}, "memory is 100000"),
         ({"alpha": 1e12}, "1e12"),
+        ({"order": 3}, "order is 3; expected a whole number at least 1 and at most 2"),
+        ({"reach": -0.1}, "reach is -0.1; expected a number at least 0"),
+        ({"levels": 11}, "levels is 11; expected a whole number at least 0 and at most 10"),
+        ({"sigma_unit": "metres"}, "sigma_unit is 'metres'; expected 'relative' or 'absolute'"),
     ],
 )
 def test_values_beyond_computing_are_refused(changes, words):
@@ -66,6 +71,17 @@ def test_round_trip_and_unknown_names():
     assert abfm.Parameters.from_dict(p.to_dict()) == p
     with pytest.raises(abfm.ParameterError, match="unknown parameter 'aplha'"):
         abfm.Parameters.from_dict({"aplha": 1})
+
+
+def test_what_was_written_before_there_was_more_than_the_papers_energy_means_it():
+    """A dictionary that names nothing of what is new; one that names any of it is of today, with today's defaults."""
+    old = {"tau": 2.0, "alpha": 0.02, "sigma": 1e-3, "iterations": 150}
+    assert abfm.Parameters.from_dict(old) == abfm.Parameters(**old, **PAPER)
+    assert abfm.Parameters.from_dict({}) == abfm.Parameters(**PAPER)
+    for name, value in PAPER.items():
+        assert abfm.Parameters.from_dict({name: value}) == abfm.Parameters(**{name: value})
+    assert abfm.Parameters(**PAPER) != abfm.Parameters()
+    assert "order" not in old
 
 
 def test_every_parameter_says_what_it_does():

@@ -1,0 +1,360 @@
+"""Matching over long ways and over several meshes: what is found, what comes back, and what does not matter."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import abfm
+from abfm.assets import asset_path
+from abfm.match_result import Match
+from abfm.matching import Iteration
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.parameters import PAPER, Parameters
+from abfm.regularizer import Regularizer
+from abfm.vector_fields import to_frame
+from tests.core.fields import bump, rotation_field, wavy_field
+from tests.core.surfaces import moved, relative_error, renumbered
+from tests.shapes import hemisphere, icosphere
+
+SPHERE, SMALL = icosphere(4), icosphere(3)
+QUICK = Parameters(iterations=60)
+
+
+def at(degrees: float, mesh: TriangleMesh = SPHERE, width: float = 0.1) -> FloatArray:
+    """A Gaussian on a unit sphere, so far from the pole."""
+    angle = np.deg2rad(degrees)
+    return bump(mesh, [0, np.sin(angle), np.cos(angle)], width)
+
+
+def same_result(one: Match, other: Match) -> bool:
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("velocity", "advected", "energy_history", "stages", "mismatch", "verified_mismatch", "folded")
+    )
+
+
+@pytest.mark.parametrize("degrees", [90, 135])
+def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degrees: float) -> None:
+    f, g = at(0, width=0.05), at(degrees, width=0.05)
+    far, blind = (abfm.match(SPHERE, f, g, Parameters(iterations=150, reach=reach)) for reach in (1.0, 0.0))
+    assert far.mismatch < 0.05
+    assert blind.mismatch > 0.9
+    assert far.verified_mismatch < 0.5 < 0.9 < blind.verified_mismatch
+    assert blind.verdict.kind == blind.stop_reason == "not reached"
+    assert "squeezed" in blind.verdict.reason
+
+
+def test_a_far_target_on_a_body() -> None:
+    mesh = abfm.load_mesh(asset_path("human_A.off"))
+    f, g = (abfm.function(mesh, f"gaussian:vertex={vertex},width=0.08") for vertex in (7, 300))
+    far, blind = (abfm.match(mesh, f, g, Parameters(iterations=120, reach=reach)) for reach in (1.0, 0.0))
+    assert far.mismatch < 0.3
+    assert blind.mismatch > 0.6
+
+
+def test_the_field_that_is_found_carries_as_a_rotation_does() -> None:
+    """What lies between pole and target goes along: a third bump, which the match has never seen, moves that way."""
+    match = abfm.match(SMALL, at(0, SMALL, 0.2), at(60, SMALL, 0.2), QUICK)
+    for t in (0.5, 1.0):
+        arrived = match.push(at(0, SMALL, 0.2), t)
+        centre = arrived @ SMALL.vertices / arrived.sum()
+        expected = at(60 * t, SMALL, 0.2) @ SMALL.vertices / at(60 * t, SMALL, 0.2).sum()
+        assert centre @ expected / np.linalg.norm(centre) / np.linalg.norm(expected) > 0.98
+
+
+@pytest.mark.parametrize("levels", [2, 3])
+def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels: int) -> None:
+    seen: list[Iteration] = []
+    p = replace(QUICK, levels=levels)
+    match = abfm.match(SPHERE, at(0), at(80), p, on_iteration=seen.append)
+    assert match.velocity.shape == (1, len(SPHERE.faces), 3)
+    assert match.advected.shape == (len(SPHERE.vertices), 1)
+    assert match.mismatch < 0.15
+    np.testing.assert_allclose(match.push(at(0), 1.0), match.advected[:, 0], atol=1e-6)
+    assert len(match.energy_history) == len(match.stages) == len(seen) <= 61
+    assert [one.level for one in seen] == sorted(one.level for one in seen)
+    assert {one.level for one in seen} == set(range(levels))
+    counts = [next(one.vertices for one in seen if one.level == level) for level in range(levels)]
+    assert counts == sorted(counts)
+    assert counts[-1] == len(SPHERE.vertices)
+    assert counts[0] == pytest.approx(len(SPHERE.vertices) / 4 ** (levels - 1), rel=0.1)
+    for one in (seen[0], seen[-1]):
+        assert one.velocity.shape == match.velocity.shape
+        assert one.advected.shape == match.advected.shape
+    assert [one.iteration for one in seen] == list(range(len(seen)))
+    assert (np.diff(match.stages) >= 0).all()
+
+
+@pytest.mark.parametrize("iterations", [0, 1, 2, 7])
+@pytest.mark.parametrize("changes", [{}, {"levels": 3}, PAPER, {"cooling_stages": 1}])
+def test_few_iterations_are_not_exceeded(iterations: int, changes: dict[str, Any]) -> None:
+    p = Parameters(**changes, iterations=iterations)
+    match = abfm.match(SMALL, at(0, SMALL), at(50, SMALL), p)
+    assert 1 <= len(match.energy_history) <= iterations + 1
+    assert match.velocity.shape == (1, len(SMALL.faces), 3)
+    if iterations == 0:
+        assert not match.velocity.any()
+    else:
+        assert match.mismatch < relative_error(SMALL, at(0, SMALL), at(50, SMALL)) * (1 + 1e-9)
+
+
+def test_linearised_steps_over_several_meshes() -> None:
+    p = Parameters(iterations=40, levels=2, method="linearised", segments=8)
+    match = abfm.match(SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2), p)
+    assert match.velocity.shape == (8, len(SMALL.faces), 3)
+    assert match.mismatch < 0.4 * relative_error(SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2))
+
+
+def test_a_mask_comes_to_coarser_meshes() -> None:
+    """Where it is zero the target may be anything, on all of them."""
+    seen = SPHERE.vertices[:, 0] > -0.3
+    f, g = at(0), at(60)
+    found = [
+        abfm.match(SPHERE, f, np.where(seen, g, hidden), replace(QUICK, levels=2), mask=seen) for hidden in (g, 7.0)
+    ]
+    assert found[0].mismatch < 0.15
+    assert found[1].mismatch < 0.3
+
+
+@pytest.mark.parametrize(
+    ("f", "g", "reason"),
+    [
+        (at(0, SMALL), at(0, SMALL), "converged"),
+        (np.ones(642), np.ones(642), "converged"),
+        (at(0, SMALL), np.ones(642), "impossible"),
+        (np.ones(642), at(0, SMALL), "impossible"),
+        (np.zeros(642), np.zeros(642), "converged"),
+        (np.zeros(642), np.ones(642), "impossible"),
+    ],
+    ids=["equal", "equal constants", "constant target", "constant source", "zeros", "constants"],
+)
+@pytest.mark.parametrize("levels", [1, 2])
+def test_what_needs_no_flow_and_what_no_flow_can_do(f: FloatArray, g: FloatArray, reason: str, levels: int) -> None:
+    match = abfm.match(SMALL, f, g, Parameters(iterations=10, levels=levels))
+    assert match.stop_reason == reason
+    if np.array_equal(f, g):
+        assert match.mismatch < 1e-12
+        assert np.abs(match.velocity).max() < 1e-6
+        assert match.verdict.kind == "matched"
+    assert np.isfinite(match.velocity).all()
+
+
+class TestCancel:
+    """Wherever it happens, what comes back is on the mesh itself."""
+
+    @pytest.mark.parametrize("iteration", [0, 3, 20])
+    def test_on_a_coarse_mesh(self, iteration: int) -> None:
+        control, seen = abfm.Control(), []
+
+        def stop(one: Iteration) -> None:
+            seen.append(one)
+            if one.iteration == iteration:
+                control.cancel()
+
+        match = abfm.match(SPHERE, at(0), at(80), replace(QUICK, levels=3), on_iteration=stop, control=control)
+        assert match.stop_reason == "cancelled"
+        assert seen[-1].level == 0
+        assert len(match.energy_history) == iteration + 1
+        assert match.velocity.shape == (1, len(SPHERE.faces), 3)
+        assert bool(match.velocity.any()) == (iteration > 0)
+        np.testing.assert_array_equal(match.velocity, seen[-1].velocity)
+
+    @pytest.mark.parametrize("calming", [True, False])
+    def test_between_two_meshes(self, calming: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+        """While fields are brought to the finer mesh, and before the first evaluation there."""
+        control, seen = abfm.Control(), []
+        advected = abfm.MatchingEnergy.advected
+
+        def cancelling(energy: abfm.MatchingEnergy, fields: FloatArray) -> FloatArray:
+            first = not control.cancelled
+            control.cancel()
+            return advected(energy, fields) * (np.nan if calming and first else 1.0)
+
+        monkeypatch.setattr(abfm.MatchingEnergy, "advected", cancelling)
+        match = abfm.match(SPHERE, at(0), at(60), replace(QUICK, levels=2), on_iteration=seen.append, control=control)
+        assert match.stop_reason == "cancelled"
+        assert {one.level for one in seen} == {0}
+        assert match.velocity.any()
+
+    def test_in_a_second_try_keeps_the_first_where_that_is_better(self) -> None:
+        p = Parameters(iterations=60, reach=0.5, levels=1, stage_iterations=6)
+        control, seen = abfm.Control(), []
+
+        def stop(one: Iteration) -> None:
+            seen.append(one)
+            if one.stage == 2:
+                control.cancel()
+
+        match = abfm.match(SMALL, at(0, SMALL), at(120, SMALL), p, on_iteration=stop, control=control)
+        *first, last = seen
+        assert last.reach > first[0].reach
+        assert first[-1].mismatch < 0.8 < last.mismatch
+        assert match.mismatch == first[-1].mismatch
+        np.testing.assert_array_equal(match.velocity, first[-1].velocity)
+
+    def test_from_another_thread_also_while_paused(self) -> None:
+        control, reached, results = abfm.Control(), threading.Event(), []
+
+        def hold(one: Iteration) -> None:
+            if one.iteration == 4:
+                control.pause()
+                reached.set()
+
+        def solve() -> None:
+            p = replace(QUICK, levels=2)
+            results.append(abfm.match(SPHERE, at(0), at(80), p, on_iteration=hold, control=control))
+
+        thread = threading.Thread(target=solve)
+        thread.start()
+        assert reached.wait(60)
+        thread.join(0.2)
+        assert thread.is_alive()
+        control.cancel()
+        thread.join(60)
+        assert results[0].stop_reason == "cancelled"
+        assert len(results[0].energy_history) == 5
+
+
+class TestStart:
+    """Near the target it is gone on from; far from it the way is looked for again."""
+
+    def test_near(self) -> None:
+        p = replace(QUICK, levels=2, balance=0)
+        angle = np.deg2rad(60)
+        field = rotation_field(SPHERE, [-angle, 0, 0])
+        seen: list[Iteration] = []
+        match = abfm.match(SPHERE, at(0), at(60), p, start=field, on_iteration=seen.append)
+        assert {one.level for one in seen} == {0}
+        assert {one.levels for one in seen} == {1}
+        np.testing.assert_allclose(seen[0].velocity[0], field, atol=1e-12)
+        assert seen[0].sigma == p.sigma
+        assert match.mismatch <= seen[0].mismatch
+
+    def test_far(self) -> None:
+        p = replace(QUICK, levels=2)
+        field = rotation_field(SPHERE, [np.deg2rad(60), 0, 0])
+        seen: list[Iteration] = []
+        match = abfm.match(SPHERE, at(0), at(60), p, start=field, on_iteration=seen.append)
+        assert {one.level for one in seen} == {0, 1}
+        assert seen[0].reach == p.reach
+        assert relative_error(SPHERE, seen[0].advected[:, 0], at(-60)) < 0.4  # it begins where the start leads
+        assert match.mismatch < 0.15
+
+    @pytest.mark.parametrize("levels", [1, 2])
+    def test_one_whose_flow_is_worse_than_none_is_as_good_as_none(self, levels: int) -> None:
+        """Noise so fast that the discrete flow grows beyond bounds."""
+        p = replace(QUICK, iterations=20, levels=levels)
+        noise = 30 * np.random.default_rng(0).normal(size=(len(SMALL.faces), 3))
+        astray, fresh = (abfm.match(SMALL, at(0, SMALL), at(60, SMALL), p, start=start) for start in (noise, None))
+        np.testing.assert_array_equal(astray.velocity, fresh.velocity)
+
+    def test_without_reach_any_start_is_gone_on_from(self) -> None:
+        p = replace(QUICK, iterations=3, reach=0, levels=2)
+        seen: list[Iteration] = []
+        abfm.match(SPHERE, at(0), at(60), p, start=wavy_field(SPHERE, 1), on_iteration=seen.append)
+        assert {one.vertices for one in seen} == {len(SPHERE.vertices)}
+
+    def test_one_too_fast_for_flow_lines_is_gone_on_from_all_the_same(self) -> None:
+        match = abfm.match(
+            SMALL,
+            at(0, SMALL),
+            at(60, SMALL),
+            replace(QUICK, iterations=2, reach=0),
+            start=rotation_field(SMALL, [0, 0, 900]),
+        )
+        assert np.isfinite(match.mismatch)
+        assert np.isnan(match.verified_mismatch)
+
+
+def test_same_bits_with_other_work_beside_it() -> None:
+    """On the same coarser meshes, too."""
+    p = replace(QUICK, levels=2)
+    alone = abfm.match(SPHERE, at(0), at(70), p)
+    others = [
+        threading.Thread(target=abfm.match, args=(icosphere(3), at(a, SMALL), at(50, SMALL), p)) for a in (0, 100)
+    ]
+    for thread in others:
+        thread.start()
+    beside = abfm.match(TriangleMesh(SPHERE.vertices, SPHERE.faces), at(0), at(70), p)
+    for thread in others:
+        thread.join()
+    assert same_result(alone, beside)
+
+
+def test_units_place_rotation_and_numbering_hardly_matter() -> None:
+    """Iterates drift apart from rounding on; what is reached does not."""
+    mesh = abfm.load_mesh(asset_path("eight.off"))
+    f, g = (abfm.function(mesh, f"gaussian:vertex={vertex},width=0.2") for vertex in (7, 60))
+    p = Parameters(iterations=80, levels=2)
+    here = abfm.match(mesh, f, g, p)
+    turned = moved(mesh, Rotation.from_rotvec([1.0, 0.4, -0.3]).as_matrix(), 1e3)
+    mixed, vertices, _ = renumbered(mesh, 2)
+    found = [
+        abfm.match(turned, f, g, p),
+        abfm.match(mixed, f[vertices], g[vertices], p),
+        abfm.match(mesh, 1e6 * f, 1e6 * g, p),
+    ]
+    assert here.mismatch < 0.1
+    for one in found:
+        assert abs(one.mismatch - here.mismatch) < 0.03
+        assert abs(one.verified_mismatch - here.verified_mismatch) < 0.1
+
+
+@pytest.mark.parametrize("mesh", [SMALL, hemisphere(12)], ids=["closed", "boundary"])
+def test_flow_lines_at_once_are_those_of_the_verification(mesh: TriangleMesh) -> None:
+    f = np.stack([bump(mesh, mesh.vertices[i], 0.25) for i in (5, 40)], axis=1)
+    g = np.stack([bump(mesh, mesh.vertices[i], 0.25) for i in (20, 70)], axis=1)
+    mask = np.linspace(0, 1, len(mesh.vertices))
+    p = Parameters(iterations=20, segments=2)
+    for extras in ({}, {"mask": mask, "weights": [1.0, 0.3]}):
+        match = abfm.match(mesh, f, g, p, **extras)
+        found = match.verify(subdivided=False)
+        assert match.verified_mismatch == pytest.approx(found.flow_lines, rel=1e-9)
+        assert match.folded == pytest.approx(found.folded, abs=1e-12)
+
+
+class TestThePaper:
+    """Its parameters give its course: plain stages of sigma on one mesh in the norm of first order."""
+
+    def test_stages(self) -> None:
+        p = Parameters(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=40)
+        seen: list[Iteration] = []
+        match = abfm.match(SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2), p, on_iteration=seen.append)
+        assert {(one.level, one.levels, one.reach) for one in seen} == {(0, 1, 0.0)}
+        assert [one.sigma for one in seen] == [p.stage_sigmas()[stage] for stage in match.stages]
+        assert np.bincount(match.stages).tolist() == [11, 10, 20]
+        E = abfm.MatchingEnergy(SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2), p)
+        x = to_frame(SMALL, seen[-1].velocity) / SMALL.length_scale
+        by_hand = sum(float((v * Regularizer(E.mesh, 0.02).apply(v)).sum()) for v in x) / 2
+        assert match.energy_history[-1, 1] == pytest.approx(by_hand, rel=1e-9)
+        for stage in range(3):
+            assert (np.diff(match.energy_history[match.stages == stage, 0]) <= 0).all()
+        assert match.mismatch < 0.05
+
+    def test_what_came_after_it_is_left_out(self) -> None:
+        """With one stage nothing but L-BFGS is left, with the same iterates whatever sigma's unit."""
+        f, g = at(0, SMALL, 0.2), at(40, SMALL, 0.2)
+        absolute = Parameters(**PAPER, sigma=0.05, cooling_stages=1, iterations=15)
+        size = abfm.MatchingEnergy(SMALL, f, g, absolute).function_size
+        relative = replace(absolute, sigma=0.05 / size, sigma_unit="relative")
+        one, other = abfm.match(SMALL, f, g, absolute), abfm.match(SMALL, f, g, relative)
+        np.testing.assert_allclose(one.energy_history, other.energy_history, rtol=1e-6)
+
+
+def test_in_the_end_energies_rise_only_where_the_target_is_moved() -> None:
+    """Rounds of at most eight iterations weigh flow lines against the discrete advection."""
+    mesh = hemisphere(12)
+    f, g = bump(mesh, mesh.vertices[0], 0.15), bump(mesh, mesh.vertices[90], 0.15)
+    with_lines, without = (abfm.match(mesh, f, g, replace(QUICK, iterations=120, balance=b)) for b in (0.5, 0.0))
+    energies = with_lines.energy_history[with_lines.stages == with_lines.stages[-1], 0]
+    assert all(k % 8 == 7 for k in np.flatnonzero(np.diff(energies) > 0))
+    assert len(with_lines.energy_history) > len(without.energy_history)
+    np.testing.assert_array_equal(with_lines.energy_history[: len(without.energy_history)], without.energy_history)
+    assert with_lines.verified_mismatch < without.verified_mismatch
+    assert with_lines.mismatch < 0.06

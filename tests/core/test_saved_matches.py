@@ -1,0 +1,88 @@
+"""Matches on disk: what is known of one comes back, and files of before are read as what they were."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm.errors import ResultError
+from abfm.match_result import Match
+from abfm.parameters import PAPER, Parameters
+from tests.core.fields import bump
+from tests.shapes import icosphere
+
+MESH = icosphere(2)
+
+
+@pytest.fixture(scope="module")
+def match() -> Match:
+    f, g = bump(MESH, [0, 0, 1], 0.2), bump(MESH, [0, 0.8, 0.6], 0.2)
+    return abfm.match(MESH, f, g, Parameters(iterations=8, levels=2, segments=2))
+
+
+def rewritten(path: Path, **changes: Any) -> Path:
+    """The file with some entries changed, or left out where None."""
+    with np.load(path) as archive:
+        entries = {**archive, **changes}
+    np.savez(path, **{name: value for name, value in entries.items() if value is not None})
+    return path
+
+
+def test_everything_comes_back(match: Match, tmp_path: Path) -> None:
+    match.save(tmp_path / "match.npz")
+    loaded = abfm.load_match(tmp_path / "match.npz")
+    assert np.isfinite([match.verified_mismatch, match.folded]).all()
+    for name in ("mismatch", "verified_mismatch", "folded", "stop_reason", "verdict", "parameters", "channels_given"):
+        assert getattr(loaded, name) == getattr(match, name)
+    for name in ("source", "target", "advected", "velocity", "energy_history", "stages", "weights"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(match, name))
+    assert loaded.verify(subdivided=False) == match.verify(subdivided=False)
+    loaded.save(tmp_path / "again.npz")
+    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "match.npz").read_bytes()
+
+
+def test_what_is_not_known_stays_unknown(tmp_path: Path) -> None:
+    control = abfm.Control()
+    control.cancel(briefly=True)
+    f = bump(MESH, [0, 0, 1], 0.2)
+    match = abfm.match(MESH, f, f[::-1].copy(), control=control)
+    match.save(tmp_path / "match.npz")
+    loaded = abfm.load_match(tmp_path / "match.npz")
+    assert np.isnan([match.verified_mismatch, match.folded, loaded.verified_mismatch, loaded.folded]).all()
+    assert loaded.stop_reason == "cancelled"
+
+
+@pytest.mark.parametrize(("mismatch", "kind"), [(0.03, "matched"), (0.4, "not reached")])
+def test_a_file_without_the_new_entries_is_one_of_the_papers_energy(
+    match: Match, tmp_path: Path, mismatch: float, kind: str
+) -> None:
+    match.save(tmp_path / "match.npz")
+    former = {name: value for name, value in match.parameters.to_dict().items() if name not in PAPER}
+    old = rewritten(
+        tmp_path / "match.npz",
+        parameters=json.dumps(former),
+        mismatch=mismatch,
+        stop_reason="converged",
+        verdict=None,
+        verified_mismatch=None,
+        folded=None,
+    )
+    loaded = abfm.load_match(old)
+    assert loaded.parameters == Parameters(**{**match.parameters.to_dict(), **PAPER})
+    assert loaded.verdict == abfm.match_result.Verdict(kind, "converged", "")  # type: ignore[arg-type]
+    assert np.isnan([loaded.verified_mismatch, loaded.folded]).all()
+    np.testing.assert_array_equal(loaded.velocity, match.velocity)
+    again = abfm.match(MESH, loaded.source, loaded.target, loaded.parameters, start=loaded.velocity)
+    assert again.energy_history[-1, 0] <= again.energy_history[0, 0]
+
+
+def test_a_verdict_of_another_kind_is_refused_in_words(match: Match, tmp_path: Path) -> None:
+    match.save(tmp_path / "match.npz")
+    strange = rewritten(tmp_path / "match.npz", verdict=np.array(["perhaps", "why", "what"]))
+    with pytest.raises(ResultError, match="the verdict is 'perhaps'; expected one of matched, nearly"):
+        abfm.load_match(strange)

@@ -1,0 +1,124 @@
+"""The course of a match: the paper's where that is asked for, and never more iterations than are allowed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from abfm.parameters import PAPER, Parameters
+from abfm.schedule import REACHED, Stage, finish, search
+
+
+def stages(p: Parameters, levels: int = 1, warm: bool = False) -> list[Stage]:
+    """All stages in their order, with the first way to the target."""
+    ways = search(p, levels)
+    return (ways[0] if ways and not warm else []) + finish(p, levels, warm)
+
+
+@given(sigma=st.floats(1e-6, 1e3), factor=st.floats(1.5, 20), count=st.integers(1, 8), iterations=st.integers(0, 2000))
+def test_without_reach_on_one_mesh_the_course_is_the_papers(
+    sigma: float, factor: float, count: int, iterations: int
+) -> None:
+    """Every sigma from the largest to its value, each early one with its share, all to the end of their iterations."""
+    p = Parameters(
+        **PAPER, sigma=sigma, cooling_factor=factor, cooling_stages=count, iterations=iterations, stage_iterations=0
+    )
+    plan = stages(p)
+    assert len(search(p, 1)) == (count > 1)
+    assert [stage.sigma for stage in plan] == p.stage_sigmas()
+    assert [stage.iterations for stage in plan] == p.stage_limits()
+    for stage in plan:
+        assert (stage.level, stage.reach, stage.goal, stage.until) == (0, 0, 0, iterations)
+        assert stage.patient
+        assert stage.needed_above == 0
+        assert not stage.balanced
+        assert stage.pays([1.0] * 1000, 1.0)
+    assert [stage.last for stage in plan] == [False] * (count - 1) + [True]
+
+
+def test_fixed_numbers_of_iterations_are_kept() -> None:
+    """Of each stage before the last, with reach or without, and no stage ends before."""
+    for changes in (PAPER, {"levels": 1}, {}):
+        p = Parameters(**changes, stage_iterations=7, cooling_stages=4)
+        for levels in (1, 3):
+            for way in search(p, levels):
+                assert [stage.iterations for stage in way] == [7] * len(way)
+            assert all(stage.patient and stage.goal == 0 for way in search(p, levels) for stage in way)
+            assert all(stage.patient and stage.goal == 0 for stage in finish(p, levels, False))
+
+
+@given(
+    reach=st.sampled_from([0.0, 0.3, 1.0]),
+    levels=st.integers(1, 5),
+    iterations=st.integers(0, 1000),
+    count=st.integers(1, 5),
+    warm=st.booleans(),
+)
+def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
+    reach: float, levels: int, iterations: int, count: int, warm: bool
+) -> None:
+    p = Parameters(reach=reach, iterations=iterations, cooling_stages=count)
+    plan = stages(p, levels, warm)
+    assert all(0 <= stage.until <= iterations for way in search(p, levels) for stage in way)
+    assert all(0 <= stage.until <= iterations for stage in plan)
+    assert [stage.level for stage in plan] == sorted(stage.level for stage in plan)
+    assert set(range(levels)) == {stage.level for stage in plan} or warm
+    assert plan[-1].level == levels - 1
+    assert plan[-1].balanced
+    on_the_mesh = [stage for stage in plan if stage.last and not stage.balanced]
+    assert on_the_mesh[0].sigma == p.sigma
+    assert on_the_mesh[0].needed_above == 0
+    assert not any(stage.reach for stage in finish(p, levels, warm))
+    for stage in plan:
+        if stage.level < levels - 1:
+            assert not stage.last
+            assert stage.until <= 0.75 * iterations
+
+
+@pytest.mark.parametrize("levels", [1, 3])
+def test_a_search_looks_far_then_near_and_further_where_that_fails(levels: int) -> None:
+    p = Parameters(reach=0.4)
+    ways = search(p, levels)
+    assert [len(way) for way in ways] == [2] * len(ways)
+    assert ways[0][0].reach == 0.4
+    assert max(way[0].reach for way in ways) > 0.4 > min(way[0].reach for way in ways)
+    for way in ways:
+        assert way[1].reach == 0
+        assert all(stage.level == 0 for stage in way)
+        assert way[0].sigma <= way[1].sigma == p.stage_sigmas()[0]
+    assert 0 < REACHED < 1
+
+
+@pytest.mark.parametrize("changes", [{}, PAPER, {"cooling_stages": 1}, {"balance": 0.0}])
+def test_warm_starts_begin_on_the_mesh_with_the_last_sigma(changes: dict[str, Any]) -> None:
+    p = Parameters(**changes)
+    plan = finish(p, 1, True)
+    assert plan[0].last
+    assert plan[0].sigma == p.sigma
+    assert all(stage.sigma <= p.sigma for stage in plan)
+    assert [stage.balanced for stage in plan] == [False] * (len(plan) - 1) + [p.balance > 0]
+
+
+def test_sigmas_fall_towards_the_last_and_below_it_only_where_needed() -> None:
+    plan = stages(Parameters(cooling_stages=4, balance=0.0))
+    sigmas = [stage.sigma for stage in plan if not stage.reach]
+    assert sigmas == sorted(sigmas, reverse=True)
+    below = [stage for stage in plan if stage.sigma < Parameters().sigma]
+    assert below
+    assert all(stage.needed_above > 0 and stage.goal == stage.needed_above for stage in below)
+
+
+def test_a_stage_pays_while_its_energy_falls() -> None:
+    on_the_way = Stage(0, 1.0, 0.0, 100, 100, patient=False)
+    falling, still = [0.9**k for k in range(40)], [1.0] * 40
+    assert on_the_way.pays(falling, 1.0)
+    assert not on_the_way.pays(still, 1.0)
+    assert on_the_way.pays(still[:5], 1.0)  # too early to tell
+    at_last = Stage(0, 1.0, 0.0, 100, 100, patient=False, last=True)
+    longest = [max(k for k in range(1, 40) if stage.pays(still[:k], 1.0)) for stage in (on_the_way, at_last)]
+    assert longest[0] < longest[1]
+    assert not on_the_way.pays([math.inf] * 40, 1.0)
