@@ -71,9 +71,7 @@ class Parameters:
     balance: float = _parameter(
         0.5, "", "weight of flow lines against the discrete advection in the end; 0 as the paper", 0, False, 1
     )
-    levels: int = _parameter(
-        0, "", "meshes from coarse to fine; 1 only the mesh itself, 0 by its size and its triangles", 0, False, 10
-    )
+    levels: int = _parameter(0, "", "meshes from coarse to fine; 1 only the mesh itself, 0 by its size", 0, False, 10)
     method: Method = _parameter("nonlinear", "", "exponential flow, or the first two terms of the exponential")
     segments: int = _parameter(
         0, "N", "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)", 0, False, 1000
@@ -89,7 +87,7 @@ class Parameters:
     )
     cooling_factor: float = _parameter(3.0, "*", "sigma is divided by this from stage to stage", 1, True)
     stage_iterations: int = _parameter(
-        0, "*", "iterations at most of each stage before the last; 0 shares half of all among them", 0
+        0, "*", "iterations of each stage before the last; 0: as long as they pay (paper: share half of all)", 0
     )
     preconditioner: Preconditioner = _parameter(
         "hodge", "", "exact inverse of the field's norm, or none (the paper's plain L-BFGS)"

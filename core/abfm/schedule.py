@@ -74,11 +74,9 @@ def search(p: Parameters, levels: int) -> list[list[Stage]]:
     patient = _is_patient(p, levels)
     until = p.iterations if levels == 1 else int(_COARSE * p.iterations)
     sigmas = p.stage_sigmas()
-    early = len(sigmas) - 1
-    share = p.stage_iterations or (p.iterations // 2 // early if early else p.iterations)
-    near = Stage(0, sigmas[0], 0.0, share, until, patient)
+    near = Stage(0, sigmas[0], 0.0, p.stage_limits()[0], until, patient)
     if not p.reach:
-        return [[replace(near, sigma=sigma) for sigma in sigmas[:-1]]] if early else []
+        return [[replace(near, sigma=sigma) for sigma in sigmas[:-1]]] if len(sigmas) > 1 else []
     far = replace(near, iterations=p.stage_iterations or max(1, int(_SEARCH * p.iterations)))
     return [[replace(far, reach=p.reach * further, sigma=sigmas[0] * colder), near] for further, colder in _TRIES]
 
