@@ -143,7 +143,7 @@ def _heights(mesh: TriangleMesh) -> FloatArray:
 
 def _transfer(fine: TriangleMesh, coarse: TriangleMesh) -> Transfer:
     """Made once for two meshes, and kept with the fine one."""
-    key = (__name__, len(coarse.vertices))
+    key = (__name__, coarse)
     if key not in fine.cache:
         fine.cache[key] = Transfer(coarse, fine)
     transfer: Transfer = fine.cache[key]

@@ -15,7 +15,7 @@ from abfm.levels import _making, levels, prepare
 from abfm.mesh import coarsening
 from abfm.vector_fields import to_ambient
 from tests.core.fields import bump, rotation_field
-from tests.core.surfaces import relative_error
+from tests.core.surfaces import relative_error, renumbered
 from tests.shapes import icosphere, torus
 
 COARSER = Parameters(levels=3)
@@ -130,6 +130,15 @@ def test_fields_there_and_back_move_as_far():
     assert relative_error(coarser.energy.mesh, to_ambient(coarser.energy.mesh, down[0]), expected) < 0.02
     up = to_ambient(finest.mesh, coarser.fields_to_finer(down))
     assert relative_error(finest.mesh, up[0], field[0]) < 0.02
+
+
+def test_coarser_meshes_of_one_size_are_not_taken_for_each_other():
+    """Two that were asked for differently may have as many vertices, and other faces."""
+    fine, coarse = icosphere(2), icosphere(1)
+    other = renumbered(coarse, 1)[0]
+    assert module._transfer(fine, coarse).coarse is coarse
+    assert module._transfer(fine, other).coarse is other
+    assert module._transfer(fine, other) is module._transfer(fine, other)
 
 
 def test_a_process_of_its_own_makes_the_same_mesh(monkeypatch):
