@@ -56,9 +56,9 @@ def match_picture(
     pictures = surface_pictures(match.mesh, [source, *advected, target], colors, camera, layout)
     tiles = [sheet.Tile(pictures[0], "source", _BLUE, bold=True)]
     for time, picture in zip(moments, pictures[1:-1], strict=True):
-        matched = time == tau
-        label = f"t = {time:.4g}" + (", matched" if matched else "")
-        tiles.append(sheet.Tile(picture, label, _BLACK if matched else _GREY, bold=matched))
+        last = time == tau
+        label = f"t = {time:.4g}" + (f", {match.verdict.kind}" if last else "")
+        tiles.append(sheet.Tile(picture, label, _BLACK if last else _GREY, bold=last))
     tiles.append(sheet.Tile(pictures[-1], "target", _RED, bold=True))
     return sheet.compose(layout, tiles, colors)
 

@@ -26,7 +26,7 @@ from abfm.vector_fields import to_ambient, to_frame
 _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradient is exact for any
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
 _ASTRAY = 3.0  # times the mismatch of no flow at all beyond which the way is not looked for from a given start
-_ROUND, _ROUNDS = 8, 4  # iterations between two looks at the flow lines, and how many looks
+_ROUND, _ROUNDS = 8, 6  # iterations between two looks at the flow lines, and how many looks
 _GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
 _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
 _KEPT = 0.05  # discrete mismatch that flow lines may cost
@@ -240,29 +240,36 @@ class Solver:
         """Move the target by a share of what the discrete advection lies away from the flow lines, again and again.
 
         With ``g + b (f_tau - f o phi)`` as target a perfect match has ``(1 - b) f_tau + b (f o phi) = g``: both
-        witnesses of the flow, which neither is exactly, share what divides them. The best round stays.
+        witnesses of the flow, which neither is exactly, share what divides them. The best round stays; after one that
+        costs the discrete mismatch more than it may, or gains nothing, the share is halved.
         """
         energy, p = self.energy, self.energy.parameters
         if len(energy.mesh.vertices) > _MOST_WALKS or p.method == "linearised":
             return
-        reason, best, best_score = self._reason, self._known(), np.inf
+        reason, best, best_score, share = self._reason, self._known(), np.inf, p.balance
         allowed = max(energy.relative_mismatch(best.point.advected), _KEPT)
+        away = np.zeros_like(energy.target)
         self.schedule.append(stage)
         for _ in range(_ROUNDS):
-            state = self._known()
+            known = self._known()
             try:
-                advected, walked = state.point.advected, self._by_flow_lines(state.x)
+                walked = self._by_flow_lines(known.x)
             except ParameterError:  # too fast for walks
                 break
+            advected = known.point.advected
             discrete, lines = energy.relative_mismatch(advected), energy.relative_mismatch(walked)
             score = float(np.sqrt((1 - p.balance) * discrete**2 + p.balance * lines**2))
             if discrete > allowed or score >= best_score:
-                break
-            worse, best, best_score = score > _BETTER * best_score, state, score
-            if worse or energy.relative_norm(advected - walked) < _GAP or len(self.history) > p.iterations:
+                share /= 2
+            else:
+                little = score > _BETTER * best_score
+                best, best_score, away = known, score, advected - walked
+                if little:
+                    break
+            if energy.relative_norm(away) < _GAP or len(self.history) > p.iterations:
                 break
             part = replace(stage, iterations=_ROUND, patient=True, goal=0.0)
-            self._minimise(part, state.x, energy.target + p.balance * (advected - walked))
+            self._minimise(part, best.x, energy.target + share * away)
         self._best, self._reason = best, reason
 
     def _by_flow_lines(self, x: FloatArray) -> FloatArray:
