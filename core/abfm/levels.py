@@ -75,7 +75,8 @@ class Level:
 def levels(finest: MatchingEnergy, between: Callable[[], None]) -> list[Level]:
     """The energy on all meshes, from the coarsest to that of ``finest``; ``between`` is called on the way."""
     found = [Level(finest, None)]
-    edges = resolution(finest.mesh, np.concatenate([finest.source, finest.target]).T)
+    counting = finest.weights > 0
+    edges = resolution(finest.mesh, np.concatenate([finest.source[counting], finest.target[counting]]).T)
     for count in _vertex_counts(finest.mesh, finest.parameters):
         between()
         if not finest.parameters.levels and edges >= _EDGES > edges * np.sqrt(count / len(finest.mesh.vertices)):
@@ -142,7 +143,7 @@ def _heights(mesh: TriangleMesh) -> FloatArray:
 
 def _transfer(fine: TriangleMesh, coarse: TriangleMesh) -> Transfer:
     """Made once for two meshes, and kept with the fine one."""
-    key = (__name__, len(coarse.vertices))
+    key = (__name__, coarse)
     if key not in fine.cache:
         fine.cache[key] = Transfer(coarse, fine)
     transfer: Transfer = fine.cache[key]

@@ -95,7 +95,7 @@ class Solver:
         if fields is not None:
             given = self._on_the_coarsest(fields)
             mismatch, at_rest = map(coarsest.relative_mismatch, (coarsest.advected(given), coarsest.source))
-            x = given if mismatch <= _ASTRAY * at_rest else x
+            x = given if mismatch <= _ASTRAY * at_rest or not p.iterations else x
         best, least, kept = x, np.inf, self._best
         for tried in search(p, len(self._levels)):
             if len(self.history) > tried[0].until:

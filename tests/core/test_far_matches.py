@@ -253,6 +253,8 @@ class TestStart:
         noise = 30 * np.random.default_rng(0).normal(size=(len(SMALL.faces), 3))
         astray, fresh = (abfm.match(SMALL, at(0, SMALL), at(60, SMALL), p, start=start) for start in (noise, None))
         np.testing.assert_array_equal(astray.velocity, fresh.velocity)
+        kept = abfm.match(SMALL, at(0, SMALL), at(60, SMALL), replace(p, iterations=0, levels=1), start=noise)
+        assert kept.velocity.any()  # where nothing is searched, it is what was given
 
     def test_without_reach_any_start_is_gone_on_from(self) -> None:
         p = replace(QUICK, iterations=3, reach=0, levels=2)
