@@ -66,7 +66,12 @@ class Parameters:
         "relative", "", "sigma as a fraction of the functions' deviation from their mean in L2, or as the paper has it"
     )
     reach: float = _parameter(
-        1.0, "", "how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper", 0
+        1.0,
+        "",
+        "how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper",
+        0,
+        False,
+        10,
     )
     balance: float = _parameter(
         0.5, "", "weight of flow lines against the discrete advection in the end; 0 as the paper", 0, False, 1
@@ -167,7 +172,7 @@ def _check_number(name: str, value: Any, whole: bool, minimum: float, open: bool
         fits = False
     if not fits:
         raise ParameterError(f"{name} is {_shown(value)}; expected {kind} {bound}")
-    if whole and value > maximum:
+    if (whole or maximum < _MANY) and value > maximum:
         raise ParameterError(f"{name} is {_shown(value)}; expected {kind} {bound} and at most {maximum}")
     if not whole and value != 0 and not _SMALLEST <= value <= _LARGEST:
         raise ParameterError(f"{name} is {_shown(value)}; expected a number between {_SMALLEST:g} and {_LARGEST:g}")

@@ -142,6 +142,8 @@ def fitted(fan: IndexArray, places: IndexArray, values: IndexArray, areas: Float
         value += weight * values[i]
     place /= total
     value /= total
+    if fan.size == 1:
+        return value
     xx, xy, yy, vx, vy = 0.0, 0.0, 0.0, 0j, 0j
     for i in range(fan.size):
         weight = areas[fan[i] // 3]

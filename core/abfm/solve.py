@@ -113,6 +113,9 @@ class Solver:
                 best, least, kept = found, mismatch, self._best
             if mismatch <= REACHED:
                 break
+        worst = max(coarsest.relative_mismatch(coarsest.source), 1.0)  # no flow, or a source squeezed to nothing
+        if p.iterations and worst < least < np.inf:
+            return np.zeros_like(best)
         return best
 
     def _go_back(self, kept: Best | None, mismatch: float) -> None:
