@@ -61,7 +61,13 @@ class Parameters:
         False,
         2,
     )
-    sigma: float = _parameter(0.02, "σ", "weight of the match against the smoothness: smaller matches closer", 0, True)
+    sigma: float = _parameter(
+        0.02,
+        "σ",
+        "weight of the match against the smoothness: smaller matches closer; about 0.3 for measured signals",
+        0,
+        True,
+    )
     sigma_unit: SigmaUnit = _parameter(
         "relative", "", "sigma as a fraction of the functions' deviation from their mean in L2, or as the paper has it"
     )
