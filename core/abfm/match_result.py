@@ -21,8 +21,9 @@ from abfm.functions.eigenfunction import eigenbasis
 from abfm.io import load_arrays, save_arrays
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 from abfm.parameters import Parameters
+from abfm.schedule import MATCHED
 from abfm.vector_fields import to_frame
-from abfm.verdict import MATCHED, Kind, Verdict
+from abfm.verdict import Kind, Verdict
 from abfm.verification import Verification, verify
 
 _ONE_AT_A_TIME = threading.Lock()  # all flows on a mesh work in the same memory

@@ -11,7 +11,8 @@ REACHED = 0.5
 CLOSE = 0.03
 """Mismatch at which a match on the mesh itself is close enough: flow lines seldom confirm less."""
 _CLOSE_ON_COARSER = 0.04
-_MATCHED = 0.05  # a match that leaves more goes on with a smaller sigma
+MATCHED = 0.05
+"""Mismatch up to which functions are matched; a match that leaves more goes on with a smaller sigma."""
 _PAYING, _OVER = 0.03, 6  # a stage goes on while its energy falls by this share within so many iterations
 _OVER_AT_LAST = 15  # the same on the mesh itself, as long as it is not matched
 _TRIES = ((1.0, 1.0), (2.0, 1 / 3), (0.5, 1 / 3))  # factors of reach and of the first sigma in a search
@@ -61,7 +62,7 @@ class Stage:
 
     def pays(self, energies: list[float], mismatch: float) -> bool:
         """Whether to go on after these energies, one for each of the stage's iterates, at this mismatch."""
-        over = _OVER_AT_LAST if self.last and mismatch > _MATCHED else _OVER
+        over = _OVER_AT_LAST if self.last and mismatch > MATCHED else _OVER
         return self.patient or len(energies) <= over or energies[-1] < (1 - _PAYING) * energies[-1 - over]
 
 
@@ -101,7 +102,7 @@ def finish(p: Parameters, levels: int, warm: bool) -> list[Stage]:
     plan.append(last)
     if not patient:
         factors = [_SMALLER**step for step in range(1, _CLOSING + 1)]
-        closing = replace(last, iterations=p.iterations, goal=_MATCHED, needed_above=_MATCHED)
+        closing = replace(last, iterations=p.iterations, goal=MATCHED, needed_above=MATCHED)
         plan += [replace(closing, sigma=p.sigma * factor) for factor in factors]
     if p.balance:
         plan.append(replace(last, balanced=True))

@@ -5,42 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.continuous_flow import flow_map
+from abfm.balance import ROUND, Best, balanced, is_balanced
+from abfm.calming import calmed
 from abfm.control import CancelledError, Control
-from abfm.energy import Evaluation, MatchingEnergy, check_fields
+from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import FunctionError, ParameterError
-from abfm.flow_maps import pull_back
 from abfm.iteration import Iteration
 from abfm.levels import Level, levels
 from abfm.mesh import FloatArray
 from abfm.optimizer import LBFGS, State
-from abfm.regularizer import Regularizer
 from abfm.schedule import REACHED, Stage, finish, search
-from abfm.vector_fields import to_ambient, to_frame
+from abfm.vector_fields import to_ambient
+from abfm.warm_start import start_fields
 
 _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradient is exact for any
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
 _ASTRAY = 3.0  # times the mismatch of no flow at all beyond which the way is not looked for from a given start
-_ROUND, _ROUNDS = 8, 6  # iterations between two looks at the flow lines, and how many looks
-_GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
-_BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
-_KEPT = 0.05  # discrete mismatch that flow lines may cost
-_MOST_WALKS = 50_000  # vertices up to which flow lines are balanced: finer meshes carry what is matched on them
-_WORSE, _GROWN = 2.0, 0.4  # times the mismatch on the coarser mesh, and more: not the field's doing
-_CALMING = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # edges over which fields are smoothed, until they are calm
-_HALVINGS = 8  # of fields that overflow on a finer mesh
-
-
-class Best(NamedTuple):
-    """Frame coefficients (N, F, 2) and the energy there."""
-
-    x: FloatArray
-    point: Evaluation
 
 
 class Solver:
@@ -75,15 +60,13 @@ class Solver:
     def run(self, start: ArrayLike | None) -> tuple[FloatArray, FloatArray, str]:
         """Fields (N, F, 2) on the mesh, the source carried by them (C, V), and why the solve stopped."""
         self._reason = "iteration limit"
-        fields = None if start is None else self._given(start)
+        fields = None if start is None else start_fields(self.energy, start)
         try:
-            warm = fields is not None and not self._is_lost(fields)
-            if not warm:
+            if fields is not None and not self._is_lost(fields):
+                self._finish(fields, warm=True)
+            else:
                 self._levels = levels(self.energy, self._pass)
-            if not warm:
-                fields = self._find(fields)
-            assert fields is not None
-            self._finish(fields, warm)
+                self._finish(self._find(fields), warm=False)
         except CancelledError:
             self._reason = "cancelled"
         return (*self._on_the_mesh(), self._reason)
@@ -141,12 +124,6 @@ class Solver:
         assert self._best is not None
         return self._best
 
-    def _given(self, start: ArrayLike) -> FloatArray:
-        p = self.energy.parameters
-        count = max(len(np.asarray(start)), 1) if np.ndim(start) == 3 else 1
-        fields = check_fields(start, (count, *self.energy.shape[1:]), "start") / self.energy.length_scale
-        return to_frame(self.energy.mesh, np.tensordot(_averages(count, p.segments), fields, 1))
-
     def _is_lost(self, fields: FloatArray) -> bool:
         """Whether a start is so far from the target that the way there must be looked for."""
         if not self.energy.parameters.reach:
@@ -168,28 +145,7 @@ class Solver:
         self._pass()
         coarser = self._levels[self._level]
         mismatch = coarser.energy.relative_mismatch(self._known().point.advected)
-        return self._calmed(coarser.fields_to_finer(x), self._levels[level].energy, mismatch)
-
-    def _calmed(self, x: FloatArray, energy: MatchingEnergy, mismatch: float) -> FloatArray:
-        """Fields that came from a coarser mesh, smoothed until they carry the source about as well as they did there.
-
-        Where the normal parts of a field jump over edges the discrete flow grows, on meshes of thin triangles beyond
-        bounds; smoothing on the scale of an edge, by the norm of first order, takes most of the jumps away.
-        """
-        area = 1 / len(energy.mesh.vertices)
-        calm, least = np.zeros_like(x), np.inf
-        for edges in _CALMING:
-            self._pass()
-            tried = x
-            if edges:
-                smooth = Regularizer(energy.mesh, area * edges**2)
-                tried = np.stack([smooth.inverse((smooth.mass * v.ravel()).reshape(v.shape)) for v in x])
-            found = energy.relative_mismatch(energy.advected(tried))
-            if found < least:
-                calm, least = tried, found
-            if found <= _WORSE * mismatch + _GROWN:  # false if not finite
-                break
-        return calm
+        return calmed(self._levels[level].energy, coarser.fields_to_finer(x), mismatch, self._pass)
 
     def _minimise(self, stage: Stage, x: FloatArray, target: FloatArray | None = None) -> Best:
         """Run a stage to its end."""
@@ -240,69 +196,30 @@ class Solver:
         return search.init(best.x, best.point, self._learned, (before.sigma / stage.sigma) ** 2)
 
     def _balance(self, stage: Stage) -> None:
-        """Move the target by a share of what the discrete advection lies away from the flow lines, again and again.
-
-        With ``g + b (f_tau - f o phi)`` as target a perfect match has ``(1 - b) f_tau + b (f o phi) = g``: both
-        witnesses of the flow, which neither is exactly, share what divides them. The best round stays; after one that
-        costs the discrete mismatch more than it may, or gains nothing, the share is halved.
-        """
-        energy, p = self.energy, self.energy.parameters
-        if len(energy.mesh.vertices) > _MOST_WALKS or p.method == "linearised":
+        """Weigh flow lines against the discrete advection; why the match ended before stays the reason."""
+        if not is_balanced(self.energy):
             return
-        reason, best, best_score, share = self._reason, self._known(), np.inf, p.balance
-        allowed = max(energy.relative_mismatch(best.point.advected), _KEPT)
-        away = np.zeros_like(energy.target)
+        reason, part = self._reason, replace(stage, iterations=ROUND, patient=True, goal=0.0)
         self.schedule.append(stage)
-        for _ in range(_ROUNDS):
-            known = self._known()
-            try:
-                walked = self._by_flow_lines(known.x)
-            except ParameterError:  # too fast for walks
-                break
-            advected = known.point.advected
-            discrete, lines = energy.relative_mismatch(advected), energy.relative_mismatch(walked)
-            score = float(np.sqrt((1 - p.balance) * discrete**2 + p.balance * lines**2))
-            if discrete > allowed or score >= best_score:
-                share /= 2
-            else:
-                little = score > _BETTER * best_score
-                best, best_score, away = known, score, advected - walked
-                if little:
-                    break
-            if energy.relative_norm(away) < _GAP or len(self.history) > p.iterations:
-                break
-            part = replace(stage, iterations=_ROUND, patient=True, goal=0.0)
-            self._minimise(part, best.x, energy.target + share * away)
-        self._best, self._reason = best, reason
 
-    def _by_flow_lines(self, x: FloatArray) -> FloatArray:
-        """The source carried along the continuous field, (C, V)."""
-        energy = self.energy
-        points = flow_map(
-            energy.mesh,
-            to_ambient(energy.mesh, x),
-            energy.parameters.tau,
-            backwards=True,
-            between=self._pass,
-        )
-        return np.ascontiguousarray(pull_back(energy.mesh, points, energy.source.T).T)
+        def go_on(x: FloatArray, target: FloatArray) -> Best | None:
+            is_over = len(self.history) > self.energy.parameters.iterations
+            return None if is_over else self._minimise(part, x, target)
+
+        self._best = balanced(self.energy, self._known(), go_on, self._pass)
+        self._reason = reason
 
     def _on_the_mesh(self) -> tuple[FloatArray, FloatArray]:
         """The best fields on the mesh itself, and the source carried by them."""
+        here = self._levels[self._level].energy
         if self._best is None:
-            x = np.zeros(self._levels[self._level].energy.shape)
-        else:
-            x = self._best.x
-            if self._level == len(self._levels) - 1:
-                return x, self._best.point.advected
-        for level in self._levels[self._level : -1]:
-            x = level.fields_to_finer(x)
-        for _ in range(_HALVINGS):
-            advected = self.energy.advected(x)
-            if np.isfinite(advected).all():
-                return x, advected
-            x = x / 2
-        return np.zeros_like(x), self.energy.source
+            return np.zeros(self.energy.shape), self.energy.source
+        x, advected = self._best.x, self._best.point.advected
+        mismatch = here.relative_mismatch(advected)
+        for coarser, finer in pairwise(self._levels[self._level :]):
+            x = calmed(finer.energy, coarser.fields_to_finer(x), mismatch)
+            advected = finer.energy.advected(x)
+        return x, advected
 
     def _pass(self) -> None:
         """Wait while paused, end when cancelled; what has nothing to show yet goes on to its first evaluation."""
@@ -373,11 +290,3 @@ class Solver:
         for each in self._levels[level:-1]:
             functions = each.functions_to_finer(functions)
         return functions.T.copy()
-
-
-def _averages(given: int, wanted: int) -> FloatArray:
-    """Weights (wanted, given) that average over even parts of a time what is constant on other even parts."""
-    begins, others = np.arange(wanted)[:, None] * given, np.arange(given) * wanted
-    overlaps = np.minimum(begins + given, others + wanted) - np.maximum(begins, others)
-    weights: FloatArray = np.maximum(overlaps, 0) / given
-    return weights

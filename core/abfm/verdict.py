@@ -10,12 +10,13 @@ from typing import Literal
 from abfm.mesh import FloatArray
 from abfm.parameters import Parameters
 from abfm.peaks import Extrema
+from abfm.schedule import MATCHED
 from abfm.solvability import Problem, range_bound
 
 Kind = Literal["matched", "nearly", "not reached", "impossible"]
 
-MATCHED, NEARLY = 0.05, 0.15
-"""Mismatch, relative to the target, up to which functions are matched, and nearly so."""
+NEARLY = 0.15
+"""Mismatch, relative to the target, up to which functions are nearly matched."""
 CONFIRMED = 2.0
 """Flow lines confirm a mismatch if they leave at most this many times as much: 0.1 of a match, 0.3 of a near one."""
 FOLDED = 0.1

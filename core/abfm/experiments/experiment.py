@@ -17,8 +17,9 @@ from abfm.functions import function
 from abfm.match_result import Match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
+from abfm.schedule import MATCHED
 from abfm.vector_fields import to_frame
-from abfm.verdict import MATCHED, Verdict
+from abfm.verdict import Verdict
 
 _VERTICES_TIMES_ITERATIONS = 1_230_000
 
