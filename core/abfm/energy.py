@@ -96,6 +96,7 @@ class MatchingEnergy:
         self.weights = channel_weights(weights, len(self.source))
         self.metric = function_norm_matrix(self.mesh, parameters.beta, self.mask)
         self.regularizer = regularizer(self.mesh, parameters.alpha, parameters.order)
+        self._areas = vertex_areas(self.mesh) if self.mask is None else vertex_areas(self.mesh) * self.mask
         self.function_size = max(self._deviation(self.source), self._deviation(self.target)) or 1.0
         self.shape = (parameters.segments, len(mesh.faces), 2)
         self.step = parameters.tau / parameters.segments
@@ -141,14 +142,12 @@ class MatchingEnergy:
     def far_metric(self, reach: float) -> FarMetric:
         """The norm of early stages, scaled so that the mismatch of source and target keeps its L2 energy."""
         if reach not in self._far_metrics:
-            areas = vertex_areas(self.mesh) if self.mask is None else vertex_areas(self.mesh) * self.mask
-            self._far_metrics[reach] = FarMetric(self.mesh, areas, reach, self.source - self.target, self.weights)
+            self._far_metrics[reach] = FarMetric(self.mesh, self._areas, reach, self.source - self.target, self.weights)
         return self._far_metrics[reach]
 
     def _deviation(self, functions: FloatArray) -> float:
-        areas = vertex_areas(self.mesh) if self.mask is None else vertex_areas(self.mesh) * self.mask
-        means = functions @ areas / areas.sum()
-        return float(np.sqrt(self.weights @ ((functions - means[:, None]) ** 2 @ areas)))
+        means = functions @ self._areas / self._areas.sum()
+        return float(np.sqrt(self.weights @ ((functions - means[:, None]) ** 2 @ self._areas)))
 
     def _mismatch(
         self, fields: FloatArray, sigma: float, reach: float, target: FloatArray | None, tolerance: float

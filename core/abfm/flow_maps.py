@@ -175,7 +175,6 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMe
         raise AbfmError(f"{len(mapped)} mapped positions for {len(mesh.vertices)} vertices: give one row per vertex")
     corners = mapped[mesh.faces]
     other = mesh if onto is None else onto
-    landed = project_onto_surface(other, corners.mean(axis=1))
     jacobian = np.einsum("fcx,fck->fxk", corners - corners[:, :1], hat_gradients(mesh))
     first, second = jacobian[..., 0], jacobian[..., 1]
     normal = np.cross(first, second)
@@ -184,8 +183,14 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMe
     largest = np.sqrt(0.5 * (a + c + np.hypot(a - c, 2 * b)))
     smallest = np.minimum(np.divide(area, largest, out=np.zeros_like(area), where=largest > 0), largest)
     conformal = np.divide(largest, smallest, out=np.full_like(area, np.inf), where=smallest > 0)
-    flipped = (normal * face_normals(other)[landed.faces]).sum(axis=1) < 0
-    return Distortion(np.stack([largest, smallest], axis=1), area, conformal, flipped)
+    return Distortion(np.stack([largest, smallest], axis=1), area, conformal, turned_over(other, corners))
+
+
+def turned_over(mesh: TriangleMesh, corners: FloatArray) -> BoolArray:
+    """Whether flat triangles (S, 3, 3) with corners on a surface look against it where their middles are closest."""
+    landed = project_onto_surface(mesh, corners.mean(axis=1))
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.asarray((normals * face_normals(mesh)[landed.faces]).sum(axis=1) < 0)
 
 
 def _finite_points(points: ArrayLike) -> FloatArray:

@@ -12,23 +12,27 @@ from collections.abc import Callable
 
 import numpy as np
 
-from abfm.flow_maps import SurfacePoints, distortion
+from abfm.flow_maps import SurfacePoints, turned_over
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.operators import face_normals
 
+MOST = 2048
+"""Faces that are looked at closely, unless said."""
 _PARTS = 8  # along each side
-_MOST = 2048  # faces that are looked at: of more, so many evenly chosen ones stand for all
-_FEWER = 256  # of them where only some faces are asked at all
 _INSIDE = 1e-6  # of the way to the centre, so that no point lies on two faces
 _FLAT = 1e-12  # of its size before: a part that has less area now has collapsed, not turned over
 
 
 def folds(
-    mesh: TriangleMesh, carried: Callable[[SurfacePoints], SurfacePoints], of_vertices: SurfacePoints
+    mesh: TriangleMesh,
+    carried: Callable[[SurfacePoints], SurfacePoints],
+    faces: IntArray,
+    corners: FloatArray,
+    most: int = MOST,
 ) -> tuple[float, float]:
-    """Shares of the faces, by number, that a map folds, and that its mapped vertices alone turn over.
+    """Shares of some faces, by number, that a map folds, and that its mapped vertices alone turn over.
 
-    A face is folded where its mapped vertices turn it over (see `abfm.flow_maps.distortion`) and so do more than half
+    A face is folded where its mapped vertices turn it over (see `abfm.flow_maps.turned_over`) and so do more than half
     of the 64 parts that it is cut into, each mapped by itself and compared with the surface where it lands. Where a map
     stretches faces so far that even such parts reach around the surface this still says too much, never too little.
 
@@ -36,42 +40,18 @@ def folds(
     ----------
     carried : callable
         The map: points of the surface to points of the surface.
-    of_vertices : SurfacePoints
-        Where it takes the V vertices.
-    """
-    overturned = np.flatnonzero(distortion(mesh, of_vertices.positions).flipped)
-    if not len(overturned):
-        return 0.0, 0.0
-    share = len(overturned) / len(mesh.faces)
-    looked_at = overturned[np.linspace(0, len(overturned) - 1, min(len(overturned), _MOST)).astype(np.int64)]
-    return share * float((turned_parts(mesh, carried, looked_at) > 0.5).mean()), share
-
-
-def folds_among(
-    mesh: TriangleMesh,
-    carried: Callable[[SurfacePoints], SurfacePoints],
-    faces: IntArray,
-    corners: FloatArray,
-    landed: IntArray,
-) -> float:
-    """The first of `folds`' shares, estimated from some faces (S,) alone.
-
-    Parameters
-    ----------
-    carried : callable
-        The map: points of the surface to points of the surface.
     faces : (S,) array of int
     corners : (S, 3, 3) array
-        Where the map takes their vertices.
-    landed : (S, 3) array of int
-        Faces in which these places are.
+        Where it takes their vertices.
+    most : int
+        Faces that are cut into parts: of more, so many evenly chosen ones stand for all.
     """
-    normals = face_normals(mesh)[landed].mean(axis=1)
-    overturned = faces[(_area_vectors(corners) * normals).sum(axis=1) < 0]
+    overturned = faces[turned_over(mesh, corners)]
     if not len(overturned):
-        return 0.0
-    looked_at = overturned[np.linspace(0, len(overturned) - 1, min(len(overturned), _FEWER)).astype(np.int64)]
-    return len(overturned) / len(faces) * float((turned_parts(mesh, carried, looked_at) > 0.5).mean())
+        return 0.0, 0.0
+    share = len(overturned) / len(faces)
+    looked_at = overturned[np.linspace(0, len(overturned) - 1, min(len(overturned), most)).astype(np.int64)]
+    return share * float((turned_parts(mesh, carried, looked_at) > 0.5).mean()), share
 
 
 def turned_parts(mesh: TriangleMesh, carried: Callable[[SurfacePoints], SurfacePoints], faces: IntArray) -> FloatArray:

@@ -11,7 +11,6 @@ finite norm are continuous, which those of the first order, the paper's, need no
 from __future__ import annotations
 
 from copy import copy
-from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -47,17 +46,20 @@ class Regularizer:
         self.mass = np.repeat(face_areas(mesh), 2)
         self._pair = hodge_gradients(mesh)  # not the mesh, which keeps this object: a cycle would outlive both
         self.gradients, self.transposed, self.masses = _stacked(mesh)
+        self._factors: list[Solve] = []  # one list for all orders
 
-    @cached_property
+    @property
     def _solvers(self) -> list[Solve]:
-        mass = sparse.diags_array(self.mass)
-        return [
-            factor(Matrix(sparse.diags_array(areas) + self.alpha * gradient.T @ mass @ gradient))
-            for gradient, areas in zip(self._pair, self._split(self.masses), strict=True)
-        ]
+        if not self._factors:
+            mass = sparse.diags_array(self.mass)
+            self._factors += [
+                factor(Matrix(sparse.diags_array(areas) + self.alpha * gradient.T @ mass @ gradient))
+                for gradient, areas in zip(self._pair, self._split(self.masses), strict=True)
+            ]
+        return self._factors
 
     def of_order(self, order: int) -> Regularizer:
-        """The same with another order; the factors are shared."""
+        """The same with another order; the factors are shared, also those that are not made yet."""
         other = copy(self)
         other.order = order
         return other

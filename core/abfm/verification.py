@@ -26,8 +26,8 @@ from abfm.errors import FunctionError, MeshError
 from abfm.exponential import AdvectionError, Workspace
 from abfm.flow_lines import fields_in_a_row
 from abfm.flow_maps import SurfacePoints, pull_back, vertex_points
-from abfm.folds import folds, folds_among
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.folds import MOST, folds
+from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.mesh.subdivision import interpolated
 from abfm.mesh.subdivision import subdivided as subdivided_mesh
 from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
@@ -40,6 +40,7 @@ SUBDIVIDED_LIMIT = 200_000
 """Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""
 FEW = 20_000
 """Vertices that `look` asks at most."""
+_MOST_CUT = 256  # faces that `look` cuts into parts
 _APART, _TIMES = 0.05, 2.0  # witnesses that differ by more than both do not agree
 
 
@@ -152,16 +153,16 @@ def verify(
         raise FunctionError(f"source has {len(f)} and target {len(g)} channels; give as many of each")
     of_vertices, of_channels = vertex_mask(mesh, mask), channel_weights(weights, len(f))
     fields = np.stack(fields_in_a_row(mesh, velocity))
-    points = flow_map(mesh, fields, tau, backwards=True, between=between)
-    folded, overturned = folds(
-        mesh, lambda start: flow_map(mesh, fields, tau, backwards=True, start=start, between=between), points
+    everywhere = np.arange(len(mesh.faces))
+    lines, folded, overturned = _by_flow_lines(
+        mesh, f, g, fields, tau, of_vertices, of_channels, everywhere, MOST, between
     )
     on_fine = np.nan
     if subdivided and len(mesh.vertices) <= SUBDIVIDED_LIMIT:
         on_fine = _on_subdivided(mesh, f, g, fields, tau, of_vertices, of_channels, linearised, between)
     used = of_channels > 0
     return Verification(
-        flow_lines=relative_mismatch(mesh, pull_back(mesh, points, f.T).T, g, f, of_vertices, of_channels),
+        flow_lines=lines,
         subdivided=on_fine,
         folded=folded,
         overturned=overturned,
@@ -190,23 +191,37 @@ def look(
     mask : (V,) array or None
     weights : (C,) array
     """
+    faces = np.arange(len(mesh.faces))
+    if len(mesh.vertices) > FEW:
+        faces = np.linspace(0, len(mesh.faces) - 1, FEW // 2).astype(np.int64)
+    return _by_flow_lines(mesh, source, target, velocity, tau, mask, weights, faces, _MOST_CUT, between)[:2]
+
+
+def _by_flow_lines(
+    mesh: TriangleMesh,
+    source: FloatArray,
+    target: FloatArray,
+    fields: FloatArray,
+    tau: float,
+    mask: FloatArray | None,
+    weights: FloatArray,
+    faces: IntArray,
+    most: int,
+    between: Callable[[], None] | None,
+) -> tuple[float, float, float]:
+    """The mismatch at the vertices of some faces (S,), and the shares of `abfm.folds.folds` among these faces."""
 
     def carried(start: SurfacePoints) -> SurfacePoints:
-        return flow_map(mesh, velocity, tau, backwards=True, start=start, between=between)
+        return flow_map(mesh, fields, tau, backwards=True, start=start, between=between)
 
-    count = len(mesh.vertices)
-    faces = np.arange(len(mesh.faces))
-    if count > FEW:
-        faces = np.linspace(0, len(mesh.faces) - 1, FEW // 2).astype(np.int64)
     asked, corners = np.unique(mesh.faces[faces], return_inverse=True)
     points = carried(vertex_points(mesh, asked))
-    rows = corners.reshape(-1, 3)
-    folded = folds_among(mesh, carried, faces, points.positions[rows], points.faces[rows])
-    weight = np.zeros(count)  # nothing where nobody asked
+    folded, overturned = folds(mesh, carried, faces, points.positions[corners.reshape(-1, 3)], most)
+    weight = np.zeros(len(mesh.vertices))  # nothing where nobody asked
     weight[asked] = 1.0 if mask is None else mask[asked]
     found = np.zeros_like(source)
     found[:, asked] = pull_back(mesh, points, source.T).T
-    return relative_mismatch(mesh, found, target, source, weight, weights), folded
+    return relative_mismatch(mesh, found, target, source, weight, weights), folded, overturned
 
 
 def _on_subdivided(

@@ -25,10 +25,10 @@ def test_report_is_whole_and_survives_json() -> None:
 def test_a_solver_that_is_cancelled_did_not_arrive() -> None:
     found = arrival(gaussians(3), BEFORE, 0.0)
     assert found.to_level == inf
-    assert found.mismatch > 0.5
+    assert found.found.mismatch > 0.5
 
 
 def test_the_level_is_met_before_the_end() -> None:
     found = arrival(gaussians(4), Parameters())
     assert found.to_level <= found.to_end
-    assert found.mismatch <= 0.05
+    assert found.found.mismatch <= 0.05

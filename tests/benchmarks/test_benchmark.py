@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from abfm.baselines.benchmark import cosine_table, cosines, format_report, markdown_table, run
-from abfm.baselines.benchmark.convergence import COOLED, LEVEL, converge
+from abfm.baselines.benchmark.convergence import COOLED, converge
 from abfm.baselines.benchmark.problem import PARAMETERS, sphere_problem
 from abfm.baselines.benchmark.race import SOLVER, descend, time_below
+from abfm.baselines.benchmark.watched import LEVEL
 from abfm.energy import MatchingEnergy
 from abfm.operators import l2_norm
 

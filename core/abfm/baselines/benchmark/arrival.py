@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from math import inf, log
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from abfm.baselines.benchmark.machine import in_words, machine
 from abfm.baselines.benchmark.problem import Problem, sphere_problem
-from abfm.baselines.benchmark.success.record import BEFORE, LEVEL
+from abfm.baselines.benchmark.success.record import BEFORE
+from abfm.baselines.benchmark.watched import LEVEL, Watched, watched_match
 from abfm.functions import function
-from abfm.matching import Control, Iteration, match
 from abfm.parameters import Parameters
 
 ENOUGH = 12.0
@@ -23,31 +21,9 @@ _WIDTH = 0.1
 _APART = 1.2  # radians on the sphere: between a quarter and half of the way round to the other side
 
 
-@dataclass(frozen=True)
-class Arrival:
-    """Seconds from a new mesh to a mismatch of `LEVEL` on the mesh itself (inf if never), and to the end."""
-
-    to_level: float
-    to_end: float
-    mismatch: float
-    verified: float
-
-
-def arrival(problem: Problem, parameters: Parameters, limit: float = inf) -> Arrival:
-    """Match once; after ``limit`` seconds the solver is cancelled, and did not arrive if it had not."""
-    control = Control()
-    to_level = inf
-    start = perf_counter()
-
-    def watch(now: Iteration) -> None:
-        nonlocal to_level
-        if now.level == now.levels - 1 and now.mismatch <= LEVEL:
-            to_level = min(to_level, perf_counter() - start)
-        if perf_counter() - start > limit:
-            control.cancel()
-
-    found = match(problem.mesh, problem.source, problem.target, parameters, on_iteration=watch, control=control)
-    return Arrival(to_level, perf_counter() - start, found.mismatch, found.verified_mismatch)
+def arrival(problem: Problem, parameters: Parameters, limit: float = inf) -> Watched:
+    """Match once; what is cancelled after ``limit`` seconds did not arrive if it had not by then."""
+    return watched_match(problem.mesh, problem.source, problem.target, parameters, limit)
 
 
 def gaussians(subdivision: int) -> Problem:
@@ -75,8 +51,8 @@ def run_arrival(progress: Callable[[str], None], subdivisions: Sequence[int] = (
                 "vertices": size,
                 "seconds": now.to_level if now.to_level < inf else None,
                 "seconds_to_end": now.to_end,
-                "mismatch": now.mismatch,
-                "verified_mismatch": now.verified,
+                "mismatch": now.found.mismatch,
+                "verified_mismatch": now.found.verified_mismatch,
                 "before_seconds": before.to_level if came else None,
                 "ratio": before.to_level / now.to_level if came else None,
                 "ratio_at_least": (before.to_level if came else before.to_end) / now.to_level,

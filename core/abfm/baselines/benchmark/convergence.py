@@ -9,8 +9,6 @@ from abfm.matching import Control, Iteration, match
 from abfm.mesh import FloatArray
 from abfm.parameters import Parameters
 
-LEVEL = 0.05
-"""Relative mismatch to reach."""
 COOLED = replace(PARAMETERS, cooling_stages=Parameters().cooling_stages)
 
 

@@ -7,12 +7,13 @@ from dataclasses import replace
 from statistics import median
 from typing import Any
 
-from abfm.baselines.benchmark.convergence import COOLED, LEVEL, converge
+from abfm.baselines.benchmark.convergence import COOLED, converge
 from abfm.baselines.benchmark.cosines import cosines
 from abfm.baselines.benchmark.gradient_cost import gradient_cost
 from abfm.baselines.benchmark.machine import machine
 from abfm.baselines.benchmark.problem import PARAMETERS, sphere_problem
 from abfm.baselines.benchmark.race import race, time_below
+from abfm.baselines.benchmark.watched import LEVEL
 
 Progress = Callable[[str], None]
 

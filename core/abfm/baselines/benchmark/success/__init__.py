@@ -3,9 +3,10 @@
 from abfm.baselines.benchmark.success.merging import merged
 from abfm.baselines.benchmark.success.meshes import success_meshes
 from abfm.baselines.benchmark.success.problems import SuccessProblem, success_problems
-from abfm.baselines.benchmark.success.record import BEFORE, LEVEL, VERSIONS, Record, run_problem
+from abfm.baselines.benchmark.success.record import BEFORE, VERSIONS, Record, run_problem
 from abfm.baselines.benchmark.success.report import format_success, success_table
 from abfm.baselines.benchmark.success.run import run_success
+from abfm.baselines.benchmark.watched import LEVEL
 
 __all__ = [
     "BEFORE",

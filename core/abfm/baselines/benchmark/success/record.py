@@ -8,9 +8,9 @@ from time import perf_counter
 from typing import Any
 
 from abfm.baselines.benchmark.success.problems import SuccessProblem
+from abfm.baselines.benchmark.watched import LEVEL, watched_match
 from abfm.errors import AbfmError
 from abfm.exponential import counted_row_products
-from abfm.matching import Control, Iteration, match
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.verification import verify
@@ -30,8 +30,6 @@ BEFORE = Parameters(
 """The paper's energy on the mesh alone, in three stages of sigma: the solver as it was before it had a reach."""
 VERSIONS = {"before": BEFORE, "now": Parameters()}
 """What is compared."""
-LEVEL = 0.05
-"""Largest relative mismatch of a success."""
 CONFIRMED = 0.1
 """Largest mismatch by flow lines that confirms one."""
 UNFOLDED = 0.01
@@ -58,7 +56,7 @@ class Record:
     seconds : float
         Of the match on a mesh of which nothing was known; the verification here, by every vertex, is not included.
     seconds_to_level : float
-        Until the mismatch on the mesh itself was at most `LEVEL`; NaN if it never was.
+        Until the mismatch on the mesh itself was at most `LEVEL`; inf if it never was.
     stop_reason : str
         As `abfm.Match.stop_reason`, or "time limit", or the error.
     verdict : str
@@ -98,26 +96,13 @@ def run_problem(problem: SuccessProblem, parameters: Parameters, limit: float = 
     """
     source, target = problem.functions()
     mesh = TriangleMesh(problem.mesh.vertices, problem.mesh.faces)  # nothing computed yet
-    control = Control()
-    last: Iteration | None = None
-    reached = math.nan
     start = perf_counter()
-
-    def record(iterate: Iteration) -> None:
-        nonlocal last, reached
-        last = iterate
-        seconds = perf_counter() - start
-        if iterate.mismatch <= LEVEL and iterate.level == iterate.levels - 1 and math.isnan(reached):
-            reached = seconds
-        if seconds > limit:
-            control.cancel()
-
     with counted_row_products() as products:
         try:
-            found = match(mesh, source, target, parameters, on_iteration=record, control=control)
+            watched = watched_match(mesh, source, target, parameters, limit)
         except AbfmError as error:
             return Record(stop_reason=str(error), seconds=perf_counter() - start, row_products=products.count)
-    seconds = perf_counter() - start
+    found, last = watched.found, watched.last
     verified, folded, overturned = math.nan, math.nan, math.nan
     try:
         witness = verify(problem.mesh, source, target, found.velocity, parameters.tau, subdivided=False)
@@ -132,8 +117,8 @@ def run_problem(problem: SuccessProblem, parameters: Parameters, limit: float = 
         iterations=last.iteration if last else 0,
         evaluations=last.evaluations if last else 0,
         row_products=products.count,
-        seconds=seconds,
-        seconds_to_level=reached,
-        stop_reason="time limit" if seconds > limit and found.stop_reason == "cancelled" else found.stop_reason,
+        seconds=watched.to_end,
+        seconds_to_level=watched.to_level,
+        stop_reason="time limit" if watched.to_end > limit and found.stop_reason == "cancelled" else found.stop_reason,
         verdict=found.verdict.kind,
     )

@@ -9,7 +9,8 @@ from typing import Any
 
 from abfm.baselines.benchmark.machine import in_words
 from abfm.baselines.benchmark.success.problems import DISTANCES, FAMILIES, WIDTHS
-from abfm.baselines.benchmark.success.record import CONFIRMED, LEVEL, UNFOLDED
+from abfm.baselines.benchmark.success.record import CONFIRMED, UNFOLDED
+from abfm.baselines.benchmark.watched import LEVEL
 
 Row = dict[str, Any]
 

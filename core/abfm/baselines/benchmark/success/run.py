@@ -9,7 +9,8 @@ from typing import Any
 from abfm.baselines.benchmark.machine import machine
 from abfm.baselines.benchmark.success.meshes import torus
 from abfm.baselines.benchmark.success.problems import SuccessProblem, success_problems
-from abfm.baselines.benchmark.success.record import LEVEL, VERSIONS, run_problem
+from abfm.baselines.benchmark.success.record import VERSIONS, run_problem
+from abfm.baselines.benchmark.watched import LEVEL
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 
