@@ -59,6 +59,8 @@ class Flow:
         Memory of an earlier flow on the same mesh to use again, which forgets that flow's terms.
     tolerance : float
         Truncation of the exponentials, relative to the function's largest value.
+    clustered : bool
+        Whether exponentials hold vertices of thin triangles together, see `abfm.clusters`.
     """
 
     def __init__(
@@ -69,14 +71,15 @@ class Flow:
         linearized: bool = False,
         workspace: Workspace | None = None,
         tolerance: float = TOLERANCE,
+        clustered: bool = False,
     ) -> None:
-        self.workspace = Workspace(mesh) if workspace is None else workspace
+        self.workspace = Workspace(len(mesh.vertices)) if workspace is None else workspace
         self.workspace.release()
         fields = np.ascontiguousarray(fields)
         self.parts: Sequence[LinearizedFlow | ExponentialFlow] = (
             [LinearizedFlow(mesh, v) for v in fields]
             if linearized
-            else [ExponentialFlow(mesh, v, self.workspace, tolerance) for v in fields]
+            else [ExponentialFlow(mesh, v, self.workspace, tolerance, clustered) for v in fields]
         )
         self.step = tau / len(fields)
 
@@ -174,7 +177,7 @@ def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> F
         raise AdvectionError(f"t is {t!r}; expected one time")
     if not (np.isfinite(field).all() and np.isfinite(functions).all() and np.isfinite(t)):
         raise AdvectionError("velocity, f and t must be finite")
-    flow = ExponentialFlow(mesh, to_frame(mesh, field), Workspace(mesh))
+    flow = ExponentialFlow(mesh, to_frame(mesh, field), Workspace(len(mesh.vertices)))
     columns = np.ascontiguousarray(functions.reshape(len(functions), -1).T)
     carried = np.stack([flow.forward(column, float(t)).end for column in columns], axis=1)
     if not np.isfinite(carried).all():

@@ -9,6 +9,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from abfm import derivative_kernels
+from abfm.clusters import vertex_clusters
 from abfm.derivative_kernels import GROUP
 from abfm.kernels import IndexArray
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
@@ -23,11 +24,15 @@ class DerivativePattern:
     """The fixed sparsity of ``D_v`` on a mesh (vertex adjacency with diagonal) and what fills it from a field.
 
     Vertices are renumbered so that neighbours are close in memory. Entries come in groups, see `derivative_kernels`.
+    Where vertices are held together, see `abfm.clusters`, rows and columns are clusters, with one value each.
 
     Attributes
     ----------
     order, rank : (V,) arrays
-        ``f[order]`` is a function in the pattern's order, ``f[rank]`` back in the mesh's.
+        ``f[order]`` is a function in the pattern's order, ``f[rank]`` back in the mesh's. Of clusters, ``rank`` is each
+        vertex's own one, and ``order`` the clusters' vertices, one after the other.
+    shares : (V,) array or None
+        Share of each vertex in its cluster's area; None where each vertex is one.
     indptr : (V + 1,) array
         First group of each row.
     indices : (G, 7) array
@@ -44,6 +49,7 @@ class DerivativePattern:
 
     order: IndexArray
     rank: IndexArray
+    shares: FloatArray | None
     indptr: IndexArray
     indices: IndexArray
     bounds: IndexArray
@@ -52,6 +58,30 @@ class DerivativePattern:
     transpose: IndexArray
     slopes: FloatArray
     inverse_areas: FloatArray
+
+    @property
+    def size(self) -> int:
+        """Rows and columns."""
+        return len(self.indptr) - 1
+
+    def restricted(self, f: FloatArray) -> FloatArray:
+        """A function (V,) in the pattern's order; means over clusters."""
+        return f[self.order] if self.shares is None else self._summed(self.shares * f)
+
+    def extended(self, f: FloatArray) -> FloatArray:
+        """A function in the pattern's order as one of the vertices (V,)."""
+        return f[self.rank]
+
+    def restricted_dual(self, mu: FloatArray) -> FloatArray:
+        """Adjoint of `extended`."""
+        return mu[self.order] if self.shares is None else self._summed(mu)
+
+    def extended_dual(self, mu: FloatArray) -> FloatArray:
+        """Adjoint of `restricted`."""
+        return mu[self.rank] if self.shares is None else self.shares * mu[self.rank]
+
+    def _summed(self, f: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(self.rank, f, self.size), dtype=np.float64)
 
     def values(self, v: FloatArray) -> FloatArray:
         """Entries (G, 7) of ``D_v`` for frame coefficients ``v`` (F, 2)."""
@@ -79,9 +109,20 @@ class DerivativePattern:
 @per_mesh
 def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
     """Sparsity of ``D_v`` and the linear map from field coefficients to its values."""
-    count = len(mesh.vertices)
-    order = _local_order(mesh)
-    rank = np.argsort(order)
+    return _pattern(mesh, np.arange(len(mesh.vertices)))
+
+
+@per_mesh
+def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
+    """The same for functions with one value on each of `vertex_clusters`."""
+    clusters = vertex_clusters(mesh)
+    return derivative_pattern(mesh) if clusters is None else _pattern(mesh, clusters)
+
+
+def _pattern(mesh: TriangleMesh, clusters: IndexArray) -> DerivativePattern:
+    count = int(clusters.max()) + 1
+    place = np.argsort(_local_order(clusters[mesh.edges], count))
+    rank = place[clusters]
     corners = rank[mesh.faces]
     rows = np.repeat(corners, 3, axis=1).ravel()
     columns = np.tile(corners, (1, 3)).ravel()
@@ -96,9 +137,12 @@ def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
     transpose = np.arange(len(indices))
     transpose[slots] = slots[np.searchsorted(keys, columns * count + rows)]
     small = np.uint32 if len(indices) < 2**32 else np.uint64
+    areas = vertex_areas(mesh)
+    totals = np.bincount(rank, areas, count)[rank]
     return DerivativePattern(
-        order,
+        np.argsort(rank, kind="stable"),
         rank,
+        None if count == len(clusters) else areas / totals,
         indptr.astype(small),
         indices.reshape(-1, GROUP).astype(small),
         _blocks(rows, columns, count).astype(small),
@@ -106,14 +150,13 @@ def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
         slots[positions].reshape(-1, 3, 3).astype(small),
         transpose,
         hat_gradients(mesh) * (face_areas(mesh) / 3)[:, None, None],
-        1 / vertex_areas(mesh),
+        1 / totals,
     )
 
 
-def _local_order(mesh: TriangleMesh) -> IndexArray:
-    """Vertices in layers from one end of the surface to the other (reverse Cuthill-McKee)."""
-    count = len(mesh.vertices)
-    a, b = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).T
+def _local_order(edges: IndexArray, count: int) -> IndexArray:
+    """Nodes of a graph in layers from one end to the other (reverse Cuthill-McKee)."""
+    a, b = np.concatenate([edges, edges[:, ::-1]]).T
     adjacency = sparse.csr_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
     return np.asarray(reverse_cuthill_mckee(adjacency, symmetric_mode=True), dtype=np.int64)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -13,6 +14,7 @@ from abfm import kernels
 from abfm.advection import Flow
 from abfm.bracket import BracketGradient
 from abfm.channels import channels
+from abfm.derivative_pattern import clustered_pattern
 from abfm.errors import FunctionError, ParameterError
 from abfm.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Workspace
 from abfm.far_metric import FarMetric
@@ -73,6 +75,8 @@ class MatchingEnergy:
     function_size : float
         The larger of the two functions' deviations from their means, in L2 with mask and weights, all channels
         together; 1 where both are constant.
+    vertex_count : int
+        Values of a function that is advected: vertices, or clusters of them.
     """
 
     def __init__(
@@ -100,7 +104,9 @@ class MatchingEnergy:
         self.function_size = max(self._deviation(self.source), self._deviation(self.target)) or 1.0
         self.shape = (parameters.segments, len(mesh.faces), 2)
         self.step = parameters.tau / parameters.segments
-        self._workspace = Workspace(self.mesh)
+        self.vertex_count = len(mesh.vertices)
+        self._clustered = False
+        self._workspace = Workspace(len(mesh.vertices))
         self._far_metrics: dict[float, FarMetric] = {}
 
     def __call__(self, velocity: ArrayLike) -> tuple[float, FloatArray]:
@@ -111,7 +117,7 @@ class MatchingEnergy:
     def flow(self, fields: FloatArray, tolerance: float = TOLERANCE) -> Flow:
         """The flow of frame coefficients (N, F, 2)."""
         linearised = self.parameters.method == "linearised"
-        return Flow(self.mesh, fields, self.parameters.tau, linearised, self._workspace, tolerance)
+        return Flow(self.mesh, fields, self.parameters.tau, linearised, self._workspace, tolerance, self._clustered)
 
     def evaluate(
         self,
@@ -138,6 +144,14 @@ class MatchingEnergy:
     def sigma(self, sigma: float) -> float:
         """The sigma of the energy, in the functions' unit, for one as the parameters give it."""
         return sigma * self.function_size if self.parameters.sigma_unit == "relative" else sigma
+
+    def clustered(self) -> MatchingEnergy:
+        """The same energy for functions that have one value on each cluster of vertices, see `abfm.clusters`."""
+        energy = copy(self)
+        energy._clustered = True
+        energy.vertex_count = clustered_pattern(self.mesh).size
+        energy._workspace = Workspace(energy.vertex_count)
+        return energy
 
     def far_metric(self, reach: float) -> FarMetric:
         """The norm of early stages, scaled so that the mismatch of source and target keeps its L2 energy."""

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import jv
 
 from abfm import derivative_kernels, series_kernels
-from abfm.derivative_pattern import derivative_pattern
+from abfm.derivative_pattern import clustered_pattern, derivative_pattern
 from abfm.errors import AbfmError
 from abfm.mesh import FloatArray, TriangleMesh
 
@@ -70,10 +70,14 @@ class Workspace:
     """Memory for the terms of series, kept between evaluations: about 560 MB, and as much for scratch where it is full.
 
     The array is larger, but touched only as far as used. Beyond a million vertices one short series takes more.
+
+    Parameters
+    ----------
+    size : int
+        Rows of ``D_v``.
     """
 
-    def __init__(self, mesh: TriangleMesh) -> None:
-        size = len(mesh.vertices)
+    def __init__(self, size: int) -> None:
         rows = _MEMORY // size
         self.longest_segment = float(np.clip(2 * rows - _likely_terms(rows), _SHORT_SEGMENT, _LONG_SEGMENT))
         self.block = len(_bessel_coefficients(self.longest_segment))
@@ -140,10 +144,19 @@ class ExponentialFlow:
     workspace : Workspace
     tolerance : float
         Where the series is truncated, relative to ``max |f|``, per segment.
+    clustered : bool
+        Whether vertices of thin triangles are held together, see `abfm.clusters`.
     """
 
-    def __init__(self, mesh: TriangleMesh, v: FloatArray, workspace: Workspace, tolerance: float = TOLERANCE) -> None:
-        self.pattern = derivative_pattern(mesh)
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        v: FloatArray,
+        workspace: Workspace,
+        tolerance: float = TOLERANCE,
+        clustered: bool = False,
+    ) -> None:
+        self.pattern = clustered_pattern(mesh) if clustered else derivative_pattern(mesh)
         self.workspace = workspace
         self.tolerance = tolerance
         self.values = self.pattern.values(v)
@@ -154,7 +167,7 @@ class ExponentialFlow:
         self.rho = float(2.0 ** (np.ceil(64 * np.log2(max(bound, _SLOWEST))) / 64))
 
     def transposed(self) -> ExponentialFlow:
-        """The action of ``exp(-t D_v^T)``."""
+        """The action of ``exp(-t D_v^T)``; not for clusters."""
         flow = copy(self)
         flow.values = self.pattern.transposed(self.values)
         return flow
@@ -201,7 +214,7 @@ class ExponentialFlow:
     def _series(
         self, f: FloatArray, step: float, coefficients: FloatArray, terms: FloatArray
     ) -> tuple[FloatArray, int, float]:
-        end = np.empty_like(f)
+        end = np.empty(self.pattern.size)
         x = abs(step) * self.rho
         used, growth = series_kernels.chebyshev_forward(
             self.pattern.indptr,
@@ -209,15 +222,15 @@ class ExponentialFlow:
             self.values,
             self.pattern.bounds,
             self._scale(step),
-            f[self.pattern.order],
+            self.pattern.restricted(f),
             coefficients,
             int(np.ceil(x)),
             self.tolerance,
             terms,
             end,
         )
-        _count(used, len(f))
-        return end[self.pattern.rank], used, growth
+        _count(used, len(end))
+        return self.pattern.extended(end), used, growth
 
     def _scale(self, step: float) -> float:
         return -float(np.sign(step)) / self.rho
@@ -235,8 +248,8 @@ class ExponentialFlow:
             if terms is None or segment.generation != self.workspace.generation:
                 terms = self.workspace.terms
                 self._series(segment.start, trajectory.step, coefficients, terms)
-            _count(segment.count, len(mu))
-            mu = series_kernels.chebyshev_backward(
+            _count(segment.count, self.pattern.size)
+            dual = series_kernels.chebyshev_backward(
                 self.pattern.indptr,
                 self.pattern.indices,
                 transposed,
@@ -245,9 +258,10 @@ class ExponentialFlow:
                 terms,
                 coefficients,
                 segment.count,
-                mu[self.pattern.order],
+                self.pattern.restricted_dual(mu),
                 entries,
-            )[self.pattern.rank]
+            )
+            mu = self.pattern.extended_dual(dual)
         self.pattern.add_chain_rule(self.pattern.transposed(entries), gradient)
         return mu
 

@@ -1,4 +1,8 @@
-"""The energy on meshes from coarse to fine, and what goes from one to the next."""
+"""The energy on meshes from coarse to fine, and what goes from one to the next.
+
+Where thin triangles would set the cost of an evaluation the mesh itself comes twice: first with their vertices held
+together (`abfm.clusters`), then as it is.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +13,14 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from abfm.clusters import vertex_clusters
 from abfm.energy import MatchingEnergy
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mesh.coarsening import coarsened
-from abfm.operators import face_areas
 from abfm.parameters import Parameters
 from abfm.resolution import resolution
 from abfm.transfer import Transfer
-from abfm.vector_fields import to_ambient
+from abfm.vector_fields import to_ambient, to_frame
 
 COARSEST = 2500
 """Vertices of the coarsest mesh where their number is chosen here."""
@@ -24,7 +28,7 @@ RATIO = 4.0
 """Of the numbers of vertices of a mesh and the next coarser one."""
 _WORTH = 3.0  # times as many vertices as the coarsest mesh: smaller meshes are solved on themselves alone
 _EDGES = 3.0  # that a function's features span at least on a mesh of their own choice
-_COST = 2.0  # of an evaluation on even triangles: spectral bound times height over speed
+_COST = 2.0  # of all iterations on the mesh as it is, in iterations with vertices held together
 _LEAST = 2  # iterations that are always spent
 
 
@@ -34,52 +38,53 @@ _LOCKS_LOCK = threading.Lock()
 
 
 class Level:
-    """The energy on one mesh, and the way from there to the next finer one, if there is one."""
+    """The energy on one mesh, and the way from there to the next finer one; None where that is the same mesh."""
 
-    def __init__(self, energy: MatchingEnergy, to_finer: Transfer | None, is_coarsest: bool = True) -> None:
-        self.energy, self._to_finer, self.is_coarsest = energy, to_finer, is_coarsest
-        self._usual_height = float(np.median(_heights(energy.mesh)))
+    def __init__(
+        self, energy: MatchingEnergy, to_finer: Transfer | None = None, cheaper: MatchingEnergy | None = None
+    ) -> None:
+        self.energy, self._to_finer, self._cheaper = energy, to_finer, cheaper
 
     def fields_to_finer(self, x: FloatArray) -> FloatArray:
         """Frame coefficients (N, F, 2) on the finer mesh; times mean the same there."""
-        transfer = self._transfer
+        if self._to_finer is None:
+            return x
         fields = to_ambient(self.energy.mesh, x) * self.energy.length_scale
-        return np.stack([transfer.field_to_fine(field) for field in fields])
+        return np.stack([self._to_finer.field_to_fine(field) for field in fields])
 
     def fields_from_finer(self, fields: FloatArray) -> FloatArray:
         """Frame coefficients (N, F, 2) here of fields (N, F, 3) on the finer mesh scaled to unit area."""
-        found = np.stack([self._transfer.field_to_coarse(field) for field in fields])
+        if self._to_finer is None:
+            return np.stack([to_frame(self.energy.mesh, field) for field in fields])
+        found = np.stack([self._to_finer.field_to_coarse(field) for field in fields])
         return found / self.energy.length_scale
 
     def functions_to_finer(self, functions: FloatArray) -> FloatArray:
         """Functions (C, V) on the finer mesh."""
-        return self._transfer.function_to_fine(functions)
+        return functions if self._to_finer is None else self._to_finer.function_to_fine(functions)
 
     def affordable(self, iterations: int, x: FloatArray) -> int:
         """How many of so many iterations to spend here, from frame coefficients (N, F, 2) on.
 
-        Where a few thin triangles set the cost of an evaluation it can be fifty times the usual one; on coarser meshes,
-        which have none, these iterations have been made already. What is spent is what even triangles would cost.
+        Where a few thin triangles set the cost of an evaluation it can be fifty times what it is with their vertices
+        held together, and there these iterations have been made already. What is spent is what they would cost there.
         """
-        if self.is_coarsest:
+        if self._cheaper is None:
             return iterations
-        usual = self.energy.step * float(np.sqrt((x**2).sum(axis=-1)).max(axis=-1).sum()) / self._usual_height
-        return max(_LEAST, int(iterations * min(1.0, _COST * usual / max(self.energy.exponent(x), 1e-300))))
-
-    @property
-    def _transfer(self) -> Transfer:
-        assert self._to_finer is not None
-        return self._to_finer
+        share = _COST * self._cheaper.exponent(x) / max(self.energy.exponent(x), 1e-300)
+        return max(_LEAST, int(iterations * min(1.0, share)))
 
 
-def levels(finest: MatchingEnergy, between: Callable[[], None]) -> list[Level]:
-    """The energy on all meshes, from the coarsest to that of ``finest``; ``between`` is called on the way."""
-    found = [Level(finest, None)]
-    counting = finest.weights > 0
-    edges = resolution(finest.mesh, np.concatenate([finest.source[counting], finest.target[counting]]).T)
-    for count in _vertex_counts(finest.mesh, finest.parameters):
+def levels(finest: list[Level], between: Callable[[], None]) -> list[Level]:
+    """The energy on all meshes, from the coarsest to the last of ``finest``; ``between`` is called on the way."""
+    found = list(finest)
+    energy = found[0].energy
+    counting = energy.weights > 0
+    edges = resolution(energy.mesh, np.concatenate([energy.source[counting], energy.target[counting]]).T)
+    size = len(energy.mesh.vertices)
+    for count in _vertex_counts(energy.mesh, energy.parameters):
         between()
-        if not finest.parameters.levels and edges >= _EDGES > edges * np.sqrt(count / len(finest.mesh.vertices)):
+        if not energy.parameters.levels and edges >= _EDGES > edges * np.sqrt(count / size):
             break  # what this mesh resolves and the coarser one does not would come back distorted
         energy = found[0].energy
         with _making(energy.mesh, between):
@@ -93,9 +98,21 @@ def levels(finest: MatchingEnergy, between: Callable[[], None]) -> list[Level]:
         f, g = transfer.function_to_coarse(energy.source), transfer.function_to_coarse(energy.target)
         smaller = MatchingEnergy(coarse, f.T, g.T, energy.parameters, mask, energy.weights)
         smaller.function_size = energy.function_size
-        found[0].is_coarsest = False
         found.insert(0, Level(smaller, transfer))
     return found
+
+
+def on_the_mesh(finest: MatchingEnergy) -> list[Level]:
+    """The levels with the mesh of ``finest``: where thin triangles cost too much, first with their vertices joined.
+
+    The bracket gradient and linearised steps have no clusters, nor has a match on one level by choice.
+    """
+    p = finest.parameters
+    chosen = p.levels == 1 or p.gradient != "adjoint" or p.method != "nonlinear"
+    if chosen or vertex_clusters(finest.mesh) is None:
+        return [Level(finest)]
+    clustered = finest.clustered()
+    return [Level(clustered), Level(finest, cheaper=clustered)]
 
 
 def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
@@ -132,13 +149,6 @@ def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
         return []
     steps = max(1, round(np.log(count / COARSEST) / np.log(RATIO)))
     return [int(count * (COARSEST / count) ** (step / steps)) for step in range(1, steps + 1)]
-
-
-def _heights(mesh: TriangleMesh) -> FloatArray:
-    """Least height of each face."""
-    corners = mesh.vertices[mesh.faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    return np.asarray(2 * face_areas(mesh) / longest)
 
 
 def _transfer(fine: TriangleMesh, coarse: TriangleMesh) -> Transfer:

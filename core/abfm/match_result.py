@@ -205,7 +205,7 @@ def push(mesh: TriangleMesh, velocity: FloatArray, parameters: Parameters, h: Ar
 
 @per_mesh
 def _workspace(mesh: TriangleMesh) -> Workspace:
-    return Workspace(mesh)
+    return Workspace(len(mesh.vertices))
 
 
 def former_verdict(mismatch: float, stop_reason: str) -> Verdict:

@@ -66,14 +66,15 @@ class Stage:
         return self.patient or len(energies) <= over or energies[-1] < (1 - _PAYING) * energies[-1 - over]
 
 
-def search(p: Parameters, levels: int) -> list[list[Stage]]:
-    """Ways to find the target on the coarsest mesh, one to be tried after the other until it is `REACHED`.
+def search(p: Parameters, levels: int, joined: bool = False) -> list[list[Stage]]:
+    """Ways to find the target on the coarsest level, one to be tried after the other until it is `REACHED`.
 
     Each begins with the norm that reaches far and ends with that of the parameters. Without reach there is one, the
-    paper's: every sigma but the last.
+    paper's: every sigma but the last. ``levels`` and ``joined`` are those of `finish`.
     """
-    patient = _is_patient(p, levels)
-    until = p.iterations if levels == 1 else int(_COARSE * p.iterations)
+    meshes = levels - joined
+    patient = _is_patient(p, meshes)
+    until = p.iterations if meshes == 1 else int(_COARSE * p.iterations)
     sigmas = p.stage_sigmas()
     near = Stage(0, sigmas[0], 0.0, p.stage_limits()[0], until, patient)
     if not p.reach:
@@ -82,32 +83,51 @@ def search(p: Parameters, levels: int) -> list[list[Stage]]:
     return [[replace(far, reach=p.reach * further, sigma=sigmas[0] * colder), near] for further, colder in _TRIES]
 
 
-def finish(p: Parameters, levels: int, warm: bool) -> list[Stage]:
-    """What follows once the target is found: the other sigmas, the finer meshes, and flow lines.
+def finish(p: Parameters, levels: int, warm: bool, joined: bool = False) -> list[Stage]:
+    """What follows once the target is found: the other sigmas, the finer meshes, flow lines, the mesh as it is.
 
     With a fixed number of iterations per stage, and without reach on one mesh, which is the paper's way, stages go on
     to the end of their iterations; else they end when they stop paying, or are close.
+
+    Parameters
+    ----------
+    p : Parameters
+    levels : int
+    warm : bool
+        Whether the target is found already by given fields.
+    joined : bool
+        Whether the last level but one has the mesh itself already, with vertices of thin triangles held together: it
+        takes the place of the last one, where only what then misses the target goes on.
     """
-    patient = _is_patient(p, levels)
+    meshes = levels - joined
+    patient = _is_patient(p, meshes)
     goal, coarse_goal = (0.0, 0.0) if patient else (CLOSE, _CLOSE_ON_COARSER)
-    most = p.iterations if patient or levels == 1 else max(1, int(_FINE * p.iterations))
-    last = Stage(levels - 1, p.sigma, 0.0, most, p.iterations, patient, goal, last=True)
+    most = p.iterations if patient or meshes == 1 else max(1, int(_FINE * p.iterations))
+    last = Stage(meshes - 1, p.sigma, 0.0, most, p.iterations, patient, goal, last=True)
     coarse = replace(
         last, level=0, iterations=p.iterations, until=int(_COARSE * p.iterations), goal=coarse_goal, last=False
     )
     sigmas = p.stage_sigmas()[1:-1] if p.reach and not warm else []
-    plan = [replace(coarse if levels > 1 else replace(last, last=False), sigma=sigma) for sigma in sigmas]
+    plan = [replace(coarse if meshes > 1 else replace(last, last=False), sigma=sigma) for sigma in sigmas]
     if not warm:
-        plan += [replace(coarse, level=level) for level in range(levels - 1)]
-    plan.append(last)
-    if not patient:
-        factors = [_SMALLER**step for step in range(1, _CLOSING + 1)]
-        closing = replace(last, iterations=p.iterations, goal=MATCHED, needed_above=MATCHED)
-        plan += [replace(closing, sigma=p.sigma * factor) for factor in factors]
+        plan += [replace(coarse, level=level) for level in range(meshes - 1)]
+    plan += [last, *_closing(replace(last, iterations=p.iterations))]
     if p.balance:
         plan.append(replace(last, balanced=True))
+    if joined:
+        fine = p.iterations if patient else max(1, int(_FINE * p.iterations))
+        itself = replace(last, level=levels - 1, iterations=fine, goal=0.0 if patient else MATCHED)
+        plan += [itself, *_closing(itself)]
     return plan
 
 
-def _is_patient(p: Parameters, levels: int) -> bool:
-    return p.stage_iterations > 0 or (p.reach == 0 and levels == 1)
+def _closing(last: Stage) -> list[Stage]:
+    """Smaller sigmas for what is not matched with the last one."""
+    if last.patient:
+        return []
+    closing = replace(last, goal=MATCHED, needed_above=MATCHED)
+    return [replace(closing, sigma=last.sigma * _SMALLER**step) for step in range(1, _CLOSING + 1)]
+
+
+def _is_patient(p: Parameters, meshes: int) -> bool:
+    return p.stage_iterations > 0 or (p.reach == 0 and meshes == 1)

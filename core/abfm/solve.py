@@ -16,10 +16,11 @@ from abfm.control import CancelledError, Control
 from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import FunctionError, ParameterError
 from abfm.iteration import Iteration
-from abfm.levels import Level, levels
+from abfm.levels import levels, on_the_mesh
 from abfm.mesh import FloatArray
 from abfm.optimizer import LBFGS, State
 from abfm.schedule import REACHED, Stage, finish, search
+from abfm.solvability import Problem, range_bound
 from abfm.vector_fields import to_ambient
 from abfm.warm_start import start_fields
 
@@ -49,7 +50,9 @@ class Solver:
         self.stage_of: list[int] = []
         self.schedule: list[Stage] = []
         self.evaluations = 0
-        self._levels: list[Level] = [Level(energy, None)]
+        self._least = range_bound(Problem(energy.mesh, energy.source, energy.target, energy.mask, energy.weights))
+        self._levels = on_the_mesh(energy)
+        self._joined = len(self._levels) > 1  # whether the mesh itself comes twice
         self._reason = ""
         self._level = 0
         self._best: Best | None = None
@@ -65,7 +68,7 @@ class Solver:
             if fields is not None and not self._is_lost(fields):
                 self._finish(fields, warm=True)
             else:
-                self._levels = levels(self.energy, self._pass)
+                self._levels = levels(self._levels, self._pass)
                 self._finish(self._find(fields), warm=False)
         except CancelledError:
             self._reason = "cancelled"
@@ -80,7 +83,7 @@ class Solver:
             mismatch, at_rest = map(coarsest.relative_mismatch, (coarsest.advected(given), coarsest.source))
             x = given if mismatch <= _ASTRAY * at_rest or not p.iterations else x
         best, least, kept = x, np.inf, self._best
-        for tried in search(p, len(self._levels)):
+        for tried in search(p, len(self._levels), self._joined):
             if len(self.history) > tried[0].until:
                 break
             self._best, self._learned, self._before = None, None, None
@@ -109,11 +112,11 @@ class Solver:
 
     def _finish(self, x: FloatArray, warm: bool) -> None:
         """Come close on all meshes."""
-        for stage in finish(self.energy.parameters, len(self._levels), warm):
+        for stage in finish(self.energy.parameters, len(self._levels), warm, self._joined):
             x = self._prolonged(x, stage.level)
             if self._best is not None and self._level == stage.level:
                 mismatch = self._levels[stage.level].energy.relative_mismatch(self._best.point.advected)
-                if mismatch <= stage.needed_above:
+                if mismatch <= self._attainable(stage.needed_above):
                     continue
             if stage.balanced:
                 self._balance(stage)
@@ -161,7 +164,8 @@ class Solver:
         if not self.history or (stage.level != self._recorded and len(self.history) <= energy.parameters.iterations):
             self._record(self._best, stage)
         self._reason = "converged"
-        if energy.relative_mismatch(self._best.point.advected) <= stage.goal:
+        goal = self._attainable(stage.goal)
+        if energy.relative_mismatch(self._best.point.advected) <= goal:
             return self._best
         current = self._begin(search, stage)
         energies = [current.point.energy]
@@ -170,7 +174,7 @@ class Solver:
         ended = None
         while len(self.history) <= until and (ended := search.stop_reason(current)) is None:
             mismatch = energy.relative_mismatch(current.point.advected)
-            if mismatch <= stage.goal or not stage.pays(energies, mismatch):
+            if mismatch <= goal or not stage.pays(energies, mismatch):
                 ended = "converged"
                 break
             current = search.step(current)
@@ -181,6 +185,10 @@ class Solver:
             self._record(self._best, stage, current)
         self._reason = ended or "iteration limit"
         return self._best
+
+    def _attainable(self, goal: float) -> float:
+        """A goal, or what the values of source and target leave of it; 0 stays 0."""
+        return max(goal, self._least) if goal else 0.0
 
     def _begin(self, search: LBFGS[Evaluation], stage: Stage) -> State[Evaluation]:
         """The stage's first iterate; what the one before has learned of the energy is scaled with sigma.
@@ -206,7 +214,7 @@ class Solver:
             is_over = len(self.history) > self.energy.parameters.iterations
             return None if is_over else self._minimise(part, x, target)
 
-        self._best = balanced(self.energy, self._known(), go_on, self._pass)
+        self._best = balanced(self._levels[stage.level].energy, self._known(), go_on, self._pass)
         self._reason = reason
 
     def _on_the_mesh(self) -> tuple[FloatArray, FloatArray]:
@@ -266,7 +274,7 @@ class Solver:
                     stage=len(self.schedule) - 1,
                     level=stage.level,
                     levels=len(self._levels),
-                    vertices=len(level.energy.mesh.vertices),
+                    vertices=level.energy.vertex_count,
                     reach=stage.reach,
                     sigma=stage.sigma,
                     energy=point.energy,

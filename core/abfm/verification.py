@@ -241,7 +241,7 @@ def _on_subdivided(
     except MeshError:
         return np.nan
     source, target = (np.ascontiguousarray(interpolated(mesh, h.T).T) for h in (f, g))
-    carried, workspace = source, Workspace(fine)
+    carried, workspace = source, Workspace(len(fine.vertices))
     for field in fields:
         coefficients = to_frame(fine, _on_children(mesh, fine, field))
         try:

@@ -1,0 +1,73 @@
+"""Vertices that are held together, so that a few thin triangles do not set the cost of an advection.
+
+A product with ``D_v`` can be as large as a vertex's share of the rates of its faces over its area, and the number of
+products grows with the largest one on the mesh. Where triangles are needles it is a hundred times the usual one.
+Functions that take one value on each cluster, of vertices much closer than elsewhere, have no such rates.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from abfm.kernels import IndexArray
+from abfm.mesh import FloatArray, TriangleMesh, per_mesh
+from abfm.operators import face_areas, hat_gradients, vertex_areas
+
+USUAL = 2.0
+"""Times the median of the rates of all vertices, beyond which a vertex is joined with a neighbour."""
+_NEAR = 0.5  # of the median edge: longer ones do not join vertices
+_ROUNDS = 12  # of joining pairs
+_FEW = 1.5  # times the usual rates: what is gained by less is not worth another discretisation
+
+
+@per_mesh
+def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
+    """Cluster of each vertex, (V,), counted from 0; None where no vertex has to be joined with another.
+
+    Pairs at the ends of the shortest edges join first; in each round, a cluster joins one other at most.
+    """
+    edges = mesh.edges
+    lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
+    near = np.argsort(lengths, kind="stable")
+    near = near[lengths[near] < _NEAR * np.median(lengths)]
+    clusters = np.arange(len(mesh.vertices))
+    rates = cluster_rates(mesh, clusters)
+    most = USUAL * np.median(rates)
+    if rates.max() <= _FEW * most:
+        return None
+    for _ in range(_ROUNDS):
+        fast = rates > most
+        pairs = clusters[edges[near]]
+        parent = _joined(pairs[(pairs[:, 0] != pairs[:, 1]) & fast[pairs].any(axis=1)], len(rates))
+        if (parent == np.arange(len(parent))).all():
+            break
+        clusters = np.unique(parent, return_inverse=True)[1][clusters]
+        rates = cluster_rates(mesh, clusters)
+    return clusters if clusters.max() + 1 < len(clusters) else None
+
+
+def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
+    """Sum of what the entries in each cluster's row of ``D_v`` can be for a field of length 1, (clusters,)."""
+    slopes = hat_gradients(mesh) * (face_areas(mesh) / 3)[:, None, None]
+    corners = clusters[mesh.faces]
+    count = int(clusters.max()) + 1
+    rates = np.zeros(count)
+    for corner in range(3):
+        others = [(corner + 1) % 3, (corner + 2) % 3]
+        first, second = (slopes[:, k] * (corners[:, k] != corners[:, corner])[:, None] for k in others)
+        apart = np.linalg.norm(first, axis=1) + np.linalg.norm(second, axis=1)
+        both = np.linalg.norm(first + second, axis=1)  # the row's own entry is minus the sum of the others
+        together = corners[:, others[0]] == corners[:, others[1]]
+        rates += np.bincount(corners[:, corner], np.where(together, both, apart) + both, count)
+    return rates / np.bincount(clusters, vertex_areas(mesh), count)
+
+
+def _joined(pairs: IndexArray, count: int) -> IndexArray:
+    """For each of ``count`` clusters, the one that it becomes part of: pairs (P, 2) join unless one has joined yet."""
+    parent = np.arange(count)
+    free = np.ones(count, dtype=bool)
+    for a, b in pairs.tolist():
+        if free[a] and free[b]:
+            free[a] = free[b] = False
+            parent[max(a, b)] = min(a, b)
+    return parent
