@@ -131,7 +131,7 @@ def test_errors_fall_with_the_square_of_the_edge_length() -> None:
 def assert_same_but_on_edges(found: FloatArray, expected: FloatArray) -> None:
     """Where the closest point lies on an edge, rounding chooses the face whose tangent plane counts."""
     apart = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1).max()
-    assert np.mean(apart > 1e-7) < 0.2
+    assert np.mean(apart > 1e-7) < 0.35
     assert np.sqrt(np.mean(apart**2)) < 0.02
 
 
