@@ -82,28 +82,24 @@ def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
     count = len(mesh.vertices)
     order = _local_order(mesh)
     rank = np.argsort(order)
-    corners = rank[mesh.faces]
-    rows = np.repeat(corners, 3, axis=1).ravel()
-    columns = np.tile(corners, (1, 3)).ravel()
-    keys, positions = np.unique(rows * count + columns, return_inverse=True)
-    rows, columns = np.divmod(keys, count)
-    first = np.searchsorted(rows, np.arange(count + 1))
-    groups = -(-np.diff(first) // GROUP)
+    ends = rank[mesh.edges]
+    groups = -(-(np.bincount(ends.ravel(), minlength=count) + 1) // GROUP)
     indptr = np.concatenate([[0], np.cumsum(groups)])
-    slots = GROUP * indptr[rows] + np.arange(len(keys)) - first[rows]
-    indices = np.repeat(np.arange(count), GROUP * groups)
-    indices[slots] = columns
+    small = np.uint32 if GROUP * indptr[-1] < 2**32 else np.uint64
+    indptr = indptr.astype(small)
+    indices = np.repeat(np.arange(count, dtype=small), GROUP * groups)
     transpose = np.arange(len(indices))
-    transpose[slots] = slots[np.searchsorted(keys, columns * count + rows)]
-    small = np.uint32 if len(indices) < 2**32 else np.uint64
+    positions = np.empty((len(mesh.faces), 3, 3), dtype=small)
+    derivative_kernels.fill_pattern(mesh.faces, mesh.face_edges, mesh.edges, rank, indptr, indices, transpose, positions)
+    indices = indices.reshape(-1, GROUP)
     return DerivativePattern(
         order,
         rank,
-        indptr.astype(small),
-        indices.reshape(-1, GROUP).astype(small),
-        _blocks(rows, columns, count).astype(small),
+        indptr,
+        indices,
+        _blocks(indptr, indices).astype(small),
         mesh.faces.astype(small),
-        slots[positions].reshape(-1, 3, 3).astype(small),
+        positions,
         transpose,
         hat_gradients(mesh) * (face_areas(mesh) / 3)[:, None, None],
         1 / vertex_areas(mesh),
@@ -118,12 +114,12 @@ def _local_order(mesh: TriangleMesh) -> IndexArray:
     return np.asarray(reverse_cuthill_mckee(adjacency, symmetric_mode=True), dtype=np.int64)
 
 
-def _blocks(rows: IndexArray, columns: IndexArray, count: int) -> IndexArray:
+def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:
     """Ends of blocks, each with at least so many rows and with all the neighbours of the block before."""
+    count = len(indptr) - 1
     if count < _BLOCKED:
         return np.array([0, count])
-    farthest = np.zeros(count, dtype=np.int64)
-    np.maximum.at(farthest, rows, columns)
+    farthest = np.maximum.reduceat(indices.max(axis=1), indptr[:-1].astype(np.int64))
     reach = np.maximum.accumulate(farthest) + 1
     bounds = [0, _BLOCK]
     while bounds[-1] < count:
