@@ -26,7 +26,7 @@ def fill_pattern(
     transpose: IndexArray,
     positions: IndexArray,
 ) -> None:
-    """Columns of the vertex adjacency with diagonal, ascending in each row; where entries of faces and of the transpose are.
+    """Columns of the vertex adjacency with diagonal, ascending; where faces and the transpose have their entries.
 
     ``rank`` renumbers vertices. Every entry of ``indices`` (7 G,) comes as its own row, of ``transpose`` as itself.
     """

@@ -90,14 +90,15 @@ def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
     indices = np.repeat(np.arange(count, dtype=small), GROUP * groups)
     transpose = np.arange(len(indices))
     positions = np.empty((len(mesh.faces), 3, 3), dtype=small)
-    derivative_kernels.fill_pattern(mesh.faces, mesh.face_edges, mesh.edges, rank, indptr, indices, transpose, positions)
-    indices = indices.reshape(-1, GROUP)
+    derivative_kernels.fill_pattern(
+        mesh.faces, mesh.face_edges, mesh.edges, rank, indptr, indices, transpose, positions
+    )
     return DerivativePattern(
         order,
         rank,
         indptr,
-        indices,
-        _blocks(indptr, indices).astype(small),
+        indices.reshape(-1, GROUP),
+        _blocks(indptr, indices.reshape(-1, GROUP)).astype(small),
         mesh.faces.astype(small),
         positions,
         transpose,

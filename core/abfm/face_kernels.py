@@ -46,7 +46,12 @@ def shapes(
 
 @kernel
 def add_products(
-    gradients: FloatArray, edges: IndexArray, vertices: IndexArray, v: FloatArray, of_edges: FloatArray, of_vertices: FloatArray
+    gradients: FloatArray,
+    edges: IndexArray,
+    vertices: IndexArray,
+    v: FloatArray,
+    of_edges: FloatArray,
+    of_vertices: FloatArray,
 ) -> None:
     """Add to each edge and vertex the inner products of a field (F, 2) with the gradient of its function."""
     for f in range(edges.shape[0]):

@@ -8,6 +8,7 @@ vertex, the place in space that the vertex's value came from; on a mesh that pla
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import igl
 import numpy as np
@@ -19,6 +20,7 @@ from abfm.kernels import FloatArray, IndexArray, kernel
 from abfm.mesh import BoolArray, IntArray, TriangleMesh
 from abfm.operators import face_normals, hat_gradients
 
+Vector: TypeAlias = tuple[float, float, float]
 POINTS_PER_QUERY = 8192  # igl keeps the GIL for a whole query: about 15 ms each, so that a window stays alive
 
 
@@ -207,8 +209,6 @@ def _finite_points(points: ArrayLike) -> FloatArray:
     return given
 
 
-
-
 @kernel
 def barycentric_weights(
     points: FloatArray, faces: IndexArray, vertices: FloatArray, corners: IndexArray, out: FloatArray
@@ -246,11 +246,11 @@ def barycentric_weights(
 
 
 @kernel
-def cross(a: FloatArray, b: FloatArray) -> tuple[float, float, float]:
+def cross(a: FloatArray, b: FloatArray) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
-def scalar(a: FloatArray, b: FloatArray) -> float:
+def scalar(a: FloatArray | Vector, b: FloatArray | Vector) -> float:
     product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return product

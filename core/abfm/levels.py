@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -38,7 +39,14 @@ class Level:
 
     def __init__(self, energy: MatchingEnergy, to_finer: Transfer | None, is_coarsest: bool = True) -> None:
         self.energy, self._to_finer, self.is_coarsest = energy, to_finer, is_coarsest
-        self._usual_height = float(np.median(_heights(energy.mesh)))
+
+    @cached_property
+    def _usual_height(self) -> float:
+        """Median of the faces' least heights."""
+        mesh = self.energy.mesh
+        corners = mesh.vertices[mesh.faces]
+        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        return float(np.median(2 * face_areas(mesh) / longest))
 
     def fields_to_finer(self, x: FloatArray) -> FloatArray:
         """Frame coefficients (N, F, 2) on the finer mesh; times mean the same there."""
@@ -132,13 +140,6 @@ def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
         return []
     steps = max(1, round(np.log(count / COARSEST) / np.log(RATIO)))
     return [int(count * (COARSEST / count) ** (step / steps)) for step in range(1, steps + 1)]
-
-
-def _heights(mesh: TriangleMesh) -> FloatArray:
-    """Least height of each face."""
-    corners = mesh.vertices[mesh.faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    return np.asarray(2 * face_areas(mesh) / longest)
 
 
 def _transfer(fine: TriangleMesh, coarse: TriangleMesh) -> Transfer:

@@ -82,8 +82,9 @@ class Regularizer:
     def _apply_once(self, v: FloatArray) -> FloatArray:
         momentum = self._areas[:, None] * v
         if self.alpha > 0:
-            derivatives = [sums / masses for sums, masses in zip(self._products(momentum), self._masses, strict=True)]
-            self._add_gradients(*derivatives, self.alpha * self._areas, momentum)
+            (of_edges, of_vertices), (edge_masses, masses) = self._products(momentum), self._masses
+            of_edges, of_vertices = of_edges / edge_masses, of_vertices / masses
+            self._add_gradients(of_edges, of_vertices, self.alpha * self._areas, momentum)
         return momentum
 
     def _invert_once(self, momentum: FloatArray) -> FloatArray:
@@ -106,9 +107,7 @@ class Regularizer:
         self, on_edges: FloatArray, on_vertices: FloatArray, factors: FloatArray, field: FloatArray
     ) -> None:
         """Add ``A a + B b`` to a field (F, 2), times a factor for each face."""
-        face_kernels.add_gradients(
-            self._gradients, self._edges, self._vertices, on_edges, on_vertices, factors, field
-        )
+        face_kernels.add_gradients(self._gradients, self._edges, self._vertices, on_edges, on_vertices, factors, field)
 
 
 def regularizer(mesh: TriangleMesh, alpha: float, order: int = 1) -> Regularizer:

@@ -110,7 +110,7 @@ class Solver:
     def _finish(self, x: FloatArray, warm: bool) -> None:
         """Come close on all meshes."""
         for stage in finish(self.energy.parameters, len(self._levels), warm):
-            x = self._prolonged(x, stage.level)
+            x, known = self._prolonged(x, stage)
             if self._best is not None and self._level == stage.level:
                 mismatch = self._levels[stage.level].energy.relative_mismatch(self._best.point.advected)
                 if mismatch <= stage.needed_above:
@@ -118,7 +118,7 @@ class Solver:
             if stage.balanced:
                 self._balance(stage)
             else:
-                x = self._minimise(stage, x).x
+                x = self._minimise(stage, x, known=known).x
 
     def _known(self) -> Best:
         assert self._best is not None
@@ -138,22 +138,30 @@ class Solver:
             fields = coarser.fields_from_finer(to_ambient(finer.energy.mesh, fields))
         return fields
 
-    def _prolonged(self, x: FloatArray, level: int) -> FloatArray:
-        """Fields of the level that was last, on the next finer one where that is asked for."""
-        if level == self._level:
-            return x
+    def _prolonged(self, x: FloatArray, stage: Stage) -> tuple[FloatArray, Evaluation | None]:
+        """Fields of the level that was last on that of a stage, and what is known of them if it is another."""
+        if stage.level == self._level:
+            return x, None
         self._pass()
-        coarser = self._levels[self._level]
-        mismatch = coarser.energy.relative_mismatch(self._known().point.advected)
-        return calmed(self._levels[level].energy, coarser.fields_to_finer(x), mismatch, self._pass)
+        coarser, energy = self._levels[self._level], self._levels[stage.level].energy
+        evaluate = self._search(stage, None).evaluate
 
-    def _minimise(self, stage: Stage, x: FloatArray, target: FloatArray | None = None) -> Best:
-        """Run a stage to its end."""
+        def mismatch(fields: FloatArray) -> tuple[Evaluation, float]:
+            point = evaluate(fields)
+            return point, energy.relative_mismatch(point.advected)
+
+        before = coarser.energy.relative_mismatch(self._known().point.advected)
+        return calmed(energy.mesh, coarser.fields_to_finer(x), before, mismatch)
+
+    def _minimise(
+        self, stage: Stage, x: FloatArray, target: FloatArray | None = None, known: Evaluation | None = None
+    ) -> Best:
+        """Run a stage to its end, from fields of which something may be known already."""
         if target is None:
             self.schedule.append(stage)
         energy = self._levels[stage.level].energy
         search = self._search(stage, target)
-        self._best = Best(x, search.evaluate(x))
+        self._best = Best(x, known or search.evaluate(x))
         if stage.level != self._level:  # not before: until then what is known is on the coarser mesh
             self._level, self._learned = stage.level, None
         if not self.history:
@@ -217,8 +225,12 @@ class Solver:
         x, advected = self._best.x, self._best.point.advected
         mismatch = here.relative_mismatch(advected)
         for coarser, finer in pairwise(self._levels[self._level :]):
-            x = calmed(finer.energy, coarser.fields_to_finer(x), mismatch)
-            advected = finer.energy.advected(x)
+
+            def carried(fields: FloatArray, on: MatchingEnergy = finer.energy) -> tuple[FloatArray, float]:
+                functions = on.advected(fields)
+                return functions, on.relative_mismatch(functions)
+
+            x, advected = calmed(finer.energy.mesh, coarser.fields_to_finer(x), mismatch, carried)
         return x, advected
 
     def _pass(self) -> None:

@@ -129,7 +129,8 @@ def _collapse(
     slot: int,
 ) -> int:
     """Move one end of an edge to its middle, give it the faces of the other end, and take out the two between."""
-    u, v = faces[_next(slot)], faces[_next(_next(slot))]
+    u: int = faces[_next(slot)]
+    v = faces[_next(_next(slot))]
     for x in range(3):
         points[u, x] = 0.5 * (points[u, x] + points[v, x])
     first = corner = _next(_next(slot))
