@@ -25,6 +25,7 @@ from abfm.warm_start import start_fields
 
 _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradient is exact for any
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
+_MORE = 0.2  # mismatch on the mesh itself, beyond that on the coarsest, up to which meshes between are left out
 _ASTRAY = 3.0  # times the mismatch of no flow at all beyond which the way is not looked for from a given start
 
 
@@ -108,9 +109,23 @@ class Solver:
             self._best = kept
 
     def _finish(self, x: FloatArray, warm: bool) -> None:
-        """Come close on all meshes."""
-        for stage in finish(self.energy.parameters, len(self._levels), warm):
-            x, known = self._prolonged(x, stage)
+        """Come close on all meshes; those between are left out where what is found holds on the mesh itself."""
+        plan, top = finish(self.energy.parameters, len(self._levels), warm), len(self._levels) - 1
+        last = [stage for stage in plan if stage.level == top]
+        x = self._through([stage for stage in plan if stage.level == 0 < top], x)
+        between = [stage for stage in plan if 0 < stage.level < top]
+        ahead = self._ahead(x, last[0]) if between else None
+        if ahead is None:
+            x = self._through(between, x)
+        self._through(last, x, ahead)
+
+    def _through(self, stages: list[Stage], x: FloatArray, ahead: Best | None = None) -> FloatArray:
+        """Run stages one after the other; the first one may know its beginning."""
+        for stage in stages:
+            if ahead is None:
+                x, known = self._prolonged(x, stage)
+            else:
+                x, known, ahead = ahead.x, ahead.point, None
             if self._best is not None and self._level == stage.level:
                 mismatch = self._levels[stage.level].energy.relative_mismatch(self._best.point.advected)
                 if mismatch <= stage.needed_above:
@@ -119,6 +134,16 @@ class Solver:
                 self._balance(stage)
             else:
                 x = self._minimise(stage, x, known=known).x
+        return x
+
+    def _ahead(self, x: FloatArray, stage: Stage) -> Best | None:
+        """Fields of the coarsest mesh on that of a stage, where they leave little more than they did."""
+        self._pass()
+        before = self._levels[0].energy.relative_mismatch(self._known().point.advected)
+        for level in self._levels[: stage.level]:
+            x = level.fields_to_finer(x)
+        point = self._search(stage, None).evaluate(x)
+        return Best(x, point) if self.energy.relative_mismatch(point.advected) <= before + _MORE else None
 
     def _known(self) -> Best:
         assert self._best is not None
