@@ -83,11 +83,13 @@ class Level:
 def levels(finest: MatchingEnergy, between: Callable[[], None]) -> list[Level]:
     """The energy on all meshes, from the coarsest to that of ``finest``; ``between`` is called on the way."""
     found = [Level(finest, None)]
-    counting = finest.weights > 0
-    edges = resolution(finest.mesh, np.concatenate([finest.source[counting], finest.target[counting]]).T)
-    for count in _vertex_counts(finest.mesh, finest.parameters):
+    counts, edges = _vertex_counts(finest.mesh, finest.parameters), np.inf
+    if counts and not finest.parameters.levels:
+        counting = finest.weights > 0
+        edges = resolution(finest.mesh, np.concatenate([finest.source[counting], finest.target[counting]]).T)
+    for count in counts:
         between()
-        if not finest.parameters.levels and edges >= _EDGES > edges * np.sqrt(count / len(finest.mesh.vertices)):
+        if edges >= _EDGES > edges * np.sqrt(count / len(finest.mesh.vertices)):
             break  # what this mesh resolves and the coarser one does not would come back distorted
         energy = found[0].energy
         with _making(energy.mesh, between):
