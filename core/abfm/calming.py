@@ -7,49 +7,52 @@ Smoothing on the scale of an edge, by the norm of first order, takes most of the
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
-from abfm.energy import MatchingEnergy
-from abfm.mesh import FloatArray
+from abfm.mesh import FloatArray, TriangleMesh
 from abfm.regularizer import Regularizer
 
+Point = TypeVar("Point")
 _WORSE, _GROWN = 2.0, 0.4  # times the mismatch on the coarser mesh, and more: not the field's doing
 _SCALES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # edges over which fields are smoothed
 
 
 def calmed(
-    energy: MatchingEnergy, x: FloatArray, mismatch: float, between: Callable[[], None] = lambda: None
-) -> FloatArray:
+    mesh: TriangleMesh, x: FloatArray, mismatch: float, evaluate: Callable[[FloatArray], tuple[Point, float]]
+) -> tuple[FloatArray, Point]:
     """Fields that carry the source about as well as they did on a coarser mesh, or else the best of those tried.
 
     Parameters
     ----------
-    energy : MatchingEnergy
-        On the finer mesh.
+    mesh : TriangleMesh
+        The finer one, scaled to unit area.
     x : (N, F, 2) array
         Frame coefficients there.
     mismatch : float
         Relative mismatch on the coarser mesh.
-    between : callable, optional
-        Called before each try; what it raises ends the work.
+    evaluate : callable
+        What is known of fields on the finer mesh, and the relative mismatch that they leave; what it raises ends the
+        work.
 
     Returns
     -------
     (N, F, 2) array
         Zero where no flow stays finite.
+    Point
+        What is known of them.
     """
-    area = 1 / len(energy.mesh.vertices)
-    calm, least = np.zeros_like(x), np.inf
+    area = 1 / len(mesh.vertices)
+    calm, least = None, np.inf
     for edges in _SCALES:
-        between()
         tried = x
         if edges:
-            smooth = Regularizer(energy.mesh, area * edges**2)
+            smooth = Regularizer(mesh, area * edges**2)
             tried = np.stack([smooth.inverse((smooth.mass * v.ravel()).reshape(v.shape)) for v in x])
-        found = energy.relative_mismatch(energy.advected(tried))
+        point, found = evaluate(tried)
         if found < least:
-            calm, least = tried, found
+            calm, least = (tried, point), found
         if found <= _WORSE * mismatch + _GROWN:  # false if not finite
             break
-    return calm
+    return calm or (np.zeros_like(x), evaluate(np.zeros_like(x))[0])

@@ -16,6 +16,53 @@ ONE = np.uint32(1)  # a signed one makes a signed index of the sum
 
 
 @kernel
+def fill_pattern(
+    faces: IndexArray,
+    face_edges: IndexArray,
+    edges: IndexArray,
+    rank: IndexArray,
+    indptr: IndexArray,
+    indices: IndexArray,
+    transpose: IndexArray,
+    positions: IndexArray,
+) -> None:
+    """Columns of the vertex adjacency with diagonal, ascending; where faces and the transpose have their entries.
+
+    Corners of a face may be one vertex. ``rank`` renumbers vertices. Every entry of ``indices`` (7 G,) comes as its own
+    row, of ``transpose`` as itself.
+    """
+    filled = np.ones(rank.size, dtype=np.int64)
+    edge_of = np.full(indices.size, -1)
+    for e in range(edges.shape[0]):
+        for k in range(2):
+            row, column = rank[edges[e, k]], rank[edges[e, 1 - k]]
+            slot = GROUP * np.int64(indptr[row]) + filled[row]
+            filled[row] += 1
+            while slot > GROUP * np.int64(indptr[row]) and indices[slot - 1] > column:
+                indices[slot], edge_of[slot] = indices[slot - 1], edge_of[slot - 1]
+                slot -= 1
+            indices[slot], edge_of[slot] = column, 2 * e + k
+    of_edges, of_vertices = np.empty(2 * edges.shape[0], dtype=np.int64), np.empty(rank.size, dtype=np.int64)
+    for row in range(rank.size):
+        start = GROUP * np.int64(indptr[row])
+        for slot in range(start, start + filled[row]):
+            if edge_of[slot] < 0:
+                of_vertices[row] = slot
+            else:
+                of_edges[edge_of[slot]] = slot
+    for e in range(edges.shape[0]):
+        transpose[of_edges[2 * e]], transpose[of_edges[2 * e + 1]] = of_edges[2 * e + 1], of_edges[2 * e]
+    for f in range(faces.shape[0]):
+        for a in range(3):
+            for b in range(3):
+                if faces[f, a] == faces[f, b]:
+                    positions[f, a, b] = of_vertices[rank[faces[f, a]]]
+                else:
+                    e = face_edges[f, 3 - a - b]
+                    positions[f, a, b] = of_edges[2 * e + (edges[e, 0] != faces[f, a])]
+
+
+@kernel
 def assemble_derivative(
     faces: IndexArray,
     positions: IndexArray,

@@ -109,45 +109,49 @@ class DerivativePattern:
 @per_mesh
 def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
     """Sparsity of ``D_v`` and the linear map from field coefficients to its values."""
-    return _pattern(mesh, np.arange(len(mesh.vertices)))
+    return _pattern(mesh, np.arange(len(mesh.vertices)), mesh.edges, mesh.face_edges)
 
 
 @per_mesh
 def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
     """The same for functions with one value on each of `vertex_clusters`."""
     clusters = vertex_clusters(mesh)
-    return derivative_pattern(mesh) if clusters is None else _pattern(mesh, clusters)
+    if clusters is None:
+        return derivative_pattern(mesh)
+    ends = np.sort(clusters[mesh.edges], axis=1)
+    apart = ends[:, 0] != ends[:, 1]
+    edges, found = np.unique(ends[apart], axis=0, return_inverse=True)
+    edge_of = np.full(len(ends), -1)
+    edge_of[apart] = found
+    return _pattern(mesh, clusters, edges, edge_of[mesh.face_edges])
 
 
-def _pattern(mesh: TriangleMesh, clusters: IndexArray) -> DerivativePattern:
+def _pattern(mesh: TriangleMesh, clusters: IndexArray, edges: IndexArray, face_edges: IndexArray) -> DerivativePattern:
+    """For the cluster of each vertex (V,), edges between clusters and those of faces (F, 3), opposite their corners."""
     count = int(clusters.max()) + 1
-    place = np.argsort(_local_order(clusters[mesh.edges], count))
+    place = np.argsort(_local_order(edges, count))
     rank = place[clusters]
-    corners = rank[mesh.faces]
-    rows = np.repeat(corners, 3, axis=1).ravel()
-    columns = np.tile(corners, (1, 3)).ravel()
-    keys, positions = np.unique(rows * count + columns, return_inverse=True)
-    rows, columns = np.divmod(keys, count)
-    first = np.searchsorted(rows, np.arange(count + 1))
-    groups = -(-np.diff(first) // GROUP)
+    groups = -(-(np.bincount(edges.ravel(), minlength=count)[np.argsort(place)] + 1) // GROUP)
     indptr = np.concatenate([[0], np.cumsum(groups)])
-    slots = GROUP * indptr[rows] + np.arange(len(keys)) - first[rows]
-    indices = np.repeat(np.arange(count), GROUP * groups)
-    indices[slots] = columns
+    small = np.uint32 if GROUP * indptr[-1] < 2**32 else np.uint64
+    indptr = indptr.astype(small)
+    indices = np.repeat(np.arange(count, dtype=small), GROUP * groups)
     transpose = np.arange(len(indices))
-    transpose[slots] = slots[np.searchsorted(keys, columns * count + rows)]
-    small = np.uint32 if len(indices) < 2**32 else np.uint64
+    positions = np.empty((len(mesh.faces), 3, 3), dtype=small)
+    derivative_kernels.fill_pattern(
+        clusters[mesh.faces], face_edges, edges, place, indptr, indices, transpose, positions
+    )
     areas = vertex_areas(mesh)
     totals = np.bincount(rank, areas, count)[rank]
     return DerivativePattern(
         np.argsort(rank, kind="stable"),
         rank,
         None if count == len(clusters) else areas / totals,
-        indptr.astype(small),
-        indices.reshape(-1, GROUP).astype(small),
-        _blocks(rows, columns, count).astype(small),
+        indptr,
+        indices.reshape(-1, GROUP),
+        _blocks(indptr, indices.reshape(-1, GROUP)).astype(small),
         mesh.faces.astype(small),
-        slots[positions].reshape(-1, 3, 3).astype(small),
+        positions,
         transpose,
         hat_gradients(mesh) * (face_areas(mesh) / 3)[:, None, None],
         1 / totals,
@@ -161,12 +165,12 @@ def _local_order(edges: IndexArray, count: int) -> IndexArray:
     return np.asarray(reverse_cuthill_mckee(adjacency, symmetric_mode=True), dtype=np.int64)
 
 
-def _blocks(rows: IndexArray, columns: IndexArray, count: int) -> IndexArray:
+def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:
     """Ends of blocks, each with at least so many rows and with all the neighbours of the block before."""
+    count = len(indptr) - 1
     if count < _BLOCKED:
         return np.array([0, count])
-    farthest = np.zeros(count, dtype=np.int64)
-    np.maximum.at(farthest, rows, columns)
+    farthest = np.maximum.reduceat(indices.max(axis=1), indptr[:-1].astype(np.int64))
     reach = np.maximum.accumulate(farthest) + 1
     bounds = [0, _BLOCK]
     while bounds[-1] < count:

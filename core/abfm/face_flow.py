@@ -8,7 +8,6 @@ import numpy as np
 
 from abfm.errors import ParameterError
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
-from abfm.mesh.topology import edge_slots
 from abfm.operators import face_areas, face_frames, hat_gradients
 from abfm.vector_fields import to_frame
 
@@ -38,7 +37,7 @@ class FaceFlow(NamedTuple):
 @per_mesh
 def opposite_slots(mesh: TriangleMesh) -> IntArray:
     """For the edge opposite each corner, the slot ``3 f + k`` that it has in the other face, or -1, (F, 3)."""
-    first, second = edge_slots(mesh.face_edges, len(mesh.edges)).T
+    first, second = mesh.edge_slots.T
     opposite = np.full(mesh.faces.size, -1)
     opposite[first] = second
     inner = second >= 0

@@ -8,6 +8,7 @@ vertex, the place in space that the vertex's value came from; on a mesh that pla
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import igl
 import numpy as np
@@ -15,9 +16,11 @@ from numpy.typing import ArrayLike
 
 from abfm.channels import channels
 from abfm.errors import AbfmError
-from abfm.mesh import BoolArray, FloatArray, IntArray, TriangleMesh
+from abfm.kernels import FloatArray, IndexArray, kernel
+from abfm.mesh import BoolArray, IntArray, TriangleMesh
 from abfm.operators import face_normals, hat_gradients
 
+Vector: TypeAlias = tuple[float, float, float]
 POINTS_PER_QUERY = 8192  # igl keeps the GIL for a whole query: about 15 ms each, so that a window stays alive
 
 
@@ -89,7 +92,7 @@ def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints
     for start in range(0, len(given), POINTS_PER_QUERY):
         chunk = slice(start, start + POINTS_PER_QUERY)
         _, faces[chunk], closest = tree.squared_distance(mesh.vertices, mesh.faces, given[chunk])
-        barycentric[chunk] = _barycentric(closest, mesh.vertices[mesh.faces[faces[chunk]]])
+        barycentric_weights(closest, faces[chunk], mesh.vertices, mesh.faces, barycentric[chunk])
     positions = np.einsum("pc,pcx->px", barycentric, mesh.vertices[mesh.faces[faces]])
     return SurfacePoints(faces, barycentric, positions, np.linalg.norm(given - positions, axis=1))
 
@@ -206,22 +209,48 @@ def _finite_points(points: ArrayLike) -> FloatArray:
     return given
 
 
-def _barycentric(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Barycentric weights (P, 3) of points (P, 3) that lie on the triangles ``corners`` (P, 3, 3), up to rounding.
+@kernel
+def barycentric_weights(
+    points: FloatArray, faces: IndexArray, vertices: FloatArray, corners: IndexArray, out: FloatArray
+) -> None:
+    """Barycentric weights (P, 3) of points (P, 3) that lie on these ``faces`` (P,) of a mesh, up to rounding.
 
     The best of four candidates, the three sides and the inside, by how close each really comes: on a needle or a cap
     the weights of the inside lose their digits, those of the sides never do.
     """
-    sides = np.roll(corners, -1, axis=1) - corners
-    offsets = points[:, None] - corners
-    along = np.clip((offsets * sides).sum(axis=2) / (sides * sides).sum(axis=2), 0, 1)[..., None]
-    on_sides = (1 - along) * np.eye(3) + along * np.roll(np.eye(3), 1, axis=1)
-    normals = np.cross(sides[:, 0], sides[:, 1])
-    inside = np.roll((np.cross(sides, offsets) * normals[:, None]).sum(axis=2), -1, axis=1)
-    inside /= (normals * normals).sum(axis=1)[:, None]
-    inside /= inside.sum(axis=1)[:, None]
-    candidates = np.concatenate([on_sides, inside[:, None]], axis=1)
-    gaps = np.linalg.norm(candidates @ corners - points[:, None], axis=2)
-    gaps[(inside < 0).any(axis=1), 3] = np.inf
-    closest: FloatArray = candidates[np.arange(len(points)), gaps.argmin(axis=1)]
-    return closest
+    sides, offsets, inside, tried = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
+    for p in range(faces.size):
+        for k in range(3):
+            for x in range(3):
+                start = vertices[corners[faces[p], k], x]
+                offsets[k, x] = points[p, x] - start
+                sides[k, x] = vertices[corners[faces[p], (k + 1) % 3], x] - start
+        normal = cross(sides[0], sides[1])
+        for k in range(3):
+            inside[(k + 2) % 3] = scalar(cross(sides[k], offsets[k]), normal)
+        least = np.inf
+        for candidate in range(4):
+            if candidate < 3:
+                side = sides[candidate]
+                along = min(max(scalar(offsets[candidate], side) / scalar(side, side), 0.0), 1.0)
+                tried[:] = 0.0
+                tried[candidate], tried[(candidate + 1) % 3] = 1.0 - along, along
+            elif inside.min() >= 0.0 and inside.sum() > 0.0:
+                tried[:] = inside / inside.sum()
+            gap = 0.0
+            for x in range(3):
+                gap += (offsets[0, x] - tried[1] * sides[0, x] + tried[2] * sides[2, x]) ** 2
+            if gap < least:
+                least = gap
+                out[p] = tried
+
+
+@kernel
+def cross(a: FloatArray, b: FloatArray) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def scalar(a: FloatArray | Vector, b: FloatArray | Vector) -> float:
+    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product

@@ -79,12 +79,14 @@ def levels(finest: list[Level], between: Callable[[], None]) -> list[Level]:
     """The energy on all meshes, from the coarsest to the last of ``finest``; ``between`` is called on the way."""
     found = list(finest)
     energy = found[0].energy
-    counting = energy.weights > 0
-    edges = resolution(energy.mesh, np.concatenate([energy.source[counting], energy.target[counting]]).T)
     size = len(energy.mesh.vertices)
-    for count in _vertex_counts(energy.mesh, energy.parameters):
+    counts, edges = _vertex_counts(energy.mesh, energy.parameters), np.inf
+    if counts and not energy.parameters.levels:
+        counting = energy.weights > 0
+        edges = resolution(energy.mesh, np.concatenate([energy.source[counting], energy.target[counting]]).T)
+    for count in counts:
         between()
-        if not energy.parameters.levels and edges >= _EDGES > edges * np.sqrt(count / size):
+        if edges >= _EDGES > edges * np.sqrt(count / size):
             break  # what this mesh resolves and the coarser one does not would come back distorted
         energy = found[0].energy
         with _making(energy.mesh, between):

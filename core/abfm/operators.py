@@ -8,31 +8,43 @@ tangent by construction: a field is a ``(F, 2)`` array, and row ``2 f + k`` of a
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from abfm import face_kernels
 from abfm.mesh import BoolArray, FloatArray, IntArray, TriangleMesh, per_mesh
 
 Matrix = sparse.csr_array
 
 
+class FaceShapes(NamedTuple):
+    """Normals (F, 3), areas (F,), frames (F, 2, 3) and gradients of the hat functions (F, 3, 2)."""
+
+    normals: FloatArray
+    areas: FloatArray
+    frames: FloatArray
+    gradients: FloatArray
+
+
 @per_mesh
-def _face_normals_and_areas(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
-    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
-    normals = np.cross(b - a, c - a)
-    lengths = np.linalg.norm(normals, axis=1)
-    return normals / lengths[:, None], 0.5 * lengths
+def _shapes(mesh: TriangleMesh) -> FaceShapes:
+    count = len(mesh.faces)
+    found = FaceShapes(np.empty((count, 3)), np.empty(count), np.empty((count, 2, 3)), np.empty((count, 3, 2)))
+    face_kernels.shapes(mesh.vertices, mesh.faces, *found)
+    return found
 
 
 def face_normals(mesh: TriangleMesh) -> FloatArray:
     """Unit normals, (F, 3)."""
-    return _face_normals_and_areas(mesh)[0]
+    return _shapes(mesh).normals
 
 
 def face_areas(mesh: TriangleMesh) -> FloatArray:
     """Face areas ``A_F``, (F,)."""
-    return _face_normals_and_areas(mesh)[1]
+    return _shapes(mesh).areas
 
 
 @per_mesh
@@ -52,21 +64,14 @@ def _gather(owners: IntArray, values: FloatArray, count: int) -> FloatArray:
     return np.asarray(np.bincount(owners.ravel(), np.repeat(values, 3), minlength=count), dtype=np.float64)
 
 
-@per_mesh
 def face_frames(mesh: TriangleMesh) -> FloatArray:
     """Right-handed orthonormal tangent frames, (F, 2, 3): the first axis lies along the edge from corner 0 to 1."""
-    first = mesh.vertices[mesh.faces[:, 1]] - mesh.vertices[mesh.faces[:, 0]]
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    return np.stack([first, np.cross(face_normals(mesh), first)], axis=1)
+    return _shapes(mesh).frames
 
 
-@per_mesh
 def hat_gradients(mesh: TriangleMesh) -> FloatArray:
     """Gradients of the three hat functions of each face in its frame, (F, 3, 2)."""
-    corners = mesh.vertices[mesh.faces]
-    opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-    edge = np.einsum("fce,fke->fck", opposite, face_frames(mesh))
-    return np.stack([-edge[..., 1], edge[..., 0]], axis=-1) / (2 * face_areas(mesh)[:, None, None])
+    return _shapes(mesh).gradients
 
 
 def _face_operator(mesh: TriangleMesh, values: FloatArray, columns: IntArray, width: int) -> Matrix:
@@ -151,7 +156,20 @@ def cotangent_laplacian(mesh: TriangleMesh) -> Matrix:
 
     The Laplace-Beltrami operator of the paper is ``-G_V^-1`` times it. Natural (Neumann) boundary condition.
     """
-    return Matrix(gradient(mesh).T @ field_mass(mesh) @ gradient(mesh))
+    return stiffness(hat_gradients(mesh), face_areas(mesh), mesh.faces, len(mesh.vertices))
+
+
+def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, count: int) -> Matrix:
+    """``sum_f w_f <grad phi_a, grad phi_b>`` of the hat functions with gradients (F, 3, 2), for weights (F,).
+
+    Row and column of a corner are its owner (F, 3): its vertex, or, for a quarter of the form on edge functions, the
+    edge opposite to it.
+    """
+    entries = np.empty((len(owners), 3, 3))
+    face_kernels.stiffnesses(gradients, weights, entries)
+    small = owners.astype(np.int32)
+    rows, columns = np.repeat(small, 3, axis=1), np.tile(small, (1, 3))
+    return Matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count))
 
 
 @per_mesh
@@ -201,13 +219,14 @@ def function_norm_matrix(mesh: TriangleMesh, beta: float, weight: ArrayLike | No
         Non-negative weight ``w`` of the mismatch: ``int w (f^2 + beta |grad f|^2)``. A face has the least weight of its
         corners, so that values where ``w`` is zero do not matter at all.
     """
-    areas = vertex_areas(mesh)
-    if weight is None:
-        return Matrix(sparse.diags_array(areas) + beta * cotangent_laplacian(mesh))
-    w = np.asarray(weight, dtype=np.float64)
-    face_weight = sparse.diags_array(np.repeat(w[mesh.faces].min(axis=1), 2))
-    stiffness = gradient(mesh).T @ face_weight @ field_mass(mesh) @ gradient(mesh)
-    return Matrix(sparse.diags_array(areas * w) + beta * stiffness)
+    areas, face_weight = vertex_areas(mesh), face_areas(mesh)
+    if weight is not None:
+        w = np.asarray(weight, dtype=np.float64)
+        areas, face_weight = areas * w, face_weight * w[mesh.faces].min(axis=1)
+    mass = Matrix(sparse.diags_array(areas))
+    if beta == 0:
+        return mass
+    return Matrix(mass + stiffness(hat_gradients(mesh), beta * face_weight, mesh.faces, len(areas)))
 
 
 def l2_norm(mesh: TriangleMesh, f: FloatArray, mask: FloatArray | BoolArray | None = None) -> float:

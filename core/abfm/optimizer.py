@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from abfm.kernels import inner
+from abfm.kernels import inner, kernel
 from abfm.line_search import HasEnergy, Trial, strong_wolfe
 from abfm.mesh import FloatArray
 
@@ -26,6 +26,15 @@ class HasGradient(HasEnergy, Protocol):
 Point = TypeVar("Point", bound=HasGradient)
 
 
+class Pair(NamedTuple):
+    """A step ``s``, the change ``y`` of gradient along it, ``H_0 y``, and ``1 / <s, y>``; arrays are flat."""
+
+    s: FloatArray
+    y: FloatArray
+    preconditioned: FloatArray
+    rho: float
+
+
 @dataclass(frozen=True)
 class State(Generic[Point]):
     """One iterate of L-BFGS.
@@ -38,8 +47,8 @@ class State(Generic[Point]):
         Evaluation at ``x``.
     preconditioned : array
         ``H_0 g`` for the gradient ``g`` at ``x``.
-    pairs : tuple of (s, y, 1 / <s, y>)
-        Latest steps and changes of gradient, oldest first.
+    pairs : tuple of Pair
+        Latest ones, oldest first.
     scale : float
         Factor of ``H_0`` in the next direction.
     gradient_norm : float
@@ -57,7 +66,7 @@ class State(Generic[Point]):
     x: FloatArray
     point: Point
     preconditioned: FloatArray
-    pairs: tuple[tuple[FloatArray, FloatArray, float], ...]
+    pairs: tuple[Pair, ...]
     scale: float
     gradient_norm: float
     first_norm: float
@@ -116,7 +125,7 @@ class LBFGS(Generic[Point]):
         norm = float(np.sqrt(_inner(point.gradient, preconditioned)))
         if before is None:
             return State(x, point, preconditioned, (), 1.0, norm, norm)
-        pairs = tuple((s, steeper * y, rho / steeper) for s, y, rho in before.pairs)
+        pairs = tuple(Pair(s, steeper * y, steeper * hy, rho / steeper) for s, y, hy, rho in before.pairs)
         return State(x, point, preconditioned, pairs, before.scale / steeper, norm, norm, before.length)
 
     def step(self, state: State[Point]) -> State[Point]:
@@ -174,11 +183,12 @@ class LBFGS(Generic[Point]):
         gradient = trial.point.gradient
         preconditioned = self._precondition(gradient)
         s, y = trial.length * direction, gradient - state.point.gradient
+        change = preconditioned - state.preconditioned
         curvature = _inner(s, y)
         pairs, scale = state.pairs, state.scale
-        spread = _inner(y, preconditioned - state.preconditioned)  # where little is left to gain, rounding may beat it
+        spread = _inner(y, change)  # where little is left to gain, rounding may beat it
         if curvature > 1e-12 * np.sqrt(_inner(s, s) * _inner(y, y)) and spread > 0:
-            pairs = (*pairs, (s, y, 1 / curvature))[-self.memory :]
+            pairs = (*pairs, Pair(s.ravel(), y.ravel(), change.ravel(), 1 / curvature))[-self.memory :]
             scale = curvature / spread
             scale = float(np.sqrt(scale)) if self.precondition else scale
         return State(
@@ -195,21 +205,38 @@ class LBFGS(Generic[Point]):
         )
 
     def _inverse_hessian(self, state: State[Point]) -> FloatArray:
-        """Two-loop recursion, algorithm 7.4."""
+        """Two-loop recursion, algorithm 7.4; ``H_0`` of what the first loop leaves is summed from what is known."""
         if not state.pairs:
             return state.preconditioned
-        q = state.point.gradient.copy()
-        weights = []
-        for s, y, rho in reversed(state.pairs):
-            weights.append(rho * _inner(s, q))
-            q -= weights[-1] * y
-        q = state.scale * self._precondition(q)
-        for (s, y, rho), weight in zip(state.pairs, reversed(weights), strict=True):
-            q += (weight - rho * _inner(y, q)) * s
-        return q
+        q, found = state.point.gradient.flatten(), state.preconditioned.flatten()
+        weights = [take(pair.s, pair.y, pair.preconditioned, pair.rho, q, found) for pair in reversed(state.pairs)]
+        found *= state.scale
+        for pair, weight in zip(state.pairs, reversed(weights), strict=True):
+            give(pair.s, pair.y, pair.rho, weight, found)
+        return found.reshape(state.x.shape)
 
     def _precondition(self, gradient: FloatArray) -> FloatArray:
         return self.precondition(gradient) if self.precondition else gradient
+
+
+@kernel
+def take(
+    s: FloatArray, y: FloatArray, preconditioned: FloatArray, rho: float, q: FloatArray, found: FloatArray
+) -> float:
+    """First loop: the pair's weight; its change of gradient is taken from ``q``, and ``H_0`` of it from ``found``."""
+    weight: float = rho * inner(s, q)
+    for i in range(q.size):
+        q[i] -= weight * y[i]
+        found[i] -= weight * preconditioned[i]
+    return weight
+
+
+@kernel
+def give(s: FloatArray, y: FloatArray, rho: float, weight: float, found: FloatArray) -> None:
+    """Second loop: the pair's step comes in."""
+    share = weight - rho * inner(y, found)
+    for i in range(found.size):
+        found[i] += share * s[i]
 
 
 def _inner(a: FloatArray, b: FloatArray) -> float:

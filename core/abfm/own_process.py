@@ -16,7 +16,7 @@ from typing import IO, Any
 
 factor_from: int | None = None
 """Unknowns from which linear systems are factored in such a process, fewer for such with long rows; None, the default,
-for never. Meshes of as many vertices are also made coarser in one.
+for never.
 
 cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. A program with a window sets this;
 others have no use for it.

@@ -15,18 +15,10 @@ from copy import copy
 import numpy as np
 from scipy import sparse
 
-from abfm import kernels
+from abfm import face_kernels
 from abfm.cholesky import Solve, factor
-from abfm.mesh import FloatArray, TriangleMesh, per_mesh
-from abfm.operators import Matrix, edge_areas, face_areas, hodge_gradients, vertex_areas
-
-
-@per_mesh
-def _stacked(mesh: TriangleMesh) -> tuple[Matrix, Matrix, FloatArray]:
-    """``[A B]``, its transpose (both sorted CSR), and the masses of edge and inner vertex functions."""
-    both = sparse.hstack(hodge_gradients(mesh), format="csr")
-    masses = np.concatenate([edge_areas(mesh), vertex_areas(mesh)[~mesh.is_boundary_vertex]])
-    return Matrix(both), Matrix(both.T.tocsr()), masses
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.operators import Matrix, edge_areas, face_areas, hat_gradients, stiffness, vertex_areas
 
 
 class Regularizer:
@@ -43,19 +35,28 @@ class Regularizer:
 
     def __init__(self, mesh: TriangleMesh, alpha: float, order: int = 1) -> None:
         self.alpha, self.order = alpha, order
-        self.mass = np.repeat(face_areas(mesh), 2)
-        self._pair = hodge_gradients(mesh)  # not the mesh, which keeps this object: a cycle would outlive both
-        self.gradients, self.transposed, self.masses = _stacked(mesh)
+        # not the mesh, which keeps this object: a cycle would outlive both
+        self._areas, self._gradients = face_areas(mesh), hat_gradients(mesh)
+        self._edges, self._vertices = mesh.face_edges, mesh.faces
+        self._inner = ~mesh.is_boundary_vertex
+        self._masses = edge_areas(mesh), np.where(self._inner, vertex_areas(mesh), np.inf)
         self._factors: list[Solve] = []  # one list for all orders
 
     @property
+    def mass(self) -> FloatArray:
+        """Diagonal of ``G_F``, (2 F,)."""
+        return np.repeat(self._areas, 2)
+
+    @property
     def _solvers(self) -> list[Solve]:
+        """Of the edges, and of the vertices off the boundary."""
         if not self._factors:
-            mass = sparse.diags_array(self.mass)
-            self._factors += [
-                factor(Matrix(sparse.diags_array(areas) + self.alpha * gradient.T @ mass @ gradient))
-                for gradient, areas in zip(self._pair, self._split(self.masses), strict=True)
-            ]
+            for owners, masses, factor_of in ((self._edges, self._masses[0], 4), (self._vertices, self._masses[1], 1)):
+                form = stiffness(self._gradients, factor_of * self.alpha * self._areas, owners, len(masses))
+                inner = np.isfinite(masses)
+                if not inner.all():
+                    form = form[inner][:, inner]
+                self._factors.append(factor(Matrix(form + sparse.diags_array(masses[inner]))))
         return self._factors
 
     def of_order(self, order: int) -> Regularizer:
@@ -64,38 +65,49 @@ class Regularizer:
         other.order = order
         return other
 
-    def _split(self, stacked: FloatArray) -> list[FloatArray]:
-        return np.split(stacked, [self._pair[0].shape[1]])
-
     def apply(self, v: FloatArray) -> FloatArray:
         """``R v``."""
         momentum = self._apply_once(v)
         for _ in range(self.order - 1):
-            momentum = self._apply_once((momentum.ravel() / self.mass).reshape(v.shape))
+            momentum = self._apply_once(momentum / self._areas[:, None])
         return momentum
 
     def inverse(self, momentum: FloatArray) -> FloatArray:
         """``R^-1 m``: two scalar solves for each order, factored at the first call."""
         v = self._invert_once(momentum)
         for _ in range(self.order - 1):
-            v = self._invert_once((self.mass * v.ravel()).reshape(v.shape))
+            v = self._invert_once(self._areas[:, None] * v)
         return v
 
     def _apply_once(self, v: FloatArray) -> FloatArray:
-        momentum = self.mass * v.ravel()
+        momentum = self._areas[:, None] * v
         if self.alpha > 0:
-            derivatives = kernels.product(self.transposed, momentum) / self.masses
-            momentum += self.alpha * self.mass * kernels.product(self.gradients, derivatives)
-        return momentum.reshape(v.shape)
+            (of_edges, of_vertices), (edge_masses, masses) = self._products(momentum), self._masses
+            of_edges, of_vertices = of_edges / edge_masses, of_vertices / masses
+            self._add_gradients(of_edges, of_vertices, self.alpha * self._areas, momentum)
+        return momentum
 
     def _invert_once(self, momentum: FloatArray) -> FloatArray:
-        flat = momentum.ravel()
-        v = flat / self.mass
+        v: FloatArray = momentum / self._areas[:, None]
         if self.alpha > 0:
-            sources = self._split(kernels.product(self.transposed, flat))
-            potentials = [solve(source) for solve, source in zip(self._solvers, sources, strict=True)]
-            v -= self.alpha * kernels.product(self.gradients, np.concatenate(potentials))
-        return v.reshape(momentum.shape)
+            on_edges, on_vertices = self._products(momentum)
+            solve_edges, solve_vertices = self._solvers
+            potential = np.zeros_like(on_vertices)
+            potential[self._inner] = solve_vertices(on_vertices[self._inner])
+            self._add_gradients(solve_edges(on_edges), potential, np.full_like(self._areas, -self.alpha), v)
+        return v
+
+    def _products(self, momentum: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``A^T m`` (E,) and ``B^T m`` (V,), also on the boundary."""
+        of_edges, of_vertices = (np.zeros(len(masses)) for masses in self._masses)
+        face_kernels.add_products(self._gradients, self._edges, self._vertices, momentum, of_edges, of_vertices)
+        return of_edges, of_vertices
+
+    def _add_gradients(
+        self, on_edges: FloatArray, on_vertices: FloatArray, factors: FloatArray, field: FloatArray
+    ) -> None:
+        """Add ``A a + B b`` to a field (F, 2), times a factor for each face."""
+        face_kernels.add_gradients(self._gradients, self._edges, self._vertices, on_edges, on_vertices, factors, field)
 
 
 def regularizer(mesh: TriangleMesh, alpha: float, order: int = 1) -> Regularizer:

@@ -47,16 +47,31 @@ def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> Smo
 
     ``unit`` is the unit of lengths in the result; vectors stay as they are.
     """
-    places = mesh.vertices[mesh.faces]
-    corners = _complex(np.einsum("fcx,fkx->fck", places - places[:, :1], face_frames(mesh)) / unit)
-    neighbours, gradients = opposite_slots(mesh), hat_gradients(mesh) * unit
-    vectors = np.empty((len(mesh.faces), 3), dtype=np.complex128)
-    most = int(np.bincount(mesh.faces.ravel()).max())
-    fit_corners(_complex(to_frame(mesh, field)), corners, face_areas(mesh), neighbours, most, vectors)
+    corners, gradients = _flat_corners(mesh) / unit, hat_gradients(mesh) * unit
+    vectors, neighbours = _corner_vectors(mesh, field, corners), opposite_slots(mesh)
     slopes = np.einsum("fc,fck->fk", vectors, gradients)
     return SmoothFlow(
         _pairs(np.concatenate([vectors[:, :1], slopes], axis=1)), gradients, _unfolding(corners, neighbours), neighbours
     )
+
+
+def corner_vectors(mesh: TriangleMesh, field: FloatArray) -> IndexArray:
+    """The continuous field at the corners of the faces, as complex numbers in their frames, (F, 3)."""
+    return _corner_vectors(mesh, field, _flat_corners(mesh))
+
+
+def _corner_vectors(mesh: TriangleMesh, field: FloatArray, corners: IndexArray) -> IndexArray:
+    vectors = np.empty((len(mesh.faces), 3), dtype=np.complex128)
+    most = int(np.bincount(mesh.faces.ravel()).max())
+    coefficients = _complex(to_frame(mesh, field))
+    fit_corners(coefficients, corners, face_areas(mesh), opposite_slots(mesh), most, vectors)
+    return vectors
+
+
+def _flat_corners(mesh: TriangleMesh) -> IndexArray:
+    """Corners of the faces as complex numbers in their frames, the first one at zero, (F, 3)."""
+    places = mesh.vertices[mesh.faces]
+    return _complex(np.einsum("fcx,fkx->fck", places - places[:, :1], face_frames(mesh)))
 
 
 def _unfolding(corners: IndexArray, neighbours: IndexArray) -> FloatArray:

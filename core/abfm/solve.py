@@ -26,6 +26,7 @@ from abfm.warm_start import start_fields
 
 _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradient is exact for any
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
+_MORE = 0.2  # mismatch on the mesh itself, beyond that on the coarsest, up to which meshes between are left out
 _ASTRAY = 3.0  # times the mismatch of no flow at all beyond which the way is not looked for from a given start
 
 
@@ -111,9 +112,24 @@ class Solver:
             self._best = kept
 
     def _finish(self, x: FloatArray, warm: bool) -> None:
-        """Come close on all meshes."""
-        for stage in finish(self.energy.parameters, len(self._levels), warm, self._joined):
-            x = self._prolonged(x, stage.level)
+        """Come close on all meshes; those between are left out where what is found holds on the mesh itself."""
+        count = len(self._levels)
+        plan, top = finish(self.energy.parameters, count, warm, self._joined), count - 1 - self._joined
+        last = [stage for stage in plan if stage.level >= top]
+        x = self._through([stage for stage in plan if stage.level == 0 < top], x)
+        between = [stage for stage in plan if 0 < stage.level < top]
+        ahead = self._ahead(x, last[0]) if between else None
+        if ahead is None:
+            x = self._through(between, x)
+        self._through(last, x, ahead)
+
+    def _through(self, stages: list[Stage], x: FloatArray, ahead: Best | None = None) -> FloatArray:
+        """Run stages one after the other; the first one may know its beginning."""
+        for stage in stages:
+            if ahead is None:
+                x, known = self._prolonged(x, stage)
+            else:
+                x, known, ahead = ahead.x, ahead.point, None
             if self._best is not None and self._level == stage.level:
                 mismatch = self._levels[stage.level].energy.relative_mismatch(self._best.point.advected)
                 if mismatch <= self._attainable(stage.needed_above):
@@ -121,7 +137,17 @@ class Solver:
             if stage.balanced:
                 self._balance(stage)
             else:
-                x = self._minimise(stage, x).x
+                x = self._minimise(stage, x, known=known).x
+        return x
+
+    def _ahead(self, x: FloatArray, stage: Stage) -> Best | None:
+        """Fields of the coarsest mesh on that of a stage, where they leave little more than they did."""
+        self._pass()
+        before = self._levels[0].energy.relative_mismatch(self._known().point.advected)
+        for level in self._levels[: stage.level]:
+            x = level.fields_to_finer(x)
+        point = self._search(stage, None).evaluate(x)
+        return Best(x, point) if self.energy.relative_mismatch(point.advected) <= before + _MORE else None
 
     def _known(self) -> Best:
         assert self._best is not None
@@ -141,22 +167,30 @@ class Solver:
             fields = coarser.fields_from_finer(to_ambient(finer.energy.mesh, fields))
         return fields
 
-    def _prolonged(self, x: FloatArray, level: int) -> FloatArray:
-        """Fields of the level that was last, on the next finer one where that is asked for."""
-        if level == self._level:
-            return x
+    def _prolonged(self, x: FloatArray, stage: Stage) -> tuple[FloatArray, Evaluation | None]:
+        """Fields of the level that was last on that of a stage, and what is known of them if it is another."""
+        if stage.level == self._level:
+            return x, None
         self._pass()
-        coarser = self._levels[self._level]
-        mismatch = coarser.energy.relative_mismatch(self._known().point.advected)
-        return calmed(self._levels[level].energy, coarser.fields_to_finer(x), mismatch, self._pass)
+        coarser, energy = self._levels[self._level], self._levels[stage.level].energy
+        evaluate = self._search(stage, None).evaluate
 
-    def _minimise(self, stage: Stage, x: FloatArray, target: FloatArray | None = None) -> Best:
-        """Run a stage to its end."""
+        def mismatch(fields: FloatArray) -> tuple[Evaluation, float]:
+            point = evaluate(fields)
+            return point, energy.relative_mismatch(point.advected)
+
+        before = coarser.energy.relative_mismatch(self._known().point.advected)
+        return calmed(energy.mesh, coarser.fields_to_finer(x), before, mismatch)
+
+    def _minimise(
+        self, stage: Stage, x: FloatArray, target: FloatArray | None = None, known: Evaluation | None = None
+    ) -> Best:
+        """Run a stage to its end, from fields of which something may be known already."""
         if target is None:
             self.schedule.append(stage)
         energy = self._levels[stage.level].energy
         search = self._search(stage, target)
-        self._best = Best(x, search.evaluate(x))
+        self._best = Best(x, known or search.evaluate(x))
         if stage.level != self._level:  # not before: until then what is known is on the coarser mesh
             self._level, self._learned = stage.level, None
         if not self.history:
@@ -225,8 +259,12 @@ class Solver:
         x, advected = self._best.x, self._best.point.advected
         mismatch = here.relative_mismatch(advected)
         for coarser, finer in pairwise(self._levels[self._level :]):
-            x = calmed(finer.energy, coarser.fields_to_finer(x), mismatch)
-            advected = finer.energy.advected(x)
+
+            def carried(fields: FloatArray, on: MatchingEnergy = finer.energy) -> tuple[FloatArray, float]:
+                functions = on.advected(fields)
+                return functions, on.relative_mismatch(functions)
+
+            x, advected = calmed(finer.energy.mesh, coarser.fields_to_finer(x), mismatch, carried)
         return x, advected
 
     def _pass(self) -> None:

@@ -1,7 +1,8 @@
 """What goes from one mesh of a surface to another: functions and fields, by closest points.
 
 Functions are interpolated from the coarse to the fine mesh and averaged the other way. Fields are made continuous on
-the mesh that they come from, read at the closest points, and turned with the surface's normal.
+the mesh that they come from, read at the points closest to the vertices, and turned with the surface's normal onto the
+faces between them.
 """
 
 from __future__ import annotations
@@ -9,13 +10,12 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from abfm.flow_maps import SurfacePoints, project_onto_surface
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.kernels import FloatArray, IndexArray, kernel
+from abfm.mesh import TriangleMesh
 from abfm.operators import Matrix, face_frames, face_normals, vertex_areas
-from abfm.smooth_flow import smooth_flow
-from abfm.vector_fields import to_frame
+from abfm.smooth_flow import corner_vectors
 
 
 class Transfer:
@@ -31,32 +31,31 @@ class Transfer:
 
     def prepare(self) -> None:
         """Find all closest points now, which else are found when they are first needed."""
-        _ = self.interpolation, self._averaging, self._to_fine, self._to_coarse
+        _ = self.interpolation, self._covered, self._to_coarse
 
     @cached_property
     def interpolation(self) -> Matrix:
         """Linear interpolation of coarse vertex functions at the points closest to the fine vertices, (V, V_coarse)."""
-        points = project_onto_surface(self.coarse, self.fine.vertices)
-        columns = self.coarse.faces[points.faces]
-        rows = np.repeat(np.arange(len(columns)), 3)
-        shape = (len(columns), len(self.coarse.vertices))
-        return Matrix(sparse.csr_array((points.barycentric.ravel(), (rows, columns.ravel())), shape=shape))
+        points = self._to_fine
+        count = len(points.faces)
+        entries = (points.barycentric.ravel(), self.coarse.faces[points.faces].ravel(), 3 * np.arange(count + 1))
+        return Matrix(entries, shape=(count, len(self.coarse.vertices)))
 
     @cached_property
-    def _averaging(self) -> Matrix:
-        weighted = sparse.csr_array(self.interpolation.T @ sparse.diags_array(vertex_areas(self.fine)))
-        totals = np.asarray(weighted.sum(axis=1))
-        alone = np.flatnonzero(totals == 0)  # no fine vertex near: take the closest point's value
-        if not len(alone):
-            return Matrix(sparse.diags_array(1 / totals) @ weighted)
-        points = project_onto_surface(self.fine, self.coarse.vertices[alone])
-        entries = (points.barycentric.ravel(), (np.repeat(alone, 3), self.fine.faces[points.faces].ravel()))
-        scaled = sparse.diags_array(np.where(totals > 0, 1 / np.where(totals > 0, totals, 1), 0)) @ weighted
-        return Matrix(scaled + sparse.csr_array(entries, shape=weighted.shape))
+    def _covered(self) -> FloatArray:
+        """Area of the fine mesh under the hat function of each coarse vertex."""
+        return np.asarray(self.interpolation.T @ vertex_areas(self.fine))
 
     def function_to_coarse(self, f: FloatArray) -> FloatArray:
         """Averages of fine functions (..., V) with the coarse hat functions as weights, (..., V_coarse)."""
-        return np.ascontiguousarray((self._averaging @ f.T).T)
+        totals = self.interpolation.T @ (vertex_areas(self.fine) * f).T
+        averages = (totals.T / np.where(self._covered > 0, self._covered, 1.0)).copy()
+        alone = np.flatnonzero(self._covered == 0)  # no fine vertex near: take the closest point's value
+        if len(alone):
+            points = self._to_coarse
+            corners = f[..., self.fine.faces[points.faces[alone]]]
+            averages[..., alone] = (corners * points.barycentric[alone]).sum(axis=-1)
+        return np.asarray(averages)
 
     def function_to_fine(self, f: FloatArray) -> FloatArray:
         """Coarse functions (..., V_coarse) interpolated, (..., V)."""
@@ -64,11 +63,11 @@ class Transfer:
 
     @cached_property
     def _to_fine(self) -> SurfacePoints:
-        return project_onto_surface(self.coarse, self.fine.vertices[self.fine.faces].mean(axis=1))
+        return project_onto_surface(self.coarse, self.fine.vertices)
 
     @cached_property
     def _to_coarse(self) -> SurfacePoints:
-        return project_onto_surface(self.fine, self.coarse.vertices[self.coarse.faces].mean(axis=1))
+        return project_onto_surface(self.fine, self.coarse.vertices)
 
     def field_to_fine(self, field: FloatArray) -> FloatArray:
         """A coarse field (F_coarse, 3) on the fine mesh, as frame coefficients (F, 2)."""
@@ -80,21 +79,39 @@ class Transfer:
 
 
 def _read(mesh: TriangleMesh, field: FloatArray, points: SurfacePoints, other: TriangleMesh) -> FloatArray:
-    """The continuous field at points of a mesh, turned onto the faces of another that belong to them."""
-    flow = smooth_flow(mesh, field)
+    """The continuous field at points of a mesh, turned onto the faces of another whose vertices they belong to."""
+    vectors = (corner_vectors(mesh, field)[points.faces] * points.barycentric).sum(axis=1)
     frames = face_frames(mesh)[points.faces]
-    places = np.einsum("px,pkx->pk", points.positions - mesh.vertices[mesh.faces[points.faces, 0]], frames)
-    vectors = flow.vectors[points.faces]
-    coefficients = vectors[:, 0] + places[:, :1] * vectors[:, 1] + places[:, 1:] * vectors[:, 2]
-    found = np.einsum("pk,pkx->px", coefficients, frames)
-    first, second = face_normals(mesh)[points.faces], face_normals(other)
-    return to_frame(other, _turned(found, first, second))
+    found = vectors.real[:, None] * frames[:, 0] + vectors.imag[:, None] * frames[:, 1]
+    carried = np.empty((len(other.faces), 2))
+    turn_onto_faces(
+        found, face_normals(mesh)[points.faces], other.faces, face_normals(other), face_frames(other), carried
+    )
+    return carried
 
 
-def _turned(vectors: FloatArray, first: FloatArray, second: FloatArray) -> FloatArray:
-    """Vectors (P, 3) rotated as the shortest rotation takes one unit normal to the other."""
-    axis = np.cross(first, second)
-    along = 1 + (first * second).sum(axis=1)  # zero where the normals are opposite: project there
-    spread = np.divide((axis * vectors).sum(axis=1), along, out=np.zeros(len(along)), where=along > 1e-3)
-    turned: FloatArray = (along - 1)[:, None] * vectors + np.cross(axis, vectors) + axis * spread[:, None]
-    return turned
+@kernel
+def turn_onto_faces(
+    vectors: FloatArray,
+    normals: FloatArray,
+    faces: IndexArray,
+    face_normals: FloatArray,
+    frames: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Means of the vectors (V, 3) at the corners of each face, as coefficients (F, 2) in its frame.
+
+    Each is rotated as the shortest rotation takes the unit normal (V, 3) that belongs to it to that of the face.
+    """
+    for f in range(faces.shape[0]):
+        n = face_normals[f]
+        out[f] = 0.0
+        for c in range(3):
+            v, m = vectors[faces[f, c]], normals[faces[f, c]]
+            along = 1.0 + m[0] * n[0] + m[1] * n[1] + m[2] * n[2]
+            height = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
+            share = height / along if along > 1e-3 else 0.0  # where the normals are opposite the vector is projected
+            for k in range(2):
+                e = frames[f, k]
+                for x in range(3):
+                    out[f, k] += (v[x] - share * m[x]) * e[x] / 3

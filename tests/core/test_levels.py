@@ -1,4 +1,4 @@
-"""The meshes that a match begins on: made once, ahead if somebody asks, in a process of their own for a window."""
+"""The meshes that a match begins on: made once, ahead if somebody asks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from abfm import MatchingEnergy, Parameters, own_process
+from abfm import MatchingEnergy, Parameters
 from abfm import levels as module
 from abfm.control import CancelledError
 from abfm.levels import _making, levels, prepare
@@ -41,7 +41,7 @@ def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
     found = levels(energy(mesh), lambda: None)
     assert [len(level.energy.mesh.vertices) for level in found] == [50, 200, 800]
     for level in found[:-1]:
-        assert {"interpolation", "_averaging", "_to_fine", "_to_coarse"} <= vars(level._transfer).keys()
+        assert {"interpolation", "_covered", "_to_fine", "_to_coarse"} <= vars(level._transfer).keys()
 
 
 def test_a_match_waits_for_what_is_being_made(monkeypatch):
@@ -139,19 +139,3 @@ def test_coarser_meshes_of_one_size_are_not_taken_for_each_other():
     assert module._transfer(fine, coarse).coarse is coarse
     assert module._transfer(fine, other).coarse is other
     assert module._transfer(fine, other) is module._transfer(fine, other)
-
-
-def test_a_process_of_its_own_makes_the_same_mesh(monkeypatch):
-    mesh = torus(40, 20)
-    expected = coarsening.coarsened(mesh, 200)
-    monkeypatch.setattr(own_process, "factor_from", 800)
-    there = coarsening.coarsened(torus(40, 20), 200)
-    np.testing.assert_array_equal(there.vertices, expected.vertices)
-    np.testing.assert_array_equal(there.faces, expected.faces)
-
-
-def test_a_process_that_was_ended_is_told_as_want_of_memory(monkeypatch):
-    monkeypatch.setattr(own_process, "factor_from", 1)
-    monkeypatch.setattr(own_process.OwnProcess, "send", lambda self, message: self.close())
-    with pytest.raises(MemoryError, match="has ended"):
-        coarsening.coarsened(torus(40, 20), 200)

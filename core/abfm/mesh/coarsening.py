@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import igl
 import numpy as np
 
-from abfm import own_process
 from abfm.errors import MeshError
-from abfm.mesh.topology import FloatArray, IntArray
+from abfm.mesh.edge_collapse import collapse_edges
+from abfm.mesh.topology import FloatArray, IntArray, next_corner
 from abfm.mesh.triangle_mesh import TriangleMesh
-from abfm.own_process import OwnProcess, ProcessEndedError, Requests
 
+_SMALL = np.int32  # enough for slots of 700 million faces
 _ENOUGH = 1.25  # a mesh that refuses to shrink to this times what was asked is no coarser mesh
 
 
@@ -32,7 +31,7 @@ def _collapse(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
     faces = 2 * (vertex_count - mesh.euler_characteristic) - int(mesh.is_boundary_edge.sum() * vertex_count / count)
     if vertex_count >= count or faces < 4:
         return None
-    vertices, triangles = _decimated(mesh.vertices, mesh.faces, faces)
+    vertices, triangles = _collapse_edges(mesh, faces)
     try:
         coarse = TriangleMesh(vertices, triangles)
     except MeshError:
@@ -40,32 +39,40 @@ def _collapse(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
     return coarse if len(coarse.vertices) <= _ENOUGH * vertex_count else None
 
 
-def _decimated(vertices: FloatArray, faces: IntArray, face_count: int) -> tuple[FloatArray, IntArray]:
-    """Collapse edges, in a process of its own where a window would stand still: igl keeps the interpreter to itself."""
-    limit = own_process.factor_from
-    if limit is None or len(vertices) < limit:
-        return _decimate(vertices, faces, face_count)
-    process = OwnProcess(__name__)
-    try:
-        process.send((vertices, faces, face_count))
-        found: tuple[FloatArray, IntArray] = process.receive()
-    except ProcessEndedError:
-        raise MemoryError("the process that makes a coarser mesh has ended") from None
-    finally:
-        process.close()
-    return found
+def _collapse_edges(mesh: TriangleMesh, face_count: int) -> tuple[FloatArray, IntArray]:
+    """Vertices and faces that are left; pinched vertices stay as they are, with all their edges."""
+    count = len(mesh.vertices)
+    points = np.concatenate([mesh.vertices, np.zeros((1, 3))])  # and one at infinity
+    faces, twins, edges = (array.astype(_SMALL) for array in _closed(mesh))
+    lengths = ((mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]]) ** 2).sum(axis=1)
+    fixed = np.append(mesh.is_pinched_vertex, True)
+    keys = np.full(edges.max() + 1, np.inf)
+    keys[: len(lengths)] = np.where(fixed[mesh.edges].any(axis=1), np.inf, lengths)
+    order = np.argsort(keys, kind="stable")
+    collapse_edges(points, faces, twins, edges, fixed, order.astype(_SMALL), keys, len(mesh.faces), face_count)
+    left = faces[: mesh.faces.size].reshape(-1, 3)
+    left = left[left[:, 0] >= 0]
+    used = np.zeros(count, dtype=bool)
+    used[left] = True
+    return points[:count][used], (np.cumsum(used) - 1)[left]
 
 
-def _decimate(vertices: FloatArray, faces: IntArray, face_count: int) -> tuple[FloatArray, IntArray]:
-    fewer, triangles, *_ = igl.decimate(np.asfortranarray(vertices), np.asfortranarray(faces), face_count)
-    return fewer, triangles
-
-
-def _serve() -> None:
-    requests = Requests()
-    for vertices, faces, face_count in requests:
-        requests.answer(_decimate(vertices, faces, face_count))
-
-
-if __name__ == "__main__":
-    _serve()
+def _closed(mesh: TriangleMesh) -> tuple[IntArray, IntArray, IntArray]:
+    """Vertex, other slot and edge of every slot (3 F,), with faces to a vertex at infinity on the boundary."""
+    inner, outer = mesh.edge_slots[~mesh.is_boundary_edge], mesh.edge_slots[mesh.is_boundary_edge, 0]
+    new = 3 * (len(mesh.faces) + np.arange(len(outer)))
+    start = next_corner(outer)
+    ends = next_corner(start)
+    faces = np.stack([np.full(len(outer), len(mesh.vertices)), mesh.faces.ravel()[ends], mesh.faces.ravel()[start]])
+    twins = np.empty(mesh.faces.size + 3 * len(outer), dtype=np.int64)
+    twins[inner] = inner[:, ::-1]
+    twins[new], twins[outer] = outer, new
+    # around the boundary: the face after one that ends at a fan begins there
+    fans = mesh.corner_fans.ravel()
+    before, after = np.argsort(fans[ends], kind="stable"), np.argsort(fans[start], kind="stable")
+    twins[new[before] + 2], twins[new[after] + 1] = new[after] + 1, new[before] + 2
+    edges = np.empty_like(twins)
+    edges[: mesh.faces.size] = mesh.face_edges.ravel()
+    edges[new] = edges[outer]
+    edges[new[before] + 2] = edges[new[after] + 1] = len(mesh.edges) + np.arange(len(outer))
+    return np.concatenate([mesh.faces.ravel(), faces.T.ravel()]), twins, edges

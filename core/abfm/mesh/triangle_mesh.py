@@ -67,6 +67,10 @@ class TriangleMesh:
         Vertex pairs, smaller index first.
     face_edges : (F, 3) array of int
         Index of the edge opposite each corner.
+    edge_slots : (E, 2) array of int
+        The slots ``3 f + k`` of the corners opposite each edge, smaller first; the second is -1 on the boundary.
+    corner_fans : (F, 3) array of int
+        The vertex of each corner if pinched vertices were cut apart.
     cache : dict
         What :func:`per_mesh` keeps.
 
@@ -85,8 +89,8 @@ class TriangleMesh:
     edges: IntArray
     face_edges: IntArray
     cache: dict[Any, Any]
-    _slots: IntArray
-    _fans: IntArray
+    edge_slots: IntArray
+    corner_fans: IntArray
 
     def __init__(
         self,
@@ -107,8 +111,8 @@ class TriangleMesh:
             edges=_frozen(connectivity.edges),
             face_edges=_frozen(connectivity.face_edges),
             cache={},
-            _slots=_frozen(connectivity.slots),
-            _fans=_frozen(connectivity.fans),
+            edge_slots=_frozen(connectivity.slots),
+            corner_fans=_frozen(connectivity.fans),
         )
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
@@ -131,12 +135,12 @@ class TriangleMesh:
     @cached_property
     def edge_faces(self) -> IntArray:
         """(E, 2) faces of each edge, smaller index first; the second is -1 on the boundary."""
-        return _frozen(self._slots // 3)
+        return _frozen(self.edge_slots // 3)
 
     @cached_property
     def is_boundary_edge(self) -> BoolArray:
         """(E,) True where an edge has one face."""
-        return _frozen(self._slots[:, 1] < 0)
+        return _frozen(self.edge_slots[:, 1] < 0)
 
     @cached_property
     def is_boundary_vertex(self) -> BoolArray:
@@ -144,6 +148,13 @@ class TriangleMesh:
         mask = np.zeros(len(self.vertices), dtype=bool)
         mask[self.edges[self.is_boundary_edge]] = True
         return _frozen(mask)
+
+    @cached_property
+    def is_pinched_vertex(self) -> BoolArray:
+        """(V,) True where parts of the surface that share no edge touch."""
+        vertex_of_fan = np.empty(self.corner_fans.max() + 1, dtype=np.int64)
+        vertex_of_fan[self.corner_fans] = self.faces
+        return _frozen(np.bincount(vertex_of_fan, minlength=len(self.vertices)) > 1)
 
     @property
     def is_closed(self) -> bool:
@@ -158,16 +169,16 @@ class TriangleMesh:
     @cached_property
     def boundary_loop_count(self) -> int:
         """Number of closed loops that make up the boundary; loops that touch at a pinched vertex count separately."""
-        start = next_corner(self._slots[self.is_boundary_edge, 0])
-        ends = np.stack([self._fans.ravel()[start], self._fans.ravel()[next_corner(start)]], axis=1)
-        loops = connected(self._fans.max() + 1, ends)
+        start = next_corner(self.edge_slots[self.is_boundary_edge, 0])
+        ends = np.stack([self.corner_fans.ravel()[start], self.corner_fans.ravel()[next_corner(start)]], axis=1)
+        loops = connected(self.corner_fans.max() + 1, ends)
         return len(np.unique(loops[ends]))
 
     @cached_property
     def genus(self) -> int:
         """Number of handles, from ``V - E + F = 2 - 2 genus - loops``; pinched vertices count as cut apart."""
         pieces = connected(len(self.faces), self.edge_faces[~self.is_boundary_edge]).max() + 1
-        characteristic = self._fans.max() + 1 - len(self.edges) + len(self.faces)
+        characteristic = self.corner_fans.max() + 1 - len(self.edges) + len(self.faces)
         return int(2 * pieces - self.boundary_loop_count - characteristic) // 2
 
     def local_vertex(self, index: int) -> int:
