@@ -10,8 +10,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.balance import ROUND, Best, balanced, is_balanced
+from abfm.balance import ROUND, Best, balanced
 from abfm.calming import calmed
+from abfm.confirmation import confirmation, is_walked
 from abfm.control import CancelledError, Control
 from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import FunctionError, ParameterError
@@ -19,7 +20,7 @@ from abfm.iteration import Iteration
 from abfm.levels import Level, levels
 from abfm.mesh import FloatArray
 from abfm.optimizer import LBFGS, State
-from abfm.schedule import REACHED, Stage, finish, search
+from abfm.schedule import REACHED, Stage, finish, gradual, search
 from abfm.vector_fields import to_ambient
 from abfm.warm_start import start_fields
 
@@ -99,7 +100,30 @@ class Solver:
         worst = max(coarsest.relative_mismatch(coarsest.source), 1.0)  # no flow, or a source squeezed to nothing
         if p.iterations and worst < least < np.inf:
             return np.zeros_like(best)
-        return best
+        return self._confirmed(best) if least <= REACHED else best
+
+    def _confirmed(self, x: FloatArray) -> FloatArray:
+        """Fields on the coarsest mesh, or those of a more gradual way where flow lines confirm these better."""
+        coarsest, way = self._levels[0].energy, gradual(self.energy.parameters, len(self._levels))
+        if not way or len(self.history) > way[0].until or not is_walked(coarsest):
+            return x
+        sigma, kept = way[-1].sigma, (self._best, self._learned, self._before)
+        usual = confirmation(coarsest, x, coarsest.evaluate(x, sigma).regularity, sigma, self._pass)
+        if not usual.is_doubtful:
+            return x
+        self._best, self._learned, self._before = None, None, None
+        found = np.zeros_like(x)
+        try:
+            for stage in way:
+                found = self._minimise(stage, found).x
+            gentle = confirmation(coarsest, found, self._known().point.regularity, sigma, self._pass)
+        except CancelledError:
+            self._best = kept[0]
+            raise
+        if gentle.energy < usual.energy:
+            return found
+        self._best, self._learned, self._before = kept
+        return x
 
     def _go_back(self, kept: Best | None, mismatch: float) -> None:
         """Return to what an earlier way to the target had found, with this mismatch, where that is better."""
@@ -197,7 +221,7 @@ class Solver:
 
     def _balance(self, stage: Stage) -> None:
         """Weigh flow lines against the discrete advection; why the match ended before stays the reason."""
-        if not is_balanced(self.energy):
+        if not is_walked(self.energy):
             return
         reason, part = self._reason, replace(stage, iterations=ROUND, patient=True, goal=0.0)
         self.schedule.append(stage)

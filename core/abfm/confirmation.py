@@ -1,0 +1,63 @@
+"""Whether flow lines confirm what the discrete advection shows, while a match is on its way.
+
+A search that follows details at once may end in a field that its scheme alone carries the source along. Of two ways to
+the target the better one is that whose energy is lower with flow lines in place of the discrete advection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.continuous_flow import flow_map
+from abfm.energy import MatchingEnergy
+from abfm.errors import ParameterError
+from abfm.flow_maps import pull_back
+from abfm.mesh import FloatArray
+from abfm.vector_fields import to_ambient
+from abfm.verdict import NEARLY
+
+_MOST_WALKS = 50_000  # vertices: finer meshes carry what is matched on them
+
+
+class Confirmation(NamedTuple):
+    """What flow lines say of fields: the relative mismatch, and the energy with a sigma; inf for too fast fields."""
+
+    mismatch: float
+    energy: float
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether they leave so much that another way to the target is worth its cost."""
+        return self.mismatch > NEARLY
+
+
+def is_walked(energy: MatchingEnergy) -> bool:
+    """Whether flow lines are asked at all: not on large meshes, nor for linearised steps, which are no flow."""
+    return len(energy.mesh.vertices) <= _MOST_WALKS and energy.parameters.method != "linearised"
+
+
+def by_flow_lines(energy: MatchingEnergy, x: FloatArray, between: Callable[[], None]) -> FloatArray:
+    """The source carried along the continuous fields, (C, V).
+
+    Raises
+    ------
+    ParameterError
+        If the fields lead over too many faces.
+    """
+    fields = to_ambient(energy.mesh, x)
+    points = flow_map(energy.mesh, fields, energy.parameters.tau, backwards=True, between=between)
+    return np.ascontiguousarray(pull_back(energy.mesh, points, energy.source.T).T)
+
+
+def confirmation(
+    energy: MatchingEnergy, x: FloatArray, regularity: float, sigma: float, between: Callable[[], None]
+) -> Confirmation:
+    """Ask flow lines of frame coefficients (N, F, 2) with this regularity; ``between`` may end the work."""
+    try:
+        carried = by_flow_lines(energy, x, between)
+    except ParameterError:
+        return Confirmation(np.inf, np.inf)
+    return Confirmation(energy.relative_mismatch(carried), regularity + energy.mismatch_energy(carried, sigma))
