@@ -8,12 +8,11 @@ divides them. No derivative of flow lines is needed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
-from abfm.confirmation import by_flow_lines
-from abfm.energy import Evaluation, MatchingEnergy
+from abfm.confirmation import Best, by_flow_lines
+from abfm.energy import MatchingEnergy
 from abfm.errors import ParameterError
 from abfm.mesh import FloatArray
 from abfm.schedule import MATCHED
@@ -23,13 +22,6 @@ ROUND = 8
 _ROUNDS = 6  # looks at most
 _GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
 _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
-
-
-class Best(NamedTuple):
-    """Frame coefficients (N, F, 2) and the energy there."""
-
-    x: FloatArray
-    point: Evaluation
 
 
 def balanced(

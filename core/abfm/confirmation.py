@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.continuous_flow import flow_map
-from abfm.energy import MatchingEnergy
+from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import ParameterError
 from abfm.flow_maps import pull_back
 from abfm.mesh import FloatArray
@@ -22,11 +22,29 @@ from abfm.verdict import NEARLY
 _MOST_WALKS = 50_000  # vertices: finer meshes carry what is matched on them
 
 
+class Best(NamedTuple):
+    """Frame coefficients (N, F, 2) and the energy there."""
+
+    x: FloatArray
+    point: Evaluation
+
+
 class Confirmation(NamedTuple):
-    """What flow lines say of fields: the relative mismatch, and the energy with a sigma; inf for too fast fields."""
+    """What flow lines say of fields; all inf for fields that are too fast.
+
+    Attributes
+    ----------
+    mismatch : float
+        Over the norm of g.
+    energy : float
+        With a sigma.
+    left : float
+        The mismatch in the unit of sigma.
+    """
 
     mismatch: float
     energy: float
+    left: float
 
     @property
     def is_doubtful(self) -> bool:
@@ -52,12 +70,13 @@ def by_flow_lines(energy: MatchingEnergy, x: FloatArray, between: Callable[[], N
     return np.ascontiguousarray(pull_back(energy.mesh, points, energy.source.T).T)
 
 
-def confirmation(
-    energy: MatchingEnergy, x: FloatArray, regularity: float, sigma: float, between: Callable[[], None]
-) -> Confirmation:
-    """Ask flow lines of frame coefficients (N, F, 2) with this regularity; ``between`` may end the work."""
+def confirmation(energy: MatchingEnergy, found: Best, sigma: float, between: Callable[[], None]) -> Confirmation:
+    """Ask flow lines; ``between`` is called again and again, and what it raises ends the work."""
     try:
-        carried = by_flow_lines(energy, x, between)
+        carried = by_flow_lines(energy, found.x, between)
     except ParameterError:
-        return Confirmation(np.inf, np.inf)
-    return Confirmation(energy.relative_mismatch(carried), regularity + energy.mismatch_energy(carried, sigma))
+        return Confirmation(np.inf, np.inf, np.inf)
+    missed = energy.mismatch_energy(carried, sigma)
+    return Confirmation(
+        energy.relative_mismatch(carried), found.point.regularity + missed, sigma * float(np.sqrt(2 * missed))
+    )

@@ -138,7 +138,9 @@ class MatchingEnergy:
     def mismatch_energy(self, advected: FloatArray, sigma: float) -> float:
         """The second term of the energy for a source (C, V) that was carried by whatever means."""
         difference = advected - self.target
-        size = sum(w * kernels.inner(kernels.product(self.metric, d), d) for w, d in zip(self.weights, difference))
+        size = sum(
+            w * kernels.inner(kernels.product(self.metric, d), d) for w, d in zip(self.weights, difference, strict=True)
+        )
         return float(0.5 * size / self.sigma(sigma) ** 2)
 
     def sigma(self, sigma: float) -> float:

@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.balance import ROUND, Best, balanced
+from abfm.balance import ROUND, balanced
 from abfm.calming import calmed
-from abfm.confirmation import confirmation, is_walked
+from abfm.confirmation import Best, confirmation, is_walked
 from abfm.control import CancelledError, Control
 from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import FunctionError, ParameterError
@@ -20,7 +20,7 @@ from abfm.iteration import Iteration
 from abfm.levels import Level, levels
 from abfm.mesh import FloatArray
 from abfm.optimizer import LBFGS, State
-from abfm.schedule import REACHED, Stage, finish, gradual, search
+from abfm.schedule import MATCHED, REACHED, Stage, finish, gradual, search
 from abfm.vector_fields import to_ambient
 from abfm.warm_start import start_fields
 
@@ -57,6 +57,8 @@ class Solver:
         self._learned: State[Evaluation] | None = None
         self._recorded = 0  # level of the latest iterate
         self._before: Stage | None = None
+        self._finishing = energy.parameters
+        self._is_closed = False
 
     def run(self, start: ArrayLike | None) -> tuple[FloatArray, FloatArray, str]:
         """Fields (N, F, 2) on the mesh, the source carried by them (C, V), and why the solve stopped."""
@@ -108,7 +110,7 @@ class Solver:
         if not way or len(self.history) > way[0].until or not is_walked(coarsest):
             return x
         sigma, kept = way[-1].sigma, (self._best, self._learned, self._before)
-        usual = confirmation(coarsest, x, coarsest.evaluate(x, sigma).regularity, sigma, self._pass)
+        usual = confirmation(coarsest, Best(x, coarsest.evaluate(x, sigma)), sigma, self._pass)
         if not usual.is_doubtful:
             return x
         self._best, self._learned, self._before = None, None, None
@@ -116,11 +118,14 @@ class Solver:
         try:
             for stage in way:
                 found = self._minimise(stage, found).x
-            gentle = confirmation(coarsest, found, self._known().point.regularity, sigma, self._pass)
+            gentle = confirmation(coarsest, self._known(), sigma, self._pass)
         except CancelledError:
             self._best = kept[0]
             raise
         if gentle.energy < usual.energy:
+            p = self.energy.parameters
+            if gentle.is_doubtful and p.sigma_unit == "relative":
+                self._finishing = replace(p, sigma=max(p.sigma, gentle.left), cooling_stages=1)
             return found
         self._best, self._learned, self._before = kept
         return x
@@ -133,7 +138,7 @@ class Solver:
 
     def _finish(self, x: FloatArray, warm: bool) -> None:
         """Come close on all meshes."""
-        for stage in finish(self.energy.parameters, len(self._levels), warm):
+        for stage in finish(self._finishing, len(self._levels), warm):
             x = self._prolonged(x, stage.level)
             if self._best is not None and self._level == stage.level:
                 mismatch = self._levels[stage.level].energy.relative_mismatch(self._best.point.advected)
@@ -141,8 +146,30 @@ class Solver:
                     continue
             if stage.balanced:
                 self._balance(stage)
+            elif stage.needed_above and self._finishing is not self.energy.parameters:
+                x = self._closer(stage, x)
             else:
                 x = self._minimise(stage, x).x
+
+    def _closer(self, stage: Stage, x: FloatArray) -> FloatArray:
+        """A colder stage of what no smooth flow matches; left again unless it matches or flow lines confirm it."""
+        energy = self._levels[stage.level].energy
+        if self._is_closed or not is_walked(energy):
+            return x
+        kept = (self._best, self._learned, self._before)
+        before = confirmation(energy, self._known(), stage.sigma, self._pass)
+        try:
+            found = self._minimise(stage, x)
+        except CancelledError:
+            self._best = kept[0]
+            raise
+        if energy.relative_mismatch(found.point.advected) <= MATCHED:
+            return found.x
+        if confirmation(energy, found, stage.sigma, self._pass).mismatch < before.mismatch:
+            return found.x
+        self._best, self._learned, self._before = kept
+        self._is_closed = True
+        return x
 
     def _known(self) -> Best:
         assert self._best is not None
