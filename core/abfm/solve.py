@@ -40,6 +40,8 @@ class Solver:
         Stage of every iterate.
     schedule : list of Stage
         The stages that were begun.
+    unmatched : float
+        What flow lines of a smooth way leave, in the unit of sigma, where they do not confirm the match; else NaN.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class Solver:
         self.stage_of: list[int] = []
         self.schedule: list[Stage] = []
         self.evaluations = 0
+        self.unmatched = np.nan
         self._levels: list[Level] = [Level(energy, None)]
         self._reason = ""
         self._level = 0
@@ -57,8 +60,6 @@ class Solver:
         self._learned: State[Evaluation] | None = None
         self._recorded = 0  # level of the latest iterate
         self._before: Stage | None = None
-        self._finishing = energy.parameters
-        self._is_closed = False
 
     def run(self, start: ArrayLike | None) -> tuple[FloatArray, FloatArray, str]:
         """Fields (N, F, 2) on the mesh, the source carried by them (C, V), and why the solve stopped."""
@@ -102,33 +103,32 @@ class Solver:
         worst = max(coarsest.relative_mismatch(coarsest.source), 1.0)  # no flow, or a source squeezed to nothing
         if p.iterations and worst < least < np.inf:
             return np.zeros_like(best)
-        return self._confirmed(best) if least <= REACHED else best
+        return self._more_gradually(kept).x if kept is not None and least <= REACHED else best
 
-    def _confirmed(self, x: FloatArray) -> FloatArray:
-        """Fields on the coarsest mesh, or those of a more gradual way where flow lines confirm these better."""
+    def _more_gradually(self, usual: Best) -> Best:
+        """What was found, or what a more gradual way finds where flow lines do not confirm that and do this."""
         coarsest, way = self._levels[0].energy, gradual(self.energy.parameters, len(self._levels))
         if not way or len(self.history) > way[0].until or not is_walked(coarsest):
-            return x
-        sigma, kept = way[-1].sigma, (self._best, self._learned, self._before)
-        usual = confirmation(coarsest, Best(x, coarsest.evaluate(x, sigma)), sigma, self._pass)
-        if not usual.is_doubtful:
-            return x
+            return usual
+        sigma, state = way[-1].sigma, (self._best, self._learned, self._before)
+        confirmed = confirmation(coarsest, usual, sigma, self._pass)
+        if not confirmed.is_doubtful:
+            return usual
         self._best, self._learned, self._before = None, None, None
-        found = np.zeros_like(x)
+        found = np.zeros_like(usual.x)
         try:
             for stage in way:
                 found = self._minimise(stage, found).x
-            gentle = confirmation(coarsest, self._known(), sigma, self._pass)
+            smooth = confirmation(coarsest, self._known(), sigma, self._pass)
         except CancelledError:
-            self._best = kept[0]
+            self._best = usual
             raise
-        if gentle.energy < usual.energy:
-            p = self.energy.parameters
-            if gentle.is_doubtful and p.sigma_unit == "relative":
-                self._finishing = replace(p, sigma=max(p.sigma, gentle.left), cooling_stages=1)
-            return found
-        self._best, self._learned, self._before = kept
-        return x
+        if smooth.energy >= confirmed.energy:
+            self._best, self._learned, self._before = state
+            return usual
+        if smooth.is_doubtful and self.energy.parameters.sigma_unit == "relative":
+            self.unmatched = smooth.left
+        return self._known()
 
     def _go_back(self, kept: Best | None, mismatch: float) -> None:
         """Return to what an earlier way to the target had found, with this mismatch, where that is better."""
@@ -138,7 +138,10 @@ class Solver:
 
     def _finish(self, x: FloatArray, warm: bool) -> None:
         """Come close on all meshes."""
-        for stage in finish(self._finishing, len(self._levels), warm):
+        p, closing = self.energy.parameters, True
+        if not np.isnan(self.unmatched):  # a smaller sigma would fit what only the discrete advection matches
+            p = replace(p, sigma=max(p.sigma, self.unmatched), cooling_stages=1)
+        for stage in finish(p, len(self._levels), warm):
             x = self._prolonged(x, stage.level)
             if self._best is not None and self._level == stage.level:
                 mismatch = self._levels[stage.level].energy.relative_mismatch(self._best.point.advected)
@@ -146,30 +149,30 @@ class Solver:
                     continue
             if stage.balanced:
                 self._balance(stage)
-            elif stage.needed_above and self._finishing is not self.energy.parameters:
-                x = self._closer(stage, x)
-            else:
+            elif np.isnan(self.unmatched) or not stage.needed_above:
                 x = self._minimise(stage, x).x
+            elif closing:
+                closing = self._close(stage)
+                x = self._known().x
 
-    def _closer(self, stage: Stage, x: FloatArray) -> FloatArray:
-        """A colder stage of what no smooth flow matches; left again unless it matches or flow lines confirm it."""
+    def _close(self, stage: Stage) -> bool:
+        """Whether a smaller sigma matches, or at least flow lines confirm what it gains; else it is undone."""
         energy = self._levels[stage.level].energy
-        if self._is_closed or not is_walked(energy):
-            return x
-        kept = (self._best, self._learned, self._before)
-        before = confirmation(energy, self._known(), stage.sigma, self._pass)
+        if not is_walked(energy):
+            return False
+        best, state = self._known(), (self._best, self._learned, self._before)
         try:
-            found = self._minimise(stage, x)
+            before = confirmation(energy, best, stage.sigma, self._pass)
+            found = self._minimise(stage, best.x)
+            if energy.relative_mismatch(found.point.advected) <= MATCHED:
+                return True
+            if confirmation(energy, found, stage.sigma, self._pass).mismatch < before.mismatch:
+                return True
         except CancelledError:
-            self._best = kept[0]
+            self._best = best
             raise
-        if energy.relative_mismatch(found.point.advected) <= MATCHED:
-            return found.x
-        if confirmation(energy, found, stage.sigma, self._pass).mismatch < before.mismatch:
-            return found.x
-        self._best, self._learned, self._before = kept
-        self._is_closed = True
-        return x
+        self._best, self._learned, self._before = state
+        return False
 
     def _known(self) -> Best:
         assert self._best is not None
