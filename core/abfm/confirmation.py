@@ -16,9 +16,11 @@ from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import ParameterError
 from abfm.flow_maps import pull_back
 from abfm.mesh import FloatArray
+from abfm.resolution import resolution
 from abfm.vector_fields import to_ambient
 from abfm.verdict import NEARLY
 
+_EDGES = 3.0  # that a function's features span at least where flow lines tell what cannot be matched
 _MOST_WALKS = 50_000  # vertices: finer meshes carry what is matched on them
 
 
@@ -55,6 +57,13 @@ class Confirmation(NamedTuple):
 def is_walked(energy: MatchingEnergy) -> bool:
     """Whether flow lines are asked at all: not on large meshes, nor for linearised steps, which are no flow."""
     return len(energy.mesh.vertices) <= _MOST_WALKS and energy.parameters.method != "linearised"
+
+
+def is_resolved(energy: MatchingEnergy) -> bool:
+    """Whether the mesh carries the functions at all; where it does not, flow lines leave much in any case."""
+    counting = energy.weights > 0
+    functions = np.concatenate([energy.source[counting], energy.target[counting]])
+    return resolution(energy.mesh, functions.T) >= _EDGES
 
 
 def by_flow_lines(energy: MatchingEnergy, x: FloatArray, between: Callable[[], None]) -> FloatArray:

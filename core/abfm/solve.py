@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from abfm.balance import ROUND, balanced
 from abfm.calming import calmed
-from abfm.confirmation import Best, confirmation, is_walked
+from abfm.confirmation import Best, confirmation, is_resolved, is_walked
 from abfm.control import CancelledError, Control
 from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import FunctionError, ParameterError
@@ -112,7 +112,7 @@ class Solver:
             return usual
         sigma, state = way[-1].sigma, (self._best, self._learned, self._before)
         confirmed = confirmation(coarsest, usual, sigma, self._pass)
-        if not confirmed.is_doubtful:
+        if not confirmed.is_doubtful or not is_resolved(coarsest):
             return usual
         self._best, self._learned, self._before = None, None, None
         found = np.zeros_like(usual.x)
@@ -123,7 +123,8 @@ class Solver:
         except CancelledError:
             self._best = usual
             raise
-        if smooth.energy >= confirmed.energy:
+        missed = coarsest.relative_mismatch(self._known().point.advected) > REACHED
+        if missed or smooth.energy >= confirmed.energy:
             self._best, self._learned, self._before = state
             return usual
         if smooth.is_doubtful and self.energy.parameters.sigma_unit == "relative":
