@@ -20,6 +20,7 @@ from abfm.resolution import resolution
 from abfm.vector_fields import to_ambient
 from abfm.verdict import NEARLY
 
+_PAYING = 0.03  # of what flow lines leave: what a colder stage must gain
 _EDGES = 3.0  # that a function's features span at least where flow lines tell what cannot be matched
 _MOST_WALKS = 50_000  # vertices: finer meshes carry what is matched on them
 
@@ -52,6 +53,10 @@ class Confirmation(NamedTuple):
     def is_doubtful(self) -> bool:
         """Whether they leave so much that another way to the target is worth its cost."""
         return self.mismatch > NEARLY
+
+    def gains(self, before: Confirmation) -> bool:
+        """Whether they leave less than before by so much that a colder stage pays."""
+        return self.mismatch < (1 - _PAYING) * before.mismatch
 
 
 def is_walked(energy: MatchingEnergy) -> bool:

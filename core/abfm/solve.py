@@ -167,7 +167,7 @@ class Solver:
             found = self._minimise(stage, best.x)
             if energy.relative_mismatch(found.point.advected) <= MATCHED:
                 return True
-            if confirmation(energy, found, stage.sigma, self._pass).mismatch < before.mismatch:
+            if confirmation(energy, found, stage.sigma, self._pass).gains(before):
                 return True
         except CancelledError:
             self._best = best
