@@ -8,36 +8,20 @@ divides them. No derivative of flow lines is needed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
-from abfm.continuous_flow import flow_map
-from abfm.energy import Evaluation, MatchingEnergy
+from abfm.confirmation import Best, by_flow_lines
+from abfm.energy import MatchingEnergy
 from abfm.errors import ParameterError
-from abfm.flow_maps import pull_back
 from abfm.mesh import FloatArray
 from abfm.schedule import MATCHED
-from abfm.vector_fields import to_ambient
 
 ROUND = 8
 """Iterations between two looks at the flow lines."""
 _ROUNDS = 6  # looks at most
 _GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
 _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
-_MOST_WALKS = 50_000  # vertices: finer meshes carry what is matched on them
-
-
-class Best(NamedTuple):
-    """Frame coefficients (N, F, 2) and the energy there."""
-
-    x: FloatArray
-    point: Evaluation
-
-
-def is_balanced(energy: MatchingEnergy) -> bool:
-    """Whether flow lines are asked at all: not on large meshes, nor for linearised steps, which are no flow."""
-    return len(energy.mesh.vertices) <= _MOST_WALKS and energy.parameters.method != "linearised"
 
 
 def balanced(
@@ -66,7 +50,7 @@ def balanced(
     known, least = best, np.inf
     for _ in range(_ROUNDS):
         try:
-            walked = _by_flow_lines(energy, known.x, between)
+            walked = by_flow_lines(energy, known.x, between)
         except ParameterError:  # too fast for walks
             break
         advected = known.point.advected
@@ -86,10 +70,3 @@ def balanced(
             break
         known = found
     return best
-
-
-def _by_flow_lines(energy: MatchingEnergy, x: FloatArray, between: Callable[[], None]) -> FloatArray:
-    """The source carried along the continuous field, (C, V)."""
-    fields = to_ambient(energy.mesh, x)
-    points = flow_map(energy.mesh, fields, energy.parameters.tau, backwards=True, between=between)
-    return np.ascontiguousarray(pull_back(energy.mesh, points, energy.source.T).T)

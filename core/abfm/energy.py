@@ -141,6 +141,14 @@ class MatchingEnergy:
             mismatch, advected, gradient = np.inf, np.full_like(self.source, np.nan), lambda: nowhere
         return Evaluation(regularity + mismatch, regularity, mismatch, advected, lambda: momentum + gradient())
 
+    def mismatch_energy(self, advected: FloatArray, sigma: float) -> float:
+        """The second term of the energy for a source (C, V) that was carried by whatever means."""
+        difference = advected - self.target
+        size = sum(
+            w * kernels.inner(kernels.product(self.metric, d), d) for w, d in zip(self.weights, difference, strict=True)
+        )
+        return float(0.5 * size / self.sigma(sigma) ** 2)
+
     def sigma(self, sigma: float) -> float:
         """The sigma of the energy, in the functions' unit, for one as the parameters give it."""
         return sigma * self.function_size if self.parameters.sigma_unit == "relative" else sigma

@@ -93,7 +93,7 @@ def match(
     energies = np.array(solver.history)[last, 0]
     verdict = advice(
         Problem(energy.mesh, energy.source, energy.target, energy.mask, energy.weights),
-        Outcome(advected, mismatch, reason, verified, folded, energies=energies),
+        Outcome(advected, mismatch, reason, verified, folded, energies=energies, unmatched=solver.unmatched),
         energy.parameters,
     )
     if reason != "cancelled" and verdict.kind in ("impossible", "not reached"):

@@ -64,7 +64,7 @@ class Parameters:
     sigma: float = _parameter(
         0.02,
         "σ",
-        "weight of the match against the smoothness: smaller matches closer; about 0.3 for measured signals",
+        "weight of the match against the smoothness: smaller matches closer; raised to what smooth flows leave",
         0,
         True,
     )

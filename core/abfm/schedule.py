@@ -16,6 +16,7 @@ MATCHED = 0.05
 _PAYING, _OVER = 0.03, 6  # a stage goes on while its energy falls by this share within so many iterations
 _OVER_AT_LAST = 15  # the same on the mesh itself, as long as it is not matched
 _TRIES = ((1.0, 1.0), (2.0, 1 / 3), (0.5, 1 / 3))  # factors of reach and of the first sigma in a search
+_WARMER = (27.0, 9.0, 3.0, 1.0)  # times the first sigma of a search, in a way that is gradual
 _SEARCH, _COARSE = 0.4, 0.75  # of all iterations: in one stage of a search, and before the mesh itself
 _FINE = 0.15  # of all iterations, in one stage on the mesh itself after coarser ones
 _SMALLER, _CLOSING = 1 / 3, 2  # factor of sigma in stages after the last one, and how many of them
@@ -81,6 +82,18 @@ def search(p: Parameters, levels: int, joined: bool = False) -> list[list[Stage]
         return [[replace(near, sigma=sigma) for sigma in sigmas[:-1]]] if len(sigmas) > 1 else []
     far = replace(near, iterations=p.stage_iterations or max(1, int(_SEARCH * p.iterations)))
     return [[replace(far, reach=p.reach * further, sigma=sigmas[0] * colder), near] for further, colder in _TRIES]
+
+
+def gradual(p: Parameters, levels: int, joined: bool = False) -> list[Stage]:
+    """The first way of `search` from a larger sigma on, where a field is smooth before it follows details.
+
+    It ends with the same sigma, so that both compare. None without reach, and with fixed numbers of iterations.
+    """
+    if not p.reach or p.stage_iterations or p.cooling_stages == 1:
+        return []
+    far, near = search(p, levels, joined)[0]
+    sigmas = [near.sigma * warmer for warmer in _WARMER]
+    return [replace(far, sigma=sigmas[0]), *(replace(near, sigma=sigma) for sigma in sigmas)]
 
 
 def finish(p: Parameters, levels: int, warm: bool, joined: bool = False) -> list[Stage]:

@@ -10,8 +10,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.balance import ROUND, Best, balanced, is_balanced
+from abfm.balance import ROUND, balanced
 from abfm.calming import calmed
+from abfm.confirmation import Best, confirmation, is_resolved, is_walked
 from abfm.control import CancelledError, Control
 from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import FunctionError, ParameterError
@@ -19,7 +20,7 @@ from abfm.iteration import Iteration
 from abfm.levels import levels, on_the_mesh
 from abfm.mesh import FloatArray
 from abfm.optimizer import LBFGS, State
-from abfm.schedule import REACHED, Stage, finish, search
+from abfm.schedule import MATCHED, REACHED, Stage, finish, gradual, search
 from abfm.solvability import Problem, range_bound
 from abfm.vector_fields import to_ambient
 from abfm.warm_start import start_fields
@@ -41,6 +42,8 @@ class Solver:
         Stage of every iterate.
     schedule : list of Stage
         The stages that were begun.
+    unmatched : float
+        What flow lines of a smooth way leave, in the unit of sigma, where they do not confirm the match; else NaN.
     """
 
     def __init__(
@@ -51,6 +54,7 @@ class Solver:
         self.stage_of: list[int] = []
         self.schedule: list[Stage] = []
         self.evaluations = 0
+        self.unmatched = np.nan
         self._least = range_bound(Problem(energy.mesh, energy.source, energy.target, energy.mask, energy.weights))
         self._levels = on_the_mesh(energy)
         self._joined = len(self._levels) > 1  # whether the mesh itself comes twice
@@ -103,7 +107,33 @@ class Solver:
         worst = max(coarsest.relative_mismatch(coarsest.source), 1.0)  # no flow, or a source squeezed to nothing
         if p.iterations and worst < least < np.inf:
             return np.zeros_like(best)
-        return best
+        return self._more_gradually(kept).x if kept is not None and least <= REACHED else best
+
+    def _more_gradually(self, usual: Best) -> Best:
+        """What was found, or what a more gradual way finds where flow lines do not confirm that and do this."""
+        coarsest, way = self._levels[0].energy, gradual(self.energy.parameters, len(self._levels), self._joined)
+        if not way or len(self.history) > way[0].until or not is_walked(coarsest):
+            return usual
+        sigma, state = way[-1].sigma, (self._best, self._learned, self._before)
+        confirmed = confirmation(coarsest, usual, sigma, self._pass)
+        if not confirmed.is_doubtful or not is_resolved(coarsest):
+            return usual
+        self._best, self._learned, self._before = None, None, None
+        found = np.zeros_like(usual.x)
+        try:
+            for stage in way:
+                found = self._minimise(stage, found).x
+            smooth = confirmation(coarsest, self._known(), sigma, self._pass)
+        except CancelledError:
+            self._best = usual
+            raise
+        missed = coarsest.relative_mismatch(self._known().point.advected) > REACHED
+        if missed or smooth.energy >= confirmed.energy:
+            self._best, self._learned, self._before = state
+            return usual
+        if smooth.is_doubtful and self.energy.parameters.sigma_unit == "relative":
+            self.unmatched = smooth.left
+        return self._known()
 
     def _go_back(self, kept: Best | None, mismatch: float) -> None:
         """Return to what an earlier way to the target had found, with this mismatch, where that is better."""
@@ -113,8 +143,10 @@ class Solver:
 
     def _finish(self, x: FloatArray, warm: bool) -> None:
         """Come close on all meshes; those between are left out where what is found holds on the mesh itself."""
-        count = len(self._levels)
-        plan, top = finish(self.energy.parameters, count, warm, self._joined), count - 1 - self._joined
+        p, count = self.energy.parameters, len(self._levels)
+        if not np.isnan(self.unmatched):  # a smaller sigma would fit what only the discrete advection matches
+            p = replace(p, sigma=max(p.sigma, self.unmatched), cooling_stages=1)
+        plan, top = finish(p, count, warm, self._joined), count - 1 - self._joined
         last = [stage for stage in plan if stage.level >= top]
         x = self._through([stage for stage in plan if stage.level == 0 < top], x)
         between = [stage for stage in plan if 0 < stage.level < top]
@@ -125,6 +157,7 @@ class Solver:
 
     def _through(self, stages: list[Stage], x: FloatArray, ahead: Best | None = None) -> FloatArray:
         """Run stages one after the other; the first one may know its beginning."""
+        closing = True
         for stage in stages:
             if ahead is None:
                 x, known = self._prolonged(x, stage)
@@ -136,9 +169,31 @@ class Solver:
                     continue
             if stage.balanced:
                 self._balance(stage)
-            else:
+            elif np.isnan(self.unmatched) or not stage.needed_above:
                 x = self._minimise(stage, x, known=known).x
+            elif closing:
+                closing = self._close(stage)
+                x = self._known().x
         return x
+
+    def _close(self, stage: Stage) -> bool:
+        """Whether a smaller sigma matches, or at least flow lines confirm what it gains; else it is undone."""
+        energy = self._levels[stage.level].energy
+        if not is_walked(energy):
+            return False
+        best, state = self._known(), (self._best, self._learned, self._before)
+        try:
+            before = confirmation(energy, best, stage.sigma, self._pass)
+            found = self._minimise(stage, best.x)
+            if energy.relative_mismatch(found.point.advected) <= MATCHED:
+                return True
+            if confirmation(energy, found, stage.sigma, self._pass).gains(before):
+                return True
+        except CancelledError:
+            self._best = best
+            raise
+        self._best, self._learned, self._before = state
+        return False
 
     def _ahead(self, x: FloatArray, stage: Stage) -> Best | None:
         """Fields of the coarsest mesh on that of a stage, where they leave little more than they did."""
@@ -239,7 +294,7 @@ class Solver:
 
     def _balance(self, stage: Stage) -> None:
         """Weigh flow lines against the discrete advection; why the match ended before stays the reason."""
-        if not is_balanced(self.energy):
+        if not is_walked(self.energy):
             return
         reason, part = self._reason, replace(stage, iterations=ROUND, patient=True, goal=0.0)
         self.schedule.append(stage)

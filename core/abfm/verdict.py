@@ -51,6 +51,8 @@ class Outcome:
         Width of the narrower function, in edges of the mesh; NaN if unknown.
     energies : (n,) array or None
         Energy of each iterate of the last stage, to tell whether it still fell; None counts as falling.
+    unmatched : float
+        What smooth flows leave along flow lines, if sigma was raised to it; NaN if not.
     """
 
     advected: FloatArray
@@ -60,6 +62,7 @@ class Outcome:
     folded: float = math.nan
     edges_per_width: float = math.nan
     energies: FloatArray | None = None
+    unmatched: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -121,6 +124,7 @@ class _Case:
         self.true_mismatch = max(outcome.mismatch, self.bound)
         self.first = problem.mismatch(problem.source)
         self.known = not math.isnan(outcome.verified)
+        self.raised = outcome.unmatched > parameters.sigma
 
     @cached_property
     def different_peaks(self) -> tuple[int, Extrema, Extrema] | None:
@@ -204,6 +208,10 @@ class _Case:
             change = f"the mismatch {'fell' if self.outcome.mismatch < self.first else 'rose'} from {before} to {after}"
         if self.known:
             change += f" ({self.outcome.verified:.2g} by flow lines)"
+        if self.raised:
+            change += (
+                f" with sigma raised to {self.outcome.unmatched:.2g}, which is what smooth flows leave of the functions"
+            )
         return Verdict(kind, f"{change}: {why}" if why else change, advised)
 
     def _of_peaks(self, kind: Kind = "not reached") -> Verdict:
@@ -257,12 +265,21 @@ class _Case:
 
     def _closer(self) -> str:
         alpha = f", or {self._smaller('alpha')}" if self.parameters.alpha else ""
-        return f"to come closer with a rougher field, {self._smaller('sigma')}{alpha}"
+        sigma = self._smaller("sigma")
+        if self.raised:
+            size = max(self.problem.deviation(self.problem.source), self.problem.deviation(self.problem.target))
+            sigma = f"an absolute sigma, which is never raised, such as {self._sigma / _FURTHER * size:.2g}"
+        return f"to come closer with a rougher field, {sigma}{alpha}"
 
     def _larger(self, name: Literal["alpha", "sigma"]) -> str:
-        value: float = getattr(self.parameters, name)
+        value = self._sigma if name == "sigma" else self.parameters.alpha
         return f"a larger {name}, such as {_FURTHER * value or _USUAL_ALPHA:.2g}"
 
     def _smaller(self, name: Literal["alpha", "sigma"]) -> str:
-        value: float = getattr(self.parameters, name)
+        value = self._sigma if name == "sigma" else self.parameters.alpha
         return f"a smaller {name}, such as {value / _FURTHER:.2g}"
+
+    @property
+    def _sigma(self) -> float:
+        """The last one that the match had."""
+        return self.outcome.unmatched if self.raised else self.parameters.sigma

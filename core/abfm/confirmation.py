@@ -1,0 +1,96 @@
+"""Whether flow lines confirm what the discrete advection shows, while a match is on its way.
+
+A search that follows details at once may end in a field that its scheme alone carries the source along. Of two ways to
+the target the better one is that whose energy is lower with flow lines in place of the discrete advection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.continuous_flow import flow_map
+from abfm.energy import Evaluation, MatchingEnergy
+from abfm.errors import ParameterError
+from abfm.flow_maps import pull_back
+from abfm.mesh import FloatArray
+from abfm.resolution import resolution
+from abfm.vector_fields import to_ambient
+from abfm.verdict import NEARLY
+
+_PAYING = 0.03  # of what flow lines leave: what a colder stage must gain
+_EDGES = 3.0  # that a function's features span at least where flow lines tell what cannot be matched
+_MOST_WALKS = 50_000  # vertices: finer meshes carry what is matched on them
+
+
+class Best(NamedTuple):
+    """Frame coefficients (N, F, 2) and the energy there."""
+
+    x: FloatArray
+    point: Evaluation
+
+
+class Confirmation(NamedTuple):
+    """What flow lines say of fields; all inf for fields that are too fast.
+
+    Attributes
+    ----------
+    mismatch : float
+        Over the norm of g.
+    energy : float
+        With a sigma.
+    left : float
+        The mismatch in the unit of sigma.
+    """
+
+    mismatch: float
+    energy: float
+    left: float
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether they leave so much that another way to the target is worth its cost."""
+        return self.mismatch > NEARLY
+
+    def gains(self, before: Confirmation) -> bool:
+        """Whether they leave less than before by so much that a colder stage pays."""
+        return self.mismatch < (1 - _PAYING) * before.mismatch
+
+
+def is_walked(energy: MatchingEnergy) -> bool:
+    """Whether flow lines are asked at all: not on large meshes, nor for linearised steps, which are no flow."""
+    return len(energy.mesh.vertices) <= _MOST_WALKS and energy.parameters.method != "linearised"
+
+
+def is_resolved(energy: MatchingEnergy) -> bool:
+    """Whether the mesh carries the functions at all; where it does not, flow lines leave much in any case."""
+    counting = energy.weights > 0
+    functions = np.concatenate([energy.source[counting], energy.target[counting]])
+    return resolution(energy.mesh, functions.T) >= _EDGES
+
+
+def by_flow_lines(energy: MatchingEnergy, x: FloatArray, between: Callable[[], None]) -> FloatArray:
+    """The source carried along the continuous fields, (C, V).
+
+    Raises
+    ------
+    ParameterError
+        If the fields lead over too many faces.
+    """
+    fields = to_ambient(energy.mesh, x)
+    points = flow_map(energy.mesh, fields, energy.parameters.tau, backwards=True, between=between)
+    return np.ascontiguousarray(pull_back(energy.mesh, points, energy.source.T).T)
+
+
+def confirmation(energy: MatchingEnergy, found: Best, sigma: float, between: Callable[[], None]) -> Confirmation:
+    """Ask flow lines; ``between`` is called again and again, and what it raises ends the work."""
+    try:
+        carried = by_flow_lines(energy, found.x, between)
+    except ParameterError:
+        return Confirmation(np.inf, np.inf, np.inf)
+    missed = energy.mismatch_energy(carried, sigma)
+    return Confirmation(
+        energy.relative_mismatch(carried), found.point.regularity + missed, sigma * float(np.sqrt(2 * missed))
+    )
