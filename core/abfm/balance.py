@@ -21,6 +21,8 @@ ROUND = 8
 """Iterations between two looks at the flow lines."""
 _ROUNDS = 6  # looks at most
 _GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
+_APART = 0.5  # mismatch by flow lines beyond which both have nothing to share
+_LEAST_SHARE = 0.3  # of the parameters' balance
 _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
 
 
@@ -55,9 +57,13 @@ def balanced(
             break
         advected = known.point.advected
         discrete, lines = energy.relative_mismatch(advected), energy.relative_mismatch(walked)
+        if lines > _APART:
+            break
         score = float(np.sqrt((1 - weight) * discrete**2 + weight * lines**2))
         if discrete > allowed or score >= least:
             share /= 2
+            if share < _LEAST_SHARE * weight:
+                break
         else:
             gains_little = score > _BETTER * least
             best, least, away = known, score, advected - walked

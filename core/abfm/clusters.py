@@ -13,7 +13,7 @@ from abfm.kernels import IndexArray
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
 from abfm.operators import face_areas, hat_gradients, vertex_areas
 
-USUAL = 2.0
+USUAL = 3.0
 """Times the median of the rates of all vertices, beyond which a vertex is joined with a neighbour."""
 _NEAR = 0.5  # of the median edge: longer ones do not join vertices
 _ROUNDS = 12  # of joining pairs

@@ -19,6 +19,7 @@ _TRIES = ((1.0, 1.0), (2.0, 1 / 3), (0.5, 1 / 3))  # factors of reach and of the
 _WARMER = (27.0, 9.0, 3.0, 1.0)  # times the first sigma of a search, in a way that is gradual
 _SEARCH, _COARSE = 0.4, 0.75  # of all iterations: in one stage of a search, and before the mesh itself
 _FINE = 0.15  # of all iterations, in one stage on the mesh itself after coarser ones
+_JOINED = 0.9  # of all iterations, before the mesh comes without vertices held together
 _SMALLER, _CLOSING = 1 / 3, 2  # factor of sigma in stages after the last one, and how many of them
 
 
@@ -116,7 +117,8 @@ def finish(p: Parameters, levels: int, warm: bool, joined: bool = False) -> list
     patient = _is_patient(p, meshes)
     goal, coarse_goal = (0.0, 0.0) if patient else (CLOSE, _CLOSE_ON_COARSER)
     most = p.iterations if patient or meshes == 1 else max(1, int(_FINE * p.iterations))
-    last = Stage(meshes - 1, p.sigma, 0.0, most, p.iterations, patient, goal, last=True)
+    until = int(_JOINED * p.iterations) if joined and not patient else p.iterations
+    last = Stage(meshes - 1, p.sigma, 0.0, most, until, patient, goal, last=True)
     coarse = replace(
         last, level=0, iterations=p.iterations, until=int(_COARSE * p.iterations), goal=coarse_goal, last=False
     )
@@ -129,7 +131,7 @@ def finish(p: Parameters, levels: int, warm: bool, joined: bool = False) -> list
         plan.append(replace(last, balanced=True))
     if joined:
         fine = p.iterations if patient else max(1, int(_FINE * p.iterations))
-        itself = replace(last, level=levels - 1, iterations=fine, goal=0.0 if patient else MATCHED)
+        itself = replace(last, level=levels - 1, iterations=fine, until=p.iterations, goal=0.0 if patient else MATCHED)
         plan += [itself, *_closing(itself)]
     return plan
 

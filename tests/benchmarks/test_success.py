@@ -127,7 +127,9 @@ def test_report_is_whole_and_survives_json(report: dict[str, Any]) -> None:
     assert len(report["rows"]) == 2
     for row in report["rows"]:
         assert list(row) == ["problem", "before", "now"]
-        assert {"mesh", "index", "family", "width", "distance", "source", "target", "resolved"} <= row["problem"].keys()
+        assert {"mesh", "index", "family", "width", "distance", "source", "target", "resolved", "solvable"} <= row[
+            "problem"
+        ].keys()
         assert {"mismatch", "verified", "folded", "row_products", "seconds", "stop_reason", "verdict"} <= row[
             "now"
         ].keys()
@@ -154,8 +156,8 @@ def test_parts_and_their_reports_put_together_are_the_whole(ball: TriangleMesh, 
 def test_table_has_a_row_for_every_group() -> None:
     good = {"success": True, "confirmed": True, "mismatch": 0.01, "verified": 0.02, "folded": 0.0, "seconds": 1.0}
     bad = {"success": False, "confirmed": False, "mismatch": None, "verified": None, "folded": None, "seconds": 3.0}
-    far = {"resolved": True, "distance": "far", "width": 0.1, "family": "gaussian"}
-    other = {"resolved": False, "distance": None, "width": None, "family": "eigenfunction"}
+    far = {"resolved": True, "solvable": True, "distance": "far", "width": 0.1, "family": "gaussian"}
+    other = {"resolved": False, "solvable": False, "distance": None, "width": None, "family": "eigenfunction"}
     made = {
         "rows": [
             {"problem": far, "before": good | {"row_products": 60, "seconds": 4.0}, "now": good | {"row_products": 20}},
@@ -167,7 +169,8 @@ def test_table_has_a_row_for_every_group() -> None:
     lines = [[cell.strip() for cell in line.strip("| ").split("|")] for line in success_table(made).splitlines()]
     rows = {line[0]: line[1:] for line in lines if len(line) > 2}
     assert list(rows) == [
-        *("problems", "---", "all", "that the mesh resolves", "distance far", "width 0.1", "gaussian", "eigenfunction")
+        *("problems", "---", "all", "resolved", "distance far", "width 0.1", "gaussian", "eigenfunction"),
+        *("solvable", "solvable, resolved", "solvable, far"),
     ]
     assert rows["all"] == ["1 → 2 of 2", "1 → 1 of 1", "none → 0.01", "none → 0.02", "50% → 100%", "3", "4"]
     assert rows["eigenfunction"] == [

@@ -9,10 +9,12 @@ from zlib import crc32
 
 import numpy as np
 
+from abfm.baselines.benchmark.watched import LEVEL
 from abfm.functions import function
 from abfm.functions.geodesic import geodesic_distance
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.resolution import RESOLVED, resolution
+from abfm.solvability import Problem, range_bound
 from abfm.symmetry import SymmetryError, detect_symmetry
 
 Family = Literal["gaussian", "one to two", "disc", "eigenfunction", "descriptor"]
@@ -76,8 +78,11 @@ class SuccessProblem:
         return resolution(self.mesh, np.stack(self.functions(), axis=1))
 
     def to_dict(self) -> dict[str, Any]:
-        """All that tells it from others, and whether the mesh resolves it."""
+        """All that tells it from others, whether the mesh resolves it, and what is known to be in any flow's way."""
         edges = self.resolution()
+        f, g = self.functions()
+        problem = Problem(self.mesh, f[None], g[None])
+        least = range_bound(problem)
         return {
             "mesh": self.mesh_name,
             "vertices": len(self.mesh.vertices),
@@ -89,6 +94,8 @@ class SuccessProblem:
             "target": self.target,
             "edges_per_width": edges,
             "resolved": edges >= RESOLVED,
+            "least": least,
+            "solvable": least <= LEVEL and problem.different_peaks() is None,
         }
 
 

@@ -42,12 +42,14 @@ def _table(report: dict[str, Any]) -> list[tuple[str, ...]]:
 def _groups(rows: list[Row]) -> Iterator[tuple[str, list[Row]]]:
     """Names of groups, and what is in them; those without problems are left out."""
     yield "all", rows
-    groups: list[tuple[str, str, Any]] = [("that the mesh resolves", "resolved", True)]
-    groups += [(f"distance {distance}", "distance", distance) for distance in DISTANCES]
-    groups += [(f"width {width:g}", "width", width) for width in WIDTHS]
-    groups += [(family, "family", family) for family in FAMILIES]
-    for name, key, value in groups:
-        group = [row for row in rows if row["problem"][key] == value]
+    groups: list[tuple[str, dict[str, Any]]] = [("resolved", {"resolved": True})]
+    groups += [(f"distance {distance}", {"distance": distance}) for distance in DISTANCES]
+    groups += [(f"width {width:g}", {"width": width}) for width in WIDTHS]
+    groups += [(family, {"family": family}) for family in FAMILIES]
+    groups += [("solvable", {"solvable": True}), ("solvable, resolved", {"solvable": True, "resolved": True})]
+    groups += [(f"solvable, {distance}", {"solvable": True, "distance": distance}) for distance in DISTANCES]
+    for name, wanted in groups:
+        group = [row for row in rows if all(row["problem"][key] == value for key, value in wanted.items())]
         if group:
             yield name, group
 
@@ -97,9 +99,9 @@ def _context(report: dict[str, Any]) -> list[str]:
     first, last = versions[0], versions[-1]
     return [
         f"{_ARROW.join(versions)}. Succeeded: mismatch at most {LEVEL:g}. Confirmed: at most {CONFIRMED:g} by flow "
-        "lines, of those problems that the mesh resolves. Mismatches are medians. Unfolded: share of matches that "
-        f"fold at most {100 * UNFOLDED:g}% of the faces. Products, seconds: what {first} costs over what {last} costs, "
-        "median over problems in which both succeed.",
+        "lines, of resolved problems. Solvable: the source has the target's values and peaks. Mismatches are medians. "
+        f"Unfolded: share of matches that fold at most {100 * UNFOLDED:g}% of the faces. Products, seconds: what "
+        f"{first} costs over what {last} costs, median over problems in which both succeed.",
         f"{len(report['rows'])} problems on {len(settings['meshes'])} meshes, seed {settings['seed']}; "
         f"{_ARROW.join(f'{total:.0f} s' for total in sums)} in all. {in_words(report['machine'])}.",
     ]
