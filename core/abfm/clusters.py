@@ -11,7 +11,7 @@ import numpy as np
 
 from abfm.kernels import IndexArray
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
-from abfm.operators import face_areas, hat_gradients, vertex_areas
+from abfm.operators import vertex_areas
 
 USUAL = 3.0
 """Times the median of the rates of all vertices, beyond which a vertex is joined with a neighbour."""
@@ -26,15 +26,14 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
 
     Pairs at the ends of the shortest edges join first; in each round, a cluster joins one other at most.
     """
-    edges = mesh.edges
-    lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
-    near = np.argsort(lengths, kind="stable")
-    near = near[lengths[near] < _NEAR * np.median(lengths)]
     clusters = np.arange(len(mesh.vertices))
     rates = cluster_rates(mesh, clusters)
     most = USUAL * np.median(rates)
     if rates.max() <= _FEW * most:
         return None
+    edges, lengths = mesh.edges, _edge_lengths(mesh)
+    near = np.argsort(lengths, kind="stable")
+    near = near[lengths[near] < _NEAR * np.median(lengths)]
     for _ in range(_ROUNDS):
         fast = rates > most
         pairs = clusters[edges[near]]
@@ -47,19 +46,26 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
 
 
 def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
-    """Sum of what the entries in each cluster's row of ``D_v`` can be for a field of length 1, (clusters,)."""
-    slopes = hat_gradients(mesh) * (face_areas(mesh) / 3)[:, None, None]
+    """Sum of what the entries in each cluster's row of ``D_v`` can be for a field of length 1, (clusters,).
+
+    A third of a face's area times the gradient of a corner's hat function is a sixth of the opposite edge.
+    """
+    slopes = _edge_lengths(mesh)[mesh.face_edges] / 6
     corners = clusters[mesh.faces]
     count = int(clusters.max()) + 1
     rates = np.zeros(count)
     for corner in range(3):
         others = [(corner + 1) % 3, (corner + 2) % 3]
-        first, second = (slopes[:, k] * (corners[:, k] != corners[:, corner])[:, None] for k in others)
-        apart = np.linalg.norm(first, axis=1) + np.linalg.norm(second, axis=1)
-        both = np.linalg.norm(first + second, axis=1)  # the row's own entry is minus the sum of the others
+        first, second = (slopes[:, k] * (corners[:, k] != corners[:, corner]) for k in others)
+        own = np.where((first > 0) & (second > 0), slopes[:, corner], first + second)  # minus the sum of the others
         together = corners[:, others[0]] == corners[:, others[1]]
-        rates += np.bincount(corners[:, corner], np.where(together, both, apart) + both, count)
+        rates += np.bincount(corners[:, corner], own + np.where(together, own, first + second), count)
     return rates / np.bincount(clusters, vertex_areas(mesh), count)
+
+
+def _edge_lengths(mesh: TriangleMesh) -> FloatArray:
+    ends = mesh.vertices[mesh.edges]
+    return np.asarray(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1))
 
 
 def _joined(pairs: IndexArray, count: int) -> IndexArray:
