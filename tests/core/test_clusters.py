@@ -1,0 +1,299 @@
+"""Vertices held together on meshes with needles: partitions and rates, advection and energy, matches."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import expm_multiply
+from scipy.spatial.transform import Rotation
+
+import abfm
+from abfm.assets import asset_path
+from abfm.clusters import USUAL, cluster_rates, vertex_clusters
+from abfm.derivative_pattern import clustered_pattern
+from abfm.energy import MatchingEnergy
+from abfm.exponential import ExponentialFlow, Workspace, counted_row_products
+from abfm.levels import levels, on_the_mesh
+from abfm.mesh import TriangleMesh, load_mesh
+from abfm.operators import l2_norm, vertex_areas
+from abfm.parameters import PAPER
+from abfm.vector_fields import directional_derivative, to_ambient, to_frame
+from tests.core.fields import bump, wavy_field
+from tests.core.surfaces import moved, renumbered
+from tests.core.verification import taylor_order
+from tests.shapes import hemisphere, icosphere, square, torus
+
+
+def edge_graph(mesh, kept=slice(None)):
+    a, b = mesh.edges[kept].T
+    return sparse.csr_array((np.ones(2 * len(a)), (np.append(a, b), np.append(b, a))), shape=(len(mesh.vertices),) * 2)
+
+
+def knotted(mesh, count, gap, seed=0):
+    """Two rings of neighbours drawn to some vertices: tiny faces, needles around. No two edges are of one length."""
+    rng = np.random.default_rng(seed)
+    jitter = 0.02 * mesh.length_scale / np.sqrt(len(mesh.vertices)) * rng.normal(size=mesh.vertices.shape)
+    vertices = mesh.vertices + jitter
+    near = edge_graph(mesh) + sparse.eye_array(len(vertices), format="csr")
+    free = near @ (near @ mesh.is_boundary_vertex) == 0
+    for _ in range(count):
+        i = rng.choice(np.flatnonzero(free))
+        reached = np.arange(len(free)) == i
+        for ring in range(1, 6):
+            reached = near @ reached > 0
+            if ring == 2:
+                vertices[reached] = vertices[i] + gap * (vertices[reached] - vertices[i])
+        free &= ~reached
+    return TriangleMesh(vertices, mesh.faces)
+
+
+def seamed(n, gap):
+    """Square of n x n cells with three lines of vertices close to each other, from side to side."""
+    lines = square(n).vertices.reshape(n + 1, n + 1, 3).copy()
+    middle = slice(n // 2 - 1, n // 2 + 2)
+    lines[middle] = lines[n // 2] + gap * (lines[middle] - lines[n // 2])
+    return TriangleMesh(lines.reshape(-1, 3), square(n).faces)
+
+
+EVEN = {"sphere": icosphere(3), "torus": torus(40, 16), "square": square(16), "hemisphere": hemisphere(7)}
+UNEVEN = {
+    "knots": knotted(icosphere(3), 4, 0.01),
+    "knot, boundary": knotted(square(12), 1, 0.1),
+    "seam": seamed(12, 0.03),
+    "human": knotted(load_mesh(asset_path("human_A.off")), 0, 1),
+}
+uneven = pytest.mark.parametrize("name", UNEVEN)
+
+
+def singles(mesh):
+    return np.arange(len(mesh.vertices))
+
+
+def some_clusters(mesh, kind):
+    """Those of the mesh, or any, or each vertex on its own."""
+    drawn = np.random.default_rng(0).integers(len(mesh.vertices) // 3, size=len(mesh.vertices))
+    some = {
+        "joined": vertex_clusters(mesh),
+        "random": np.unique(drawn, return_inverse=True)[1],
+        "single": singles(mesh),
+    }
+    return some[kind]
+
+
+def check_partition(mesh):
+    """Labels from 0 on, each of a set connected by edges; rates as usual; none without a vertex whose was not."""
+    clusters = vertex_clusters(mesh)
+    counts = np.bincount(clusters)
+    assert 1 <= counts.min() < counts.max()
+    inside = np.equal(*clusters[mesh.edges].T)
+    assert connected_components(edge_graph(mesh, inside))[0] == len(counts)
+    rates = cluster_rates(mesh, singles(mesh))
+    most = USUAL * np.median(rates)
+    assert cluster_rates(mesh, clusters).max() <= most < rates.max()
+    assert (np.bincount(clusters, rates > most)[counts > 1] > 0).all()
+
+
+@pytest.mark.parametrize("mesh", [*UNEVEN.values(), load_mesh(asset_path("human_fine_A.off"))], ids=[*UNEVEN, "fine"])
+def test_clusters_are_connected_and_have_the_usual_rates(mesh):
+    check_partition(mesh)
+
+
+@settings(max_examples=15, deadline=None)
+@given(gap=st.floats(1e-4, 0.1), count=st.integers(1, 5), seed=st.integers(0, 2**20))
+def test_clusters_of_any_knots(gap, count, seed):
+    mesh = knotted(icosphere(3), count, gap, seed)
+    check_partition(mesh)
+    assert gap * cluster_rates(mesh, singles(mesh)).max() > 0.5 * np.median(cluster_rates(mesh, vertex_clusters(mesh)))
+
+
+@uneven
+@settings(max_examples=8, deadline=None)
+@given(turn=st.tuples(*[st.floats(-3, 3)] * 3), scale=st.floats(1e-3, 1e3), seed=st.integers(0, 2**20))
+def test_units_place_and_numbering_do_not_matter(name, turn, scale, seed):
+    mesh = UNEVEN[name]
+    expected, rates = vertex_clusters(mesh), cluster_rates(mesh, vertex_clusters(mesh))
+    larger = moved(mesh, Rotation.from_rotvec(turn).as_matrix(), scale)
+    other, vertices, _ = renumbered(mesh, seed)
+    for found, same, unit in ((larger, expected, scale), (other, expected[vertices], 1)):
+        pairs = np.unique(np.stack([vertex_clusters(found), same]), axis=1)
+        assert pairs.shape[1] == pairs[0].max() + 1 == pairs[1].max() + 1
+        np.testing.assert_allclose(unit * cluster_rates(found, same), rates, rtol=1e-5)
+
+
+def held(mesh, clusters, v):
+    """``P`` from values of clusters to vertices, ``R`` means over clusters, and ``R D_v P``."""
+    P = sparse.csr_array((np.ones(len(clusters)), (singles(mesh), clusters)))
+    weighted = P.T @ sparse.diags_array(vertex_areas(mesh))
+    R = sparse.diags_array(1 / weighted.sum(axis=1)) @ weighted
+    return P, R, R @ directional_derivative(mesh, v) @ P
+
+
+def fields(mesh, count):
+    return 0.05 * np.stack([to_frame(mesh, wavy_field(mesh, seed)) for seed in range(count)]) / mesh.length_scale
+
+
+@pytest.mark.parametrize("kind", ["single", "joined", "random"])
+def test_rates_are_sums_of_the_largest_entries_and_bound_rows(kind):
+    """An entry is linear in the field: on one face, at most the norm of what a frame's axes make it."""
+    mesh = knotted(square(9), 1, 0.05)
+    clusters = some_clusters(mesh, kind)
+    found, expected = cluster_rates(mesh, clusters), 0
+    for axes in np.eye(2 * len(mesh.faces)).reshape(-1, 2, len(mesh.faces), 2):
+        expected += np.hypot(*(held(mesh, clusters, v)[2].toarray() for v in axes)).sum(axis=1)
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    for angles in np.random.default_rng(1).uniform(0, 2 * np.pi, (20, len(mesh.faces))):
+        D = held(mesh, clusters, np.stack([np.cos(angles), np.sin(angles)], axis=1))[2]
+        assert (abs(D).sum(axis=1) <= found * (1 + 1e-12)).all()
+
+
+@uneven
+@pytest.mark.parametrize("kind", ["joined", "random"])
+def test_the_pattern_is_that_of_the_operator(name, kind, monkeypatch):
+    """``R D_v P`` and what goes in and out of it, all against sparse products, with their adjoints."""
+    mesh = TriangleMesh(UNEVEN[name].vertices, UNEVEN[name].faces)
+    clusters = some_clusters(mesh, kind)
+    monkeypatch.setattr("abfm.derivative_pattern.vertex_clusters", lambda _: clusters)
+    pattern = clustered_pattern(mesh)
+    v, w = (to_frame(mesh, wavy_field(mesh, seed)) for seed in (0, 1))
+    P, R, D = held(mesh, clusters, v)
+    values, largest, starts = pattern.values(v), abs(D).max(), 7 * pattern.indptr.astype(int)
+    places = pattern.rank[np.unique(clusters, return_index=True)[1]]  # of clusters in the pattern's order
+    for entries, matrix in ((values, D), (pattern.transposed(values), D.T)):
+        built = sparse.csr_array((entries.ravel(), pattern.indices.ravel(), starts))
+        assert abs(built[places][:, places] - matrix).max() < 1e-12 * largest
+    assert np.abs(pattern.product(values, np.ones(D.shape[0]))).max() < 1e-12 * largest
+
+    rng = np.random.default_rng(0)
+    f, x, entries = (rng.normal(size=size) for size in (len(clusters), D.shape[0], values.shape))
+    np.testing.assert_allclose(pattern.product(values, x)[places], D @ x[places], rtol=0, atol=1e-11 * largest)
+    np.testing.assert_allclose(pattern.restricted(f)[places], R @ f, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(pattern.extended(x), P @ x[places])
+    assert pattern.restricted(f) @ x == pytest.approx(f @ pattern.extended_dual(x), rel=1e-10)
+    assert pattern.extended(x) @ f == pytest.approx(x @ pattern.restricted_dual(f), rel=1e-10)
+    pattern.add_chain_rule(entries, gradient := np.zeros_like(v))
+    assert (gradient * w).sum() == pytest.approx((entries * pattern.values(w)).sum(), rel=1e-9)
+
+
+@uneven
+@pytest.mark.parametrize("t", [0.0, 1.0, -3.0])
+def test_the_flow_is_the_exponential_of_scipy(name, t):
+    """Forward, several times at once, and the adjoint in f; constants stay."""
+    mesh = UNEVEN[name].normalized()
+    v, f = fields(mesh, 2)[1], bump(mesh, mesh.vertices[5], 0.2)
+    P, R, D = held(mesh, vertex_clusters(mesh), v)
+    flow = ExponentialFlow(mesh, v, Workspace(len(D.toarray())), clustered=True)
+    trajectory = flow.forward(f, t, keep=True)
+    expected = [P @ expm_multiply(-s * D, R @ f) for s in (t / 2, t)]
+    atol = 1e-8 * np.abs(expected).max()
+    np.testing.assert_allclose(trajectory.end, expected[1], rtol=0, atol=atol)
+    mu = np.random.default_rng(1).normal(size=len(f))
+    assert flow.backward(trajectory, mu, np.zeros_like(v)) @ f == pytest.approx(mu @ trajectory.end, rel=1e-8)
+    np.testing.assert_allclose(flow.span(f, np.array([t / 2, t])), expected, rtol=0, atol=atol)
+    assert flow.forward(np.ones(len(f)), t).end == pytest.approx(1, abs=1e-9)
+
+
+def energy(mesh, channels=1, **changes):
+    """With a mask and weights where there are several channels."""
+    f, g = (np.stack([bump(mesh, mesh.vertices[i + k], 0.2) for i in (0, 40, 80)[:channels]], axis=1) for k in (0, 17))
+    mask = 0.1 + np.random.default_rng(0).random(len(mesh.vertices)) if channels > 1 else None
+    p = abfm.Parameters(**{**PAPER, "alpha": 0.05, "beta": 0.01, "sigma": 0.1, "tau": 1.3, **changes})
+    return MatchingEnergy(mesh, f, g, p, mask, [1.0, 0.0, 2.5] if channels > 1 else None)
+
+
+@uneven
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("segments", [1, 3])
+@pytest.mark.parametrize("reach", [0.0, 0.4])
+def test_gradient_is_exact(name, channels, segments, reach):
+    E, v = energy(UNEVEN[name], channels, segments=segments).clustered(), fields(UNEVEN[name], segments)
+
+    def evaluate(x):
+        found = E.evaluate(x, 0.2, reach)
+        return found.energy, found.gradient
+
+    assert taylor_order(evaluate, v, 1e-4 * np.random.default_rng(1).normal(size=v.shape), 1.0) >= 1.9
+
+
+@uneven
+def test_the_energy_is_that_of_the_clustered_flow(name):
+    """One field after the other by SciPy; the norms are those of the mesh itself."""
+    plain, v = energy(UNEVEN[name], 3, segments=2), fields(UNEVEN[name], 2)
+    E, clusters = plain.clustered(), vertex_clusters(plain.mesh)
+    state = plain.source.T
+    for one in v:
+        P, R, D = held(E.mesh, clusters, one)
+        state = P @ expm_multiply(-E.step * D, R @ state)
+    found = E.evaluate(v, 0.2)
+    np.testing.assert_allclose(found.advected, state.T, rtol=0, atol=1e-8 * np.abs(state).max())
+    assert found.mismatch == pytest.approx(plain.mismatch_energy(found.advected, 0.2), rel=1e-12)
+    assert found.regularity == plain.evaluate(v, 0.2).regularity
+    assert (E.vertex_count, plain.vertex_count) == (clusters.max() + 1, len(clusters))
+
+
+@pytest.mark.parametrize("name", EVEN)
+def test_on_even_meshes_nothing_changes(name):
+    assert vertex_clusters(EVEN[name]) is None
+    plain, v = energy(EVEN[name], 3, segments=2), fields(EVEN[name], 2)
+    one, other = (E.evaluate(v, 0.2) for E in (plain, plain.clustered()))
+    assert (one.energy, one.regularity) == (other.energy, other.regularity)
+    np.testing.assert_array_equal(one.advected, other.advected)
+    np.testing.assert_array_equal(one.gradient, other.gradient)
+
+
+KNOTS = UNEVEN["knots"]
+MANY, FEW = len(KNOTS.vertices), vertex_clusters(KNOTS).max() + 1
+F, G = (bump(KNOTS, [np.cos(angle), np.sin(angle), 0], 0.2) for angle in (0.0, 0.6))
+
+
+@cache
+def matched(end=None, **changes):
+    """A match, cancelled after an iteration; level, number of levels and of values of each iterate; row products."""
+    seen, control = [], abfm.Control()
+
+    def note(i):
+        seen.append((i.level, i.levels, i.vertices))
+        if i.iteration == end:
+            control.cancel()
+
+    with counted_row_products() as products:
+        found = abfm.match(KNOTS, F, G, abfm.Parameters(**changes), on_iteration=note, control=control)
+    return found, seen, products.count
+
+
+def test_a_match_begins_with_clusters_and_ends_on_the_mesh_itself():
+    """Always in the same way; also one cancelled among clusters leaves what the mesh's own ``D_v`` leaves."""
+    (found, *record), (again, *other) = matched(), matched.__wrapped__()
+    assert record == other
+    np.testing.assert_array_equal(again.velocity, found.velocity)
+    seen, products = record
+    assert seen == sorted(seen)
+    assert set(seen) == {(0, 2, FEW), (1, 2, MANY)}
+    cut = matched(end=12)[0]
+    assert (cut.stop_reason, len(cut.energy_history)) == ("cancelled", 13)
+    for match in (found, cut):
+        advected = abfm.advect(KNOTS, match.velocity[0], F, 1.0)
+        assert match.mismatch == pytest.approx(l2_norm(KNOTS, advected - G) / l2_norm(KNOTS, G), rel=1e-4)
+    plain, _, more = matched(levels=1)
+    assert max(found.mismatch, plain.mismatch) < 0.05
+    assert products < 0.5 * more
+
+
+@pytest.mark.parametrize("changes", [{"levels": 1}, {"gradient": "bracket"}, {"method": "linearised"}])
+def test_some_matches_have_no_clusters(changes):
+    assert {of_one[1:] for of_one in matched(iterations=3, **changes)[1]} == {(1, MANY)}
+
+
+def test_clusters_come_between_coarser_meshes_and_the_mesh_itself():
+    """They have the same fields, and what is spent last is about twice the cost of as many iterations before."""
+    E, x = MatchingEnergy(KNOTS, F, G, abfm.Parameters(levels=2)), fields(KNOTS, 1)
+    found = levels(on_the_mesh(E), lambda: None)
+    assert [level.energy.vertex_count for level in found] == [MANY // 4, FEW, MANY]
+    assert found[1].fields_to_finer(x) is x
+    np.testing.assert_allclose(found[1].fields_from_finer(to_ambient(E.mesh, x)), x, rtol=0, atol=1e-12)
+    few, many = (level.energy.exponent(x) for level in found[1:])
+    assert [level.affordable(1000, x) for level in found] == [1000, 1000, int(2000 * few / many)]
+    assert (found[2].affordable(1000, 0 * x), found[2].affordable(2, x)) == (1000, 2)
