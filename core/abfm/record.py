@@ -1,0 +1,89 @@
+"""The record of a match: its stages, its iterates, and what a display may ask about each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from abfm.confirmation import Best
+from abfm.energy import Evaluation
+from abfm.iteration import Iteration
+from abfm.levels import Level
+from abfm.mesh import FloatArray
+from abfm.optimizer import State
+from abfm.schedule import Stage
+from abfm.vector_fields import to_ambient
+
+
+class Record:
+    """Keeps what a match has done, and tells of every iterate.
+
+    Attributes
+    ----------
+    history : list of (total, regularity, mismatch)
+        Of every iterate.
+    stage_of : list of int
+        Stage of every iterate.
+    schedule : list of Stage
+        The stages that were begun.
+    evaluations : int
+        Of the energy so far.
+    """
+
+    def __init__(self, on_iteration: Callable[[Iteration], None] | None) -> None:
+        self.history: list[tuple[float, float, float]] = []
+        self.stage_of: list[int] = []
+        self.schedule: list[Stage] = []
+        self.evaluations = 0
+        self._on_iteration = on_iteration
+        self._level = 0
+
+    def ends_on(self, level: int) -> bool:
+        """Whether the latest iterate is on this level."""
+        return bool(self.history) and self._level == level
+
+    def add(self, levels: list[Level], stage: Stage, best: Best, step: State[Evaluation] | None = None) -> None:
+        """The next iterate, on one of these levels: where the level begins, or what a step led to."""
+        point, self._level = best.point, stage.level
+        self.history.append((point.energy, point.regularity, point.mismatch))
+        self.stage_of.append(len(self.schedule) - 1)
+        if self._on_iteration is None:
+            return
+        energy = levels[stage.level].energy
+        self._on_iteration(
+            Iteration(
+                iteration=len(self.history) - 1,
+                stage=len(self.schedule) - 1,
+                level=stage.level,
+                levels=len(levels),
+                vertices=energy.vertex_count,
+                reach=stage.reach,
+                sigma=stage.sigma,
+                energy=point.energy,
+                regularity=point.regularity,
+                mismatch_energy=point.mismatch,
+                mismatch=energy.relative_mismatch(point.advected),
+                gradient_norm=step.gradient_norm if step else np.nan,
+                step_length=step.length if step else 0.0,
+                evaluations=self.evaluations,
+                _velocity=partial(_velocity_on_the_mesh, levels[stage.level :], best.x),
+                _advected=partial(_functions_on_the_mesh, levels[stage.level :], point.advected),
+            )
+        )
+
+
+def _velocity_on_the_mesh(levels: list[Level], x: FloatArray) -> FloatArray:
+    """Frame coefficients on the first of these levels as fields (N, F, 3) in the input's units on the last one."""
+    for level in levels[:-1]:
+        x = level.fields_to_finer(x)
+    finest = levels[-1].energy
+    return to_ambient(finest.mesh, x) * finest.length_scale
+
+
+def _functions_on_the_mesh(levels: list[Level], functions: FloatArray) -> FloatArray:
+    """Functions (C, V) on the first of these levels as (V, C) on the last one."""
+    for level in levels[:-1]:
+        functions = level.functions_to_finer(functions)
+    return functions.T.copy()
