@@ -120,7 +120,7 @@ def test_the_verdict_tells_that_sigma_was_raised() -> None:
 
 def test_what_flow_lines_confirm_keeps_its_course(monkeypatch: pytest.MonkeyPatch) -> None:
     found = abfm.match(SPHERE, *gaussians())
-    monkeypatch.setattr(abfm.solve, "gradual", lambda p, levels: [])
+    monkeypatch.setattr(abfm.solve, "gradual", lambda p, levels, joined: [])
     before = abfm.match(SPHERE, *gaussians())
     assert_array_equal(found.velocity, before.velocity)
     assert_array_equal(found.energy_history, before.energy_history)

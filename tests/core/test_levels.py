@@ -11,7 +11,7 @@ import pytest
 from abfm import MatchingEnergy, Parameters
 from abfm import levels as module
 from abfm.control import CancelledError
-from abfm.levels import _making, levels, prepare
+from abfm.levels import Level, _making, levels, on_the_mesh, prepare
 from abfm.mesh import coarsening
 from abfm.vector_fields import to_ambient
 from tests.core.fields import bump, rotation_field
@@ -26,8 +26,12 @@ def energy(mesh):
     return MatchingEnergy(mesh, f, f[::-1].copy(), COARSER)
 
 
+def all_levels(finest: MatchingEnergy) -> list[Level]:
+    return levels(on_the_mesh(finest), lambda: None)
+
+
 def made(mesh):
-    return [level.energy.mesh for level in levels(energy(mesh), lambda: None)]
+    return [level.energy.mesh for level in all_levels(energy(mesh))]
 
 
 def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
@@ -38,10 +42,10 @@ def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
         raise AssertionError("made again")
 
     monkeypatch.setattr(coarsening, "_collapse", never)
-    found = levels(energy(mesh), lambda: None)
+    found = all_levels(energy(mesh))
     assert [len(level.energy.mesh.vertices) for level in found] == [50, 200, 800]
     for level in found[:-1]:
-        assert {"interpolation", "_covered", "_to_fine", "_to_coarse"} <= vars(level._transfer).keys()
+        assert {"interpolation", "_covered", "_to_fine", "_to_coarse"} <= vars(level._to_finer).keys()
 
 
 def test_a_match_waits_for_what_is_being_made(monkeypatch):
@@ -78,7 +82,7 @@ def test_who_waits_can_be_cancelled():
 def chosen(mesh, f, g, monkeypatch, **extras):
     """How many meshes are used where their number is chosen by the mesh and the functions."""
     monkeypatch.setattr(module, "COARSEST", 160)
-    return len(levels(MatchingEnergy(mesh, f, g, Parameters(), **extras), lambda: None))
+    return len(all_levels(MatchingEnergy(mesh, f, g, Parameters(), **extras)))
 
 
 def test_meshes_that_do_not_resolve_the_functions_are_left_out(monkeypatch):
@@ -106,8 +110,8 @@ def test_the_energy_is_about_the_same_on_all_meshes():
     g = np.stack([bump(mesh, [0, 1, 0], 0.3), 2 * bump(mesh, [0, 0.6, 0.8], 0.3)], axis=1)
     mask = 0.5 + 0.4 * mesh.vertices[:, 1]
     finest = MatchingEnergy(mesh, f, g, Parameters(levels=3), mask, [1.0, 0.3])
-    found = levels(finest, lambda: None)
-    assert [level.is_coarsest for level in found] == [True, False, False]
+    found = all_levels(finest)
+    assert [level.energy.vertex_count for level in found] == [160, 640, 2562]
     assert found[-1].energy is finest
     for level in found[:-1]:
         E = level.energy
@@ -123,7 +127,7 @@ def test_the_energy_is_about_the_same_on_all_meshes():
 def test_fields_there_and_back_move_as_far():
     """In units of each mesh scaled to unit area, whose surfaces differ."""
     finest = MatchingEnergy(icosphere(4), *(bump(icosphere(4), [0, 0, s], 0.3) for s in (1, -1)), Parameters(levels=2))
-    coarser, finer = levels(finest, lambda: None)
+    coarser, finer = all_levels(finest)
     field = rotation_field(finer.energy.mesh, [0.3, -0.5, 0.8])[None]
     down = coarser.fields_from_finer(field)
     expected = rotation_field(coarser.energy.mesh, [0.3, -0.5, 0.8])
