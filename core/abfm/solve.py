@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.balance import ROUND, balanced
 from abfm.calming import calmed
-from abfm.confirmation import Best, confirmation, is_resolved, is_walked
+from abfm.confirmation import Best, Confirmation, confirmation, is_resolved, is_walked
 from abfm.control import CancelledError, Control
 from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import FunctionError, ParameterError
@@ -29,6 +29,9 @@ _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradien
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
 _MORE = 0.2  # mismatch on the mesh itself, beyond that on the coarsest, up to which meshes between are left out
 _ASTRAY = 3.0  # times the mismatch of no flow at all beyond which the way is not looked for from a given start
+
+
+Kept = tuple[Best | None, State[Evaluation] | None, Stage | None]
 
 
 class Solver:
@@ -55,6 +58,7 @@ class Solver:
         self.schedule: list[Stage] = []
         self.evaluations = 0
         self.unmatched = np.nan
+        self._confirmed: tuple[Confirmation, Kept] = (Confirmation(np.inf, np.inf, np.inf), (None, None, None))
         self._least = range_bound(Problem(energy.mesh, energy.source, energy.target, energy.mask, energy.weights))
         self._levels = on_the_mesh(energy)
         self._joined = len(self._levels) > 1  # whether the mesh itself comes twice
@@ -143,10 +147,9 @@ class Solver:
 
     def _finish(self, x: FloatArray, warm: bool) -> None:
         """Come close on all meshes; those between are left out where what is found holds on the mesh itself."""
-        p, count = self.energy.parameters, len(self._levels)
-        if not np.isnan(self.unmatched):  # a smaller sigma would fit what only the discrete advection matches
-            p = replace(p, sigma=max(p.sigma, self.unmatched), cooling_stages=1)
-        plan, top = finish(p, count, warm, self._joined), count - 1 - self._joined
+        count, raised = len(self._levels), 0.0 if np.isnan(self.unmatched) else self.unmatched
+        plan = finish(self.energy.parameters, count, warm, self._joined, raised)
+        top = count - 1 - self._joined
         last = [stage for stage in plan if stage.level >= top]
         x = self._through([stage for stage in plan if stage.level == 0 < top], x)
         between = [stage for stage in plan if 0 < stage.level < top]
@@ -157,8 +160,7 @@ class Solver:
 
     def _through(self, stages: list[Stage], x: FloatArray, ahead: Best | None = None) -> FloatArray:
         """Run stages one after the other; the first one may know its beginning."""
-        closing = True
-        for stage in stages:
+        for stage, following in zip_longest(stages, stages[1:]):
             if ahead is None:
                 x, known = self._prolonged(x, stage)
             else:
@@ -169,31 +171,25 @@ class Solver:
                     continue
             if stage.balanced:
                 self._balance(stage)
-            elif np.isnan(self.unmatched) or not stage.needed_above:
-                x = self._minimise(stage, x, known=known).x
-            elif closing:
-                closing = self._close(stage)
+            else:
+                self._minimise(stage, x, known=known)
+                if not np.isnan(self.unmatched):
+                    self._confirm(stage, following)
                 x = self._known().x
         return x
 
-    def _close(self, stage: Stage) -> bool:
-        """Whether a smaller sigma matches, or at least flow lines confirm what it gains; else it is undone."""
+    def _confirm(self, stage: Stage, following: Stage | None) -> None:
+        """After a stage with a raised sigma: what closing stages found stays if it matches or flow lines confirm it."""
         energy = self._levels[stage.level].energy
         if not is_walked(energy):
-            return False
-        best, state = self._known(), (self._best, self._learned, self._before)
-        try:
-            before = confirmation(energy, best, stage.sigma, self._pass)
-            found = self._minimise(stage, best.x)
-            if energy.relative_mismatch(found.point.advected) <= MATCHED:
-                return True
-            if confirmation(energy, found, stage.sigma, self._pass).gains(before):
-                return True
-        except CancelledError:
-            self._best = best
-            raise
-        self._best, self._learned, self._before = state
-        return False
+            return
+        now = (self._best, self._learned, self._before)
+        found = confirmation(energy, self._known(), stage.sigma, self._pass)
+        matched = energy.relative_mismatch(self._known().point.advected) <= MATCHED
+        if not stage.needed_above or found.gains(self._confirmed[0]) or (matched and found.equals(self._confirmed[0])):
+            self._confirmed = (found, now)
+        elif matched or following is None or following.needed_above == 0 or following.level != stage.level:
+            self._best, self._learned, self._before = self._confirmed[1]
 
     def _ahead(self, x: FloatArray, stage: Stage) -> Best | None:
         """Fields of the coarsest mesh on that of a stage, where they leave little more than they did."""
