@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from abfm.parameters import Parameters
@@ -97,7 +98,7 @@ def gradual(p: Parameters, levels: int, joined: bool = False) -> list[Stage]:
     return [replace(far, sigma=sigmas[0]), *(replace(near, sigma=sigma) for sigma in sigmas)]
 
 
-def finish(p: Parameters, levels: int, warm: bool, joined: bool = False) -> list[Stage]:
+def finish(p: Parameters, levels: int, warm: bool, joined: bool = False, raised: float = 0.0) -> list[Stage]:
     """What follows once the target is found: the other sigmas, the finer meshes, flow lines, the mesh as it is.
 
     With a fixed number of iterations per stage, and without reach on one mesh, which is the paper's way, stages go on
@@ -112,36 +113,39 @@ def finish(p: Parameters, levels: int, warm: bool, joined: bool = False) -> list
     joined : bool
         Whether the last level but one has the mesh itself already, with vertices of thin triangles held together: it
         takes the place of the last one, where only what then misses the target goes on.
+    raised : float
+        A larger last sigma than that of the parameters, which is the only one then but for those of closing stages.
     """
     meshes = levels - joined
     patient = _is_patient(p, meshes)
     goal, coarse_goal = (0.0, 0.0) if patient else (CLOSE, _CLOSE_ON_COARSER)
     most = p.iterations if patient or meshes == 1 else max(1, int(_FINE * p.iterations))
     until = int(_JOINED * p.iterations) if joined and not patient else p.iterations
-    last = Stage(meshes - 1, p.sigma, 0.0, most, until, patient, goal, last=True)
+    last = Stage(meshes - 1, max(p.sigma, raised), 0.0, most, until, patient, goal, last=True)
     coarse = replace(
         last, level=0, iterations=p.iterations, until=int(_COARSE * p.iterations), goal=coarse_goal, last=False
     )
-    sigmas = p.stage_sigmas()[1:-1] if p.reach and not warm else []
+    sigmas = p.stage_sigmas()[1:-1] if p.reach and not warm and not raised else []
     plan = [replace(coarse if meshes > 1 else replace(last, last=False), sigma=sigma) for sigma in sigmas]
     if not warm:
         plan += [replace(coarse, level=level) for level in range(meshes - 1)]
-    plan += [last, *_closing(replace(last, iterations=p.iterations))]
+    plan += [last, *_closing(replace(last, iterations=p.iterations), p.sigma)]
     if p.balance:
         plan.append(replace(last, balanced=True))
     if joined:
         fine = p.iterations if patient else max(1, int(_FINE * p.iterations))
         itself = replace(last, level=levels - 1, iterations=fine, until=p.iterations, goal=0.0 if patient else MATCHED)
-        plan += [itself, *_closing(itself)]
+        plan += [itself, *_closing(itself, p.sigma)]
     return plan
 
 
-def _closing(last: Stage) -> list[Stage]:
-    """Smaller sigmas for what is not matched with the last one."""
+def _closing(last: Stage, sigma: float) -> list[Stage]:
+    """Smaller sigmas for what is not matched with the last one, down to those below the parameters' sigma."""
     if last.patient:
         return []
     closing = replace(last, goal=MATCHED, needed_above=MATCHED)
-    return [replace(closing, sigma=last.sigma * _SMALLER**step) for step in range(1, _CLOSING + 1)]
+    steps = _CLOSING + math.ceil(math.log(last.sigma / sigma, 1 / _SMALLER) - 1e-9)
+    return [replace(closing, sigma=last.sigma * _SMALLER**step) for step in range(1, steps + 1)]
 
 
 def _is_patient(p: Parameters, meshes: int) -> bool:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calming import calmed
-from abfm.confirmation import Best, confirmation, is_resolved, is_walked
+from abfm.confirmation import Best, Confirmation, confirmation, is_resolved, is_walked
 from abfm.control import CancelledError, Control
 from abfm.descent import Descent, Progress
-from abfm.energy import MatchingEnergy
+from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import ParameterError
 from abfm.iteration import Iteration
 from abfm.levels import levels
@@ -26,6 +25,7 @@ from abfm.warm_start import start_fields
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
 _MORE = 0.2  # mismatch on the mesh itself, beyond that on the coarsest, up to which meshes between are left out
 _ASTRAY = 3.0  # times the mismatch of no flow at all beyond which the way is not looked for from a given start
+_UNKNOWN = Confirmation(np.inf, np.inf, np.inf)
 
 
 class Solver:
@@ -46,6 +46,7 @@ class Solver:
         record = Record(on_iteration)
         self.history, self.stage_of, self.schedule = record.history, record.stage_of, record.schedule
         self.unmatched = np.nan
+        self._held = _UNKNOWN, Progress()  # what flow lines said last where sigma was raised
         self._descent = Descent(energy, record, control)
         self._joined = len(self._descent.levels) > 1  # whether the mesh itself comes twice
 
@@ -143,10 +144,8 @@ class Solver:
 
     def _finish(self, x: FloatArray, warm: bool) -> None:
         """Come close on all meshes; those between are left out where what is found holds on the mesh itself."""
-        p, count = self.energy.parameters, len(self._descent.levels)
-        if not np.isnan(self.unmatched):  # a smaller sigma would fit what only the discrete advection matches
-            p = replace(p, sigma=max(p.sigma, self.unmatched), cooling_stages=1)
-        plan, top = finish(p, count, warm, self._joined), count - 1 - self._joined
+        count, raised = len(self._descent.levels), 0.0 if np.isnan(self.unmatched) else self.unmatched
+        plan, top = finish(self.energy.parameters, count, warm, self._joined, raised), count - 1 - self._joined
         last = [stage for stage in plan if stage.level >= top]
         x = self._through([stage for stage in plan if stage.level == 0 < top], x)
         between = [stage for stage in plan if 0 < stage.level < top]
@@ -157,8 +156,8 @@ class Solver:
 
     def _through(self, stages: list[Stage], x: FloatArray, ahead: Best | None = None) -> FloatArray:
         """Run stages one after the other; the first one may know its beginning."""
-        descent, closing = self._descent, True
-        for stage in stages:
+        descent = self._descent
+        for stage, following in zip_longest(stages, stages[1:]):
             if ahead is None:
                 x, known = descent.prolonged(x, stage)
             else:
@@ -168,32 +167,36 @@ class Solver:
                 continue
             if stage.balanced:
                 descent.balance(stage)
-            elif np.isnan(self.unmatched) or not stage.needed_above:
+            elif np.isnan(self.unmatched):
                 x = descent.minimise(stage, x, known=known).x
-            elif closing:
-                closing = self._close(stage)
-                x = descent.best.x
+            else:
+                is_end = following is None or not following.needed_above
+                x = self._confirmed(stage, x, known, is_end).x
         return x
 
-    def _close(self, stage: Stage) -> bool:
-        """Whether a smaller sigma matches, or at least flow lines confirm what it gains; else it is undone."""
+    def _confirmed(self, stage: Stage, x: FloatArray, known: Evaluation | None, is_end: bool) -> Best:
+        """Run a stage where sigma was raised.
+
+        What closing stages find stays where flow lines leave less, or where it matches and they leave about as much;
+        else it is undone once it matches or the last one ends.
+        """
         descent = self._descent
-        energy = descent.levels[stage.level].energy
-        if not is_walked(energy):
-            return False
-        progress = descent.progress
+        energy, is_closing = descent.levels[stage.level].energy, stage.needed_above > 0
+        if is_closing and not is_walked(energy):
+            return descent.best
         try:
-            before = confirmation(energy, descent.best, stage.sigma, descent.wait)
-            found = descent.minimise(stage, descent.best.x)
-            if descent.mismatch <= MATCHED:
-                return True
-            if confirmation(energy, found, stage.sigma, descent.wait).gains(before):
-                return True
+            found = descent.minimise(stage, x, known=known)
+            now = confirmation(energy, found, stage.sigma, descent.wait) if is_walked(energy) else _UNKNOWN
         except CancelledError:
-            descent.progress = progress
+            if is_closing:
+                descent.progress = self._held[1]
             raise
-        descent.progress = progress
-        return False
+        before, matches = self._held[0], descent.mismatch <= MATCHED
+        if not is_closing or now.gains(before) or (matches and now.equals(before)):
+            self._held = now, descent.progress
+        elif matches or is_end:
+            descent.progress = self._held[1]
+        return descent.best
 
     def _ahead(self, x: FloatArray, stage: Stage) -> Best | None:
         """Fields of the coarsest mesh on that of a stage, where they leave little more than they did."""
