@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -10,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abfm.parameters import PAPER, Parameters
-from abfm.schedule import REACHED, Stage, finish, search
+from abfm.schedule import MATCHED, REACHED, Stage, finish, gradual, search
 
 
-def stages(p: Parameters, levels: int = 1, warm: bool = False) -> list[Stage]:
+def stages(p: Parameters, levels: int = 1, warm: bool = False, joined: bool = False) -> list[Stage]:
     """All stages in their order, with the first way to the target."""
-    ways = search(p, levels)
-    return (ways[0] if ways and not warm else []) + finish(p, levels, warm)
+    ways = search(p, levels, joined)
+    return (ways[0] if ways and not warm else []) + finish(p, levels, warm, joined)
 
 
 @given(sigma=st.floats(1e-6, 1e3), factor=st.floats(1.5, 20), count=st.integers(1, 8), iterations=st.integers(0, 2000))
@@ -44,39 +45,79 @@ def test_fixed_numbers_of_iterations_are_kept() -> None:
     """Of each stage before the last, with reach or without, and no stage ends before."""
     for changes in (PAPER, {"levels": 1}, {}):
         p = Parameters(**changes, stage_iterations=7, cooling_stages=4)
-        for levels in (1, 3):
-            for way in search(p, levels):
+        for levels, joined in ((1, False), (3, False), (2, True), (4, True)):
+            for way in search(p, levels, joined):
                 assert [stage.iterations for stage in way] == [7] * len(way)
-            assert all(stage.patient and stage.goal == 0 for way in search(p, levels) for stage in way)
-            assert all(stage.patient and stage.goal == 0 for stage in finish(p, levels, False))
+            assert gradual(p, levels, joined) == []
+            ends = finish(p, levels, False, joined)
+            for way in (*search(p, levels, joined), ends):
+                assert all(stage.patient and stage.goal == 0 for stage in way)
+            if joined:
+                assert [stage.level for stage in ends].count(levels - 1) == 1
+                assert (ends[-1].iterations, ends[-1].until) == (p.iterations, p.iterations)
 
 
-@given(
+any_course = given(
     reach=st.sampled_from([0.0, 0.3, 1.0]),
-    levels=st.integers(1, 5),
+    meshes=st.integers(1, 5),
     iterations=st.integers(0, 1000),
     count=st.integers(1, 5),
     warm=st.booleans(),
+    joined=st.booleans(),
 )
+
+
+@any_course
 def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
-    reach: float, levels: int, iterations: int, count: int, warm: bool
+    reach: float, meshes: int, iterations: int, count: int, warm: bool, joined: bool
 ) -> None:
-    p = Parameters(reach=reach, iterations=iterations, cooling_stages=count)
-    plan = stages(p, levels, warm)
-    assert all(0 <= stage.until <= iterations for way in search(p, levels) for stage in way)
+    p, levels = Parameters(reach=reach, iterations=iterations, cooling_stages=count), meshes + joined
+    plan = stages(p, levels, warm, joined)
+    for way in (*search(p, levels, joined), gradual(p, levels, joined)):
+        assert all(stage.level == 0 and 0 <= stage.until <= iterations for stage in way)
     assert all(0 <= stage.until <= iterations for stage in plan)
     assert [stage.level for stage in plan] == sorted(stage.level for stage in plan)
-    assert set(range(levels)) == {stage.level for stage in plan} or warm
-    assert plan[-1].level == levels - 1
-    assert plan[-1].balanced
-    on_the_mesh = [stage for stage in plan if stage.last and not stage.balanced]
-    assert on_the_mesh[0].sigma == p.sigma
-    assert on_the_mesh[0].needed_above == 0
-    assert not any(stage.reach for stage in finish(p, levels, warm))
+    assert {stage.level for stage in plan} == set(range(meshes - 1 if warm else 0, levels))
+    for level in range(meshes - 1, levels):  # twice where vertices are held together first
+        on_the_mesh = [stage for stage in plan if stage.level == level and stage.last and not stage.balanced]
+        assert on_the_mesh[0].sigma == p.sigma
+        assert on_the_mesh[0].needed_above == 0
+        assert all(stage.needed_above == stage.goal == MATCHED for stage in on_the_mesh[1:])
+    assert not any(stage.reach for stage in finish(p, levels, warm, joined))
     for stage in plan:
-        if stage.level < levels - 1:
+        if stage.level < meshes - 1:
             assert not stage.last
             assert stage.until <= 0.75 * iterations
+
+
+@any_course
+def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_vertices_held_together(
+    reach: float, meshes: int, iterations: int, count: int, warm: bool, joined: bool
+) -> None:
+    """The course is that of a mesh without thin triangles; then only what misses the target goes on, and is closed."""
+    p = Parameters(reach=reach, iterations=iterations, cooling_stages=count)
+    is_patient = reach == 0 and meshes == 1
+    assert search(p, meshes + 1, True) == search(p, meshes)
+    assert gradual(p, meshes + 1, True) == gradual(p, meshes)
+    plan = finish(p, meshes + 1, warm, True)
+    held, itself = ([stage for stage in plan if (stage.level == meshes) == last] for last in (False, True))
+    assert plan == held + itself
+    alone = finish(p, meshes, warm)
+    assert [replace(stage, until=0) for stage in held] == [replace(stage, until=0) for stage in alone]
+    assert [stage.balanced for stage in held] == [False] * (len(held) - 1) + [True]
+    assert not any(stage.balanced for stage in itself)
+    assert all(stage.last and stage.until == iterations for stage in itself)
+    if is_patient:
+        assert held == alone
+        assert itself == [replace(next(stage for stage in held if stage.last), level=meshes)]
+        assert itself[0].patient
+        return
+    assert all(stage.goal == MATCHED and not stage.patient for stage in itself)
+    assert [stage.needed_above for stage in itself] == [0] + [MATCHED] * (len(itself) - 1)
+    assert [stage.sigma for stage in itself] == [stage.sigma for stage in held if stage.last and not stage.balanced]
+    assert len(itself) > 1
+    assert all(stage.until <= min(before.until, 0.9 * iterations) for stage, before in zip(held, alone, strict=True))
+    assert all(stage.iterations <= max(1, 0.15 * iterations) for stage in itself)
 
 
 @pytest.mark.parametrize("levels", [1, 3])
@@ -122,3 +163,22 @@ def test_a_stage_pays_while_its_energy_falls() -> None:
     longest = [max(k for k in range(1, 40) if stage.pays(still[:k], 1.0)) for stage in (on_the_way, at_last)]
     assert longest[0] < longest[1]
     assert not on_the_way.pays([math.inf] * 40, 1.0)
+
+
+@given(
+    raised=st.floats(1e-3, 50),
+    meshes=st.integers(1, 3),
+    joined=st.booleans(),
+    count=st.integers(1, 4),
+    warm=st.booleans(),
+)
+def test_a_raised_sigma_is_the_only_one_and_closing_stages_go_on_below_the_parameters(
+    raised: float, meshes: int, joined: bool, count: int, warm: bool
+) -> None:
+    p, levels = Parameters(cooling_stages=count), meshes + joined
+    plan, last = finish(p, levels, warm, joined, raised), max(p.sigma, raised)
+    assert {stage.sigma for stage in plan if not stage.needed_above} == {last}
+    for level in range(meshes - 1, levels):
+        sigmas = [stage.sigma for stage in plan if stage.level == level and stage.needed_above]
+        assert sigmas == [pytest.approx(last / 3**step) for step in range(1, len(sigmas) + 1)]
+        assert 1 / 27.001 < sigmas[-1] / p.sigma < 1 / 8.999
