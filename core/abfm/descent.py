@@ -136,20 +136,21 @@ class Descent:
         self.reason = ended or "iteration limit"
         return self.best
 
-    def balance(self, stage: Stage) -> None:
+    def balance(self, stage: Stage) -> Best:
         """Weigh flow lines against the discrete advection; why the match ended before stays the reason."""
         energy = self.levels[stage.level].energy
         if not is_walked(energy):
-            return
+            return self.best
         reason, part = self.reason, replace(stage, iterations=ROUND, patient=True, goal=0.0)
         self._record.schedule.append(stage)
 
         def go_on(x: FloatArray, target: FloatArray) -> Best | None:
-            is_over = len(self._record.history) > self._parameters.iterations
+            is_over = len(self._record.history) > stage.until
             return None if is_over else self.minimise(part, x, target)
 
         self.progress = replace(self.progress, best=balanced(energy, self.best, go_on, self.wait))
         self.reason = reason
+        return self.best
 
     def _arrive(self, stage: Stage, best: Best) -> None:
         """Take fields as the best on a stage's level; where a level begins they are an iterate of their own."""

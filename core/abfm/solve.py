@@ -166,7 +166,7 @@ class Solver:
             if is_begun and descent.mismatch <= descent.attainable(stage.needed_above):
                 continue
             if stage.balanced:
-                descent.balance(stage)
+                x = descent.balance(stage).x
             elif np.isnan(self.unmatched):
                 x = descent.minimise(stage, x, known=known).x
             else:

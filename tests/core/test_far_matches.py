@@ -371,3 +371,14 @@ def test_in_the_end_energies_rise_only_where_the_target_is_moved() -> None:
     np.testing.assert_array_equal(with_lines.energy_history[: len(without.energy_history)], without.energy_history)
     assert with_lines.verified_mismatch < without.verified_mismatch
     assert with_lines.mismatch < 0.06
+
+
+def test_what_flow_lines_gain_with_vertices_held_together_stays_on_the_mesh_itself() -> None:
+    mesh = abfm.load_mesh(asset_path("human_A.off"))
+    f, g = (abfm.function(mesh, f"gaussian:vertex={vertex},width=0.2") for vertex in (500, 520))
+    seen: list[Iteration] = []
+    with_lines = abfm.match(mesh, f, g, on_iteration=seen.append)
+    without = abfm.match(mesh, f, g, Parameters(balance=0.0))
+    assert seen[-1].level == seen[0].levels - 1 == 1
+    assert with_lines.mismatch < 0.05
+    assert with_lines.verified_mismatch < 0.8 * without.verified_mismatch
