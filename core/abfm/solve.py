@@ -191,7 +191,7 @@ class Solver:
             if is_closing:
                 descent.progress = self._held[1]
             raise
-        before, matches = self._held[0], descent.mismatch <= MATCHED
+        before, matches = self._held[0], descent.mismatch <= descent.attainable(MATCHED)
         if not is_closing or now.gains(before) or (matches and now.equals(before)):
             self._held = now, descent.progress
         elif matches or is_end:
