@@ -15,7 +15,8 @@ MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "fu
 
 
 def calm(gui):
-    """Wait until nothing is computed in the background."""
+    """Wait until nothing is computed in the background, of which the next frames may yet ask for something."""
+    gui.frames(5)
     gui.wait(lambda s: not s.busy)
     gui.frames(5)
 
