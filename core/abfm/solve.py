@@ -220,4 +220,7 @@ class Solver:
                 return functions, on.relative_mismatch(functions)
 
             x, advected = calmed(finer.energy.mesh, coarser.fields_to_finer(x), mismatch, carried)
+        at_rest = self.energy.relative_mismatch(self.energy.source)
+        if descent.level < len(descent.levels) - 1 and self.energy.relative_mismatch(advected) > max(at_rest, 1.0):
+            return np.zeros_like(x), self.energy.source  # lost on the way to the mesh itself
         return x, advected
