@@ -21,7 +21,7 @@ from abfm.vector_fields import to_ambient
 from abfm.verdict import NEARLY
 
 _PAYING = 0.03  # of what flow lines leave: what a colder stage must gain
-_ALIKE = 0.1  # of the same: what a stage that matches may lose
+_ALIKE = 0.1  # of the same: what a stage that matches may lose; and of an energy: what a gradual way may lose
 _EDGES = 3.0  # that a function's features span at least where flow lines tell what cannot be matched
 _MOST_WALKS = 50_000  # vertices: finer meshes carry what is matched on them
 
@@ -58,6 +58,10 @@ class Confirmation(NamedTuple):
     def gains(self, before: Confirmation) -> bool:
         """Whether they leave less than before by so much that a colder stage pays."""
         return self.mismatch < (1 - _PAYING) * before.mismatch
+
+    def is_as_low(self, before: Confirmation) -> bool:
+        """Whether the energy is about as low as before or lower: ways that come to the same tell what is the least."""
+        return self.energy < (1 + _ALIKE) * before.energy
 
     def equals(self, before: Confirmation) -> bool:
         """Whether they leave about as much as before: not so much more that what matches better only seems to."""

@@ -123,8 +123,7 @@ class Descent:
         until = min(stage.until, len(history) - 1 + left)
         ended = None
         while len(history) <= until and (ended := search.stop_reason(current)) is None:
-            mismatch = self.mismatch
-            if mismatch <= goal or not stage.pays(energies, mismatch):
+            if self.mismatch <= goal or not stage.pays(energies):
                 ended = "converged"
                 break
             current = search.step(current)
@@ -170,7 +169,7 @@ class Descent:
         """
         before, best, learned = self.progress.before, self.best, self.progress.learned
         self.progress = replace(self.progress, before=stage)
-        if before is None or before.level != stage.level or before.reach != stage.reach:
+        if before is None or (before.level, before.reach, before.alpha) != (stage.level, stage.reach, stage.alpha):
             return search.init(best.x, best.point)
         if stage.patient and before.sigma != stage.sigma:
             return search.init(best.x, best.point)
@@ -178,15 +177,16 @@ class Descent:
 
     def _search(self, stage: Stage, target: FloatArray | None) -> LBFGS[Evaluation]:
         p, energy = self._parameters, self.levels[stage.level].energy
+        regularizer = energy.regularizer(stage.alpha)
 
         def evaluate(x: FloatArray) -> Evaluation:
             if self._record.evaluations:
                 self._control.wait()
             self._record.evaluations += 1
-            return energy.evaluate(x, stage.sigma, stage.reach, target, _TOLERANCE)
+            return energy.evaluate(x, stage.sigma, stage.reach, target, _TOLERANCE, stage.alpha)
 
         def inverse(gradient: FloatArray) -> FloatArray:
-            return np.stack([energy.regularizer.inverse(momentum) for momentum in gradient]) / energy.step
+            return np.stack([regularizer.inverse(momentum) for momentum in gradient]) / energy.step
 
         def displacement(fields: FloatArray) -> float:
             return energy.step * float(np.sqrt((fields**2).sum(axis=-1)).max(axis=-1).sum())

@@ -22,7 +22,7 @@ from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
 from abfm.operators import function_norm_matrix, vertex_areas
 from abfm.parameters import Parameters
-from abfm.regularizer import regularizer
+from abfm.regularizer import Regularizer, regularizer
 from abfm.vector_fields import to_ambient, to_frame
 
 
@@ -99,7 +99,7 @@ class MatchingEnergy:
         self.mask = vertex_mask(mesh, mask)
         self.weights = channel_weights(weights, len(self.source))
         self.metric = function_norm_matrix(self.mesh, parameters.beta, self.mask)
-        self.regularizer = regularizer(self.mesh, parameters.alpha, parameters.order)
+        self._regularizers = {parameters.alpha: regularizer(self.mesh, parameters.alpha, parameters.order)}
         self._areas = vertex_areas(self.mesh) if self.mask is None else vertex_areas(self.mesh) * self.mask
         self.function_size = max(self._deviation(self.source), self._deviation(self.target)) or 1.0
         self.shape = (parameters.segments, len(mesh.faces), 2)
@@ -126,13 +126,15 @@ class MatchingEnergy:
         reach: float = 0.0,
         target: FloatArray | None = None,
         tolerance: float = TOLERANCE,
+        alpha: float | None = None,
     ) -> Evaluation:
-        """Energy and gradient at frame coefficients (N, F, 2), with ``sigma`` in place of the parameters'.
+        """Energy and gradient at frame coefficients (N, F, 2), with ``sigma`` and ``alpha`` for the parameters'.
 
         With a ``reach`` the mismatch is measured by a `FarMetric`; a ``target`` (C, V) takes the place of g;
         ``tolerance`` truncates the advection, and the gradient is that of the truncated sum.
         """
-        momentum = self.step * np.stack([self.regularizer.apply(v) for v in fields])
+        apply = self.regularizer(alpha).apply
+        momentum = self.step * np.stack([apply(v) for v in fields])
         regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(fields).ravel())
         try:
             mismatch, advected, gradient = self._mismatch(fields, sigma, reach, target, tolerance)
@@ -160,6 +162,13 @@ class MatchingEnergy:
         energy.vertex_count = clustered_pattern(self.mesh).size
         energy._workspace = Workspace(energy.vertex_count)
         return energy
+
+    def regularizer(self, alpha: float | None = None) -> Regularizer:
+        """The norm of fields, with the parameters' alpha or another one; all are kept as long as the energy is."""
+        alpha = self.parameters.alpha if alpha is None else alpha
+        if alpha not in self._regularizers:
+            self._regularizers[alpha] = Regularizer(self.mesh, alpha, self.parameters.order)
+        return self._regularizers[alpha]
 
     def far_metric(self, reach: float) -> FarMetric:
         """The norm of early stages, scaled so that the mismatch of source and target keeps its L2 energy."""

@@ -51,7 +51,9 @@ class Parameters:
     """
 
     tau: float = _parameter(1.0, "τ", "end time of the flow; larger deformations may need more", 0, True)
-    alpha: float = _parameter(0.003, "α", "smoothness of the field: weight of its Hodge Laplacian", 0)
+    alpha: float = _parameter(
+        0.01, "α", "smoothness of the field: weight of its Hodge Laplacian; lowered where that does not match", 0
+    )
     beta: float = _parameter(0.0, "β", "weight of the mismatch's gradient: above 0, slopes must match as well", 0)
     order: int = _parameter(
         2,

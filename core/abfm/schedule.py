@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from abfm.parameters import Parameters
 
 REACHED = 0.5
 """Mismatch at which a search for the target has found it."""
+_SURE = 0.2  # the same where less smooth ways are still to be tried
 CLOSE = 0.03
 """Mismatch at which a match on the mesh itself is close enough: flow lines seldom confirm less."""
 _CLOSE_ON_COARSER = 0.04
 MATCHED = 0.05
-"""Mismatch up to which functions are matched; a match that leaves more goes on with a smaller sigma."""
+"""Mismatch up to which functions are matched; a match that leaves more goes on with a smaller sigma and alpha."""
 _PAYING, _OVER = 0.03, 6  # a stage goes on while its energy falls by this share within so many iterations
-_OVER_AT_LAST = 15  # the same on the mesh itself, as long as it is not matched
-_TRIES = ((1.0, 1.0), (2.0, 1 / 3), (0.5, 1 / 3))  # factors of reach and of the first sigma in a search
+_PAYING_WELL = 0.1  # the same where a stage with less smoothness follows, if it is needed
+_LESS = 1 / 3  # factor of a smaller sigma and of a smaller alpha
+_TRIES = ((1.0, 1.0), (2.0, _LESS), (0.5, _LESS))  # factors of reach and of the first sigma in a search
 _WARMER = (27.0, 9.0, 3.0, 1.0)  # times the first sigma of a search, in a way that is gradual
 _SEARCH, _COARSE = 0.4, 0.75  # of all iterations: in one stage of a search, and before the mesh itself
 _FINE = 0.15  # of all iterations, in one stage on the mesh itself after coarser ones
 _JOINED = 0.9  # of all iterations, before the mesh comes without vertices held together
-_SMALLER, _CLOSING = 1 / 3, 2  # factor of sigma in stages after the last one, and how many of them
+_CLOSING = 4  # stages with ever smaller sigmas, and alphas as their squares, after the last one
 
 
 @dataclass(frozen=True)
@@ -32,8 +35,8 @@ class Stage:
     ----------
     level : int
         Which mesh, from 0, the coarsest.
-    sigma : float
-        As the parameters give it.
+    sigma, alpha : float
+        As the parameters give them.
     reach : float
         Of its norm of mismatches, in sqrt(area); 0 for that of the parameters.
     iterations : int
@@ -42,6 +45,8 @@ class Stage:
         Of all iterations together, at most.
     patient : bool
         Whether it goes on to the end of its iterations, or only as long as it pays.
+    paying : float
+        Share of its energy that must be gained again and again.
     goal : float
         Mismatch at which it ends.
     needed_above : float
@@ -54,6 +59,7 @@ class Stage:
 
     level: int
     sigma: float
+    alpha: float
     reach: float
     iterations: int
     until: int
@@ -62,43 +68,57 @@ class Stage:
     needed_above: float = 0.0
     last: bool = False
     balanced: bool = False
+    paying: float = _PAYING
 
-    def pays(self, energies: list[float], mismatch: float) -> bool:
-        """Whether to go on after these energies, one for each of the stage's iterates, at this mismatch."""
-        over = _OVER_AT_LAST if self.last and mismatch > MATCHED else _OVER
-        return self.patient or len(energies) <= over or energies[-1] < (1 - _PAYING) * energies[-1 - over]
+    def pays(self, energies: list[float]) -> bool:
+        """Whether to go on after these energies, one for each of the stage's iterates."""
+        return self.patient or len(energies) <= _OVER or energies[-1] < (1 - self.paying) * energies[-1 - _OVER]
 
 
-def search(p: Parameters, levels: int, joined: bool = False) -> list[list[Stage]]:
-    """Ways to find the target on the coarsest level, one to be tried after the other until it is `REACHED`.
+class Way(NamedTuple):
+    """Stages that lead to the target, and the mismatch at which no other way is tried."""
 
-    Each begins with the norm that reaches far and ends with that of the parameters. Without reach there is one, the
+    stages: list[Stage]
+    found: float
+
+
+def search(p: Parameters, levels: int, joined: bool = False) -> list[Way]:
+    """Ways to find the target on the coarsest level, one to be tried after the other until it is found.
+
+    Each begins with the norm that reaches far and ends with that of the parameters. The first one has their alpha, and
+    what is not surely found by it is looked for by fields that may be less smooth. Without reach there is one way, the
     paper's: every sigma but the last. ``levels`` and ``joined`` are those of `finish`.
     """
     meshes = levels - joined
     patient = _is_patient(p, meshes)
     until = p.iterations if meshes == 1 else int(_COARSE * p.iterations)
     sigmas = p.stage_sigmas()
-    near = Stage(0, sigmas[0], 0.0, p.stage_limits()[0], until, patient)
+    near = Stage(0, sigmas[0], p.alpha, 0.0, p.stage_limits()[0], until, patient)
     if not p.reach:
-        return [[replace(near, sigma=sigma) for sigma in sigmas[:-1]]] if len(sigmas) > 1 else []
+        return [Way([replace(near, sigma=sigma) for sigma in sigmas[:-1]], REACHED)] if len(sigmas) > 1 else []
     far = replace(near, iterations=p.stage_iterations or max(1, int(_SEARCH * p.iterations)))
-    return [[replace(far, reach=p.reach * further, sigma=sigmas[0] * colder), near] for further, colder in _TRIES]
+    tries = [[replace(far, reach=p.reach * further, sigma=sigmas[0] * colder), near] for further, colder in _TRIES]
+    if patient or not p.alpha:
+        return [Way(stages, REACHED) for stages in tries]
+    less = [[replace(stage, alpha=_LESS * p.alpha) for stage in stages] for stages in tries]
+    return [Way(tries[0], _SURE), *(Way(stages, REACHED) for stages in less)]
 
 
 def gradual(p: Parameters, levels: int, joined: bool = False) -> list[Stage]:
-    """The first way of `search` from a larger sigma on, where a field is smooth before it follows details.
+    """The second way of `search` from a larger sigma on, where a field is smooth before it follows details.
 
     It ends with the same sigma, so that both compare. None without reach, and with fixed numbers of iterations.
     """
     if not p.reach or p.stage_iterations or p.cooling_stages == 1:
         return []
-    far, near = search(p, levels, joined)[0]
+    far, near = (replace(stage, alpha=_LESS * p.alpha) for stage in search(p, levels, joined)[0].stages)
     sigmas = [near.sigma * warmer for warmer in _WARMER]
     return [replace(far, sigma=sigmas[0]), *(replace(near, sigma=sigma) for sigma in sigmas)]
 
 
-def finish(p: Parameters, levels: int, warm: bool, joined: bool = False, raised: float = 0.0) -> list[Stage]:
+def finish(
+    p: Parameters, levels: int, warm: bool, joined: bool = False, raised: float = 0.0, alpha: float | None = None
+) -> list[Stage]:
     """What follows once the target is found: the other sigmas, the finer meshes, flow lines, the mesh as it is.
 
     With a fixed number of iterations per stage, and without reach on one mesh, which is the paper's way, stages go on
@@ -115,13 +135,18 @@ def finish(p: Parameters, levels: int, warm: bool, joined: bool = False, raised:
         takes the place of the last one, where only what then misses the target goes on.
     raised : float
         A larger last sigma than that of the parameters, which is the only one then but for those of closing stages.
+    alpha : float, optional
+        With which the target was found, if not with that of the parameters.
     """
     meshes = levels - joined
     patient = _is_patient(p, meshes)
     goal, coarse_goal = (0.0, 0.0) if patient else (CLOSE, _CLOSE_ON_COARSER)
     most = p.iterations if patient or meshes == 1 else max(1, int(_FINE * p.iterations))
     until = int(_JOINED * p.iterations) if joined and not patient else p.iterations
-    last = Stage(meshes - 1, max(p.sigma, raised), 0.0, most, until, patient, goal, last=True)
+    alpha = p.alpha if alpha is None else alpha
+    last = Stage(
+        meshes - 1, max(p.sigma, raised), alpha, 0.0, most, until, patient, goal, last=True, paying=_PAYING_WELL
+    )
     coarse = replace(
         last, level=0, iterations=p.iterations, until=int(_COARSE * p.iterations), goal=coarse_goal, last=False
     )
@@ -129,23 +154,26 @@ def finish(p: Parameters, levels: int, warm: bool, joined: bool = False, raised:
     plan = [replace(coarse if meshes > 1 else replace(last, last=False), sigma=sigma) for sigma in sigmas]
     if not warm:
         plan += [replace(coarse, level=level) for level in range(meshes - 1)]
-    plan += [last, *_closing(replace(last, iterations=p.iterations), p.sigma)]
+    plan += [last, *_closing(replace(last, iterations=p.iterations), p)]
     if p.balance:
         plan.append(replace(last, balanced=True))
     if joined:
         fine = p.iterations if patient else max(1, int(_FINE * p.iterations))
         itself = replace(last, level=levels - 1, iterations=fine, until=p.iterations, goal=0.0 if patient else MATCHED)
-        plan += [itself, *_closing(itself, p.sigma)]
+        plan += [itself, *_closing(itself, p)]
     return plan
 
 
-def _closing(last: Stage, sigma: float) -> list[Stage]:
-    """Smaller sigmas for what is not matched with the last one, down to those below the parameters' sigma."""
+def _closing(last: Stage, p: Parameters) -> list[Stage]:
+    """Smaller alphas and sigmas for what is not matched with the last ones, down to those below the parameters'."""
     if last.patient:
         return []
-    closing = replace(last, goal=MATCHED, needed_above=MATCHED)
-    steps = _CLOSING + math.ceil(math.log(last.sigma / sigma, 1 / _SMALLER) - 1e-9)
-    return [replace(closing, sigma=last.sigma * _SMALLER**step) for step in range(1, steps + 1)]
+    closing = replace(last, alpha=_LESS * p.alpha, goal=MATCHED, needed_above=MATCHED, paying=_PAYING)
+    smoother = [closing] if closing.alpha < last.alpha else []
+    steps = range(1, _CLOSING + 1 + math.ceil(math.log(last.sigma / p.sigma, 1 / _LESS) - 1e-9))
+    return smoother + [
+        replace(closing, sigma=last.sigma * _LESS**step, alpha=closing.alpha * _LESS ** (2 * step)) for step in steps
+    ]
 
 
 def _is_patient(p: Parameters, meshes: int) -> bool:

@@ -46,6 +46,7 @@ class Solver:
         record = Record(on_iteration)
         self.history, self.stage_of, self.schedule = record.history, record.stage_of, record.schedule
         self.unmatched = np.nan
+        self._alpha = energy.parameters.alpha  # with which the target was found
         self._held = _UNKNOWN, Progress()  # what flow lines said last where sigma was raised
         self._descent = Descent(energy, record, control)
         self._joined = len(self._descent.levels) > 1  # whether the mesh itself comes twice
@@ -83,21 +84,21 @@ class Solver:
             mismatch, at_rest = map(coarsest.relative_mismatch, (coarsest.advected(given), coarsest.source))
             x = given if mismatch <= _ASTRAY * at_rest or not p.iterations else x
         best, least, kept = x, np.inf, descent.progress.best
-        for tried in search(p, len(descent.levels), self._joined):
-            if len(self.history) > tried[0].until:
+        for way in search(p, len(descent.levels), self._joined):
+            if len(self.history) > way.stages[0].until:
                 break
             descent.progress = Progress()
             found = x
             try:
-                for stage in tried:
+                for stage in way.stages:
                     found = descent.minimise(stage, found).x
             except CancelledError:
                 self._go_back(kept, least)
                 raise
-            mismatch = descent.mismatch if tried else 0.0
-            if mismatch < least:
-                best, least, kept = found, mismatch, descent.progress.best
-            if mismatch <= REACHED:
+            if descent.mismatch < least:
+                best, least, kept = found, descent.mismatch, descent.progress.best
+                self._alpha = way.stages[0].alpha
+            if descent.mismatch <= way.found:
                 break
         worst = max(coarsest.relative_mismatch(coarsest.source), 1.0)  # no flow, or a source squeezed to nothing
         if p.iterations and worst < least < np.inf:
@@ -123,7 +124,7 @@ class Solver:
         if not way or len(self.history) > way[0].until or not is_walked(coarsest):
             return usual
         sigma, progress = way[-1].sigma, descent.progress
-        confirmed = confirmation(coarsest, usual, sigma, descent.wait)
+        confirmed = confirmation(coarsest, descent.at(way[-1], usual.x), sigma, descent.wait)
         if not confirmed.is_doubtful or not is_resolved(coarsest):
             return usual
         descent.progress = Progress()
@@ -135,9 +136,10 @@ class Solver:
         except CancelledError:
             descent.progress = Progress(usual)
             raise
-        if descent.mismatch > REACHED or smooth.energy >= confirmed.energy:
+        if descent.mismatch > REACHED or not smooth.is_as_low(confirmed):
             descent.progress = progress
             return usual
+        self._alpha = way[-1].alpha
         if smooth.is_doubtful and p.sigma_unit == "relative":
             self.unmatched = smooth.left
         return descent.best
@@ -145,7 +147,8 @@ class Solver:
     def _finish(self, x: FloatArray, warm: bool) -> None:
         """Come close on all meshes; those between are left out where what is found holds on the mesh itself."""
         count, raised = len(self._descent.levels), 0.0 if np.isnan(self.unmatched) else self.unmatched
-        plan, top = finish(self.energy.parameters, count, warm, self._joined, raised), count - 1 - self._joined
+        plan = finish(self.energy.parameters, count, warm, self._joined, raised, self._alpha)
+        top = count - 1 - self._joined
         last = [stage for stage in plan if stage.level >= top]
         x = self._through([stage for stage in plan if stage.level == 0 < top], x)
         between = [stage for stage in plan if 0 < stage.level < top]

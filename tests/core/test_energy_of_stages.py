@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import abfm
 from abfm.energy import MatchingEnergy
@@ -112,17 +113,33 @@ def test_bracket_gradient_at_rest_is_exact_with_reach_and_either_order(order: in
 
 
 @pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("alpha", [0.0, 0.002, 0.7])
+def test_another_alpha_is_that_of_other_parameters(order: int, alpha: float) -> None:
+    """To the last bit, also for the inverse, and what the parameters have stays."""
+    mesh = MESHES["boundary"]
+    E, other = energy(mesh, order=order), energy(mesh, order=order, alpha=alpha)
+    v = fields(mesh, 1)
+    before, found, expected = E.evaluate(v, 0.2), E.evaluate(v, 0.2, alpha=alpha), other.evaluate(v, 0.2)
+    assert found.energy == expected.energy != before.energy
+    assert_array_equal(found.gradient, expected.gradient)
+    assert_array_equal(E.regularizer(alpha).inverse(v[0]), other.regularizer().inverse(v[0]))
+    assert E.evaluate(v, 0.2).energy == before.energy
+    assert E.regularizer() is E.regularizer(0.05)
+    assert order_at(E, v, alpha=alpha) >= 1.9
+
+
+@pytest.mark.parametrize("order", [1, 2])
 def test_order_changes_the_regularity_alone(order: int) -> None:
     """``dtau / 2 sum_j <v_j, R_order v_j>``, and the mismatch is that of the other order."""
     mesh = MESHES["boundary"]
     E, other = energy(mesh, order=order, segments=3), energy(mesh, order=3 - order, segments=3)
     v = fields(mesh, 3)
     found = E.evaluate(v, 0.2)
-    expected = sum(float((one * E.regularizer.apply(one)).sum()) for one in v) * 1.3 / 3 / 2
+    expected = sum(float((one * E.regularizer().apply(one)).sum()) for one in v) * 1.3 / 3 / 2
     assert found.regularity == pytest.approx(expected, rel=1e-12)
     assert found.mismatch == other.evaluate(v, 0.2).mismatch
     assert found.energy == pytest.approx(found.regularity + found.mismatch, rel=1e-15)
-    assert E.regularizer.order == order
+    assert E.regularizer().order == order
 
 
 def test_a_target_takes_the_place_of_the_one_given() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -17,7 +18,7 @@ from abfm.schedule import MATCHED, REACHED, Stage, finish, gradual, search
 def stages(p: Parameters, levels: int = 1, warm: bool = False, joined: bool = False) -> list[Stage]:
     """All stages in their order, with the first way to the target."""
     ways = search(p, levels, joined)
-    return (ways[0] if ways and not warm else []) + finish(p, levels, warm, joined)
+    return (ways[0].stages if ways and not warm else []) + finish(p, levels, warm, joined)
 
 
 @given(sigma=st.floats(1e-6, 1e3), factor=st.floats(1.5, 20), count=st.integers(1, 8), iterations=st.integers(0, 2000))
@@ -37,7 +38,7 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(
         assert stage.patient
         assert stage.needed_above == 0
         assert not stage.balanced
-        assert stage.pays([1.0] * 1000, 1.0)
+        assert stage.pays([1.0] * 1000)
     assert [stage.last for stage in plan] == [False] * (count - 1) + [True]
 
 
@@ -47,10 +48,11 @@ def test_fixed_numbers_of_iterations_are_kept() -> None:
         p = Parameters(**changes, stage_iterations=7, cooling_stages=4)
         for levels, joined in ((1, False), (3, False), (2, True), (4, True)):
             for way in search(p, levels, joined):
-                assert [stage.iterations for stage in way] == [7] * len(way)
+                assert [stage.iterations for stage in way.stages] == [7] * len(way.stages)
+                assert {stage.alpha for stage in way.stages} == {p.alpha}
             assert gradual(p, levels, joined) == []
             ends = finish(p, levels, False, joined)
-            for way in (*search(p, levels, joined), ends):
+            for way in (*(way.stages for way in search(p, levels, joined)), ends):
                 assert all(stage.patient and stage.goal == 0 for stage in way)
             if joined:
                 assert [stage.level for stage in ends].count(levels - 1) == 1
@@ -73,7 +75,7 @@ def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
 ) -> None:
     p, levels = Parameters(reach=reach, iterations=iterations, cooling_stages=count), meshes + joined
     plan = stages(p, levels, warm, joined)
-    for way in (*search(p, levels, joined), gradual(p, levels, joined)):
+    for way in (*(way.stages for way in search(p, levels, joined)), gradual(p, levels, joined)):
         assert all(stage.level == 0 and 0 <= stage.until <= iterations for stage in way)
     assert all(0 <= stage.until <= iterations for stage in plan)
     assert [stage.level for stage in plan] == sorted(stage.level for stage in plan)
@@ -123,7 +125,7 @@ def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_vertices_held_toget
 @pytest.mark.parametrize("levels", [1, 3])
 def test_a_search_looks_far_then_near_and_further_where_that_fails(levels: int) -> None:
     p = Parameters(reach=0.4)
-    ways = search(p, levels)
+    ways = [way.stages for way in search(p, levels)]
     assert [len(way) for way in ways] == [2] * len(ways)
     assert ways[0][0].reach == 0.4
     assert max(way[0].reach for way in ways) > 0.4 > min(way[0].reach for way in ways)
@@ -132,6 +134,21 @@ def test_a_search_looks_far_then_near_and_further_where_that_fails(levels: int) 
         assert all(stage.level == 0 for stage in way)
         assert way[0].sigma <= way[1].sigma == p.stage_sigmas()[0]
     assert 0 < REACHED < 1
+
+
+def test_less_smooth_ways_are_tried_where_a_smooth_one_does_not_surely_find_the_target() -> None:
+    p = Parameters()
+    first, *others = search(p, 1)
+    assert {stage.alpha for stage in first.stages} == {p.alpha}
+    for way in others:
+        alphas = {stage.alpha for stage in way.stages}
+        assert len(alphas) == 1 and max(alphas) < p.alpha
+        assert way.found == REACHED > first.found > MATCHED
+    found = finish(p, 1, False, alpha=others[0].stages[0].alpha)
+    assert found[0].alpha == others[0].stages[0].alpha
+    still = search(Parameters(alpha=0.0), 1)  # nothing is less smooth
+    assert len(still) == len(others)
+    assert {way.found for way in still} == {REACHED}
 
 
 @pytest.mark.parametrize("changes", [{}, PAPER, {"cooling_stages": 1}, {"balance": 0.0}])
@@ -148,21 +165,30 @@ def test_sigmas_fall_towards_the_last_and_below_it_only_where_needed() -> None:
     plan = stages(Parameters(cooling_stages=4, balance=0.0))
     sigmas = [stage.sigma for stage in plan if not stage.reach]
     assert sigmas == sorted(sigmas, reverse=True)
+    assert [stage.alpha for stage in plan] == sorted((stage.alpha for stage in plan), reverse=True)
     below = [stage for stage in plan if stage.sigma < Parameters().sigma]
-    assert below
+    assert len(below) > 1
+    for one, next_one in pairwise(below):
+        assert next_one.alpha / one.alpha == pytest.approx((next_one.sigma / one.sigma) ** 2)
+    assert {stage.alpha for stage in plan if not stage.needed_above} == {Parameters().alpha}
     assert all(stage.needed_above > 0 and stage.goal == stage.needed_above for stage in below)
 
 
 def test_a_stage_pays_while_its_energy_falls() -> None:
-    on_the_way = Stage(0, 1.0, 0.0, 100, 100, patient=False)
-    falling, still = [0.9**k for k in range(40)], [1.0] * 40
-    assert on_the_way.pays(falling, 1.0)
-    assert not on_the_way.pays(still, 1.0)
-    assert on_the_way.pays(still[:5], 1.0)  # too early to tell
-    at_last = Stage(0, 1.0, 0.0, 100, 100, patient=False, last=True)
-    longest = [max(k for k in range(1, 40) if stage.pays(still[:k], 1.0)) for stage in (on_the_way, at_last)]
-    assert longest[0] < longest[1]
-    assert not on_the_way.pays([math.inf] * 40, 1.0)
+    stage = Stage(0, 1.0, 1.0, 0.0, 100, 100, patient=False)
+    falling, still = [0.99**k for k in range(40)], [1.0] * 40
+    assert stage.pays(falling)
+    assert not replace(stage, paying=0.1).pays(falling)
+    assert not stage.pays(still)
+    assert stage.pays(still[:5])  # too early to tell
+    assert replace(stage, patient=True).pays(still)
+    assert not stage.pays([math.inf] * 40)
+
+
+def test_stages_that_less_smooth_ones_follow_must_pay_well() -> None:
+    for plan in (finish(Parameters(), levels, warm) for levels in (1, 3) for warm in (False, True)):
+        usual, closing = ({stage.paying for stage in plan if (stage.needed_above > 0) is c} for c in (False, True))
+        assert min(usual) > max(closing)
 
 
 @given(
@@ -180,5 +206,5 @@ def test_a_raised_sigma_is_the_only_one_and_closing_stages_go_on_below_the_param
     assert {stage.sigma for stage in plan if not stage.needed_above} == {last}
     for level in range(meshes - 1, levels):
         sigmas = [stage.sigma for stage in plan if stage.level == level and stage.needed_above]
-        assert sigmas == [pytest.approx(last / 3**step) for step in range(1, len(sigmas) + 1)]
-        assert 1 / 27.001 < sigmas[-1] / p.sigma < 1 / 8.999
+        assert sigmas == [pytest.approx(last / 3**step) for step in range(len(sigmas))]  # the first one is less smooth
+        assert 1 / 3**5.001 < sigmas[-1] / p.sigma < 1 / 3**3.999

@@ -43,7 +43,7 @@ def cosines(problem: Problem, velocity: FloatArray, substeps: Sequence[int] = SU
     """
     exact_energy = MatchingEnergy(problem.mesh, problem.source, problem.target, PARAMETERS)
     fields = to_frame(exact_energy.mesh, velocity[None] / exact_energy.length_scale)
-    regularity = PARAMETERS.tau * exact_energy.regularizer.apply(fields[0]).ravel()
+    regularity = PARAMETERS.tau * exact_energy.regularizer().apply(fields[0]).ravel()
     whole = exact_energy.evaluate(fields, PARAMETERS.sigma).gradient.ravel()
     exact = whole - regularity
     rows = []
