@@ -142,7 +142,8 @@ def test_less_smooth_ways_are_tried_where_a_smooth_one_does_not_surely_find_the_
     assert {stage.alpha for stage in first.stages} == {p.alpha}
     for way in others:
         alphas = {stage.alpha for stage in way.stages}
-        assert len(alphas) == 1 and max(alphas) < p.alpha
+        assert len(alphas) == 1
+        assert max(alphas) < p.alpha
         assert way.found == REACHED > first.found > MATCHED
     found = finish(p, 1, False, alpha=others[0].stages[0].alpha)
     assert found[0].alpha == others[0].stages[0].alpha
