@@ -1,7 +1,7 @@
 """Whether flow lines confirm what the discrete advection shows, while a match is on its way.
 
-A search that follows details at once may end in a field that its scheme alone carries the source along. Of two ways to
-the target the better one is that whose energy is lower with flow lines in place of the discrete advection.
+A search that follows details at once may end in a field that its scheme alone carries the source along. Ways to the
+target are compared by their energy with flow lines in place of the discrete advection.
 """
 
 from __future__ import annotations

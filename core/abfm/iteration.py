@@ -24,7 +24,7 @@ class Iteration:
         is the last but one, too, with their vertices held together, see `abfm.clusters`.
     vertices : int
         Of that mesh; clusters of them where some are held together.
-    reach, sigma : float
+    reach, sigma, alpha : float
         Values in this stage.
     energy, regularity, mismatch_energy : float
         Total and its terms, on the mesh of this level scaled to unit area.
@@ -45,6 +45,7 @@ class Iteration:
     vertices: int
     reach: float
     sigma: float
+    alpha: float
     energy: float
     regularity: float
     mismatch_energy: float

@@ -61,6 +61,7 @@ class Record:
                 vertices=energy.vertex_count,
                 reach=stage.reach,
                 sigma=stage.sigma,
+                alpha=stage.alpha,
                 energy=point.energy,
                 regularity=point.regularity,
                 mismatch_energy=point.mismatch,
