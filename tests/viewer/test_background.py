@@ -49,10 +49,10 @@ def test_an_error_is_told_in_one_line_and_forgotten_with_the_next_request():
 
 
 def test_closing_ends_the_thread_but_does_not_wait_long_for_a_job():
-    idle, busy, may_end = Latest[int]("idle one"), Latest[int]("busy one"), threading.Event()
+    idle, busy, begun, may_end = Latest[int]("idle one"), Latest[int]("busy one"), threading.Event(), threading.Event()
     idle.ask("soon", lambda: 1)
-    busy.ask("late", lambda: int(may_end.wait(30)))
-    until(lambda: idle.key == "soon")
+    busy.ask("late", lambda: begun.set() or int(may_end.wait(30)))
+    until(lambda: idle.key == "soon" and begun.is_set())
     before = time.monotonic()
     idle.close()
     busy.close(0.1)

@@ -97,9 +97,6 @@ def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, monkeypatch)
     monkeypatch.setattr(Ui, "note", lambda self, text, *kind: notes.append(text) or note(self, text, *kind))
 
     def warned():
-        calm(matched)
-        notes.clear()
-        matched.frames(1)
         return [text for text in notes if text.startswith("Warning: this map is not to be trusted")]
 
     session = matched.session
@@ -113,7 +110,13 @@ def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, monkeypatch)
         session.amend(result=result)
         for coloring in MAPS:
             matched.click(coloring, within="Maps")
-            assert len(warned()) == (expected if coloring != "function" else 0)
+            calm(matched)
+            notes.clear()
+            wanted = expected if coloring != "function" else 0
+            matched.wait(lambda _, wanted=wanted: len(warned()) >= wanted)
+            notes.clear()
+            matched.frames(1)
+            assert len(warned()) == wanted
 
 
 def test_the_comparison_has_surfaces_of_its_own(matched):
