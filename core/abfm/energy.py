@@ -164,9 +164,15 @@ class MatchingEnergy:
         return energy
 
     def regularizer(self, alpha: float | None = None) -> Regularizer:
-        """The norm of fields, with the parameters' alpha or another one; all are kept as long as the energy is."""
-        alpha = self.parameters.alpha if alpha is None else alpha
+        """The norm of fields, with the parameters' alpha or another one.
+
+        The latest other one is kept: on a large mesh the factors of each take hundreds of megabytes.
+        """
+        usual = self.parameters.alpha
+        alpha = usual if alpha is None else alpha
         if alpha not in self._regularizers:
+            for other in self._regularizers.keys() - {usual}:
+                del self._regularizers[other]
             self._regularizers[alpha] = Regularizer(self.mesh, alpha, self.parameters.order)
         return self._regularizers[alpha]
 

@@ -100,6 +100,7 @@ def test_signals_that_smooth_flows_do_not_match_raise_sigma_to_what_is_left() ->
     for sigma in sigmas[at:]:  # thirds of it, as the closing stages have
         steps = np.log(solver.unmatched / sigma) / np.log(3)
         assert_allclose(steps, round(steps), atol=1e-9)
+        assert sigma > 0.999 * Parameters().sigma / 3**4
     assert solver.schedule[-1].sigma == solver.unmatched
 
 

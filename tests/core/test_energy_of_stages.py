@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from typing import Any
 
 import numpy as np
@@ -125,7 +127,18 @@ def test_another_alpha_is_that_of_other_parameters(order: int, alpha: float) -> 
     assert_array_equal(E.regularizer(alpha).inverse(v[0]), other.regularizer().inverse(v[0]))
     assert E.evaluate(v, 0.2).energy == before.energy
     assert E.regularizer() is E.regularizer(0.05)
+    assert E.regularizer(alpha) is E.regularizer(alpha)
     assert order_at(E, v, alpha=alpha) >= 1.9
+
+
+def test_of_other_alphas_only_the_latest_is_kept() -> None:
+    """Factors are large, and closing stages have many alphas."""
+    E = energy(MESHES["boundary"])
+    usual, known = E.regularizer(), [weakref.ref(E.regularizer(alpha)) for alpha in (0.3, 0.2, 0.1)]
+    gc.collect()
+    assert [one() is not None for one in known] == [False, False, True]
+    assert E.regularizer() is usual
+    assert E.clustered().regularizer() is usual
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -55,9 +55,10 @@ def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degr
 def test_a_far_target_on_a_body() -> None:
     mesh = abfm.load_mesh(asset_path("human_A.off"))
     f, g = (abfm.function(mesh, f"gaussian:vertex={vertex},width=0.08") for vertex in (7, 300))
-    far, blind = (abfm.match(mesh, f, g, Parameters(reach=reach)) for reach in (1.0, 0.0))
-    assert far.mismatch < 0.06
-    assert blind.mismatch > 0.2
+    far, blind = (abfm.match(mesh, f, g, Parameters(iterations=120, alpha=0.003, reach=reach)) for reach in (1.0, 0.0))
+    assert far.mismatch < 0.3
+    assert blind.mismatch > 0.6
+    assert abfm.match(mesh, f, g).mismatch < 0.05
 
 
 def test_the_field_that_is_found_carries_as_a_rotation_does() -> None:
@@ -304,7 +305,7 @@ def test_units_place_rotation_and_numbering_hardly_matter() -> None:
     """Iterates drift apart from rounding on; what is reached does not."""
     mesh = abfm.load_mesh(asset_path("eight.off"))
     f, g = (abfm.function(mesh, f"gaussian:vertex={vertex},width=0.2") for vertex in (7, 60))
-    p = Parameters(iterations=120, levels=2)
+    p = Parameters(iterations=80, levels=2, alpha=0.003)
     here = abfm.match(mesh, f, g, p)
     turned = moved(mesh, Rotation.from_rotvec([1.0, 0.4, -0.3]).as_matrix(), 1e3)
     mixed, vertices, _ = renumbered(mesh, 2)
