@@ -14,7 +14,7 @@ import numpy as np
 
 from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.mesh import FloatArray
-from abfm.own_process import OwnProcess, ProcessEndedError, Requests
+from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests
 
 OWN_PROCESS_FROM = 20_000
 """Vertices: below, computing is quick, and starting a process is not."""

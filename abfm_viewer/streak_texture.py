@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.kernels import IndexArray, kernel
 from abfm.mesh import FloatArray
+from abfm.numerics.kernels import IndexArray, kernel
 from abfm.texels import FloatImage
 from abfm.texture_atlas import TextureAtlas
 from abfm_viewer.colormaps import ColorRange, linear_table

@@ -15,8 +15,8 @@ import numpy as np
 import polyscope.imgui as imgui
 from PIL import Image
 
-from abfm import own_process
 from abfm.io import write_atomically
+from abfm.numerics import own_process
 from abfm_viewer import opengl, style, warm_up
 from abfm_viewer.actions import Actions
 from abfm_viewer.annotations import draw_annotations, window_pen

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.kernels import IndexArray
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
+from abfm.numerics.kernels import IndexArray
 from abfm.operators import vertex_areas
 
 USUAL = 3.0

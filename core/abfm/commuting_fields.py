@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-from abfm.cholesky import factor
 from abfm.errors import MeshError, ParameterError
 from abfm.mesh import FloatArray, TriangleMesh
+from abfm.numerics.cholesky import factor
 from abfm.operators import Matrix, face_areas, hodge_laplacian, rotation
 from abfm.vector_fields import check_field, lie_bracket, lie_bracket_of, to_ambient, to_frame
 

@@ -11,8 +11,8 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from abfm import derivative_kernels
 from abfm.clusters import vertex_clusters
 from abfm.derivative_kernels import GROUP
-from abfm.kernels import IndexArray
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
+from abfm.numerics.kernels import IndexArray
 from abfm.operators import face_areas, hat_gradients, vertex_areas
 
 _BLOCK = 256  # rows at least

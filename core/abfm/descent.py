@@ -14,7 +14,7 @@ from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import FunctionError
 from abfm.levels import on_the_mesh
 from abfm.mesh import FloatArray
-from abfm.optimizer import LBFGS, State
+from abfm.numerics.optimizer import LBFGS, State
 from abfm.record import Record
 from abfm.schedule import Stage
 from abfm.solvability import Problem, range_bound

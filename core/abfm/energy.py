@@ -10,7 +10,6 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm import kernels
 from abfm.advection import Flow
 from abfm.bracket import BracketGradient
 from abfm.channels import channels
@@ -20,6 +19,7 @@ from abfm.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Workspa
 from abfm.far_metric import FarMetric
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
+from abfm.numerics import kernels
 from abfm.operators import function_norm_matrix, vertex_areas
 from abfm.parameters import Parameters
 from abfm.regularizer import Regularizer, regularizer

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.kernels import FloatArray, IndexArray, kernel
+from abfm.numerics.kernels import FloatArray, IndexArray, kernel
 
 
 @kernel

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from abfm.channels import channels
 from abfm.errors import AbfmError
-from abfm.kernels import FloatArray, IndexArray, kernel
 from abfm.mesh import BoolArray, IntArray, TriangleMesh
+from abfm.numerics.kernels import FloatArray, IndexArray, kernel
 from abfm.operators import face_normals, hat_gradients
 
 Vector: TypeAlias = tuple[float, float, float]

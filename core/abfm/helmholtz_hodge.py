@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.cholesky import factor
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 from abfm.mesh.topology import connected
+from abfm.numerics.cholesky import factor
 from abfm.operators import Matrix, field_mass, hodge_gradients
 from abfm.vector_fields import check_field, to_ambient, to_frame
 

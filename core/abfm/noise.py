@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.kernels import kernel
+from abfm.numerics.kernels import kernel
 
 
 @kernel

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.kernels import IndexArray, kernel
 from abfm.mesh import FloatArray, TriangleMesh
+from abfm.numerics.kernels import IndexArray, kernel
 
 SHARE = 0.2
 """Share of the range by which a peak stands out that is counted."""

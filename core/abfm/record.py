@@ -12,7 +12,7 @@ from abfm.energy import Evaluation
 from abfm.iteration import Iteration
 from abfm.levels import Level
 from abfm.mesh import FloatArray
-from abfm.optimizer import State
+from abfm.numerics.optimizer import State
 from abfm.schedule import Stage
 from abfm.vector_fields import to_ambient
 

@@ -16,8 +16,8 @@ import numpy as np
 from scipy import sparse
 
 from abfm import face_kernels
-from abfm.cholesky import Solve, factor
 from abfm.mesh import FloatArray, TriangleMesh
+from abfm.numerics.cholesky import Solve, factor
 from abfm.operators import Matrix, edge_areas, face_areas, hat_gradients, stiffness, vertex_areas
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.derivative_kernels import GROUP, ONE, dot, gathered
-from abfm.kernels import FloatArray, IndexArray, kernel
+from abfm.numerics.kernels import FloatArray, IndexArray, kernel
 
 _SWEEP = 4  # terms per sweep: their rows of the matrix together stay in the cache
 

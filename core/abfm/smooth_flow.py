@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.face_flow import opposite_slots
-from abfm.kernels import FloatArray, IndexArray, kernel
 from abfm.mesh import TriangleMesh
+from abfm.numerics.kernels import FloatArray, IndexArray, kernel
 from abfm.operators import face_areas, face_frames, hat_gradients
 from abfm.vector_fields import to_frame
 

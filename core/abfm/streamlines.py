@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.kernels import FloatArray, IndexArray, kernel
 from abfm.noise import hashed
+from abfm.numerics.kernels import FloatArray, IndexArray, kernel
 from abfm.smooth_flow import SmoothFlow
 from abfm.texels import Canvas, FloatImage, between_known, weigh_texel
 

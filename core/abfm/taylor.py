@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm import kernels
 from abfm.exponential import AdvectionError
 from abfm.mesh import FloatArray
+from abfm.numerics import kernels
 from abfm.operators import Matrix
 
 _STEP_NORM = 4.0  # a Taylor step of this norm loses under two digits to cancellation

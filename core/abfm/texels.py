@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.kernels import FloatArray, IndexArray, kernel
+from abfm.numerics.kernels import FloatArray, IndexArray, kernel
 
 FloatImage = NDArray[np.float32]
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.face_flow import FaceFlow
-from abfm.kernels import FloatArray, IndexArray, kernel
+from abfm.numerics.kernels import FloatArray, IndexArray, kernel
 
 GOING, BOUNDARY, STAGNATION = 0, 1, 2
 AT_VERTEX = 1.0 - 1e-12

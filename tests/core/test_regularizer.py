@@ -9,8 +9,8 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from abfm import cholesky, own_process
-from abfm.cholesky import factor
+from abfm.numerics import cholesky, own_process
+from abfm.numerics.cholesky import factor
 from abfm.operators import Matrix, cotangent_laplacian, face_areas, vector_norm_matrix, vertex_areas
 from abfm.regularizer import Regularizer, regularizer
 from abfm.vector_fields import to_frame
@@ -174,7 +174,7 @@ def test_same_input_same_bits():
 _OUTLIVES = """
 import ctypes
 from scipy import sparse
-from abfm.cholesky import factor
+from abfm.numerics.cholesky import factor
 ctypes.pythonapi.Py_IncRef(ctypes.py_object(factor(sparse.csr_array(sparse.eye_array(3)))))
 """
 

@@ -12,9 +12,9 @@ from scipy import sparse
 from scipy.optimize import brentq
 
 from abfm.channels import channels
-from abfm.cholesky import factor
 from abfm.errors import FunctionError, ParameterError
 from abfm.mesh import FloatArray, TriangleMesh
+from abfm.numerics.cholesky import factor
 from abfm.operators import Matrix, cotangent_laplacian, vertex_areas
 
 _ITERATIONS = 500

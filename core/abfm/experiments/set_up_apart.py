@@ -9,7 +9,7 @@ from abfm.errors import AbfmError
 from abfm.experiments import experiment_of
 from abfm.experiments.experiment import Setup
 from abfm.match_result import Match
-from abfm.own_process import OwnProcess, ProcessEndedError, Requests
+from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests
 
 
 def set_up_apart(figure: int) -> tuple[Setup, Match | None]:

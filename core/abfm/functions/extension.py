@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from abfm.cholesky import factor
 from abfm.mesh import BoolArray, FloatArray, TriangleMesh
+from abfm.numerics.cholesky import factor
 
 
 def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:

@@ -13,9 +13,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from abfm import own_process
 from abfm.mesh import FloatArray
-from abfm.own_process import OwnProcess, ProcessEndedError, Requests
+from abfm.numerics import own_process
+from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests
 
 try:
     from cholespy import CholeskySolverD, MatrixType
@@ -87,7 +87,7 @@ class _Elsewhere:
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._lock = threading.Lock()
-        self._process = OwnProcess("abfm.cholesky")
+        self._process = OwnProcess("abfm.numerics.cholesky")
         self._send(matrix)
 
     def __call__(self, b: FloatArray) -> FloatArray:

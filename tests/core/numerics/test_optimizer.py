@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize, rosen, rosen_der
 
-from abfm.line_search import CURVATURE, DECREASE, Trial, strong_wolfe
-from abfm.optimizer import LBFGS
+from abfm.numerics.line_search import CURVATURE, DECREASE, Trial, strong_wolfe
+from abfm.numerics.optimizer import LBFGS
 
 
 @dataclass

@@ -1,0 +1,1 @@
+"""Compiled kernels, sparse factorisation, and minimisation: nothing here knows of surfaces."""
