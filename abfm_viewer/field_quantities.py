@@ -242,8 +242,8 @@ def _field(flow: FlowState, segment: int, part: FieldPart) -> Field:
         velocity, bracket = commuting(flow, segment)
         note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
     elif part != "whole":
-        from abfm.helmholtz_hodge import helmholtz_hodge
-        from abfm.operators import face_areas
+        from abfm.calculus.helmholtz_hodge import helmholtz_hodge
+        from abfm.calculus.operators import face_areas
 
         parts = dict(zip(HODGE_PARTS, helmholtz_hodge(flow.mesh, velocity), strict=True))
         norms = {name: float(face_areas(flow.mesh) @ (v**2).sum(axis=1)) for name, v in parts.items()}
@@ -260,8 +260,8 @@ def _carried(flow: FlowState, function: FloatArray, time: float) -> Field:
 
 
 def _scalar(field: Field, kind: str) -> FloatArray:
-    from abfm.operators import curl, divergence
-    from abfm.vector_fields import to_frame
+    from abfm.calculus.operators import curl, divergence
+    from abfm.calculus.vector_fields import to_frame
 
     operator = divergence(field.mesh) if kind == "divergence" else curl(field.mesh)
     return np.asarray(operator @ to_frame(field.mesh, field.velocity).ravel())

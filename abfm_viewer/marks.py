@@ -22,7 +22,7 @@ _THICK = 0.0035
 
 def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
     """Faces spread over the surface: the largest in each cube of a grid whose size falls with the density, 0 to 1."""
-    from abfm.operators import face_areas
+    from abfm.calculus.operators import face_areas
 
     centers = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
     side = 0.12 * (0.15 / 0.12) ** (1 - min(max(density, 0.0), 1.0)) * 10 ** (-0.9 * min(max(density, 0.0), 1.0))
@@ -35,7 +35,7 @@ def draw_arrows(
     name: str, mesh: TriangleMesh, velocity: FloatArray, length: float, density: float, drawn: Drawn, color: Rgb
 ) -> None:
     """Show a field (F, 3) that is not zero everywhere: `length` is that of the fast arrows."""
-    from abfm.operators import face_normals
+    from abfm.calculus.operators import face_normals
 
     speed = np.linalg.norm(velocity, axis=1)
     faces = evenly_spread(mesh, density)

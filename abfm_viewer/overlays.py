@@ -125,7 +125,7 @@ def _draw_lines(name: str, mesh: TriangleMesh, lines: list[FlowLine], home: Floa
 
 
 def _lifted(mesh: TriangleMesh, line: FlowLine) -> FloatArray:
-    from abfm.operators import face_normals
+    from abfm.calculus.operators import face_normals
 
     return line.positions + _LIFT * mesh.length_scale * face_normals(mesh)[line.faces]
 

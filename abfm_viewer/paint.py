@@ -155,7 +155,7 @@ class Painter:
         source = found.area if kind == "area distortion" else found.conformal
 
         def make() -> Paint:
-            from abfm.operators import face_areas  # not before: it loads what the first frame does without
+            from abfm.calculus.operators import face_areas  # not before: it loads what the first frame does without
 
             values = np.log2(np.clip(source, 1e-6, 1e6))
             top = max(_most(np.abs(values), face_areas(session.mesh)), 0.05)

@@ -19,7 +19,10 @@ def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
     AbfmError
         During a run, on a large mesh, or if the field is zero.
     """
-    from abfm.commuting_fields import commuting_fields, relative_bracket  # not before: the first frame does without
+    from abfm.calculus.commuting_fields import (  # not before: the first frame does without
+        commuting_fields,
+        relative_bracket,
+    )
 
     if not flow.final:
         raise AbfmError("the field that commutes is computed when the run has ended")
@@ -41,8 +44,8 @@ def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Floa
     AbfmError
         If the flow is too long, or the carried field overflows.
     """
-    from abfm.operators import gradient
-    from abfm.vector_fields import pushforward, to_ambient
+    from abfm.calculus.operators import gradient
+    from abfm.calculus.vector_fields import pushforward, to_ambient
 
     field = to_ambient(flow.mesh, (gradient(flow.mesh) @ function).reshape(-1, 2))
     ends = np.linspace(0, flow.parameters.tau, len(flow.velocity) + 1)

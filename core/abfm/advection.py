@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.calculus.vector_fields import to_frame
 from abfm.derivative_pattern import derivative_pattern
 from abfm.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Segment, Trajectory, Workspace
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.vector_fields import to_frame
 
 
 class LinearizedFlow:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from abfm.calculus.exponential_action import exponential_action
+from abfm.calculus.operators import Matrix
+from abfm.calculus.vector_fields import dual_directional_derivative, lie_bracket
 from abfm.exponential import ExponentialFlow
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import Matrix
-from abfm.taylor import exponential_action
-from abfm.vector_fields import dual_directional_derivative, lie_bracket
 
 
 class BracketGradient:

@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abfm.calculus.vector_fields import to_ambient
 from abfm.continuous_flow import flow_map
 from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import ParameterError
 from abfm.flow_maps import pull_back
 from abfm.mesh import FloatArray
 from abfm.resolution import resolution
-from abfm.vector_fields import to_ambient
 from abfm.verdict import NEARLY
 
 _PAYING = 0.03  # of what flow lines leave: what a colder stage must gain

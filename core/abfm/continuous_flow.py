@@ -14,12 +14,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.errors import ParameterError
 from abfm.flow_lines import FacePoints, check_start, fields_in_a_row
 from abfm.flow_maps import SurfacePoints, vertex_points
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.numerics.kernels import IndexArray, kernel
-from abfm.operators import face_areas, face_frames, hat_gradients
 from abfm.smooth_flow import SmoothFlow, smooth_flow
 from abfm.streamlines import vector_at, walk_straight
 

@@ -9,11 +9,11 @@ from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from abfm import derivative_kernels
+from abfm.calculus.operators import face_areas, hat_gradients, vertex_areas
 from abfm.clusters import vertex_clusters
 from abfm.derivative_kernels import GROUP
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
 from abfm.numerics.kernels import IndexArray
-from abfm.operators import face_areas, hat_gradients, vertex_areas
 
 _BLOCK = 256  # rows at least
 _BLOCKED = 20_000  # vertices from which blocks pay

@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike
 
 from abfm.advection import Flow
 from abfm.bracket import BracketGradient
-from abfm.channels import channels
+from abfm.calculus.channels import channels
+from abfm.calculus.operators import function_norm_matrix, vertex_areas
+from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.derivative_pattern import clustered_pattern
 from abfm.errors import FunctionError, ParameterError
 from abfm.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Workspace
@@ -20,10 +22,8 @@ from abfm.far_metric import FarMetric
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
 from abfm.numerics import kernels
-from abfm.operators import function_norm_matrix, vertex_areas
 from abfm.parameters import Parameters
 from abfm.regularizer import Regularizer, regularizer
-from abfm.vector_fields import to_ambient, to_frame
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abfm.calculus.operators import face_areas, face_frames, hat_gradients
+from abfm.calculus.vector_fields import to_frame
 from abfm.errors import ParameterError
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
-from abfm.operators import face_areas, face_frames, hat_gradients
-from abfm.vector_fields import to_frame
 
 _FASTEST = 1e150  # faces per unit of time: products of two still are numbers
 

@@ -12,9 +12,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
+from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.numerics.cholesky import factor
-from abfm.operators import Matrix, cotangent_laplacian, vertex_areas
 
 
 class FarMetric:

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm import tracing
+from abfm.calculus.vector_fields import check_field
 from abfm.errors import ParameterError
 from abfm.face_flow import FaceFlow, face_flow
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
-from abfm.vector_fields import check_field
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]
 STEP_LIMIT = 100_000

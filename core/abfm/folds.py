@@ -12,9 +12,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from abfm.calculus.operators import face_normals
 from abfm.flow_maps import SurfacePoints, turned_over
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
-from abfm.operators import face_normals
 
 MOST = 2048
 """Faces that are looked at closely, unless said."""

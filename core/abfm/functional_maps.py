@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from abfm.channels import channels
+from abfm.calculus.channels import channels
+from abfm.calculus.operators import vertex_areas
 from abfm.errors import ParameterError
 from abfm.flow_maps import SurfacePoints, pull_back, vertex_points
 from abfm.functions.eigenfunction import eigenbasis
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import vertex_areas
 
 
 def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArray:

@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.clusters import vertex_clusters
 from abfm.energy import MatchingEnergy
 from abfm.mesh import FloatArray, TriangleMesh
@@ -20,7 +21,6 @@ from abfm.mesh.coarsening import coarsened
 from abfm.parameters import Parameters
 from abfm.resolution import resolution
 from abfm.transfer import Transfer
-from abfm.vector_fields import to_ambient, to_frame
 
 COARSEST = 2500
 """Vertices of the coarsest mesh where their number is chosen here."""

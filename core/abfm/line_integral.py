@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm import streamlines
+from abfm.calculus.operators import face_areas
+from abfm.calculus.vector_fields import check_field, to_ambient, to_frame
 from abfm.errors import ParameterError
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import face_areas
 from abfm.smooth_flow import SmoothFlow, smooth_flow
 from abfm.texels import Canvas, FloatImage, fill_gaps, fill_margins
 from abfm.texture_atlas import TextureAtlas, texture_atlas
-from abfm.vector_fields import check_field, to_ambient, to_frame
 
 GREY = 0.5
 _STEP = 1.5  # of a walk, in grains

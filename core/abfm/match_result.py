@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.advection import Flow
-from abfm.channels import channels
+from abfm.calculus.channels import channels
+from abfm.calculus.vector_fields import to_frame
 from abfm.errors import AbfmError, ParameterError, ResultError
 from abfm.exponential import AdvectionError, Workspace
 from abfm.flow_maps import Distortion, SurfacePoints, distortion, project_onto_surface
@@ -22,7 +23,6 @@ from abfm.io import load_arrays, save_arrays
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 from abfm.parameters import Parameters
 from abfm.schedule import MATCHED
-from abfm.vector_fields import to_frame
 from abfm.verdict import Kind, Verdict
 from abfm.verification import Verification, verify
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.calculus.vector_fields import to_ambient
 from abfm.control import CancelledError, Control
 from abfm.energy import MatchingEnergy
 from abfm.errors import ParameterError
@@ -16,7 +17,6 @@ from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.solvability import Problem
 from abfm.solve import Solver
-from abfm.vector_fields import to_ambient
 from abfm.verdict import Outcome, advice
 from abfm.verification import look
 

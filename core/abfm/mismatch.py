@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.calculus.operators import l2_norm
 from abfm.errors import ParameterError
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import l2_norm
 
 
 def vertex_mask(mesh: TriangleMesh, mask: ArrayLike | None) -> FloatArray | None:

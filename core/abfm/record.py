@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from abfm.calculus.vector_fields import to_ambient
 from abfm.confirmation import Best
 from abfm.energy import Evaluation
 from abfm.iteration import Iteration
@@ -14,7 +15,6 @@ from abfm.levels import Level
 from abfm.mesh import FloatArray
 from abfm.numerics.optimizer import State
 from abfm.schedule import Stage
-from abfm.vector_fields import to_ambient
 
 
 class Record:

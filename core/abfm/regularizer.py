@@ -15,10 +15,10 @@ from copy import copy
 import numpy as np
 from scipy import sparse
 
-from abfm import face_kernels
+from abfm.calculus import face_kernels
+from abfm.calculus.operators import Matrix, edge_areas, face_areas, hat_gradients, stiffness, vertex_areas
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.numerics.cholesky import Solve, factor
-from abfm.operators import Matrix, edge_areas, face_areas, hat_gradients, stiffness, vertex_areas
 
 
 class Regularizer:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.channels import channels
+from abfm.calculus.channels import channels
+from abfm.calculus.operators import edge_areas
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import edge_areas
 
 RESOLVED = 5.0
 """Edges per width below which advection over a quarter of a body (half of sqrt(area)) is off by several percent."""

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abfm.calculus.operators import face_areas, face_frames, hat_gradients
+from abfm.calculus.vector_fields import to_frame
 from abfm.face_flow import opposite_slots
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import FloatArray, IndexArray, kernel
-from abfm.operators import face_areas, face_frames, hat_gradients
-from abfm.vector_fields import to_frame
 
 _RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
-from abfm.operators import l2_norm, vertex_areas
 from abfm.peaks import Extrema, different_peaks
 
 VANISHED = 0.2

@@ -8,6 +8,7 @@ from itertools import pairwise, zip_longest
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.calculus.vector_fields import to_ambient
 from abfm.calming import calmed
 from abfm.confirmation import Best, Confirmation, confirmation, is_resolved, is_walked
 from abfm.control import CancelledError, Control
@@ -19,7 +20,6 @@ from abfm.levels import levels
 from abfm.mesh import FloatArray
 from abfm.record import Record
 from abfm.schedule import MATCHED, REACHED, Stage, finish, gradual, search
-from abfm.vector_fields import to_ambient
 from abfm.warm_start import start_fields
 
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again

@@ -8,10 +8,10 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError
 from abfm.flow_maps import map_vertices_to_nearest, project_onto_surface
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
-from abfm.operators import face_areas, vertex_areas
 
 Kind = Literal["mirror", "rotation"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

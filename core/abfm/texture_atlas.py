@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm import texels
-from abfm.channels import channels
+from abfm.calculus.channels import channels
 from abfm.errors import ParameterError
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 

@@ -20,7 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.advection import Flow
-from abfm.channels import channels
+from abfm.calculus.channels import channels
+from abfm.calculus.operators import face_frames
+from abfm.calculus.vector_fields import to_frame
 from abfm.continuous_flow import flow_map
 from abfm.errors import FunctionError, MeshError
 from abfm.exponential import AdvectionError, Workspace
@@ -31,10 +33,8 @@ from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.mesh.subdivision import interpolated
 from abfm.mesh.subdivision import subdivided as subdivided_mesh
 from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
-from abfm.operators import face_frames
 from abfm.resolution import RESOLVED, resolution
 from abfm.smooth_flow import smooth_flow
-from abfm.vector_fields import to_frame
 
 SUBDIVIDED_LIMIT = 200_000
 """Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.calculus.vector_fields import to_frame
 from abfm.energy import MatchingEnergy, check_fields
 from abfm.mesh import FloatArray
-from abfm.vector_fields import to_frame
 
 
 def start_fields(energy: MatchingEnergy, start: ArrayLike) -> FloatArray:

@@ -14,8 +14,8 @@ from abfm.baselines.benchmark.convergence import COOLED, converge
 from abfm.baselines.benchmark.problem import PARAMETERS, sphere_problem
 from abfm.baselines.benchmark.race import SOLVER, descend, time_below
 from abfm.baselines.benchmark.watched import LEVEL
+from abfm.calculus.operators import l2_norm
 from abfm.energy import MatchingEnergy
-from abfm.operators import l2_norm
 
 
 def numbers(entry: Any) -> Iterator[float]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.calculus.operators import face_normals
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import face_normals
 
 
 def rotation_field(mesh: TriangleMesh, axis: ArrayLike) -> FloatArray:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.assets import asset_path
+from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, load_mesh
-from abfm.operators import face_areas, vertex_areas
 from tests.shapes import ellipsoid, hemisphere, open_cylinder, square, tetrahedron, torus
 
 SURFACES = {

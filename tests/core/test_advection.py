@@ -8,11 +8,11 @@ from scipy.special import jv
 
 import abfm
 from abfm.advection import Flow, advect
+from abfm.calculus.operators import l2_norm, vertex_areas
+from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.derivative_pattern import derivative_pattern
 from abfm.exponential import AdvectionError
-from abfm.operators import l2_norm, vertex_areas
 from abfm.series_kernels import bessel_coefficients
-from abfm.vector_fields import directional_derivative, to_frame
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.verification import observed_orders
 from tests.shapes import icosphere, square, torus

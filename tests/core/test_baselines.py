@@ -11,16 +11,16 @@ from scipy.linalg import expm
 
 from abfm.baselines import PaperEnergy, linear_blend, minimise
 from abfm.baselines.paper import exponential_span
-from abfm.energy import MatchingEnergy
-from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import function_norm_matrix, vector_norm_matrix
-from abfm.parameters import PAPER, Parameters
-from abfm.vector_fields import (
+from abfm.calculus.operators import function_norm_matrix, vector_norm_matrix
+from abfm.calculus.vector_fields import (
     directional_derivative,
     dual_directional_derivative,
     lie_bracket,
     to_frame,
 )
+from abfm.energy import MatchingEnergy
+from abfm.mesh import FloatArray, TriangleMesh
+from abfm.parameters import PAPER, Parameters
 from tests.shapes import icosphere
 
 PARAMETERS = Parameters(

@@ -13,15 +13,15 @@ from scipy.spatial.transform import Rotation
 
 import abfm
 from abfm.assets import asset_path
+from abfm.calculus.operators import l2_norm, vertex_areas
+from abfm.calculus.vector_fields import directional_derivative, to_ambient, to_frame
 from abfm.clusters import USUAL, cluster_rates, vertex_clusters
 from abfm.derivative_pattern import clustered_pattern
 from abfm.energy import MatchingEnergy
 from abfm.exponential import ExponentialFlow, Workspace, counted_row_products
 from abfm.levels import levels, on_the_mesh
 from abfm.mesh import TriangleMesh, load_mesh
-from abfm.operators import l2_norm, vertex_areas
 from abfm.parameters import PAPER
-from abfm.vector_fields import directional_derivative, to_ambient, to_frame
 from tests.core.fields import bump, wavy_field
 from tests.core.surfaces import moved, renumbered
 from tests.core.verification import taylor_order

@@ -7,10 +7,10 @@ import pytest
 
 import abfm
 from abfm.assets import asset_path
+from abfm.calculus.operators import face_areas, face_normals
 from abfm.flow_maps import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
-from abfm.operators import face_areas, face_normals
 from tests.core.surfaces import SURFACES, moved
 from tests.core.verification import observed_orders
 from tests.shapes import disc, hemisphere, icosphere, open_cylinder, square, torus

@@ -10,15 +10,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import abfm
 import abfm.solve
+from abfm.calculus.operators import vertex_areas
+from abfm.calculus.vector_fields import to_frame
 from abfm.confirmation import Best, Confirmation, confirmation, is_resolved
 from abfm.control import Control
 from abfm.energy import MatchingEnergy
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import vertex_areas
 from abfm.parameters import PAPER, Parameters
 from abfm.schedule import gradual, search
 from abfm.solve import Solver
-from abfm.vector_fields import to_frame
 from tests.core.fields import bump, wavy_field
 from tests.core.surfaces import renumbered
 from tests.shapes import icosphere

@@ -5,9 +5,9 @@ import pytest
 from scipy.sparse.linalg import expm_multiply
 
 import abfm
-from abfm.operators import function_norm_matrix, vector_norm_matrix
+from abfm.calculus.operators import function_norm_matrix, vector_norm_matrix
+from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.parameters import PAPER
-from abfm.vector_fields import directional_derivative, to_frame
 from tests.core.fields import bump, tangent, wavy_field
 from tests.core.verification import taylor_order
 from tests.shapes import hemisphere, icosphere

@@ -11,10 +11,10 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import abfm
+from abfm.calculus.operators import l2_norm
+from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.energy import MatchingEnergy
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import l2_norm
-from abfm.vector_fields import directional_derivative, to_frame
 from tests.core.fields import bump, wavy_field
 from tests.core.verification import taylor_order
 from tests.shapes import hemisphere, icosphere, open_cylinder

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import abfm
 from abfm.assets import asset_path
+from abfm.calculus.vector_fields import to_frame
 from abfm.energy import Evaluation
 from abfm.levels import Level
 from abfm.match_result import Match
@@ -19,7 +20,6 @@ from abfm.matching import Iteration
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import PAPER, Parameters
 from abfm.regularizer import Regularizer
-from abfm.vector_fields import to_frame
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.surfaces import moved, relative_error, renumbered
 from tests.shapes import hemisphere, icosphere

@@ -14,6 +14,8 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse.linalg import expm_multiply
 
+from abfm.calculus.operators import face_areas, l2_norm
+from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.errors import AbfmError, FunctionError
 from abfm.flow_maps import (
     POINTS_PER_QUERY,
@@ -24,8 +26,6 @@ from abfm.flow_maps import (
     pull_back,
 )
 from abfm.mesh import FloatArray, TriangleMesh, load_mesh
-from abfm.operators import face_areas, l2_norm
-from abfm.vector_fields import directional_derivative, to_frame
 from tests.shapes import ellipsoid, hemisphere, icosphere, square, torus
 
 HUMAN = Path(__file__).parents[2] / "assets" / "human_A.off"

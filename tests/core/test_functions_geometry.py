@@ -11,12 +11,12 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
+from abfm.calculus.operators import vertex_areas
 from abfm.errors import FunctionError
 from abfm.functions import function, geodesic_distance
 from abfm.functions.curvature import gaussian_curvature, mean_curvature, mixed_areas
 from abfm.functions.extension import extend
 from abfm.mesh import FloatArray, TriangleMesh, load_mesh
-from abfm.operators import vertex_areas
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, torus
 
 ASSETS = Path(__file__).parents[2] / "assets"

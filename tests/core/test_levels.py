@@ -10,10 +10,10 @@ import pytest
 
 from abfm import MatchingEnergy, Parameters
 from abfm import levels as module
+from abfm.calculus.vector_fields import to_ambient
 from abfm.control import CancelledError
 from abfm.levels import Level, _making, levels, on_the_mesh, prepare
 from abfm.mesh import coarsening
-from abfm.vector_fields import to_ambient
 from tests.core.fields import bump, rotation_field
 from tests.core.surfaces import relative_error, renumbered
 from tests.shapes import icosphere, torus

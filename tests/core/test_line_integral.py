@@ -9,12 +9,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
+from abfm.calculus.operators import face_normals
 from abfm.errors import ParameterError
 from abfm.flow_lines import flow_lines
 from abfm.flow_maps import project_onto_surface
 from abfm.line_integral import line_integral_convolution
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import face_normals
 from abfm.texels import FloatImage
 from abfm.texture_atlas import TextureAtlas, texture_atlas
 from tests.core.fields import rotation_field, tangent, wavy_field

@@ -11,9 +11,9 @@ from scipy.sparse.linalg import expm_multiply
 
 import abfm
 from abfm.assets import asset_path
-from abfm.operators import face_normals, l2_norm
+from abfm.calculus.operators import face_normals, l2_norm
+from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.parameters import PAPER
-from abfm.vector_fields import directional_derivative, to_frame
 from tests.core.fields import bump, wavy_field
 from tests.shapes import hemisphere, icosphere, torus
 

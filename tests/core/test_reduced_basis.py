@@ -8,13 +8,13 @@ from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
 from abfm.baselines.reduced_basis import ReducedEnergy, hodge_basis, reduced_match
+from abfm.calculus.operators import field_mass, hodge_laplacian, vertex_areas
+from abfm.calculus.vector_fields import directional_derivative
 from abfm.errors import AbfmError
 from abfm.flow_maps import project_onto_surface
 from abfm.functional_maps import functional_map
 from abfm.functions.eigenfunction import eigenbasis
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import field_mass, hodge_laplacian, vertex_areas
-from abfm.vector_fields import directional_derivative
 from tests.shapes import ellipsoid, hemisphere, icosphere, torus
 
 

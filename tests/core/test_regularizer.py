@@ -9,11 +9,11 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from abfm.calculus.operators import Matrix, cotangent_laplacian, face_areas, vector_norm_matrix, vertex_areas
+from abfm.calculus.vector_fields import to_frame
 from abfm.numerics import cholesky, own_process
 from abfm.numerics.cholesky import factor
-from abfm.operators import Matrix, cotangent_laplacian, face_areas, vector_norm_matrix, vertex_areas
 from abfm.regularizer import Regularizer, regularizer
-from abfm.vector_fields import to_frame
 from tests.core.fields import rotation_field
 from tests.core.surfaces import SURFACES
 from tests.core.verification import observed_orders

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from abfm.calculus.operators import face_frames
 from abfm.flow_lines import flow_lines
 from abfm.flow_maps import project_onto_surface
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import face_frames
 from abfm.smooth_flow import SmoothFlow, smooth_flow
 from abfm.streamlines import direction, walk_straight
 from tests.core.fields import rotation_field, wavy_field

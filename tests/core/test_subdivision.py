@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from abfm.calculus.operators import cotangent_laplacian, face_areas, face_normals
 from abfm.flow_maps import project_onto_surface, pull_back
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, subdivided
-from abfm.operators import cotangent_laplacian, face_areas, face_normals
 from tests.core.surfaces import SURFACES
 
 EACH_SURFACE = pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from abfm.calculus.operators import face_areas
 from abfm.errors import FunctionError, ParameterError
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import face_areas
 from abfm.texture_atlas import TextureAtlas, texture_atlas
 from tests.shapes import disc, ellipsoid, icosphere, square, tetrahedron, torus
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from abfm.calculus.operators import vertex_areas
+from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow_maps import project_onto_surface
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mesh.coarsening import coarsened
-from abfm.operators import vertex_areas
 from abfm.transfer import Transfer
-from abfm.vector_fields import to_ambient, to_frame
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.surfaces import SURFACES, moved, relative_error, renumbered
 from tests.core.verification import observed_orders

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm.operators import face_areas
+from abfm.calculus.operators import face_areas
 from abfm_viewer import marks
 from abfm_viewer.automation import Driver
 from abfm_viewer.opengl import ps

@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike
 from scipy.optimize import fmin_l_bfgs_b
 from scipy.sparse.linalg import expm_multiply
 
-from abfm.channels import channels
+from abfm.calculus.channels import channels
+from abfm.calculus.operators import Matrix, averaging, function_norm_matrix, gradient, vector_norm_matrix
+from abfm.calculus.vector_fields import directional_derivative, lie_bracket, to_ambient
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import Matrix, averaging, function_norm_matrix, gradient, vector_norm_matrix
 from abfm.parameters import Parameters
-from abfm.vector_fields import directional_derivative, lie_bracket, to_ambient
 
 MEMORY = 100
 """Pairs that L-BFGS keeps: minFunc's default."""

@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from abfm.calculus.vector_fields import to_frame
 from abfm.energy import MatchingEnergy
 from abfm.errors import MeshError
 from abfm.experiments import TITLES
@@ -18,7 +19,6 @@ from abfm.match_result import Match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
 from abfm.schedule import MATCHED
-from abfm.vector_fields import to_frame
 from abfm.verdict import Verdict
 
 _VERTICES_TIMES_ITERATIONS = 1_230_000

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from abfm.advection import advect
+from abfm.calculus.operators import gradient, l2_norm, rotation
+from abfm.calculus.vector_fields import to_ambient
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
 from abfm.experiments.given_flow import carried, feet, stream_field
 from abfm.experiments.meshes import bundled, smoothed, sphere
@@ -17,9 +19,7 @@ from abfm.flow_maps import project_onto_surface
 from abfm.functions import function
 from abfm.match_result import push
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
-from abfm.operators import gradient, l2_norm, rotation
 from abfm.parameters import Parameters
-from abfm.vector_fields import to_ambient
 
 _MODES = {3: 1.0, 4: 1.0, 6: 0.5}
 _WAY = 0.2  # root mean square over the surface, in sqrt(area)

@@ -7,6 +7,8 @@ import math
 import numpy as np
 
 from abfm.advection import advect
+from abfm.calculus.operators import Matrix, face_areas, gradient, l2_norm
+from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
 from abfm.experiments.given_flow import carried, feet, stream_field
 from abfm.experiments.meshes import five_limbs
@@ -14,9 +16,7 @@ from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Values
 from abfm.functions import function
 from abfm.match_result import push
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import Matrix, face_areas, gradient, l2_norm
 from abfm.parameters import Parameters
-from abfm.vector_fields import directional_derivative, to_frame
 
 _MODES = {2: 1.0, 3: 0.6, 5: 0.6}
 _WAY = 0.3  # root mean square over the surface until tau, in sqrt(area)

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
-from abfm.commuting_fields import commuting_fields, relative_bracket
+from abfm.calculus.commuting_fields import commuting_fields, relative_bracket
+from abfm.calculus.operators import averaging, face_areas, hodge_laplacian
+from abfm.calculus.vector_fields import to_frame
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
 from abfm.experiments.given_fields import carried_bump, centres, relative_error, stirring, tangent, with_speed
 from abfm.experiments.meshes import gourd, gourd_radius, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
 from abfm.match_result import push
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import averaging, face_areas, hodge_laplacian
 from abfm.parameters import Parameters
-from abfm.vector_fields import to_frame
 
 _SPEED = 0.25  # of v, in sqrt(area) per unit of time
 _OTHERS = 8  # smooth fields to compare the bracket with

@@ -10,6 +10,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from abfm.calculus.operators import averaging, vertex_areas
+from abfm.calculus.vector_fields import directional_derivative, pushforward, to_frame
 from abfm.errors import MeshError
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
 from abfm.experiments.given_fields import (
@@ -26,9 +28,7 @@ from abfm.experiments.sheet import Panel, Sheet, Streaks
 from abfm.exponential import AdvectionError
 from abfm.match_result import push
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import averaging, vertex_areas
 from abfm.parameters import Parameters
-from abfm.vector_fields import directional_derivative, pushforward, to_frame
 
 _TURN = np.pi  # radians per unit of time
 _SPEEDS = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # to try without a symmetry: sqrt(area) per unit of time

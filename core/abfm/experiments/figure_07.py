@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from abfm.calculus.operators import cotangent_laplacian, l2_norm, vertex_areas
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
 from abfm.experiments.meshes import five_limbs
 from abfm.experiments.sheet import Panel, Sheet, Values
@@ -12,7 +13,6 @@ from abfm.experiments.witnesses import witnessed
 from abfm.functions import function
 from abfm.matching import match
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import cotangent_laplacian, l2_norm, vertex_areas
 
 _SHOWN = (0.25, 0.5, 0.75)  # of tau
 _BOUND = 0.1

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from abfm.advection import advect
+from abfm.calculus.operators import averaging, gradient
+from abfm.calculus.vector_fields import to_ambient
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
 from abfm.experiments.given_flow import root_mean_square, stream_field
 from abfm.experiments.meshes import smoothed
@@ -17,8 +19,6 @@ from abfm.functions import function
 from abfm.match_result import push
 from abfm.matching import match
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import averaging, gradient
-from abfm.vector_fields import to_ambient
 
 _MODES = {2: 1.0, 5: 0.7}
 _WAY = 0.15  # root mean square over the surface, in sqrt(area)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from abfm.calculus.operators import face_normals
 from abfm.experiments import symmetry_flow
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, affordable_iterations
 from abfm.experiments.map_measures import all_measures, notes, of_flow
@@ -12,7 +13,6 @@ from abfm.experiments.sheet import Sheet
 from abfm.experiments.symmetry_flow import SymmetrySetup
 from abfm.experiments.table_1 import TABLE_1
 from abfm.mesh import TriangleMesh
-from abfm.operators import face_normals
 
 
 def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> SymmetrySetup:

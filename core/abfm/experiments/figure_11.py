@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from abfm.calculus.operators import vertex_areas
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
 from abfm.experiments.map_measures import all_measures, notes, of_flow
 from abfm.experiments.pair import MATCHED, PairSetup, coordinates, matched, pair, share_left
 from abfm.experiments.sheet import Panel, Sheet, Values
 from abfm.mesh import TriangleMesh
-from abfm.operators import vertex_areas
 
 
 def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> PairSetup:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from abfm.calculus.operators import l2_norm
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
 from abfm.experiments.map_comparison import ONE, REDUCED, THREE, compare
 from abfm.experiments.map_measures import all_measures, notes
@@ -11,7 +12,6 @@ from abfm.experiments.pair import MATCHED, PairSetup, coordinates, pair, share_l
 from abfm.experiments.read_outs import START, TARGETS
 from abfm.experiments.sheet import Panel, Sheet
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import l2_norm
 
 QUALITIES = (START, TARGETS, ONE, THREE, REDUCED)
 """The maps that the pictures show, of which it is said how much they leave the surface and fold it."""

@@ -6,14 +6,14 @@ from typing import TypedDict
 
 import numpy as np
 
+from abfm.calculus.helmholtz_hodge import helmholtz_hodge
+from abfm.calculus.operators import averaging, face_areas, gradient, rotation
+from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import MeshError
 from abfm.functions import eigenbasis, function
-from abfm.helmholtz_hodge import helmholtz_hodge
 from abfm.match_result import push
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import averaging, face_areas, gradient, rotation
 from abfm.parameters import Parameters
-from abfm.vector_fields import to_ambient, to_frame
 
 
 class Carried(TypedDict):

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from abfm.calculus.helmholtz_hodge import helmholtz_hodge
+from abfm.calculus.operators import face_areas, gradient, rotation
+from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import MeshError
 from abfm.flow_lines import flow_lines
 from abfm.flow_maps import project_onto_surface, pull_back
 from abfm.functions import eigenbasis
-from abfm.helmholtz_hodge import helmholtz_hodge
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import face_areas, gradient, rotation
-from abfm.vector_fields import to_ambient
 
 
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:

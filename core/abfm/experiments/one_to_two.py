@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abfm.baselines import linear_blend, optimal_transport
+from abfm.calculus.operators import vertex_areas
 from abfm.experiments.experiment import Findings, Measure, Report, Setup
 from abfm.experiments.sheet import Panel, Sheet, Streaks, Values
 from abfm.experiments.witnesses import Witnessed, witnessed
@@ -14,7 +15,6 @@ from abfm.functions import geodesic_distance
 from abfm.match_result import Match
 from abfm.matching import Iteration, match
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import vertex_areas
 from abfm.parameters import Parameters
 
 _WAY = np.linspace(0, 1, 13)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from abfm.calculus.operators import vertex_areas
 from abfm.errors import MeshError
 from abfm.experiments.experiment import Setup, affordable_iterations
 from abfm.experiments.meshes import bundled
@@ -23,7 +24,6 @@ from abfm.functional_maps import carry, functional_map, point_map
 from abfm.match_result import Match
 from abfm.matching import Iteration, match
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
-from abfm.operators import vertex_areas
 
 FEW = 10
 """Eigenfunctions of the start map."""

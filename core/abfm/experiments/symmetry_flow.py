@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import igl
 import numpy as np
 
+from abfm.calculus.operators import averaging, face_normals
 from abfm.errors import MeshError
 from abfm.experiments.experiment import Measure, Report, Setup
 from abfm.experiments.sheet import Coordinates, Panel, Streaks, Values
@@ -16,7 +17,6 @@ from abfm.functions import function
 from abfm.match_result import Match
 from abfm.matching import match
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
-from abfm.operators import averaging, face_normals
 from abfm.parameters import Parameters
 from abfm.symmetry import KINDS, Kind, Symmetry, SymmetryError, detect_symmetry
 

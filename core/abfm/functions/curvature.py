@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from abfm.calculus.operators import cotangent_laplacian, face_areas, face_normals
 from abfm.errors import FunctionError
 from abfm.functions.extension import extend
 from abfm.functions.family import Family, choice, parameter
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import cotangent_laplacian, face_areas, face_normals
 
 
 @dataclass(frozen=True, kw_only=True)

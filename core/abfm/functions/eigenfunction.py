@@ -9,11 +9,11 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
+from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError
 from abfm.functions.family import INDEX, Family, parameter
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.numerics.cholesky import factor
-from abfm.operators import cotangent_laplacian, vertex_areas
 
 BLOCKS = (32, 64, *range(128, 1025, 128))
 

@@ -8,12 +8,12 @@ from typing import ClassVar
 import igl
 import numpy as np
 
+from abfm.calculus.operators import face_normals
 from abfm.errors import FunctionError
 from abfm.functions.curvature import vertex_normals
 from abfm.functions.extension import extend
 from abfm.functions.family import Family
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
-from abfm.operators import face_normals
 
 RAYS = 30
 HALF_ANGLE = np.pi / 3

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from abfm.advection import advect
+from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.experiments import figure_04
 from abfm.experiments.figure_04 import EXPERIMENT
 from abfm.experiments.given_flow import stream_field
 from abfm.functions import function
 from abfm.match_result import push
 from abfm.parameters import Parameters
-from abfm.vector_fields import directional_derivative, to_frame
 from tests.shapes import ellipsoid, open_cylinder
 
 

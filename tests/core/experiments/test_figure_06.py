@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from abfm.calculus.vector_fields import lie_bracket_of
 from abfm.experiments import figure_06
-from abfm.vector_fields import lie_bracket_of
 from tests.shapes import ellipsoid, open_cylinder
 
 

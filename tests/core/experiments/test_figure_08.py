@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.advection import advect
+from abfm.calculus.operators import gradient
+from abfm.calculus.vector_fields import to_ambient
 from abfm.experiments.figure_08 import EXPERIMENT, _rate
-from abfm.operators import gradient
-from abfm.vector_fields import to_ambient
 from tests.shapes import open_cylinder, torus
 
 

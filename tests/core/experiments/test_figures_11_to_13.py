@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from abfm.calculus.operators import cotangent_laplacian, l2_norm
 from abfm.errors import MeshError
 from abfm.experiments import experiment_of
 from abfm.experiments.map_comparison import compare
@@ -33,7 +34,6 @@ from abfm.map_accuracy import map_accuracy
 from abfm.map_quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE
 from abfm.matching import match
 from abfm.mesh import TriangleMesh
-from abfm.operators import cotangent_laplacian, l2_norm
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron, torus
 
 

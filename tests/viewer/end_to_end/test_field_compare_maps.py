@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from abfm.operators import face_normals, vertex_areas
+from abfm.calculus.operators import face_normals, vertex_areas
 from abfm_viewer.document import FIELD_PARTS
 from abfm_viewer.ui import Ui
 

@@ -7,9 +7,9 @@ from time import perf_counter
 import numpy as np
 
 from abfm.baselines.benchmark.problem import PARAMETERS, Problem
+from abfm.calculus.vector_fields import to_frame
 from abfm.energy import MatchingEnergy
 from abfm.mesh import FloatArray
-from abfm.vector_fields import to_frame
 
 
 def gradient_cost(problem: Problem, velocity: FloatArray, repeats: int) -> tuple[float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from abfm import face_kernels
+from abfm.calculus import face_kernels
 from abfm.mesh import BoolArray, FloatArray, IntArray, TriangleMesh, per_mesh
 
 Matrix = sparse.csr_array

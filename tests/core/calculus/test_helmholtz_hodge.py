@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from abfm import operators as op
+from abfm.calculus import operators as op
+from abfm.calculus.helmholtz_hodge import helmholtz_hodge
+from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import ParameterError
-from abfm.helmholtz_hodge import helmholtz_hodge
 from abfm.mesh import TriangleMesh
-from abfm.vector_fields import to_ambient, to_frame
 from tests.core import torus_calculus as exact
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.surfaces import LOOPS, SURFACES, last_order, moved, norm, relative_error, renumbered

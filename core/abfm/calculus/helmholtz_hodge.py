@@ -1,4 +1,4 @@
-"""The Helmholtz-Hodge decomposition of a field, in the mixed form of `abfm.operators.hodge_gradients`."""
+"""The Helmholtz-Hodge decomposition of a field, in the mixed form of `abfm.calculus.operators.hodge_gradients`."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.calculus.operators import Matrix, field_mass, hodge_gradients
+from abfm.calculus.vector_fields import check_field, to_ambient, to_frame
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 from abfm.mesh.topology import connected
 from abfm.numerics.cholesky import factor
-from abfm.operators import Matrix, field_mass, hodge_gradients
-from abfm.vector_fields import check_field, to_ambient, to_frame
 
 Projection = Callable[[FloatArray], FloatArray]
 

@@ -10,8 +10,8 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
-from abfm import operators as op
-from abfm.vector_fields import directional_derivative, to_ambient, to_frame
+from abfm.calculus import operators as op
+from abfm.calculus.vector_fields import directional_derivative, to_ambient, to_frame
 from tests.core import torus_calculus as exact
 from tests.core.fields import tangent
 from tests.core.surfaces import last_order, relative_error

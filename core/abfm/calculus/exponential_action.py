@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from abfm.calculus.operators import Matrix
 from abfm.exponential import AdvectionError
 from abfm.mesh import FloatArray
 from abfm.numerics import kernels
-from abfm.operators import Matrix
 
 _STEP_NORM = 4.0  # a Taylor step of this norm loses under two digits to cancellation
 _NORM_LIMIT = 1e5

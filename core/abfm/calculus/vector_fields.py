@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from abfm.calculus.exponential_action import exponential_action
+from abfm.calculus.operators import Matrix, averaging, face_frames, gradient
 from abfm.errors import ParameterError
 from abfm.exponential import AdvectionError
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.operators import Matrix, averaging, face_frames, gradient
-from abfm.taylor import exponential_action
 
 
 def check_field(mesh: TriangleMesh, field: ArrayLike, name: str) -> FloatArray:

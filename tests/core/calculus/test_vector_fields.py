@@ -5,9 +5,8 @@ import pytest
 from scipy.sparse.linalg import expm_multiply
 from scipy.spatial.transform import Rotation
 
-from abfm import operators as op
-from abfm.errors import ParameterError
-from abfm.vector_fields import (
+from abfm.calculus import operators as op
+from abfm.calculus.vector_fields import (
     check_field,
     directional_derivative,
     dual_directional_derivative,
@@ -15,6 +14,7 @@ from abfm.vector_fields import (
     to_ambient,
     to_frame,
 )
+from abfm.errors import ParameterError
 from tests.core import torus_calculus as exact
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.surfaces import CLOSED, SURFACES, last_order, moved, relative_error, renumbered

@@ -6,8 +6,8 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from abfm import operators as op
-from abfm.vector_fields import to_ambient, to_frame
+from abfm.calculus import operators as op
+from abfm.calculus.vector_fields import to_ambient, to_frame
 from tests.core.surfaces import CLOSED, LOOPS, SURFACES, WITH_BOUNDARY, moved, renumbered
 from tests.shapes import open_cylinder, square, torus
 

@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
+from abfm.calculus.operators import Matrix, face_areas, hodge_laplacian, rotation
+from abfm.calculus.vector_fields import check_field, lie_bracket, lie_bracket_of, to_ambient, to_frame
 from abfm.errors import MeshError, ParameterError
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.numerics.cholesky import factor
-from abfm.operators import Matrix, face_areas, hodge_laplacian, rotation
-from abfm.vector_fields import check_field, lie_bracket, lie_bracket_of, to_ambient, to_frame
 
 
 def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: float | None = None) -> FloatArray:
@@ -28,7 +28,7 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
     Parameters
     ----------
     mesh : TriangleMesh
-        Boundary condition of `abfm.operators.hodge_laplacian`: fields stay on the surface.
+        Boundary condition of `abfm.calculus.operators.hodge_laplacian`: fields stay on the surface.
     v : (F, 3) array
         Tangent vectors, in any unit; a normal part is dropped.
     count : int

@@ -5,9 +5,9 @@ import pytest
 from scipy import sparse
 from scipy.linalg import expm
 
+from abfm.calculus.exponential_action import exponential_action
+from abfm.calculus.operators import Matrix
 from abfm.exponential import AdvectionError
-from abfm.operators import Matrix
-from abfm.taylor import exponential_action
 
 
 def random_matrix(size=40, seed=0):

@@ -5,11 +5,11 @@ import pytest
 from scipy import linalg
 from scipy.spatial.transform import Rotation
 
-from abfm import operators as op
-from abfm.commuting_fields import commuting_fields, relative_bracket
+from abfm.calculus import operators as op
+from abfm.calculus.commuting_fields import commuting_fields, relative_bracket
+from abfm.calculus.vector_fields import lie_bracket, lie_bracket_of, to_ambient, to_frame
 from abfm.errors import ParameterError
 from abfm.numerics import cholesky, own_process
-from abfm.vector_fields import lie_bracket, lie_bracket_of, to_ambient, to_frame
 from tests.core import torus_calculus as exact
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.surfaces import SURFACES, last_order, moved, norm, relative_error, renumbered

@@ -1,0 +1,1 @@
+"""Discrete calculus on a triangle mesh: operators, vector fields, decompositions, eigenfunctions, distances."""
