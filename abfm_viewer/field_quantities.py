@@ -20,8 +20,8 @@ from abfm_viewer.transport import FlowState, Same
 
 if TYPE_CHECKING:
     from abfm.flow_lines import FlowLine
-    from abfm.flow_maps import Distortion
-    from abfm.map_quality import MapQuality
+    from abfm.maps.quality import MapQuality
+    from abfm.maps.surface_points import Distortion
     from abfm.texels import FloatImage
     from abfm.texture_atlas import TextureAtlas
     from abfm_viewer.session import Session

@@ -10,25 +10,25 @@ from abfm.mesh import TriangleMesh
 from abfm_viewer.transport import FlowState
 
 if TYPE_CHECKING:
-    from abfm.flow_maps import Distortion, SurfacePoints
-    from abfm.map_quality import MapQuality
+    from abfm.maps.quality import MapQuality
+    from abfm.maps.surface_points import Distortion, SurfacePoints
 
 
 def flow_distortion(flow: FlowState, time: float) -> Distortion:
     """Distortion of the map that takes each vertex to where it is at a time."""
-    from abfm.flow_maps import distortion  # not before: it loads what the first frame does without
+    from abfm.maps.surface_points import distortion  # not before: it loads what the first frame does without
 
     return distortion(flow.mesh, _mapped(flow, -time).positions)
 
 
 def flow_quality(flow: FlowState, time: float) -> tuple[TriangleMesh, MapQuality]:
     """The mesh, and the quality of the map to where each vertex's value came from; of its inverse below 0."""
-    from abfm.map_quality import map_quality
+    from abfm.maps.quality import map_quality
 
     return flow.mesh, map_quality(flow.mesh, _mapped(flow, time))
 
 
 def _mapped(flow: FlowState, time: float) -> SurfacePoints:
-    from abfm.flow_maps import project_onto_surface
+    from abfm.maps.surface_points import project_onto_surface
 
     return project_onto_surface(flow.mesh, flow.carry(flow.mesh.vertices, np.array([time]))[0])

@@ -198,7 +198,7 @@ class Scene:
 
     def nearest(self, surface: str, position: FloatArray) -> Hit:
         """The point of a surface nearest to a place in the mesh's own coordinates."""
-        from abfm.flow_maps import project_onto_surface
+        from abfm.maps.surface_points import project_onto_surface
 
         assert self._mesh is not None
         found = project_onto_surface(self._mesh, position[None])

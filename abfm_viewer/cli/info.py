@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from abfm import MeshError, TriangleMesh, load_mesh
-from abfm.symmetry import KINDS, SymmetryError, detect_symmetry
+from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm_viewer.cli import options
 
 SUMMARY = "what a mesh is and what the solver would object to"

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abfm import FunctionError, Match, ParameterError, load_match
-from abfm.flow_maps import SurfacePoints, map_vertices_to_nearest
 from abfm.functions.permuted import vertex_map
 from abfm.functions.values_file import read_table
 from abfm.io import write_atomically
-from abfm.map_accuracy import BOUNDS, MapAccuracy, map_accuracy
-from abfm.map_quality import MapQuality, map_quality
+from abfm.maps.accuracy import BOUNDS, MapAccuracy, map_accuracy
+from abfm.maps.quality import MapQuality, map_quality
+from abfm.maps.surface_points import SurfacePoints, map_vertices_to_nearest
 from abfm_viewer import outputs
 from abfm_viewer.exit_status import UsageError
 

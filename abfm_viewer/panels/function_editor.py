@@ -11,7 +11,7 @@ from abfm import FunctionError
 from abfm.functions import Family, Spec, families, parse
 from abfm.functions.permuted import Permuted
 from abfm.functions.values_file import SUFFIXES, ValuesFile
-from abfm.symmetry import KINDS
+from abfm.maps.symmetry import KINDS
 from abfm_viewer import bumps
 from abfm_viewer.active_gaussian import active_bump
 from abfm_viewer.document import Side

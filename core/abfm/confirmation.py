@@ -15,7 +15,7 @@ from abfm.calculus.vector_fields import to_ambient
 from abfm.continuous_flow import flow_map
 from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import ParameterError
-from abfm.flow_maps import pull_back
+from abfm.maps.surface_points import pull_back
 from abfm.mesh import FloatArray
 from abfm.resolution import resolution
 from abfm.verdict import NEARLY

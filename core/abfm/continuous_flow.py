@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.errors import ParameterError
 from abfm.flow_lines import FacePoints, check_start, fields_in_a_row
-from abfm.flow_maps import SurfacePoints, vertex_points
+from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.numerics.kernels import IndexArray, kernel
 from abfm.smooth_flow import SmoothFlow, smooth_flow
@@ -56,7 +56,7 @@ def flow_map(
         End time, positive or 0.
     backwards : bool
         Undo the flow instead: the fields in reverse order, each against its direction. Of every vertex this is where
-        its value came from, so that `abfm.flow_maps.pull_back` of a function by it is the function carried to ``tau``.
+        its value came from, so that `abfm.maps.surface_points.pull_back` of a function by it is the function carried to ``tau``.
     start : points with ``faces`` (P,) and ``barycentric`` (P, 3), optional
         For example `SurfacePoints`. All V vertices by default.
     between : callable, optional

@@ -28,7 +28,7 @@ _ENDINGS: dict[int, Ending] = {
 
 
 class FacePoints(Protocol):
-    """Points given by face and barycentric weights, as `abfm.flow_maps.SurfacePoints` are."""
+    """Points given by face and barycentric weights, as `abfm.maps.surface_points.SurfacePoints` are."""
 
     @property
     def faces(self) -> IntArray: ...

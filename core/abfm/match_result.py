@@ -16,10 +16,10 @@ from abfm.calculus.channels import channels
 from abfm.calculus.vector_fields import to_frame
 from abfm.errors import AbfmError, ParameterError, ResultError
 from abfm.exponential import AdvectionError, Workspace
-from abfm.flow_maps import Distortion, SurfacePoints, distortion, project_onto_surface
-from abfm.functional_maps import spectral_coefficients
 from abfm.functions.eigenfunction import eigenbasis
 from abfm.io import load_arrays, save_arrays
+from abfm.maps.functional_maps import spectral_coefficients
+from abfm.maps.surface_points import Distortion, SurfacePoints, distortion, project_onto_surface
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 from abfm.parameters import Parameters
 from abfm.schedule import MATCHED
@@ -119,7 +119,7 @@ class Match:
         """The flow to time ``t`` (tau by default) in the first k eigenfunctions: ``Phi^+ exp(-t D_v) Phi``, (k, k).
 
         Coefficients of a function go in, those of the carried function come out (section 4; see
-        `abfm.functional_maps`).
+        `abfm.maps.functional_maps`).
         """
         time = self.parameters.tau if t is None else t
         return spectral_coefficients(self.mesh, self.push(eigenbasis(self.mesh.normalized(), k)[1], time), k)

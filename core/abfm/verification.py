@@ -27,8 +27,8 @@ from abfm.continuous_flow import flow_map
 from abfm.errors import FunctionError, MeshError
 from abfm.exponential import AdvectionError, Workspace
 from abfm.flow_lines import fields_in_a_row
-from abfm.flow_maps import SurfacePoints, pull_back, vertex_points
-from abfm.folds import MOST, folds
+from abfm.maps.folds import MOST, folds
+from abfm.maps.surface_points import SurfacePoints, pull_back, vertex_points
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.mesh.subdivision import interpolated
 from abfm.mesh.subdivision import subdivided as subdivided_mesh
@@ -57,7 +57,7 @@ class Verification:
         The same by the matrix exponential of the continuous fields on the midpoint subdivision, with f and g
         interpolated; inf where it overflows or would take very long, NaN where it was not asked.
     folded : float
-        Share of the faces, by number, that the inverse flow folds: see `abfm.folds.folds`. The flow of a continuous
+        Share of the faces, by number, that the inverse flow folds: see `abfm.maps.folds.folds`. The flow of a continuous
         field tears nothing, so this is small even for rough fields.
     overturned : float
         Share of the faces whose three carried vertices alone look turned over: what the vertex-to-vertex map does.
@@ -209,7 +209,7 @@ def _by_flow_lines(
     most: int,
     between: Callable[[], None] | None,
 ) -> tuple[float, float, float]:
-    """The mismatch at the vertices of some faces (S,), and the shares of `abfm.folds.folds` among these faces."""
+    """The mismatch at the vertices of some faces (S,), and the shares of `abfm.maps.folds.folds` among these faces."""
 
     def carried(start: SurfacePoints) -> SurfacePoints:
         return flow_map(mesh, fields, tau, backwards=True, start=start, between=between)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.continuous_flow import flow_map
 from abfm.errors import ParameterError
-from abfm.flow_maps import SurfacePoints, project_onto_surface
+from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.mesh import FloatArray, TriangleMesh
 from tests.core.fields import rotation_field, wavy_field
 from tests.core.surfaces import SURFACES

@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError
 from abfm.functions import function
+from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.symmetry import detect_symmetry
 from tests.shapes import ellipsoid, icosphere
 
 MESH = icosphere(1)

@@ -11,9 +11,9 @@ from abfm.baselines.reduced_basis import ReducedEnergy, hodge_basis, reduced_mat
 from abfm.calculus.operators import field_mass, hodge_laplacian, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative
 from abfm.errors import AbfmError
-from abfm.flow_maps import project_onto_surface
-from abfm.functional_maps import functional_map
 from abfm.functions.eigenfunction import eigenbasis
+from abfm.maps.functional_maps import functional_map
+from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import FloatArray, TriangleMesh
 from tests.shapes import ellipsoid, hemisphere, icosphere, torus
 

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from abfm.calculus.operators import face_frames
 from abfm.flow_lines import flow_lines
-from abfm.flow_maps import project_onto_surface
+from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.smooth_flow import SmoothFlow, smooth_flow
 from abfm.streamlines import direction, walk_straight

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.calculus.operators import cotangent_laplacian, face_areas, face_normals
-from abfm.flow_maps import project_onto_surface, pull_back
+from abfm.maps.surface_points import project_onto_surface, pull_back
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, subdivided
 from tests.core.surfaces import SURFACES

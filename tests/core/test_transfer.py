@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.calculus.operators import vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.flow_maps import project_onto_surface
+from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mesh.coarsening import coarsened
 from abfm.transfer import Transfer

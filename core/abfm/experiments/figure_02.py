@@ -15,8 +15,8 @@ from abfm.experiments.given_flow import carried, feet, stream_field
 from abfm.experiments.meshes import bundled, smoothed, sphere
 from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.flow_lines import flow_lines
-from abfm.flow_maps import project_onto_surface
 from abfm.functions import function
+from abfm.maps.surface_points import project_onto_surface
 from abfm.match_result import push
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.parameters import Parameters

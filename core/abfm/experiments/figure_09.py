@@ -13,10 +13,10 @@ from abfm.experiments.sheet import Coordinates, Panel, Sheet
 from abfm.experiments.symmetry_flow import SymmetrySetup
 from abfm.experiments.table_1 import TABLE_1
 from abfm.functions.vertex_map_file import read_vertex_map
-from abfm.map_quality import MapQuality
+from abfm.maps.quality import MapQuality
+from abfm.maps.symmetry import detect_symmetry
 from abfm.match_result import Match
 from abfm.mesh import TriangleMesh
-from abfm.symmetry import detect_symmetry
 
 _COOLED = {"cooling_stages": 3}
 """To the printed sigma: a turn to the left and one to the right fit equally well at first, and without cooling some

@@ -11,7 +11,7 @@ from abfm.experiments.map_measures import all_measures, notes
 from abfm.experiments.pair import PairSetup
 from abfm.experiments.read_outs import CUT_OFF, LINES, NEIGHBOURS, NO_FLOW, START, TARGETS, ZOOM_OUT
 from abfm.experiments.sheet import Curve, Plot, Sheet
-from abfm.map_accuracy import MapAccuracy
+from abfm.maps.accuracy import MapAccuracy
 
 _SHOWN = 0.15
 _BOUND = 0.05

@@ -19,10 +19,10 @@ from abfm.experiments.read_outs import (
     cut_off,
     without_flow,
 )
-from abfm.flow_maps import SurfacePoints, pull_back
-from abfm.functional_maps import functional_map, point_map
-from abfm.map_accuracy import MapAccuracy, map_accuracy
-from abfm.map_quality import MapQuality, map_quality
+from abfm.maps.accuracy import MapAccuracy, map_accuracy
+from abfm.maps.functional_maps import functional_map, point_map
+from abfm.maps.quality import MapQuality, map_quality
+from abfm.maps.surface_points import SurfacePoints, pull_back
 from abfm.match_result import Match
 from abfm.mesh import FloatArray
 

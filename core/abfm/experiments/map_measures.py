@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from abfm.experiments.experiment import Measure
-from abfm.map_quality import MapQuality, map_quality
+from abfm.maps.quality import MapQuality, map_quality
 from abfm.match_result import Match
 
 

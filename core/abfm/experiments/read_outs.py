@@ -18,9 +18,9 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.experiments.pair import FEW, PairSetup, closest, coordinates, followed
-from abfm.flow_maps import SurfacePoints, project_onto_surface, pull_back
-from abfm.functional_maps import functional_map, point_map, spectral_coefficients, zoom_out
 from abfm.functions.eigenfunction import eigenbasis
+from abfm.maps.functional_maps import functional_map, point_map, spectral_coefficients, zoom_out
+from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back
 from abfm.match_result import Match
 from abfm.mesh import FloatArray, TriangleMesh
 

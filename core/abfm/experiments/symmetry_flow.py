@@ -12,13 +12,13 @@ from abfm.errors import MeshError
 from abfm.experiments.experiment import Measure, Report, Setup
 from abfm.experiments.sheet import Coordinates, Panel, Streaks, Values
 from abfm.flow_lines import flow_lines
-from abfm.flow_maps import SurfacePoints, project_onto_surface
 from abfm.functions import function
+from abfm.maps.surface_points import SurfacePoints, project_onto_surface
+from abfm.maps.symmetry import KINDS, Kind, Symmetry, SymmetryError, detect_symmetry
 from abfm.match_result import Match
 from abfm.matching import match
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.parameters import Parameters
-from abfm.symmetry import KINDS, Kind, Symmetry, SymmetryError, detect_symmetry
 
 Specs = tuple[str, ...]
 

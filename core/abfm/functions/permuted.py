@@ -8,8 +8,8 @@ from typing import ClassVar
 from abfm.errors import FunctionError
 from abfm.functions.family import PATH, Family, Spec, did_you_mean, parameter, quoted, shown
 from abfm.functions.vertex_map_file import read_vertex_map
+from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
-from abfm.symmetry import KINDS, SymmetryError, detect_symmetry
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,7 +17,7 @@ class Permuted(Family):
     """Another function composed with a vertex map: ``result[i] = f[map[i]]``, in the unit of f.
 
     The map is ``mirror`` or ``rotation``, the symmetry of this kind that the mesh is found to have (see
-    :func:`abfm.symmetry.detect_symmetry`; the rotation by 180 degrees), or a file (see
+    :func:`abfm.maps.symmetry.detect_symmetry`; the rotation by 180 degrees), or a file (see
     :func:`abfm.functions.vertex_map_file.read_vertex_map`): one vertex number per vertex of the mesh file, counted from
     0 or 1, or pairs of vertices. It need not be a permutation: any map of the vertices will do.
     """

@@ -15,7 +15,7 @@ from abfm.experiments.experiment import Findings
 from abfm.experiments.figure_09 import Figure9
 from abfm.experiments.meshes import bundled, sphere
 from abfm.experiments.symmetry_flow import geodesics
-from abfm.flow_maps import project_onto_surface
+from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from tests.shapes import ellipsoid, icosphere, open_cylinder
 

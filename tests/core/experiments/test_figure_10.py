@@ -14,8 +14,8 @@ from abfm.experiments import experiment_of
 from abfm.experiments.meshes import bundled, stepped_slab
 from abfm.experiments.symmetry_flow import detected
 from abfm.experiments.table_1 import TABLE_1
+from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
-from abfm.symmetry import detect_symmetry
 from tests.shapes import torus
 
 EXPERIMENT = experiment_of(10)

@@ -28,10 +28,10 @@ from abfm.experiments.read_outs import (
     without_flow,
 )
 from abfm.experiments.sheet import Plot
-from abfm.flow_maps import pull_back, vertex_points
-from abfm.functional_maps import spectral_coefficients
-from abfm.map_accuracy import map_accuracy
-from abfm.map_quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE
+from abfm.maps.accuracy import map_accuracy
+from abfm.maps.functional_maps import spectral_coefficients
+from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE
+from abfm.maps.surface_points import pull_back, vertex_points
 from abfm.matching import match
 from abfm.mesh import TriangleMesh
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron, torus

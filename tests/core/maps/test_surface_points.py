@@ -17,7 +17,7 @@ from scipy.sparse.linalg import expm_multiply
 from abfm.calculus.operators import face_areas, l2_norm
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.errors import AbfmError, FunctionError
-from abfm.flow_maps import (
+from abfm.maps.surface_points import (
     POINTS_PER_QUERY,
     SurfacePoints,
     distortion,

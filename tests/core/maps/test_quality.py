@@ -8,8 +8,8 @@ import pytest
 from abfm.assets import asset_path
 from abfm.errors import AbfmError
 from abfm.experiments.given_flow import feet, stream_field
-from abfm.flow_maps import distortion, project_onto_surface, vertex_points
-from abfm.map_quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE, MapQuality, map_quality
+from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE, MapQuality, map_quality
+from abfm.maps.surface_points import distortion, project_onto_surface, vertex_points
 from abfm.match_result import push
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.parameters import Parameters

@@ -11,9 +11,9 @@ import abfm
 from abfm.assets import asset_path
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import AbfmError, FunctionError, ParameterError
-from abfm.flow_maps import SurfacePoints, project_onto_surface, pull_back, vertex_points
-from abfm.functional_maps import carry, functional_map, point_map, spectral_coefficients, zoom_out
 from abfm.functions.eigenfunction import eigenbasis
+from abfm.maps.functional_maps import carry, functional_map, point_map, spectral_coefficients, zoom_out
+from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back, vertex_points
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, load_mesh
 from tests.shapes import ellipsoid, icosphere
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError
-from abfm.flow_maps import map_vertices_to_nearest, project_onto_surface
+from abfm.maps.surface_points import map_vertices_to_nearest, project_onto_surface
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 
 Kind = Literal["mirror", "rotation"]

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.assets import asset_path
 from abfm.errors import AbfmError
-from abfm.flow_maps import SurfacePoints, project_onto_surface, vertex_points
-from abfm.map_accuracy import MapAccuracy, map_accuracy
+from abfm.maps.accuracy import MapAccuracy, map_accuracy
+from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh, load_mesh
 from tests.shapes import icosphere, square, torus
 

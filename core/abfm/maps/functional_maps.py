@@ -20,8 +20,8 @@ from scipy.spatial import cKDTree
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import ParameterError
-from abfm.flow_maps import SurfacePoints, pull_back, vertex_points
 from abfm.functions.eigenfunction import eigenbasis
+from abfm.maps.surface_points import SurfacePoints, pull_back, vertex_points
 from abfm.mesh import FloatArray, TriangleMesh
 
 

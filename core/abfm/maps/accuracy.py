@@ -10,7 +10,7 @@ import potpourri3d
 from numpy.typing import ArrayLike
 
 from abfm.errors import FunctionError, ParameterError
-from abfm.flow_maps import SurfacePoints, vertex_points
+from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 
 BOUNDS = (0.05, 0.1, 0.25)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abfm.flow_maps import SurfacePoints, distortion
+from abfm.maps.surface_points import SurfacePoints, distortion
 from abfm.mesh import TriangleMesh
 
 LARGEST_DISTANCE, RMS_DISTANCE = 0.1, 0.02
@@ -37,7 +37,7 @@ class MapQuality:
     largest_distance, rms_distance : float
         How far its points were from the surface before they were brought onto it, in sqrt(area) of the surface.
     folded : float
-        Share of the faces, 0 to 1, that the map turns over (`abfm.flow_maps.Distortion.flipped`).
+        Share of the faces, 0 to 1, that the map turns over (`abfm.maps.surface_points.Distortion.flipped`).
     """
 
     largest_distance: float

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from abfm.continuous_flow import flow_map
-from abfm.flow_maps import SurfacePoints, project_onto_surface, vertex_points
-from abfm.folds import MOST, folds, turned_parts
+from abfm.maps.folds import MOST, folds, turned_parts
+from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import FloatArray, TriangleMesh
 from tests.core.fields import rotation_field, wavy_field
 from tests.shapes import icosphere, square

@@ -1,0 +1,1 @@
+"""Points of surfaces, maps between surfaces, and how good they are."""
