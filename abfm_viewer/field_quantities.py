@@ -19,7 +19,7 @@ from abfm_viewer.related_fields import carried_gradient, commuting
 from abfm_viewer.transport import FlowState, Same
 
 if TYPE_CHECKING:
-    from abfm.flow_lines import FlowLine
+    from abfm.flow.flow_lines import FlowLine
     from abfm.maps.quality import MapQuality
     from abfm.maps.surface_points import Distortion
     from abfm.texels import FloatImage
@@ -299,14 +299,14 @@ def _starts(points: tuple[Point, ...]) -> _Starts:
 
 
 def _lines(field: Field, points: tuple[Point, ...], tau: float) -> list[FlowLine]:
-    from abfm.flow_lines import flow_lines
+    from abfm.flow.flow_lines import flow_lines
 
     starts = _starts(points)
     return [line for time in (-tau, tau) for line in flow_lines(field.mesh, field.velocity, starts, time)]
 
 
 def _paths(flow: FlowState, points: tuple[Point, ...]) -> list[FlowLine]:
-    from abfm.flow_lines import flow_lines
+    from abfm.flow.flow_lines import flow_lines
 
     tau = flow.parameters.tau
     return flow_lines(flow.mesh, flow.velocity, _starts(points), EXTRAPOLATION * tau, tau)

@@ -16,7 +16,7 @@ from abfm_viewer.session import Session
 from abfm_viewer.theme import Color
 
 if TYPE_CHECKING:
-    from abfm.flow_lines import FlowLine
+    from abfm.flow.flow_lines import FlowLine
 
 _ARROWS, _LINES, _PATHS, _NOW, _START = (
     "arrows",

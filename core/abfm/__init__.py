@@ -7,14 +7,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from abfm.advection import advect as advect
     from abfm.energy import MatchingEnergy as MatchingEnergy
     from abfm.errors import AbfmError as AbfmError
     from abfm.errors import FunctionError as FunctionError
     from abfm.errors import MeshError as MeshError
     from abfm.errors import ParameterError as ParameterError
     from abfm.errors import ResultError as ResultError
-    from abfm.exponential import AdvectionError as AdvectionError
+    from abfm.flow.advection import advect as advect
+    from abfm.flow.exponential import AdvectionError as AdvectionError
     from abfm.functions import function as function
     from abfm.match_result import Match as Match
     from abfm.match_result import load_match as load_match

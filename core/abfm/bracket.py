@@ -7,7 +7,7 @@ import numpy as np
 from abfm.calculus.exponential_action import exponential_action
 from abfm.calculus.operators import Matrix
 from abfm.calculus.vector_fields import dual_directional_derivative, lie_bracket
-from abfm.exponential import ExponentialFlow
+from abfm.flow.exponential import ExponentialFlow
 from abfm.mesh import FloatArray, TriangleMesh
 
 

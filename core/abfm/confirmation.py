@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient
-from abfm.continuous_flow import flow_map
 from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import ParameterError
+from abfm.flow.continuous_flow import flow_map
 from abfm.maps.surface_points import pull_back
 from abfm.mesh import FloatArray
 from abfm.resolution import resolution

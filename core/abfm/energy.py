@@ -10,15 +10,15 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.advection import Flow
 from abfm.bracket import BracketGradient
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import function_norm_matrix, vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.derivative_pattern import clustered_pattern
 from abfm.errors import FunctionError, ParameterError
-from abfm.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Workspace
 from abfm.far_metric import FarMetric
+from abfm.flow.advection import Flow
+from abfm.flow.derivative_pattern import clustered_pattern
+from abfm.flow.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Workspace
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
 from abfm.numerics import kernels
@@ -156,7 +156,7 @@ class MatchingEnergy:
         return sigma * self.function_size if self.parameters.sigma_unit == "relative" else sigma
 
     def clustered(self) -> MatchingEnergy:
-        """The same energy for functions that have one value on each cluster of vertices, see `abfm.clusters`."""
+        """The same energy for functions that have one value on each cluster of vertices, see `abfm.flow.clusters`."""
         energy = copy(self)
         energy._clustered = True
         energy.vertex_count = clustered_pattern(self.mesh).size

@@ -21,7 +21,7 @@ class Iteration:
         Which stage, from 0; how many there will be shows on the way.
     level, levels : int
         Which mesh, from 0, the coarsest, of how many; the last one is the mesh itself. Where that has thin triangles it
-        is the last but one, too, with their vertices held together, see `abfm.clusters`.
+        is the last but one, too, with their vertices held together, see `abfm.flow.clusters`.
     vertices : int
         Of that mesh; clusters of them where some are held together.
     reach, sigma, alpha : float

@@ -1,7 +1,7 @@
 """The energy on meshes from coarse to fine, and what goes from one to the next.
 
 Where thin triangles would set the cost of an evaluation the mesh itself comes twice: first with their vertices held
-together (`abfm.clusters`), then as it is.
+together (`abfm.flow.clusters`), then as it is.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.clusters import vertex_clusters
 from abfm.energy import MatchingEnergy
+from abfm.flow.clusters import vertex_clusters
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mesh.coarsening import coarsened
 from abfm.parameters import Parameters

@@ -15,8 +15,8 @@ from abfm import streamlines
 from abfm.calculus.operators import face_areas
 from abfm.calculus.vector_fields import check_field, to_ambient, to_frame
 from abfm.errors import ParameterError
+from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.smooth_flow import SmoothFlow, smooth_flow
 from abfm.texels import Canvas, FloatImage, fill_gaps, fill_margins
 from abfm.texture_atlas import TextureAtlas, texture_atlas
 

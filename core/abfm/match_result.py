@@ -11,11 +11,11 @@ from typing import Any, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.advection import Flow
 from abfm.calculus.channels import channels
 from abfm.calculus.vector_fields import to_frame
 from abfm.errors import AbfmError, ParameterError, ResultError
-from abfm.exponential import AdvectionError, Workspace
+from abfm.flow.advection import Flow
+from abfm.flow.exponential import AdvectionError, Workspace
 from abfm.functions.eigenfunction import eigenbasis
 from abfm.io import load_arrays, save_arrays
 from abfm.maps.functional_maps import spectral_coefficients

@@ -12,10 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from abfm.calculus.operators import Matrix, face_frames, face_normals, vertex_areas
+from abfm.flow.smooth_flow import corner_vectors
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import FloatArray, IndexArray, kernel
-from abfm.smooth_flow import corner_vectors
 
 
 class Transfer:

@@ -3,7 +3,7 @@
 A match is found with the exponential of ``D_v`` on the vertices of one mesh, and a search that may choose among all
 fields of that mesh also finds those that this scheme carries better than their flow does. So the flow itself is asked:
 
-- flow lines of the continuous field (`abfm.continuous_flow`) lead from each vertex back to where its value comes from.
+- flow lines of the continuous field (`abfm.flow.continuous_flow`) lead from each vertex back to where its value comes from.
   They have no dispersion, and their error falls with the square of the edge length;
 - the continuous field on the midpoint subdivision of the mesh, with the exponential there. It shares the scheme's
   dispersion, a quarter of it, but not the mesh.
@@ -19,14 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.advection import Flow
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import face_frames
 from abfm.calculus.vector_fields import to_frame
-from abfm.continuous_flow import flow_map
 from abfm.errors import FunctionError, MeshError
-from abfm.exponential import AdvectionError, Workspace
-from abfm.flow_lines import fields_in_a_row
+from abfm.flow.advection import Flow
+from abfm.flow.continuous_flow import flow_map
+from abfm.flow.exponential import AdvectionError, Workspace
+from abfm.flow.flow_lines import fields_in_a_row
+from abfm.flow.smooth_flow import smooth_flow
 from abfm.maps.folds import MOST, folds
 from abfm.maps.surface_points import SurfacePoints, pull_back, vertex_points
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
@@ -34,7 +35,6 @@ from abfm.mesh.subdivision import interpolated
 from abfm.mesh.subdivision import subdivided as subdivided_mesh
 from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
 from abfm.resolution import RESOLVED, resolution
-from abfm.smooth_flow import smooth_flow
 
 SUBDIVIDED_LIMIT = 200_000
 """Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""
@@ -146,7 +146,7 @@ def verify(
     ------
     AbfmError
         If an array or ``tau`` does not fit, or the fields lead over too many faces, see
-        `abfm.continuous_flow.flow_map`.
+        `abfm.flow.continuous_flow.flow_map`.
     """
     f, g = channels(mesh, source, "source"), channels(mesh, target, "target")
     if len(f) != len(g):

@@ -39,7 +39,7 @@ def test_reading_and_drawing_a_mesh_loads_no_solver(code):
         "from abfm import matching",
         "import abfm.matching, abfm.match_result",
         "from abfm import match, matching",
-        "import abfm.functions, abfm.advection",
+        "import abfm.functions, abfm.flow.advection",
     ],
 )
 def test_public_names_are_what_they_were_whatever_is_imported_first(code):

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from abfm.calculus.operators import face_normals
 from abfm.errors import ParameterError
-from abfm.flow_lines import flow_lines
+from abfm.flow.flow_lines import flow_lines
 from abfm.line_integral import line_integral_convolution
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import FloatArray, TriangleMesh

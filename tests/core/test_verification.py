@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 import abfm
 from abfm import verification
-from abfm.advection import advect
 from abfm.calculus.operators import l2_norm
 from abfm.errors import FunctionError, ParameterError
+from abfm.flow.advection import advect
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.verification import Verification, verify
 from tests.core.fields import bump, rotation_field, wavy_field

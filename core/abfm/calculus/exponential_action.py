@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.calculus.operators import Matrix
-from abfm.exponential import AdvectionError
+from abfm.flow.exponential import AdvectionError
 from abfm.mesh import FloatArray
 from abfm.numerics import kernels
 

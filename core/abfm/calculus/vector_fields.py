@@ -9,7 +9,7 @@ from scipy import sparse
 from abfm.calculus.exponential_action import exponential_action
 from abfm.calculus.operators import Matrix, averaging, face_frames, gradient
 from abfm.errors import ParameterError
-from abfm.exponential import AdvectionError
+from abfm.flow.exponential import AdvectionError
 from abfm.mesh import FloatArray, TriangleMesh
 
 

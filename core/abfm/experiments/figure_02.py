@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abfm.advection import advect
 from abfm.calculus.operators import gradient, l2_norm, rotation
 from abfm.calculus.vector_fields import to_ambient
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
 from abfm.experiments.given_flow import carried, feet, stream_field
 from abfm.experiments.meshes import bundled, smoothed, sphere
 from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Streaks, Values
-from abfm.flow_lines import flow_lines
+from abfm.flow.advection import advect
+from abfm.flow.flow_lines import flow_lines
 from abfm.functions import function
 from abfm.maps.surface_points import project_onto_surface
 from abfm.match_result import push

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from abfm.advection import advect
 from abfm.calculus.operators import Matrix, face_areas, gradient, l2_norm
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
 from abfm.experiments.given_flow import carried, feet, stream_field
 from abfm.experiments.meshes import five_limbs
 from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Values
+from abfm.flow.advection import advect
 from abfm.functions import function
 from abfm.match_result import push
 from abfm.mesh import FloatArray, TriangleMesh

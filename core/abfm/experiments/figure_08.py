@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abfm.advection import advect
 from abfm.calculus.operators import averaging, gradient
 from abfm.calculus.vector_fields import to_ambient
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
@@ -15,6 +14,7 @@ from abfm.experiments.meshes import smoothed
 from abfm.experiments.sheet import Panel, Sheet, Streaks, Values
 from abfm.experiments.table_1 import TABLE_1
 from abfm.experiments.witnesses import witnessed
+from abfm.flow.advection import advect
 from abfm.functions import function
 from abfm.match_result import push
 from abfm.matching import match

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from abfm.advection import advect
 from abfm.baselines.reduced_basis import ReducedMatch, reduced_match
 from abfm.experiments.experiment import Report
 from abfm.experiments.pair import PairSetup, closest, followed, matched
@@ -19,6 +18,7 @@ from abfm.experiments.read_outs import (
     cut_off,
     without_flow,
 )
+from abfm.flow.advection import advect
 from abfm.maps.accuracy import MapAccuracy, map_accuracy
 from abfm.maps.functional_maps import functional_map, point_map
 from abfm.maps.quality import MapQuality, map_quality

@@ -18,7 +18,7 @@ from abfm.experiments.experiment import Setup, affordable_iterations
 from abfm.experiments.meshes import bundled
 from abfm.experiments.sheet import Checker
 from abfm.experiments.table_1 import TABLE_1
-from abfm.flow_lines import flow_lines
+from abfm.flow.flow_lines import flow_lines
 from abfm.maps.functional_maps import carry, functional_map, point_map
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back, vertex_points
 from abfm.match_result import Match

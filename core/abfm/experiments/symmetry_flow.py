@@ -11,7 +11,7 @@ from abfm.calculus.operators import averaging, face_normals
 from abfm.errors import MeshError
 from abfm.experiments.experiment import Measure, Report, Setup
 from abfm.experiments.sheet import Coordinates, Panel, Streaks, Values
-from abfm.flow_lines import flow_lines
+from abfm.flow.flow_lines import flow_lines
 from abfm.functions import function
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.maps.symmetry import KINDS, Kind, Symmetry, SymmetryError, detect_symmetry

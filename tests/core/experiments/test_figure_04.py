@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm.advection import advect
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.experiments import figure_04
 from abfm.experiments.figure_04 import EXPERIMENT
 from abfm.experiments.given_flow import stream_field
+from abfm.flow.advection import advect
 from abfm.functions import function
 from abfm.match_result import push
 from abfm.parameters import Parameters

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.advection import advect
 from abfm.calculus.operators import gradient
 from abfm.calculus.vector_fields import to_ambient
 from abfm.experiments.figure_08 import EXPERIMENT, _rate
+from abfm.flow.advection import advect
 from tests.shapes import open_cylinder, torus
 
 

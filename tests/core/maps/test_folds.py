@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from abfm.continuous_flow import flow_map
+from abfm.flow.continuous_flow import flow_map
 from abfm.maps.folds import MOST, folds, turned_parts
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import FloatArray, TriangleMesh

@@ -10,7 +10,7 @@ from typing import Any
 from abfm.baselines.benchmark.success.problems import SuccessProblem
 from abfm.baselines.benchmark.watched import LEVEL, watched_match
 from abfm.errors import AbfmError
-from abfm.exponential import counted_row_products
+from abfm.flow.exponential import counted_row_products
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.verification import verify
@@ -51,7 +51,7 @@ class Record:
     iterations, evaluations : int
         Up to the last iterate, on all meshes together.
     row_products : int
-        Rows of ``D_v`` multiplied by all advections and adjoints, see `abfm.exponential.counted_row_products`:
+        Rows of ``D_v`` multiplied by all advections and adjoints, see `abfm.flow.exponential.counted_row_products`:
         factorisations, flow lines and what else the solver does come on top.
     seconds : float
         Of the match on a mesh of which nothing was known; the verification here, by every vertex, is not included.

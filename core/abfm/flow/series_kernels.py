@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.derivative_kernels import GROUP, ONE, dot, gathered
+from abfm.flow.derivative_kernels import GROUP, ONE, dot, gathered
 from abfm.numerics.kernels import FloatArray, IndexArray, kernel
 
 _SWEEP = 4  # terms per sweep: their rows of the matrix together stay in the cache

@@ -14,7 +14,7 @@ import numpy as np
 
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.calculus.vector_fields import to_frame
-from abfm.face_flow import opposite_slots
+from abfm.flow.face_flow import opposite_slots
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import FloatArray, IndexArray, kernel
 

@@ -7,12 +7,12 @@ from scipy.sparse.linalg import expm_multiply
 from scipy.special import jv
 
 import abfm
-from abfm.advection import Flow, advect
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative, to_frame
-from abfm.derivative_pattern import derivative_pattern
-from abfm.exponential import AdvectionError
-from abfm.series_kernels import bessel_coefficients
+from abfm.flow.advection import Flow, advect
+from abfm.flow.derivative_pattern import derivative_pattern
+from abfm.flow.exponential import AdvectionError
+from abfm.flow.series_kernels import bessel_coefficients
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.verification import observed_orders
 from tests.shapes import icosphere, square, torus
@@ -237,7 +237,7 @@ def test_several_terms_in_one_sweep_are_the_same_terms(monkeypatch):
     mu = np.random.default_rng(0).normal(size=len(mesh.vertices))
     results = []
     for least in (10**9, 0):
-        monkeypatch.setattr("abfm.derivative_pattern._BLOCKED", least)
+        monkeypatch.setattr("abfm.flow.derivative_pattern._BLOCKED", least)
         fresh = abfm.TriangleMesh(mesh.vertices, mesh.faces)
         flow = Flow(fresh, to_frame(fresh, v)[None], 0.7, tolerance=1e-13)
         gradient = np.zeros((1, len(mesh.faces), 2))
@@ -258,7 +258,7 @@ def test_little_memory_changes_nothing_but_the_time(monkeypatch):
     f, mu = np.random.default_rng(2).normal(size=(2, len(mesh.vertices)))
     results = []
     for memory in (70_000_000, 70 * len(mesh.vertices)):
-        monkeypatch.setattr("abfm.exponential._MEMORY", memory)
+        monkeypatch.setattr("abfm.flow.exponential._MEMORY", memory)
         flow = Flow(mesh, fields, 4.0)
         gradient = np.zeros_like(fields)
         [trajectory] = flow.forward(f, keep=True)

@@ -15,10 +15,10 @@ import abfm
 from abfm.assets import asset_path
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative, to_ambient, to_frame
-from abfm.clusters import USUAL, cluster_rates, vertex_clusters
-from abfm.derivative_pattern import clustered_pattern
 from abfm.energy import MatchingEnergy
-from abfm.exponential import ExponentialFlow, Workspace, counted_row_products
+from abfm.flow.clusters import USUAL, cluster_rates, vertex_clusters
+from abfm.flow.derivative_pattern import clustered_pattern
+from abfm.flow.exponential import ExponentialFlow, Workspace, counted_row_products
 from abfm.levels import levels, on_the_mesh
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.parameters import PAPER
@@ -156,7 +156,7 @@ def test_the_pattern_is_that_of_the_operator(name, kind, monkeypatch):
     """``R D_v P`` and what goes in and out of it, all against sparse products, with their adjoints."""
     mesh = TriangleMesh(UNEVEN[name].vertices, UNEVEN[name].faces)
     clusters = some_clusters(mesh, kind)
-    monkeypatch.setattr("abfm.derivative_pattern.vertex_clusters", lambda _: clusters)
+    monkeypatch.setattr("abfm.flow.derivative_pattern.vertex_clusters", lambda _: clusters)
     pattern = clustered_pattern(mesh)
     v, w = (to_frame(mesh, wavy_field(mesh, seed)) for seed in (0, 1))
     P, R, D = held(mesh, clusters, v)

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import jv
 
-from abfm import derivative_kernels, series_kernels
-from abfm.derivative_pattern import clustered_pattern, derivative_pattern
 from abfm.errors import AbfmError
+from abfm.flow import derivative_kernels, series_kernels
+from abfm.flow.derivative_pattern import clustered_pattern, derivative_pattern
 from abfm.mesh import FloatArray, TriangleMesh
 
 TOLERANCE = 1e-10
@@ -145,7 +145,7 @@ class ExponentialFlow:
     tolerance : float
         Where the series is truncated, relative to ``max |f|``, per segment.
     clustered : bool
-        Whether vertices of thin triangles are held together, see `abfm.clusters`.
+        Whether vertices of thin triangles are held together, see `abfm.flow.clusters`.
     """
 
     def __init__(

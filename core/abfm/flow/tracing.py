@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.face_flow import FaceFlow
+from abfm.flow.face_flow import FaceFlow
 from abfm.numerics.kernels import FloatArray, IndexArray, kernel
 
 GOING, BOUNDARY, STAGNATION = 0, 1, 2

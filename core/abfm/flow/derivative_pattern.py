@@ -8,10 +8,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from abfm import derivative_kernels
 from abfm.calculus.operators import face_areas, hat_gradients, vertex_areas
-from abfm.clusters import vertex_clusters
-from abfm.derivative_kernels import GROUP
+from abfm.flow import derivative_kernels
+from abfm.flow.clusters import vertex_clusters
+from abfm.flow.derivative_kernels import GROUP
 from abfm.mesh import FloatArray, TriangleMesh, per_mesh
 from abfm.numerics.kernels import IndexArray
 
@@ -24,7 +24,7 @@ class DerivativePattern:
     """The fixed sparsity of ``D_v`` on a mesh (vertex adjacency with diagonal) and what fills it from a field.
 
     Vertices are renumbered so that neighbours are close in memory. Entries come in groups, see `derivative_kernels`.
-    Where vertices are held together, see `abfm.clusters`, rows and columns are clusters, with one value each.
+    Where vertices are held together, see `abfm.flow.clusters`, rows and columns are clusters, with one value each.
 
     Attributes
     ----------

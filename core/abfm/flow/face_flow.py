@@ -1,4 +1,4 @@
-"""A field of one vector per face, prepared for walking along it with `abfm.tracing`."""
+"""A field of one vector per face, prepared for walking along it with `abfm.flow.tracing`."""
 
 from __future__ import annotations
 

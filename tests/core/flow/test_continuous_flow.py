@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from abfm.continuous_flow import flow_map
 from abfm.errors import ParameterError
+from abfm.flow.continuous_flow import flow_map
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.mesh import FloatArray, TriangleMesh
 from tests.core.fields import rotation_field, wavy_field

@@ -1,7 +1,7 @@
 """Where a flow takes points: walks along the field made continuous, a witness for the maps that advection gives.
 
 Advection by ``exp(-t D_v)`` on vertices disperses what is narrow, and an optimiser may find fields that only it carries
-well. Points have no dispersion: each follows the flow of the continuous field of `abfm.smooth_flow` by the midpoint
+well. Points have no dispersion: each follows the flow of the continuous field of `abfm.flow.smooth_flow` by the midpoint
 rule, in steps that are a part of a face long, straight over the edges. On smooth fields the error falls with the square
 of the edge length, as does that of the continuous field.
 """
@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.errors import ParameterError
-from abfm.flow_lines import FacePoints, check_start, fields_in_a_row
+from abfm.flow.flow_lines import FacePoints, check_start, fields_in_a_row
+from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.numerics.kernels import IndexArray, kernel
-from abfm.smooth_flow import SmoothFlow, smooth_flow
 from abfm.streamlines import vector_at, walk_straight
 
 STEP = 0.5

@@ -12,10 +12,10 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm import tracing
 from abfm.calculus.vector_fields import check_field
 from abfm.errors import ParameterError
-from abfm.face_flow import FaceFlow, face_flow
+from abfm.flow import tracing
+from abfm.flow.face_flow import FaceFlow, face_flow
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]

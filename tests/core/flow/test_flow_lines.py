@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from abfm import advect
 from abfm.calculus.operators import l2_norm
 from abfm.errors import ParameterError
-from abfm.flow_lines import FlowLine, flow_lines
+from abfm.flow.flow_lines import FlowLine, flow_lines
 from abfm.maps.surface_points import project_onto_surface, pull_back
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from tests.core.fields import rotation_field, tangent, wavy_field

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.vector_fields import to_frame
-from abfm.derivative_pattern import derivative_pattern
-from abfm.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Segment, Trajectory, Workspace
+from abfm.flow.derivative_pattern import derivative_pattern
+from abfm.flow.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Segment, Trajectory, Workspace
 from abfm.mesh import FloatArray, TriangleMesh
 
 
@@ -60,7 +60,7 @@ class Flow:
     tolerance : float
         Truncation of the exponentials, relative to the function's largest value.
     clustered : bool
-        Whether exponentials hold vertices of thin triangles together, see `abfm.clusters`.
+        Whether exponentials hold vertices of thin triangles together, see `abfm.flow.clusters`.
     """
 
     def __init__(
