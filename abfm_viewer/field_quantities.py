@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from abfm.flow.flow_lines import FlowLine
     from abfm.maps.quality import MapQuality
     from abfm.maps.surface_points import Distortion
-    from abfm.texels import FloatImage
-    from abfm.texture_atlas import TextureAtlas
+    from abfm.streaks.texels import FloatImage
+    from abfm.streaks.texture_atlas import TextureAtlas
     from abfm_viewer.session import Session
 
 _TEXELS, _TEXELS_OF_PICTURES = 1024, 2048  # along a side; fewer in the window, where textures change while one looks
@@ -268,7 +268,7 @@ def _scalar(field: Field, kind: str) -> FloatArray:
 
 
 def _streaks(field: Field, fade: bool, moving: bool) -> Streaks:
-    from abfm.line_integral import line_integral_convolution
+    from abfm.streaks.line_integral import line_integral_convolution
 
     size = _TEXELS_OF_PICTURES if Latest.at_once else _TEXELS
     size = min(max(size, int(np.sqrt(_LEAST_TEXELS_PER_FACE * len(field.mesh.faces)))), _MOST_TEXELS)

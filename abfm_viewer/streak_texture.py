@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from abfm.mesh import FloatArray
 from abfm.numerics.kernels import IndexArray, kernel
-from abfm.texels import FloatImage
-from abfm.texture_atlas import TextureAtlas
+from abfm.streaks.texels import FloatImage
+from abfm.streaks.texture_atlas import TextureAtlas
 from abfm_viewer.colormaps import ColorRange, linear_table
 
 SHADE = 0.72

@@ -18,7 +18,7 @@ def start() -> threading.Thread:
 def _match_something() -> None:
     """A match on an octahedron; what fails here fails again, and is told, when the user presses Match."""
     from abfm import Parameters, TriangleMesh, match
-    from abfm.line_integral import line_integral_convolution
+    from abfm.streaks.line_integral import line_integral_convolution
     from abfm_viewer.streak_texture import streak_texture
 
     corners = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)

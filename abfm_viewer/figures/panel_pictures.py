@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from PIL import Image
 
 from abfm.experiments.sheet import Checker, Coordinates, Panel, Sheet, Streaks, Values
-from abfm.line_integral import line_integral_convolution
 from abfm.mesh import FloatArray, TriangleMesh
+from abfm.streaks.line_integral import line_integral_convolution
 from abfm_viewer import marks, viewport
 from abfm_viewer.camera import Camera, View, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn

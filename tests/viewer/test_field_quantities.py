@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from abfm import AbfmError, Parameters, line_integral
+from abfm import AbfmError, Parameters
 from abfm.calculus import helmholtz_hodge
 from abfm.calculus.commuting_fields import commuting_fields, relative_bracket
 from abfm.calculus.operators import gradient
 from abfm.calculus.vector_fields import pushforward, to_ambient
+from abfm.streaks import line_integral
 from abfm_viewer import field_quantities, related_fields
 from abfm_viewer.colormaps import color_range, linear_table
 from abfm_viewer.related_fields import carried_gradient

@@ -21,7 +21,7 @@ from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.numerics.kernels import IndexArray, kernel
-from abfm.streamlines import vector_at, walk_straight
+from abfm.streaks.streamlines import vector_at, walk_straight
 
 STEP = 0.5
 """Of a walk, at most, in square roots of the area of the face where it begins."""

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from abfm import texels
 from abfm.calculus.channels import channels
 from abfm.errors import ParameterError
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.streaks import texels
 
 LARGEST_SIZE = 16384
 """Texels along a side that graphics cards take."""

@@ -11,14 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm import streamlines
 from abfm.calculus.operators import face_areas
 from abfm.calculus.vector_fields import check_field, to_ambient, to_frame
 from abfm.errors import ParameterError
 from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.texels import Canvas, FloatImage, fill_gaps, fill_margins
-from abfm.texture_atlas import TextureAtlas, texture_atlas
+from abfm.streaks import streamlines
+from abfm.streaks.texels import Canvas, FloatImage, fill_gaps, fill_margins
+from abfm.streaks.texture_atlas import TextureAtlas, texture_atlas
 
 GREY = 0.5
 _STEP = 1.5  # of a walk, in grains

@@ -1,0 +1,1 @@
+"""Line integral convolution: textures with streaks along a field."""
