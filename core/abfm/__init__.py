@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from abfm.functions import function as function
     from abfm.match_result import Match as Match
     from abfm.match_result import load_match as load_match
-    from abfm.matching import Control as Control
-    from abfm.matching import Iteration as Iteration
-    from abfm.matching import match as match
+    from abfm.matching.match import Control as Control
+    from abfm.matching.match import Iteration as Iteration
+    from abfm.matching.match import match as match
     from abfm.mesh import TriangleMesh as TriangleMesh
     from abfm.mesh import load_mesh as load_mesh
     from abfm.parameters import Parameters as Parameters

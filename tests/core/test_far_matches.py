@@ -16,7 +16,7 @@ from abfm.calculus.vector_fields import to_frame
 from abfm.energy import Evaluation
 from abfm.levels import Level
 from abfm.match_result import Match
-from abfm.matching import Iteration
+from abfm.matching.match import Iteration
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import PAPER, Parameters
 from abfm.regularizer import Regularizer

@@ -37,7 +37,7 @@ def test_reading_and_drawing_a_mesh_loads_no_solver(code):
         "import abfm.match_result",
         "from abfm.match_result import Match",
         "from abfm import matching",
-        "import abfm.matching, abfm.match_result",
+        "import abfm.matching.match, abfm.match_result",
         "from abfm import match, matching",
         "import abfm.functions, abfm.flow.advection",
     ],

@@ -11,7 +11,7 @@ from abfm.experiments.sheet import Panel, Sheet, Values
 from abfm.experiments.table_1 import TABLE_1
 from abfm.experiments.witnesses import witnessed
 from abfm.functions import function
-from abfm.matching import match
+from abfm.matching.match import match
 from abfm.mesh import FloatArray, TriangleMesh
 
 _SHOWN = (0.25, 0.5, 0.75)  # of tau

@@ -13,7 +13,7 @@ from abfm.experiments.sheet import Panel, Sheet, Streaks, Values
 from abfm.experiments.witnesses import Witnessed, witnessed
 from abfm.functions import geodesic_distance
 from abfm.match_result import Match
-from abfm.matching import Iteration, match
+from abfm.matching.match import Iteration, match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
 

@@ -22,7 +22,7 @@ from abfm.flow.flow_lines import flow_lines
 from abfm.maps.functional_maps import carry, functional_map, point_map
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back, vertex_points
 from abfm.match_result import Match
-from abfm.matching import Iteration, match
+from abfm.matching.match import Iteration, match
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 
 FEW = 10

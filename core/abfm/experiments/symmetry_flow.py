@@ -16,7 +16,7 @@ from abfm.functions import function
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.maps.symmetry import KINDS, Kind, Symmetry, SymmetryError, detect_symmetry
 from abfm.match_result import Match
-from abfm.matching import match
+from abfm.matching.match import match
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.parameters import Parameters
 

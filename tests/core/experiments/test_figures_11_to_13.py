@@ -32,7 +32,7 @@ from abfm.maps.accuracy import map_accuracy
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE
 from abfm.maps.surface_points import pull_back, vertex_points
-from abfm.matching import match
+from abfm.matching.match import match
 from abfm.mesh import TriangleMesh
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron, torus
 

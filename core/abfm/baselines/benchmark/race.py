@@ -10,7 +10,7 @@ import numpy as np
 
 from abfm.baselines.benchmark.problem import PARAMETERS, Problem, sphere_problem
 from abfm.baselines.paper import PaperDescent, minimise
-from abfm.matching import Control, Iteration, match
+from abfm.matching.match import Control, Iteration, match
 from abfm.mesh import FloatArray
 from abfm.parameters import Parameters
 

@@ -7,7 +7,7 @@ from math import inf
 from time import perf_counter
 
 from abfm.match_result import Match
-from abfm.matching import Control, Iteration, match
+from abfm.matching.match import Control, Iteration, match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
 from abfm.schedule import MATCHED

@@ -1,0 +1,1 @@
+"""Finding the field whose flow carries a source to a target."""
