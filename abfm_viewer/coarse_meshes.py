@@ -30,7 +30,7 @@ class CoarseMeshes:
 
 
 def _prepared(mesh: TriangleMesh, parameters: Parameters) -> bool:
-    from abfm.levels import prepare  # not before: it loads what the first frame does without
+    from abfm.matching.solving.levels import prepare  # not before: it loads what the first frame does without
 
     prepare(mesh, parameters)
     return True

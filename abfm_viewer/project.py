@@ -242,8 +242,8 @@ def _result_state(result: Match) -> _ResultState:
 
 def _result(archive: zipfile.ZipFile, mesh: TriangleMesh, state: _ResultState, has_mask: bool) -> Match:
     from abfm import Match  # not before: these take long, and are for solved projects only
-    from abfm.match_result import former_verdict
-    from abfm.verdict import Verdict
+    from abfm.matching.judging.verdict import Verdict
+    from abfm.matching.result import former_verdict
 
     told = state.verdict
     state_of_match: dict[str, Any] = {

@@ -51,7 +51,7 @@ class FlowState:
             If the flow is too long, or overflows the single precision of what can be shown.
         """
         from abfm import AdvectionError
-        from abfm.match_result import push  # not before: it loads what the first frame does without
+        from abfm.matching.result import push  # not before: it loads what the first frame does without
 
         carried = push(self.mesh, self.velocity, self.parameters, function, times)
         if np.abs(carried).max() > _LARGEST:

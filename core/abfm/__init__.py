@@ -7,7 +7,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from abfm.energy import MatchingEnergy as MatchingEnergy
     from abfm.errors import AbfmError as AbfmError
     from abfm.errors import FunctionError as FunctionError
     from abfm.errors import MeshError as MeshError
@@ -16,16 +15,17 @@ if TYPE_CHECKING:
     from abfm.flow.advection import advect as advect
     from abfm.flow.exponential import AdvectionError as AdvectionError
     from abfm.functions import function as function
-    from abfm.match_result import Match as Match
-    from abfm.match_result import load_match as load_match
+    from abfm.matching.energy.energy import MatchingEnergy as MatchingEnergy
+    from abfm.matching.judging.verification import Verification as Verification
+    from abfm.matching.judging.verification import verify as verify
     from abfm.matching.match import Control as Control
     from abfm.matching.match import Iteration as Iteration
     from abfm.matching.match import match as match
+    from abfm.matching.result import Match as Match
+    from abfm.matching.result import load_match as load_match
     from abfm.mesh import TriangleMesh as TriangleMesh
     from abfm.mesh import load_mesh as load_mesh
     from abfm.parameters import Parameters as Parameters
-    from abfm.verification import Verification as Verification
-    from abfm.verification import verify as verify
 
 _MODULES = {
     "AbfmError": "errors",

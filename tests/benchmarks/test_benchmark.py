@@ -15,7 +15,7 @@ from abfm.baselines.benchmark.problem import PARAMETERS, sphere_problem
 from abfm.baselines.benchmark.race import SOLVER, descend, time_below
 from abfm.baselines.benchmark.watched import LEVEL
 from abfm.calculus.operators import l2_norm
-from abfm.energy import MatchingEnergy
+from abfm.matching.energy.energy import MatchingEnergy
 
 
 def numbers(entry: Any) -> Iterator[float]:

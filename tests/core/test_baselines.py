@@ -18,7 +18,7 @@ from abfm.calculus.vector_fields import (
     lie_bracket,
     to_frame,
 )
-from abfm.energy import MatchingEnergy
+from abfm.matching.energy.energy import MatchingEnergy
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import PAPER, Parameters
 from tests.shapes import icosphere

@@ -34,10 +34,10 @@ def test_reading_and_drawing_a_mesh_loads_no_solver(code):
 @pytest.mark.parametrize(
     "code",
     [
-        "import abfm.match_result",
-        "from abfm.match_result import Match",
+        "import abfm.matching.result",
+        "from abfm.matching.result import Match",
         "from abfm import matching",
-        "import abfm.matching.match, abfm.match_result",
+        "import abfm.matching.match, abfm.matching.result",
         "from abfm import match, matching",
         "import abfm.functions, abfm.flow.advection",
     ],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import abfm.levels
+import abfm.matching.solving.levels
 from abfm import Parameters
 from abfm_viewer.background import Latest
 from abfm_viewer.coarse_meshes import CoarseMeshes
@@ -12,7 +12,9 @@ from tests.viewer.sessions import opened, until
 
 def test_they_are_made_once_for_a_mesh_and_a_number_of_levels(monkeypatch):
     asked = []
-    monkeypatch.setattr(abfm.levels, "prepare", lambda mesh, parameters: asked.append((mesh, parameters.levels)))
+    monkeypatch.setattr(
+        abfm.matching.solving.levels, "prepare", lambda mesh, parameters: asked.append((mesh, parameters.levels))
+    )
     mesh, meshes = torus(12, 8), CoarseMeshes()
     for parameters in (Parameters(), Parameters(sigma=0.1), Parameters(levels=2)):
         for _ in range(3):
@@ -24,7 +26,7 @@ def test_they_are_made_once_for_a_mesh_and_a_number_of_levels(monkeypatch):
 
 def test_an_opened_mesh_gets_them(monkeypatch):
     asked = []
-    monkeypatch.setattr(abfm.levels, "prepare", lambda mesh, parameters: asked.append(mesh))
+    monkeypatch.setattr(abfm.matching.solving.levels, "prepare", lambda mesh, parameters: asked.append(mesh))
     session = opened()
     until(lambda: asked, session)
     assert asked == [session.mesh]

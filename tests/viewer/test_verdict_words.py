@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 import abfm
-from abfm.verdict import Verdict
+from abfm.matching.judging.verdict import Verdict
 from abfm_viewer.verdict_words import explanation, headline, numbers, place
 from tests.viewer.sessions import SPHERE
 

@@ -10,16 +10,16 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from abfm.calculus.vector_fields import to_frame
-from abfm.energy import MatchingEnergy
 from abfm.errors import MeshError
 from abfm.experiments import TITLES
 from abfm.experiments.sheet import Sheet
 from abfm.functions import function
-from abfm.match_result import Match
+from abfm.matching.energy.energy import MatchingEnergy
+from abfm.matching.judging.verdict import Verdict
+from abfm.matching.result import Match
+from abfm.matching.schedule import MATCHED
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
-from abfm.schedule import MATCHED
-from abfm.verdict import Verdict
 
 _VERTICES_TIMES_ITERATIONS = 1_230_000
 

@@ -17,7 +17,7 @@ from abfm.flow.advection import advect
 from abfm.flow.flow_lines import flow_lines
 from abfm.functions import function
 from abfm.maps.surface_points import project_onto_surface
-from abfm.match_result import push
+from abfm.matching.result import push
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.parameters import Parameters
 

@@ -14,7 +14,7 @@ from abfm.experiments.meshes import five_limbs
 from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Values
 from abfm.flow.advection import advect
 from abfm.functions import function
-from abfm.match_result import push
+from abfm.matching.result import push
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
 

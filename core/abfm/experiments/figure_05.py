@@ -14,7 +14,7 @@ from abfm.experiments.experiment import Experiment, Findings, Measure, Report, S
 from abfm.experiments.given_fields import carried_bump, centres, relative_error, stirring, tangent, with_speed
 from abfm.experiments.meshes import gourd, gourd_radius, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
-from abfm.match_result import push
+from abfm.matching.result import push
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
 

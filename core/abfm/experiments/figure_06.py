@@ -26,7 +26,7 @@ from abfm.experiments.given_fields import (
 from abfm.experiments.meshes import geodesic_sphere, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
 from abfm.flow.exponential import AdvectionError
-from abfm.match_result import push
+from abfm.matching.result import push
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
 

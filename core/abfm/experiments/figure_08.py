@@ -16,8 +16,8 @@ from abfm.experiments.table_1 import TABLE_1
 from abfm.experiments.witnesses import witnessed
 from abfm.flow.advection import advect
 from abfm.functions import function
-from abfm.match_result import push
 from abfm.matching.match import match
+from abfm.matching.result import push
 from abfm.mesh import FloatArray, TriangleMesh
 
 _MODES = {2: 1.0, 5: 0.7}

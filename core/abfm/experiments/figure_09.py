@@ -15,7 +15,7 @@ from abfm.experiments.table_1 import TABLE_1
 from abfm.functions.vertex_map_file import read_vertex_map
 from abfm.maps.quality import MapQuality
 from abfm.maps.symmetry import detect_symmetry
-from abfm.match_result import Match
+from abfm.matching.result import Match
 from abfm.mesh import TriangleMesh
 
 _COOLED = {"cooling_stages": 3}

@@ -11,7 +11,7 @@ from abfm.calculus.operators import averaging, face_areas, gradient, rotation
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import MeshError
 from abfm.functions import eigenbasis, function
-from abfm.match_result import push
+from abfm.matching.result import push
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
 

@@ -23,7 +23,7 @@ from abfm.maps.accuracy import MapAccuracy, map_accuracy
 from abfm.maps.functional_maps import functional_map, point_map
 from abfm.maps.quality import MapQuality, map_quality
 from abfm.maps.surface_points import SurfacePoints, pull_back
-from abfm.match_result import Match
+from abfm.matching.result import Match
 from abfm.mesh import FloatArray
 
 ONE, THREE, REDUCED = "1 function", "3 functions", "reduced basis"

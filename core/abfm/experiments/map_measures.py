@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from abfm.experiments.experiment import Measure
 from abfm.maps.quality import MapQuality, map_quality
-from abfm.match_result import Match
+from abfm.matching.result import Match
 
 
 def of_flow(match: Match, name: str, shares: Sequence[float] = (1.0,)) -> dict[str, MapQuality]:

@@ -12,8 +12,8 @@ from abfm.experiments.experiment import Findings, Measure, Report, Setup
 from abfm.experiments.sheet import Panel, Sheet, Streaks, Values
 from abfm.experiments.witnesses import Witnessed, witnessed
 from abfm.functions import geodesic_distance
-from abfm.match_result import Match
 from abfm.matching.match import Iteration, match
+from abfm.matching.result import Match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
 

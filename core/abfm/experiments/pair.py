@@ -21,8 +21,8 @@ from abfm.experiments.table_1 import TABLE_1
 from abfm.flow.flow_lines import flow_lines
 from abfm.maps.functional_maps import carry, functional_map, point_map
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back, vertex_points
-from abfm.match_result import Match
 from abfm.matching.match import Iteration, match
+from abfm.matching.result import Match
 from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
 
 FEW = 10

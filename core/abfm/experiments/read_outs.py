@@ -21,7 +21,7 @@ from abfm.experiments.pair import FEW, PairSetup, closest, coordinates, followed
 from abfm.functions.eigenfunction import eigenbasis
 from abfm.maps.functional_maps import functional_map, point_map, spectral_coefficients, zoom_out
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back
-from abfm.match_result import Match
+from abfm.matching.result import Match
 from abfm.mesh import FloatArray, TriangleMesh
 
 CUT_OFF, LINES, NEIGHBOURS = ", cut off alike", ", flow lines", ", nearest neighbours"

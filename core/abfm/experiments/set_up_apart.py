@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from abfm.errors import AbfmError
 from abfm.experiments import experiment_of
 from abfm.experiments.experiment import Setup
-from abfm.match_result import Match
+from abfm.matching.result import Match
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests
 
 

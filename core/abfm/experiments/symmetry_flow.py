@@ -15,8 +15,8 @@ from abfm.flow.flow_lines import flow_lines
 from abfm.functions import function
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.maps.symmetry import KINDS, Kind, Symmetry, SymmetryError, detect_symmetry
-from abfm.match_result import Match
 from abfm.matching.match import match
+from abfm.matching.result import Match
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.parameters import Parameters
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from abfm.errors import ParameterError
 from abfm.experiments.experiment import Measure
-from abfm.match_result import Match
+from abfm.matching.result import Match
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.vector_fields import to_ambient
-from abfm.control import CancelledError, Control
-from abfm.energy import MatchingEnergy
 from abfm.errors import ParameterError
-from abfm.iteration import Iteration
-from abfm.match_result import Match
+from abfm.matching.energy.energy import MatchingEnergy
+from abfm.matching.judging.solvability import Problem
+from abfm.matching.judging.verdict import Outcome, advice
+from abfm.matching.judging.verification import look
+from abfm.matching.result import Match
+from abfm.matching.solving.control import CancelledError, Control
+from abfm.matching.solving.iteration import Iteration
+from abfm.matching.solving.solve import Solver
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
-from abfm.solvability import Problem
-from abfm.solve import Solver
-from abfm.verdict import Outcome, advice
-from abfm.verification import look
 
 __all__ = ["Control", "Iteration", "match"]
 

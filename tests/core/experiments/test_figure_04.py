@@ -11,7 +11,7 @@ from abfm.experiments.figure_04 import EXPERIMENT
 from abfm.experiments.given_flow import stream_field
 from abfm.flow.advection import advect
 from abfm.functions import function
-from abfm.match_result import push
+from abfm.matching.result import push
 from abfm.parameters import Parameters
 from tests.shapes import ellipsoid, open_cylinder
 

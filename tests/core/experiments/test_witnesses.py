@@ -10,8 +10,8 @@ import pytest
 from abfm import Parameters, match
 from abfm.errors import ParameterError
 from abfm.experiments.witnesses import witnessed
-from abfm.match_result import Match
-from abfm.verification import Verification
+from abfm.matching.judging.verification import Verification
+from abfm.matching.result import Match
 from tests.shapes import icosphere
 
 SPHERE = icosphere(2)

@@ -15,11 +15,11 @@ import abfm
 from abfm.assets import asset_path
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative, to_ambient, to_frame
-from abfm.energy import MatchingEnergy
 from abfm.flow.clusters import USUAL, cluster_rates, vertex_clusters
 from abfm.flow.derivative_pattern import clustered_pattern
 from abfm.flow.exponential import ExponentialFlow, Workspace, counted_row_products
-from abfm.levels import levels, on_the_mesh
+from abfm.matching.energy.energy import MatchingEnergy
+from abfm.matching.solving.levels import levels, on_the_mesh
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.parameters import PAPER
 from tests.core.fields import bump, wavy_field

@@ -10,7 +10,7 @@ from abfm.errors import AbfmError
 from abfm.experiments.given_flow import feet, stream_field
 from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE, MapQuality, map_quality
 from abfm.maps.surface_points import distortion, project_onto_surface, vertex_points
-from abfm.match_result import push
+from abfm.matching.result import push
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.parameters import Parameters
 from tests.shapes import icosphere, square, torus

@@ -11,7 +11,7 @@ from abfm.baselines.benchmark.convergence import converge
 from abfm.baselines.benchmark.problem import PARAMETERS, Problem, sphere_problem
 from abfm.baselines.paper import PaperEnergy
 from abfm.calculus.vector_fields import to_frame
-from abfm.energy import MatchingEnergy
+from abfm.matching.energy.energy import MatchingEnergy
 from abfm.mesh import FloatArray
 
 SUBSTEPS = (1, 10, 40)

@@ -8,7 +8,7 @@ import numpy as np
 
 from abfm.baselines.benchmark.problem import PARAMETERS, Problem
 from abfm.calculus.vector_fields import to_frame
-from abfm.energy import MatchingEnergy
+from abfm.matching.energy.energy import MatchingEnergy
 from abfm.mesh import FloatArray
 
 

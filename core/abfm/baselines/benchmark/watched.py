@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from math import inf
 from time import perf_counter
 
-from abfm.match_result import Match
 from abfm.matching.match import Control, Iteration, match
+from abfm.matching.result import Match
+from abfm.matching.schedule import MATCHED
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import Parameters
-from abfm.schedule import MATCHED
 
 LEVEL = MATCHED
 """Relative mismatch to reach."""

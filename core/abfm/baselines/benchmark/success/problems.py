@@ -13,9 +13,9 @@ from abfm.baselines.benchmark.watched import LEVEL
 from abfm.functions import function
 from abfm.functions.geodesic import geodesic_distance
 from abfm.maps.symmetry import SymmetryError, detect_symmetry
+from abfm.matching.judging.resolution import RESOLVED, resolution
+from abfm.matching.judging.solvability import Problem, range_bound
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.resolution import RESOLVED, resolution
-from abfm.solvability import Problem, range_bound
 
 Family = Literal["gaussian", "one to two", "disc", "eigenfunction", "descriptor"]
 FAMILIES: tuple[Family, ...] = get_args(Family)

@@ -11,9 +11,9 @@ from abfm.baselines.benchmark.success.problems import SuccessProblem
 from abfm.baselines.benchmark.watched import LEVEL, watched_match
 from abfm.errors import AbfmError
 from abfm.flow.exponential import counted_row_products
+from abfm.matching.judging.verification import verify
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
-from abfm.verification import verify
 
 BEFORE = Parameters(
     reach=0.0,

@@ -11,9 +11,9 @@ from scipy.sparse.linalg import spsolve
 
 from abfm.calculus.operators import Matrix, cotangent_laplacian, face_areas, vector_norm_matrix, vertex_areas
 from abfm.calculus.vector_fields import to_frame
+from abfm.matching.energy.regularizer import Regularizer, regularizer
 from abfm.numerics import cholesky, own_process
 from abfm.numerics.cholesky import factor
-from abfm.regularizer import Regularizer, regularizer
 from tests.core.fields import rotation_field
 from tests.core.surfaces import SURFACES
 from tests.core.verification import observed_orders

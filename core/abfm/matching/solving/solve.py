@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.vector_fields import to_ambient
-from abfm.calming import calmed
-from abfm.confirmation import Best, Confirmation, confirmation, is_resolved, is_walked
-from abfm.control import CancelledError, Control
-from abfm.descent import Descent, Progress
-from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import ParameterError
-from abfm.iteration import Iteration
-from abfm.levels import levels
+from abfm.matching.energy.energy import Evaluation, MatchingEnergy
+from abfm.matching.judging.confirmation import Best, Confirmation, confirmation, is_resolved, is_walked
+from abfm.matching.schedule import MATCHED, REACHED, Stage, finish, gradual, search
+from abfm.matching.solving.calming import calmed
+from abfm.matching.solving.control import CancelledError, Control
+from abfm.matching.solving.descent import Descent, Progress
+from abfm.matching.solving.iteration import Iteration
+from abfm.matching.solving.levels import levels
+from abfm.matching.solving.record import Record
+from abfm.matching.solving.warm_start import start_fields
 from abfm.mesh import FloatArray
-from abfm.record import Record
-from abfm.schedule import MATCHED, REACHED, Stage, finish, gradual, search
-from abfm.warm_start import start_fields
 
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
 _MORE = 0.2  # mismatch on the mesh itself, beyond that on the coarsest, up to which meshes between are left out

@@ -10,12 +10,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 import abfm
-from abfm import verification
 from abfm.calculus.operators import l2_norm
 from abfm.errors import FunctionError, ParameterError
 from abfm.flow.advection import advect
+from abfm.matching.judging import verification
+from abfm.matching.judging.verification import Verification, verify
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.verification import Verification, verify
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.verification import observed_orders
 from tests.shapes import disc, icosphere

@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from abfm.balance import ROUND, balanced
-from abfm.calming import calmed
-from abfm.confirmation import Best, is_walked
-from abfm.control import Control
-from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import FunctionError
-from abfm.levels import on_the_mesh
+from abfm.matching.energy.energy import Evaluation, MatchingEnergy
+from abfm.matching.judging.confirmation import Best, is_walked
+from abfm.matching.judging.solvability import Problem, range_bound
+from abfm.matching.schedule import Stage
+from abfm.matching.solving.balance import ROUND, balanced
+from abfm.matching.solving.calming import calmed
+from abfm.matching.solving.control import Control
+from abfm.matching.solving.levels import on_the_mesh
+from abfm.matching.solving.record import Record
 from abfm.mesh import FloatArray
 from abfm.numerics.optimizer import LBFGS, State
-from abfm.record import Record
-from abfm.schedule import Stage
-from abfm.solvability import Problem, range_bound
 
 _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradient is exact for any
 

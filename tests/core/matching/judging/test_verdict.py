@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm.match_result import Match
+from abfm.matching.judging.solvability import Problem
+from abfm.matching.judging.verdict import Kind, Outcome, Verdict, advice, early_warning
+from abfm.matching.result import Match
 from abfm.mesh import FloatArray
 from abfm.parameters import PAPER, Parameters
-from abfm.solvability import Problem
-from abfm.verdict import Kind, Outcome, Verdict, advice, early_warning
 from tests.core.fields import bump
 from tests.shapes import icosphere
 

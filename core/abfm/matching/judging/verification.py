@@ -30,11 +30,11 @@ from abfm.flow.flow_lines import fields_in_a_row
 from abfm.flow.smooth_flow import smooth_flow
 from abfm.maps.folds import MOST, folds
 from abfm.maps.surface_points import SurfacePoints, pull_back, vertex_points
+from abfm.matching.energy.mismatch import channel_weights, relative_mismatch, vertex_mask
+from abfm.matching.judging.resolution import RESOLVED, resolution
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm.mesh.subdivision import interpolated
 from abfm.mesh.subdivision import subdivided as subdivided_mesh
-from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
-from abfm.resolution import RESOLVED, resolution
 
 SUBDIVIDED_LIMIT = 200_000
 """Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""
@@ -63,7 +63,7 @@ class Verification:
         Share of the faces whose three carried vertices alone look turned over: what the vertex-to-vertex map does.
         Several percent where a smooth flow stretches much, tens of percent where the field is noise.
     resolution : float
-        How many edges the narrow features of source and target span, mask or not (`abfm.resolution.resolution`).
+        How many edges the narrow features of source and target span, mask or not (`abfm.matching.judging.resolution.resolution`).
     """
 
     flow_lines: float
@@ -92,7 +92,7 @@ class Verification:
 
     @property
     def resolved(self) -> bool:
-        """Whether source and target are wide enough for advection on this mesh, see `abfm.resolution.RESOLVED`."""
+        """Whether source and target are wide enough for advection on this mesh, see `abfm.matching.judging.resolution.RESOLVED`."""
         return self.resolution >= RESOLVED
 
     def report(self) -> str:

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 import abfm
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import to_frame
-from abfm.energy import MatchingEnergy
-from abfm.far_metric import FarMetric
+from abfm.matching.energy.energy import MatchingEnergy
+from abfm.matching.energy.far_metric import FarMetric
 from abfm.mesh import FloatArray, TriangleMesh
 from tests.core.fields import bump, rotation_field
 from tests.core.surfaces import SURFACES, moved

@@ -10,20 +10,20 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.bracket import BracketGradient
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import function_norm_matrix, vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import FunctionError, ParameterError
-from abfm.far_metric import FarMetric
 from abfm.flow.advection import Flow
 from abfm.flow.derivative_pattern import clustered_pattern
 from abfm.flow.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Workspace
+from abfm.matching.energy.bracket import BracketGradient
+from abfm.matching.energy.far_metric import FarMetric
+from abfm.matching.energy.mismatch import channel_weights, relative_mismatch, vertex_mask
+from abfm.matching.energy.regularizer import Regularizer, regularizer
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.mismatch import channel_weights, relative_mismatch, vertex_mask
 from abfm.numerics import kernels
 from abfm.parameters import Parameters
-from abfm.regularizer import Regularizer, regularizer
 
 
 @dataclass(frozen=True)

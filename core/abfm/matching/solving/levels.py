@@ -14,13 +14,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.energy import MatchingEnergy
 from abfm.flow.clusters import vertex_clusters
+from abfm.matching.energy.energy import MatchingEnergy
+from abfm.matching.judging.resolution import resolution
+from abfm.matching.solving.transfer import Transfer
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mesh.coarsening import coarsened
 from abfm.parameters import Parameters
-from abfm.resolution import resolution
-from abfm.transfer import Transfer
 
 COARSEST = 2500
 """Vertices of the coarsest mesh where their number is chosen here."""

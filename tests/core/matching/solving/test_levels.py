@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from abfm import MatchingEnergy, Parameters
-from abfm import levels as module
 from abfm.calculus.vector_fields import to_ambient
-from abfm.control import CancelledError
-from abfm.levels import Level, _making, levels, on_the_mesh, prepare
+from abfm.matching.solving import levels as module
+from abfm.matching.solving.control import CancelledError
+from abfm.matching.solving.levels import Level, _making, levels, on_the_mesh, prepare
 from abfm.mesh import coarsening
 from tests.core.fields import bump, rotation_field
 from tests.core.surfaces import relative_error, renumbered

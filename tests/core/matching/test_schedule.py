@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from abfm.matching.schedule import MATCHED, REACHED, Stage, finish, gradual, search
 from abfm.parameters import PAPER, Parameters
-from abfm.schedule import MATCHED, REACHED, Stage, finish, gradual, search
 
 
 def stages(p: Parameters, levels: int = 1, warm: bool = False, joined: bool = False) -> list[Stage]:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
+from abfm.matching.judging.peaks import Extrema
+from abfm.matching.judging.solvability import Problem, range_bound
+from abfm.matching.schedule import MATCHED
 from abfm.mesh import FloatArray
 from abfm.parameters import Parameters
-from abfm.peaks import Extrema
-from abfm.schedule import MATCHED
-from abfm.solvability import Problem, range_bound
 
 Kind = Literal["matched", "nearly", "not reached", "impossible"]
 

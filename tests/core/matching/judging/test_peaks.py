@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from abfm.matching.judging.peaks import Extrema, different_peaks, peaks, persistence
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm.peaks import Extrema, different_peaks, peaks, persistence
 from tests.core.fields import bump
 from tests.core.surfaces import SURFACES
 from tests.shapes import icosphere, square

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from abfm.matching.judging.resolution import resolution
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.mesh.subdivision import interpolated, subdivided
-from abfm.resolution import resolution
 from tests.core.fields import bump
 from tests.shapes import disc, icosphere, square, torus
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abfm.energy import MatchingEnergy
+from abfm.matching.energy.energy import MatchingEnergy
+from abfm.matching.judging.solvability import Problem, range_bound
 from abfm.mesh import FloatArray
 from abfm.parameters import Parameters
-from abfm.solvability import Problem, range_bound
 from tests.core.fields import bump
 from tests.shapes import icosphere, square
 

@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 import abfm
 from abfm.calculus.operators import l2_norm
 from abfm.calculus.vector_fields import directional_derivative, to_frame
-from abfm.energy import MatchingEnergy
+from abfm.matching.energy.energy import MatchingEnergy
 from abfm.mesh import FloatArray, TriangleMesh
 from tests.core.fields import bump, wavy_field
 from tests.core.verification import taylor_order

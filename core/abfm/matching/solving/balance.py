@@ -11,11 +11,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from abfm.confirmation import Best, by_flow_lines
-from abfm.energy import MatchingEnergy
 from abfm.errors import ParameterError
+from abfm.matching.energy.energy import MatchingEnergy
+from abfm.matching.judging.confirmation import Best, by_flow_lines
+from abfm.matching.schedule import MATCHED
 from abfm.mesh import FloatArray
-from abfm.schedule import MATCHED
 
 ROUND = 8
 """Iterations between two looks at the flow lines."""

@@ -9,16 +9,16 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import abfm
-import abfm.solve
+import abfm.matching.solving.solve
 from abfm.calculus.operators import vertex_areas
 from abfm.calculus.vector_fields import to_frame
-from abfm.confirmation import Best, Confirmation, confirmation, is_resolved
-from abfm.control import Control
-from abfm.energy import MatchingEnergy
+from abfm.matching.energy.energy import MatchingEnergy
+from abfm.matching.judging.confirmation import Best, Confirmation, confirmation, is_resolved
+from abfm.matching.schedule import gradual, search
+from abfm.matching.solving.control import Control
+from abfm.matching.solving.solve import Solver
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import PAPER, Parameters
-from abfm.schedule import gradual, search
-from abfm.solve import Solver
 from tests.core.fields import bump, wavy_field
 from tests.core.surfaces import renumbered
 from tests.shapes import icosphere
@@ -123,7 +123,7 @@ def test_the_verdict_tells_that_sigma_was_raised() -> None:
 
 def test_what_flow_lines_confirm_keeps_its_course(monkeypatch: pytest.MonkeyPatch) -> None:
     found = abfm.match(SPHERE, *gaussians())
-    monkeypatch.setattr(abfm.solve, "gradual", lambda p, levels, joined: [])
+    monkeypatch.setattr(abfm.matching.solving.solve, "gradual", lambda p, levels, joined: [])
     before = abfm.match(SPHERE, *gaussians())
     assert_array_equal(found.velocity, before.velocity)
     assert_array_equal(found.energy_history, before.energy_history)

@@ -8,13 +8,13 @@ from functools import partial
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient
-from abfm.confirmation import Best
-from abfm.energy import Evaluation
-from abfm.iteration import Iteration
-from abfm.levels import Level
+from abfm.matching.energy.energy import Evaluation
+from abfm.matching.judging.confirmation import Best
+from abfm.matching.schedule import Stage
+from abfm.matching.solving.iteration import Iteration
+from abfm.matching.solving.levels import Level
 from abfm.mesh import FloatArray
 from abfm.numerics.optimizer import State
-from abfm.schedule import Stage
 
 
 class Record:

@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient
-from abfm.energy import Evaluation, MatchingEnergy
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import flow_map
 from abfm.maps.surface_points import pull_back
+from abfm.matching.energy.energy import Evaluation, MatchingEnergy
+from abfm.matching.judging.resolution import resolution
+from abfm.matching.judging.verdict import NEARLY
 from abfm.mesh import FloatArray
-from abfm.resolution import resolution
-from abfm.verdict import NEARLY
 
 _PAYING = 0.03  # of what flow lines leave: what a colder stage must gain
 _ALIKE = 0.1  # of the same: what a stage that matches may lose; and of an energy: what a gradual way may lose

@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation
 import abfm
 from abfm.assets import asset_path
 from abfm.calculus.vector_fields import to_frame
-from abfm.energy import Evaluation
-from abfm.levels import Level
-from abfm.match_result import Match
+from abfm.matching.energy.energy import Evaluation
+from abfm.matching.energy.regularizer import Regularizer
 from abfm.matching.match import Iteration
+from abfm.matching.result import Match
+from abfm.matching.solving.levels import Level
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.parameters import PAPER, Parameters
-from abfm.regularizer import Regularizer
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.surfaces import moved, relative_error, renumbered
 from tests.shapes import hemisphere, icosphere

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.vector_fields import to_frame
-from abfm.energy import MatchingEnergy, check_fields
+from abfm.matching.energy.energy import MatchingEnergy, check_fields
 from abfm.mesh import FloatArray
 
 

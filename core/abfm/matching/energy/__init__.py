@@ -1,0 +1,1 @@
+"""The energy of the paper, with its gradient."""

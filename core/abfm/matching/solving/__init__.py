@@ -1,0 +1,1 @@
+"""The way down: levels, stages, descent, pause and cancel."""
