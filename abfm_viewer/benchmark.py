@@ -16,7 +16,7 @@ import numpy as np
 
 from abfm import Parameters, TriangleMesh
 from abfm.assets import asset_path
-from abfm.baselines.benchmark.problem import sphere_problem
+from abfm.benchmark.problem import sphere_problem
 from abfm_viewer import opengl
 from abfm_viewer.defaults import default_functions
 from abfm_viewer.document import Channel

@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(line, file=sys.stderr, flush=True)
 
     if arguments.success:
-        from abfm.baselines.benchmark import success  # not before: it loads much that the other commands do without
+        from abfm.benchmark import success  # not before: it loads much that the other commands do without
 
         meshes = _meshes(arguments, {} if arguments.only_given else success.success_meshes())
         with interrupted_by_sigterm():
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
         text = success.format_success(report)
     elif arguments.arrival:
-        from abfm.baselines.benchmark.arrival import format_arrival, run_arrival  # not before, as above
+        from abfm.benchmark.arrival import format_arrival, run_arrival  # not before, as above
 
         report = run_arrival(tell)
         text = format_arrival(report)
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
         report = viewer_benchmark.run(tell)
         text = viewer_benchmark.format_report(report)
     else:
-        from abfm.baselines import benchmark  # not before, as above
+        from abfm import benchmark  # not before, as above
 
         report = benchmark.run(tell, seconds=arguments.seconds)
         text = benchmark.format_report(report)

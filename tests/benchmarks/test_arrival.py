@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from math import inf, isfinite
 
-from abfm.baselines.benchmark.arrival import arrival, format_arrival, gaussians, run_arrival
-from abfm.baselines.benchmark.success import BEFORE
+from abfm.benchmark.arrival import arrival, format_arrival, gaussians, run_arrival
+from abfm.benchmark.success import BEFORE
 from abfm.parameters import Parameters
 
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from abfm.baselines.benchmark import cosine_table, cosines, format_report, markdown_table, run
-from abfm.baselines.benchmark.convergence import COOLED, converge
-from abfm.baselines.benchmark.problem import PARAMETERS, sphere_problem
-from abfm.baselines.benchmark.race import SOLVER, descend, time_below
-from abfm.baselines.benchmark.watched import LEVEL
+from abfm.benchmark import cosine_table, cosines, format_report, markdown_table, run
+from abfm.benchmark.convergence import COOLED, converge
+from abfm.benchmark.problem import PARAMETERS, sphere_problem
+from abfm.benchmark.race import SOLVER, descend, time_below
+from abfm.benchmark.watched import LEVEL
 from abfm.calculus.operators import l2_norm
 from abfm.matching.energy.energy import MatchingEnergy
 

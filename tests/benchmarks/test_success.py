@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from abfm import ParameterError, Parameters, TriangleMesh
-from abfm.baselines.benchmark import success
-from abfm.baselines.benchmark.success import (
+from abfm.benchmark import success
+from abfm.benchmark.success import (
     BEFORE,
     VERSIONS,
     SuccessProblem,
@@ -22,7 +22,7 @@ from abfm.baselines.benchmark.success import (
     success_problems,
     success_table,
 )
-from abfm.baselines.benchmark.success.problems import DISTANCES, FAMILIES, WIDTHS
+from abfm.benchmark.success.problems import DISTANCES, FAMILIES, WIDTHS
 from abfm.functions.geodesic import geodesic_distance
 from tests.shapes import icosphere, square
 

@@ -13,9 +13,8 @@ import pytest
 import trimesh
 from PIL import Image, ImageSequence
 
-from abfm import Parameters, load_match
+from abfm import Parameters, benchmark, load_match
 from abfm.assets import asset_path
-from abfm.baselines import benchmark
 from abfm_viewer.cli import main
 from abfm_viewer.cli.solving import Outcome
 from abfm_viewer.documents import document_of_result

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from abfm.baselines.benchmark.machine import machine
-from abfm.baselines.benchmark.success.meshes import torus
-from abfm.baselines.benchmark.success.problems import SuccessProblem, success_problems
-from abfm.baselines.benchmark.success.record import VERSIONS, run_problem
-from abfm.baselines.benchmark.watched import LEVEL
+from abfm.benchmark.machine import machine
+from abfm.benchmark.success.meshes import torus
+from abfm.benchmark.success.problems import SuccessProblem, success_problems
+from abfm.benchmark.success.record import VERSIONS, run_problem
+from abfm.benchmark.watched import LEVEL
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 

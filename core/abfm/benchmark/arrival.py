@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from abfm.baselines.benchmark.machine import in_words, machine
-from abfm.baselines.benchmark.problem import Problem, sphere_problem
-from abfm.baselines.benchmark.success.record import BEFORE
-from abfm.baselines.benchmark.watched import LEVEL, Watched, watched_match
+from abfm.benchmark.machine import in_words, machine
+from abfm.benchmark.problem import Problem, sphere_problem
+from abfm.benchmark.success.record import BEFORE
+from abfm.benchmark.watched import LEVEL, Watched, watched_match
 from abfm.functions import function
 from abfm.parameters import Parameters
 

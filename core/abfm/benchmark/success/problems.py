@@ -9,7 +9,7 @@ from zlib import crc32
 
 import numpy as np
 
-from abfm.baselines.benchmark.watched import LEVEL
+from abfm.benchmark.watched import LEVEL
 from abfm.functions import function
 from abfm.functions.geodesic import geodesic_distance
 from abfm.maps.symmetry import SymmetryError, detect_symmetry

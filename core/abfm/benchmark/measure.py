@@ -7,13 +7,13 @@ from dataclasses import replace
 from statistics import median
 from typing import Any
 
-from abfm.baselines.benchmark.convergence import COOLED, converge
-from abfm.baselines.benchmark.cosines import cosines
-from abfm.baselines.benchmark.gradient_cost import gradient_cost
-from abfm.baselines.benchmark.machine import machine
-from abfm.baselines.benchmark.problem import PARAMETERS, sphere_problem
-from abfm.baselines.benchmark.race import race, time_below
-from abfm.baselines.benchmark.watched import LEVEL
+from abfm.benchmark.convergence import COOLED, converge
+from abfm.benchmark.cosines import cosines
+from abfm.benchmark.gradient_cost import gradient_cost
+from abfm.benchmark.machine import machine
+from abfm.benchmark.problem import PARAMETERS, sphere_problem
+from abfm.benchmark.race import race, time_below
+from abfm.benchmark.watched import LEVEL
 
 Progress = Callable[[str], None]
 

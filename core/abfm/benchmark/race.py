@@ -8,8 +8,8 @@ from time import perf_counter
 
 import numpy as np
 
-from abfm.baselines.benchmark.problem import PARAMETERS, Problem, sphere_problem
 from abfm.baselines.paper import PaperDescent, minimise
+from abfm.benchmark.problem import PARAMETERS, Problem, sphere_problem
 from abfm.matching.match import Control, Iteration, match
 from abfm.mesh import FloatArray
 from abfm.parameters import Parameters

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from statistics import median
 from typing import Any
 
-from abfm.baselines.benchmark.machine import in_words
-from abfm.baselines.benchmark.success.problems import DISTANCES, FAMILIES, WIDTHS
-from abfm.baselines.benchmark.success.record import CONFIRMED, UNFOLDED
-from abfm.baselines.benchmark.watched import LEVEL
+from abfm.benchmark.machine import in_words
+from abfm.benchmark.success.problems import DISTANCES, FAMILIES, WIDTHS
+from abfm.benchmark.success.record import CONFIRMED, UNFOLDED
+from abfm.benchmark.watched import LEVEL
 
 Row = dict[str, Any]
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from abfm.baselines.benchmark.convergence import converge
-from abfm.baselines.benchmark.problem import PARAMETERS, Problem, sphere_problem
 from abfm.baselines.paper import PaperEnergy
+from abfm.benchmark.convergence import converge
+from abfm.benchmark.problem import PARAMETERS, Problem, sphere_problem
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.energy.energy import MatchingEnergy
 from abfm.mesh import FloatArray

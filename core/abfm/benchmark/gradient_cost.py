@@ -6,7 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
-from abfm.baselines.benchmark.problem import PARAMETERS, Problem
+from abfm.benchmark.problem import PARAMETERS, Problem
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.energy.energy import MatchingEnergy
 from abfm.mesh import FloatArray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from abfm.baselines.benchmark.machine import in_words
+from abfm.benchmark.machine import in_words
 
 
 def format_report(report: dict[str, Any]) -> str:

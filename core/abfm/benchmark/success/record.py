@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
 
-from abfm.baselines.benchmark.success.problems import SuccessProblem
-from abfm.baselines.benchmark.watched import LEVEL, watched_match
+from abfm.benchmark.success.problems import SuccessProblem
+from abfm.benchmark.watched import LEVEL, watched_match
 from abfm.errors import AbfmError
 from abfm.flow.exponential import counted_row_products
 from abfm.matching.judging.verification import verify

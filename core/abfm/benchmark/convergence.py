@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from abfm.baselines.benchmark.problem import PARAMETERS, Problem
+from abfm.benchmark.problem import PARAMETERS, Problem
 from abfm.matching.match import Control, Iteration, match
 from abfm.mesh import FloatArray
 from abfm.parameters import Parameters
