@@ -12,7 +12,7 @@ from pathlib import Path
 
 from abfm.mesh import FloatArray
 from abfm_viewer.background import one_line
-from abfm_viewer.document import Document
+from abfm_viewer.document.document import Document
 from abfm_viewer.state_folder import StateFolder
 
 _PREFIX, _SUFFIX = "autosave-", ".abfm"

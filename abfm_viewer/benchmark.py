@@ -18,8 +18,8 @@ from abfm import Parameters, TriangleMesh
 from abfm.assets import asset_path
 from abfm.benchmark.problem import sphere_problem
 from abfm_viewer import opengl
-from abfm_viewer.defaults import default_functions
-from abfm_viewer.document import Channel
+from abfm_viewer.document.defaults import default_functions
+from abfm_viewer.document.document import Channel
 from abfm_viewer.evaluation import Functions
 from abfm_viewer.opengl import Backend
 from abfm_viewer.session import Session

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from abfm_viewer.document import Document
+from abfm_viewer.document.document import Document
 from abfm_viewer.evaluation import Evaluated
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import polyscope.imgui as imgui
 import polyscope.implot as implot
 
 from abfm_viewer import theme
-from abfm_viewer.document import Theme
+from abfm_viewer.document.document import Theme
 from abfm_viewer.theme import Palette
 from abfm_viewer.widget_record import Kind, Rect, Widget, WidgetRecord
 

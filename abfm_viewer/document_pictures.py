@@ -21,7 +21,7 @@ from abfm_viewer.annotations import Pen, Text, laid_out
 from abfm_viewer.background import Latest
 from abfm_viewer.canvas import Pixels, canvas, drawn
 from abfm_viewer.colormaps import table
-from abfm_viewer.document import EXTRAPOLATION, Document
+from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.scene import Scene
 from abfm_viewer.session import Session
 from abfm_viewer.theme import Color

@@ -16,7 +16,7 @@ from abfm import AbfmError, MeshError, TriangleMesh, load_mesh
 from abfm.mesh import FloatArray
 from abfm.mesh.files import READERS
 from abfm_viewer.background import one_line
-from abfm_viewer.document import Channel, Document
+from abfm_viewer.document.document import Channel, Document
 from abfm_viewer.evaluation import Functions
 from abfm_viewer.session import Session
 
@@ -193,7 +193,7 @@ class Documents:
         return partial(self._show, path, partial(self._session.set_result, match, path.name, channels, known, mask))
 
     def _read_figure(self, figure: int) -> Callable[[], None]:
-        from abfm_viewer.presets import figure_document
+        from abfm_viewer.document.presets import figure_document
 
         document, known = figure_document(figure, self._session.view)
         ready = "press Play, its field is given" if document.result else "press Match"

@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from abfm import FunctionError, Parameters, TriangleMesh
-from abfm_viewer.document import EXTRAPOLATION, Channel, Document, Point, Side, View
-from abfm_viewer.history import History
+from abfm_viewer.document.document import EXTRAPOLATION, Channel, Document, Point, Side, View
+from abfm_viewer.document.history import History
 
 if TYPE_CHECKING:
     from abfm import Match

@@ -87,7 +87,7 @@ class Evaluator:
 
 def _compute(mesh: TriangleMesh, request: str, spec: str) -> Any:
     if request == "defaults":
-        from abfm_viewer.defaults import default_functions
+        from abfm_viewer.document.defaults import default_functions
 
         return default_functions(mesh)
     from abfm.functions import function

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm_viewer.background import Latest
 from abfm_viewer.colormaps import ColorRange
-from abfm_viewer.document import EXTRAPOLATION, HODGE_PARTS, FieldPart, Point
+from abfm_viewer.document.document import EXTRAPOLATION, HODGE_PARTS, FieldPart, Point
 from abfm_viewer.map_quantities import flow_distortion, flow_quality
 from abfm_viewer.related_fields import carried_gradient, commuting
 from abfm_viewer.transport import FlowState, Same

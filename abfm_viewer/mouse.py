@@ -7,7 +7,7 @@ import time
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.document import Side
+from abfm_viewer.document.document import Side
 from abfm_viewer.opengl import ps
 from abfm_viewer.scene import Hit, Scene
 from abfm_viewer.session import Session

@@ -11,7 +11,7 @@ from abfm import AbfmError
 from abfm.mesh import FloatArray
 from abfm_viewer.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.dialogs import Dialogs
-from abfm_viewer.document import THEMES, Document
+from abfm_viewer.document.document import THEMES, Document
 from abfm_viewer.documents import known_values
 from abfm_viewer.session import Session
 from abfm_viewer.state_folder import StateFolder

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from abfm.mesh import FloatArray
 from abfm_viewer.colormaps import NAMES
-from abfm_viewer.document import EXTRAPOLATION, Document
+from abfm_viewer.document.document import EXTRAPOLATION, Document
 
 if TYPE_CHECKING:
     from abfm import Match

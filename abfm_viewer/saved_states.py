@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from abfm_viewer.document import Document
+from abfm_viewer.document.document import Document
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from abfm.mesh import FloatArray
 from abfm_viewer import surface_quantities, theme, viewport
 from abfm_viewer.camera import View, best_view
 from abfm_viewer.creases import drawn_mesh
-from abfm_viewer.document import Camera, Front, Layout, Point
+from abfm_viewer.document.document import Camera, Front, Layout, Point
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
 from abfm_viewer.overlays import Overlays

@@ -14,12 +14,12 @@ from abfm.mesh import FloatArray
 from abfm_viewer.background import Latest
 from abfm_viewer.coarse_meshes import CoarseMeshes
 from abfm_viewer.comparison import Comparison
-from abfm_viewer.document import Channel, Document, Run, Side
+from abfm_viewer.document.document import Channel, Document, Run, Side
+from abfm_viewer.document.history import History
 from abfm_viewer.editing import Editing
 from abfm_viewer.evaluation import Evaluated, Functions
 from abfm_viewer.exporter import Exporter
 from abfm_viewer.field_quantities import FieldQuantities
-from abfm_viewer.history import History
 from abfm_viewer.mass_transport import MassTransport
 from abfm_viewer.notices import Notice, Notices
 from abfm_viewer.player import Player

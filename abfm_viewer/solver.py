@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from abfm.mesh import FloatArray
-from abfm_viewer.document import Run
+from abfm_viewer.document.document import Run
 from abfm_viewer.evaluation import Functions
 from abfm_viewer.worker import Problem, Snapshot, Worker
 

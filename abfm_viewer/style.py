@@ -5,7 +5,7 @@ from __future__ import annotations
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
-from abfm_viewer.document import Theme
+from abfm_viewer.document.document import Theme
 from abfm_viewer.theme import Color, palette
 
 

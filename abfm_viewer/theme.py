@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from abfm_viewer.document import Theme
+from abfm_viewer.document.document import Theme
 
 Color = tuple[float, float, float, float]
 

@@ -11,7 +11,7 @@ import numpy as np
 from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.mesh import FloatArray
 from abfm_viewer.background import Latest
-from abfm_viewer.document import EXTRAPOLATION
+from abfm_viewer.document.document import EXTRAPOLATION
 
 _TIMES, _TIMES_WHILE_SOLVING = 61, 17
 _LONGEST = 60_000_000  # numbers in a span, as float32

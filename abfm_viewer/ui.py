@@ -10,7 +10,7 @@ from typing import Literal, TypeVar
 import polyscope.imgui as imgui
 
 from abfm_viewer.containers import Containers, close_by_escape
-from abfm_viewer.document import Theme
+from abfm_viewer.document.document import Theme
 from abfm_viewer.slider_scale import share_of, value_at
 from abfm_viewer.theme import Color
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from abfm.mesh import FloatArray
 from abfm_viewer.camera import View
-from abfm_viewer.document import Camera
+from abfm_viewer.document.document import Camera
 from abfm_viewer.drawing_units import DrawingUnits
 from abfm_viewer.opengl import ps
 

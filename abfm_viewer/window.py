@@ -23,7 +23,7 @@ from abfm_viewer.annotations import draw_annotations, window_pen
 from abfm_viewer.background import one_line
 from abfm_viewer.bump_markers import BumpMarkers
 from abfm_viewer.dialogs import Dialogs
-from abfm_viewer.document import Theme
+from abfm_viewer.document.document import Theme
 from abfm_viewer.documents import Documents
 from abfm_viewer.keyboard import Keyboard
 from abfm_viewer.mouse import Mouse

@@ -14,7 +14,7 @@ import abfm
 from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
 from abfm.mesh import FloatArray
 from abfm_viewer.background import one_line
-from abfm_viewer.document import Channel, Run
+from abfm_viewer.document.document import Channel, Run
 from abfm_viewer.evaluation import Functions
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from abfm import Iteration
-from abfm_viewer.verdict_words import place
+from abfm_viewer.document.verdict_words import place
 
 Report = Callable[[Iteration], None]
 _LINES_EVERY = 10

@@ -13,7 +13,7 @@ from abfm_viewer import outputs
 from abfm_viewer.cli import options
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.progress import frame_progress
-from abfm_viewer.document import EXTRAPOLATION, Document, Front
+from abfm_viewer.document.document import EXTRAPOLATION, Document, Front
 from abfm_viewer.exit_status import UsageError
 from abfm_viewer.player import SECONDS_PER_CYCLE
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from abfm_viewer.document.verdict_words import numbers
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
-from abfm_viewer.verdict_words import numbers
 
 
 def draw(ui: Ui, session: Session) -> None:

@@ -12,7 +12,7 @@ import polyscope.implot as implot
 
 from abfm import AbfmError
 from abfm.mesh import FloatArray
-from abfm_viewer.document import Run
+from abfm_viewer.document.document import Run
 from abfm_viewer.session import Session
 from abfm_viewer.theme import Color
 from abfm_viewer.ui import Ui

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abfm_viewer.document import Side
+from abfm_viewer.document.document import Side
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
 

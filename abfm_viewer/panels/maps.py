@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm_viewer.document import Coloring
+from abfm_viewer.document.document import Coloring
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
 

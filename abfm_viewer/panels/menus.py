@@ -9,7 +9,7 @@ from abfm import Parameters
 from abfm.experiments import FIGURES, TITLES
 from abfm_viewer import colormaps
 from abfm_viewer.actions import Actions
-from abfm_viewer.document import LAYOUTS, THEMES
+from abfm_viewer.document.document import LAYOUTS, THEMES
 from abfm_viewer.shortcuts import hint
 from abfm_viewer.ui import Ui
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import polyscope.imgui as imgui
 
+from abfm_viewer.document.verdict_words import explanation, headline, place
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
-from abfm_viewer.verdict_words import explanation, headline, place
 
 _STATE_HEIGHT = 150  # seven lines
 _SIDE_BUTTON = 76

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from abfm import Parameters
 from abfm.parameters import PAPER
-from abfm_viewer.document import Channel
+from abfm_viewer.document.document import Channel
 from abfm_viewer.session import Session
 from abfm_viewer.worker import Problem
 from tests.shapes import icosphere

@@ -15,7 +15,7 @@ import pytest
 
 from abfm.mesh import FloatArray
 from abfm_viewer.autosave import Autosave, Recovery, recoverable
-from abfm_viewer.document import Channel, Document
+from abfm_viewer.document.document import Channel, Document
 from abfm_viewer.project import load_project
 from abfm_viewer.state_folder import StateFolder
 from tests.shapes import icosphere

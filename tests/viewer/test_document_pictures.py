@@ -11,7 +11,7 @@ import abfm
 from abfm import AbfmError, FunctionError, ParameterError
 from abfm_viewer import opengl, viewport
 from abfm_viewer.background import Latest
-from abfm_viewer.document import Camera, Channel, Document
+from abfm_viewer.document.document import Camera, Channel, Document
 from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.opengl import ps
 from abfm_viewer.session import Session

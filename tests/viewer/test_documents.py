@@ -12,7 +12,7 @@ import pytest
 
 from abfm import MeshError, Parameters, load_match, match
 from abfm_viewer import documents
-from abfm_viewer.document import Channel, Point
+from abfm_viewer.document.document import Channel, Point
 from abfm_viewer.documents import Documents, open_session
 from abfm_viewer.session import Session
 from abfm_viewer.state_folder import StateFolder

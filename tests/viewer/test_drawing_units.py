@@ -9,7 +9,7 @@ import abfm
 from abfm import TriangleMesh
 from abfm_viewer import viewport
 from abfm_viewer.automation import Driver
-from abfm_viewer.document import Channel, Document
+from abfm_viewer.document.document import Channel, Document
 from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.pictures import match_picture

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm_viewer.document import Run
+from abfm_viewer.document.document import Run
 from abfm_viewer.panels import energy
 
 

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import abfm
-from abfm_viewer.document import Channel, Document
+from abfm_viewer.document.document import Channel, Document
 from abfm_viewer.exporter import Exporter, MovieSettings, PictureSettings
 from tests.shapes import icosphere
 

@@ -11,8 +11,8 @@ import pytest
 
 from abfm_viewer import active_gaussian, aim
 from abfm_viewer.automation import Driver
-from abfm_viewer.bumps import gaussians
-from abfm_viewer.document import Channel
+from abfm_viewer.document.document import Channel
+from abfm_viewer.document.gaussians import gaussians
 from tests.shapes import ellipsoid
 from tests.viewer.sessions import PAIR, SPHERE, opened
 

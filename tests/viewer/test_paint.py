@@ -11,7 +11,7 @@ import pytest
 from abfm import TriangleMesh
 from abfm.baselines import linear_blend, optimal_transport
 from abfm_viewer import mass_transport
-from abfm_viewer.document import COLORINGS
+from abfm_viewer.document.document import COLORINGS
 from abfm_viewer.field_quantities import Field
 from abfm_viewer.paint import Painter, _most, surfaces
 from abfm_viewer.session import Session

@@ -25,7 +25,7 @@ from abfm import Match, Parameters, ResultError, TriangleMesh, match
 from abfm.mesh import FloatArray
 from abfm.parameters import PAPER
 from abfm_viewer.colormaps import NAMES
-from abfm_viewer.document import (
+from abfm_viewer.document.document import (
     CLICK_TOOLS,
     COLORINGS,
     FIELD_PARTS,

@@ -10,7 +10,7 @@ import pytest
 
 import abfm
 from abfm import FunctionError, ParameterError, Parameters
-from abfm_viewer.document import Channel
+from abfm_viewer.document.document import Channel
 from abfm_viewer.notices import Notice
 from abfm_viewer.session import Session
 from tests.shapes import torus

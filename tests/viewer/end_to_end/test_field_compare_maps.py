@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from abfm.calculus.operators import face_normals, vertex_areas
-from abfm_viewer.document import FIELD_PARTS
+from abfm_viewer.document.document import FIELD_PARTS
 from abfm_viewer.ui import Ui
 
 MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")

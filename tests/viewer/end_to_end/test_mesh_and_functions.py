@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abfm.functions import function
-from abfm_viewer.bumps import gaussians
+from abfm_viewer.document.gaussians import gaussians
 from abfm_viewer.panels.function_editor import _FIRST
 from tests.viewer.end_to_end.conftest import EGG
 

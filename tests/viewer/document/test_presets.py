@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from abfm_viewer.document import View
-from abfm_viewer.presets import figure_document
+from abfm_viewer.document.document import View
+from abfm_viewer.document.presets import figure_document
 
 
 def test_a_figure_keeps_the_theme_and_forgets_the_rest_of_the_view():

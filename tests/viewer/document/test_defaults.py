@@ -8,7 +8,7 @@ import pytest
 from abfm import TriangleMesh, load_mesh
 from abfm.assets import asset_names, asset_path
 from abfm.functions import function, geodesic_distance, parse
-from abfm_viewer.defaults import default_functions
+from abfm_viewer.document.defaults import default_functions
 from tests.shapes import disc, torus
 
 MESHES = [name for name in asset_names() if name.endswith(".off")]

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from abfm.mesh import FloatArray
-from abfm_viewer.document import Channel, Document, View
+from abfm_viewer.document.document import Channel, Document, View
 
 _PLAIN: dict[str, Any] = {
     "camera": None,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from abfm_viewer.document import Document
-from abfm_viewer.history import LONGEST, History
+from abfm_viewer.document.document import Document
+from abfm_viewer.document.history import LONGEST, History
 from tests.viewer.sessions import SPHERE
 
 

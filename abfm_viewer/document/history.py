@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from abfm_viewer.document import Document
+from abfm_viewer.document.document import Document
 
 LONGEST = 200
 

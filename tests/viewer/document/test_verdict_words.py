@@ -9,7 +9,7 @@ import pytest
 
 import abfm
 from abfm.matching.judging.verdict import Verdict
-from abfm_viewer.verdict_words import explanation, headline, numbers, place
+from abfm_viewer.document.verdict_words import explanation, headline, numbers, place
 from tests.viewer.sessions import SPHERE
 
 ITERATIONS: list[abfm.Iteration] = []
