@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 import polyscope.imgui as imgui
 
-from abfm_viewer.abbreviation import cut
-from abfm_viewer.colormaps import ColorRange, table
+from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.colormaps import ColorRange, table
+from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.scene import Scene
-from abfm_viewer.theme import Color, Palette
 from abfm_viewer.ui import Ui
 from abfm_viewer.widget_record import Rect
 

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
-from abfm_viewer import theme
+from abfm_viewer.appearance import theme
+from abfm_viewer.appearance.theme import Palette
 from abfm_viewer.document.document import Theme
-from abfm_viewer.theme import Palette
 from abfm_viewer.widget_record import Kind, Rect, Widget, WidgetRecord
 
 _WINDOW = (

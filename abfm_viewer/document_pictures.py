@@ -16,15 +16,15 @@ from PIL import Image, ImageDraw, ImageFont
 
 from abfm import AbfmError, FunctionError, ParameterError
 from abfm.mesh import FloatArray
-from abfm_viewer import theme
 from abfm_viewer.annotations import Pen, Text, laid_out
+from abfm_viewer.appearance import theme
+from abfm_viewer.appearance.colormaps import table
+from abfm_viewer.appearance.theme import Color
 from abfm_viewer.background import Latest
 from abfm_viewer.canvas import Pixels, canvas, drawn
-from abfm_viewer.colormaps import table
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.scene import Scene
 from abfm_viewer.session import Session
-from abfm_viewer.theme import Color
 
 if TYPE_CHECKING:
     from abfm_viewer.viewport import Rect

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
-from abfm_viewer import material
+from abfm_viewer.appearance import material
 from abfm_viewer.arrow_mesh import arrow_mesh
 from abfm_viewer.opengl import ps
 

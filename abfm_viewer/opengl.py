@@ -11,7 +11,7 @@ import os
 import sys
 from typing import Literal
 
-from abfm_viewer import colormaps, material
+from abfm_viewer.appearance import colormaps, material
 from abfm_viewer.errors import DrawingError
 
 Backend = Literal["auto", "openGL3_glfw", "openGL3_egl", "openGL_mock"]

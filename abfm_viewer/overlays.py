@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm_viewer import marks, theme, viewport
+from abfm_viewer import marks, viewport
+from abfm_viewer.appearance import theme
+from abfm_viewer.appearance.theme import Color
 from abfm_viewer.marks import Drawn
 from abfm_viewer.opengl import ps
 from abfm_viewer.session import Session
-from abfm_viewer.theme import Color
 
 if TYPE_CHECKING:
     from abfm.flow.flow_lines import FlowLine

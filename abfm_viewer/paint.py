@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.mesh import FloatArray
-from abfm_viewer.colormaps import ColorRange, color_range, place_colors
+from abfm_viewer.appearance.colormaps import ColorRange, color_range, place_colors
 from abfm_viewer.document.document import HODGE_PARTS, Front, Side
 from abfm_viewer.field_quantities import Field, Texture
 from abfm_viewer.session import Session

@@ -10,9 +10,9 @@ from PIL import Image
 from abfm import Match
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm_viewer import sheet, viewport
+from abfm_viewer.appearance.colormaps import ColorRange, color_range
 from abfm_viewer.camera import Camera, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
-from abfm_viewer.colormaps import ColorRange, color_range
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
 from abfm_viewer.surface_quantities import register, show_values

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.mesh import FloatArray
-from abfm_viewer.colormaps import NAMES
+from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 
 if TYPE_CHECKING:

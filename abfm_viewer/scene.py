@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from abfm import TriangleMesh
 from abfm.mesh import FloatArray
-from abfm_viewer import surface_quantities, theme, viewport
+from abfm_viewer import surface_quantities, viewport
+from abfm_viewer.appearance import theme
 from abfm_viewer.camera import View, best_view
 from abfm_viewer.creases import drawn_mesh
 from abfm_viewer.document.document import Camera, Front, Layout, Point

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from abfm_viewer.colormaps import ColorRange, table
+from abfm_viewer.appearance.colormaps import ColorRange, table
 
 DEFAULT_WIDTH = 1800
 _PLEASANT_ASPECT = 2.4

@@ -9,7 +9,7 @@ from abfm.mesh import FloatArray
 from abfm.numerics.kernels import IndexArray, kernel
 from abfm.streaks.texels import FloatImage
 from abfm.streaks.texture_atlas import TextureAtlas
-from abfm_viewer.colormaps import ColorRange, linear_table
+from abfm_viewer.appearance.colormaps import ColorRange, linear_table
 
 SHADE = 0.72
 """How much the darkest streak darkens a function's colour, in linear light."""

@@ -7,8 +7,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm_viewer import material
-from abfm_viewer.colormaps import CHECKER_COLORS, ColorRange, loaded_name
+from abfm_viewer.appearance import material
+from abfm_viewer.appearance.colormaps import CHECKER_COLORS, ColorRange, loaded_name
 from abfm_viewer.creases import drawn_mesh
 from abfm_viewer.opengl import ps
 

@@ -17,9 +17,10 @@ from PIL import Image
 
 from abfm.io import write_atomically
 from abfm.numerics import own_process
-from abfm_viewer import opengl, style, warm_up
+from abfm_viewer import opengl, warm_up
 from abfm_viewer.actions import Actions
 from abfm_viewer.annotations import draw_annotations, window_pen
+from abfm_viewer.appearance import style
 from abfm_viewer.background import one_line
 from abfm_viewer.bump_markers import BumpMarkers
 from abfm_viewer.dialogs import Dialogs

@@ -89,7 +89,7 @@ class View:
     Attributes
     ----------
     colormap : str
-        "automatic" (sequential or diverging by the functions' signs), or one of `abfm_viewer.colormaps.NAMES`.
+        "automatic" (sequential or diverging by the functions' signs), or one of `abfm_viewer.appearance.colormaps.NAMES`.
     front : Front or None
         None until the default functions are known, which it should show.
     camera : Camera or None

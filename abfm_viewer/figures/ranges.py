@@ -6,7 +6,7 @@ import numpy as np
 
 from abfm.experiments.sheet import Coordinates, Panel, Sheet, Streaks, Values
 from abfm.mesh import FloatArray
-from abfm_viewer.colormaps import ColorRange, color_range
+from abfm_viewer.appearance.colormaps import ColorRange, color_range
 
 CLAMPED = 0.1
 """How far values may lie beyond the colours, as a share of their range, before a sheet says so.

@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from abfm.experiments.sheet import Frame, Panel, Plot, Sheet
-from abfm_viewer.abbreviation import cut
-from abfm_viewer.colormaps import ColorRange, table
+from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.colormaps import ColorRange, table
 from abfm_viewer.figures.layout import BARS, GAP, LABEL, MARGIN, Layout, Place, laid_out
 from abfm_viewer.figures.panel_pictures import cameras, panel_pictures
 from abfm_viewer.figures.plot_pictures import font, plot_picture

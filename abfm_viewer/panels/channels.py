@@ -9,7 +9,7 @@ from abfm.functions import Family, Spec, Sum, parse
 from abfm.functions.expression import Expression
 from abfm.functions.permuted import Permuted
 from abfm.functions.values_file import ValuesFile
-from abfm_viewer.abbreviation import cut
+from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui
 

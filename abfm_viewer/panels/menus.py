@@ -7,8 +7,8 @@ from typing import Any
 
 from abfm import Parameters
 from abfm.experiments import FIGURES, TITLES
-from abfm_viewer import colormaps
 from abfm_viewer.actions import Actions
+from abfm_viewer.appearance import colormaps
 from abfm_viewer.document.document import LAYOUTS, THEMES
 from abfm_viewer.shortcuts import hint
 from abfm_viewer.ui import Ui

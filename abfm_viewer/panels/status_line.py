@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.abbreviation import cut
+from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document.verdict_words import headline, place
 from abfm_viewer.session import Session
 from abfm_viewer.ui import Ui

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from abfm_viewer.abbreviation import cut
 from abfm_viewer.annotations import Pen, Strip, Text, laid_out
-from abfm_viewer.colormaps import ColorRange
+from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.colormaps import ColorRange
+from abfm_viewer.appearance.theme import palette
 from abfm_viewer.paint import Paint
-from abfm_viewer.theme import palette
 
 NAMES = ("source", "advected", "linear blend", "error", "target")
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm_viewer import canvas, material
+from abfm_viewer import canvas
+from abfm_viewer.appearance import material
 from abfm_viewer.canvas import drawn
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.opengl import ps

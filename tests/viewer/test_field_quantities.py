@@ -15,7 +15,7 @@ from abfm.calculus.operators import gradient
 from abfm.calculus.vector_fields import pushforward, to_ambient
 from abfm.streaks import line_integral
 from abfm_viewer import field_quantities, related_fields
-from abfm_viewer.colormaps import color_range, linear_table
+from abfm_viewer.appearance.colormaps import color_range, linear_table
 from abfm_viewer.related_fields import carried_gradient
 from abfm_viewer.streak_texture import SHADE, streak_texture
 from abfm_viewer.transport import FlowState

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from abfm import ResultError
-from abfm_viewer.colormaps import table
+from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.movies import write_movie
 
 SUFFIXES = [".mp4", ".gif"]

@@ -7,7 +7,7 @@ import pytest
 
 import abfm
 from abfm_viewer import camera, pictures, sheet
-from abfm_viewer.colormaps import color_range, table
+from abfm_viewer.appearance.colormaps import color_range, table
 from abfm_viewer.drawing_units import drawing_units
 from tests.shapes import icosphere
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from abfm_viewer import sheet
-from abfm_viewer.colormaps import ColorRange, table
+from abfm_viewer.appearance.colormaps import ColorRange, table
 
 COLORS = ColorRange("abfm sequential", 0, 1)
 

@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from abfm import Parameters, load_mesh
-from abfm_viewer import colormaps, shortcuts
+from abfm_viewer import shortcuts
+from abfm_viewer.appearance import colormaps
 from abfm_viewer.document.document import LAYOUTS
 from abfm_viewer.panels.menus import UI_SCALES
 from tests.mesh_writers import off_text

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from abfm.experiments.sheet import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
-from abfm_viewer.colormaps import ColorRange
+from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.figures.panel_pictures import POINT_COLORS, cameras, panel_pictures
 from abfm_viewer.figures.plot_pictures import CURVE_COLORS, plot_picture
 from abfm_viewer.figures.ranges import color_ranges

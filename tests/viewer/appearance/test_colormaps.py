@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from abfm_viewer import colormaps, material
-from abfm_viewer.colormaps import color_range, image_files, loaded_name, table
+from abfm_viewer.appearance import colormaps, material
+from abfm_viewer.appearance.colormaps import color_range, image_files, loaded_name, table
 
 NAMES = ["abfm sequential", "abfm diverging"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
+from abfm_viewer.appearance.theme import Color, palette
 from abfm_viewer.document.document import Theme
-from abfm_viewer.theme import Color, palette
 
 
 def apply(theme: Theme, scale: float) -> None:
