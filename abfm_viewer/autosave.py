@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abfm.mesh import FloatArray
-from abfm_viewer.background import one_line
+from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.state_folder import StateFolder
 

@@ -18,13 +18,13 @@ from abfm import Parameters, TriangleMesh
 from abfm.assets import asset_path
 from abfm.benchmark.problem import sphere_problem
 from abfm_viewer import opengl
+from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.worker import Problem, Worker
 from abfm_viewer.document.defaults import default_functions
 from abfm_viewer.document.document import Channel
-from abfm_viewer.evaluation import Functions
 from abfm_viewer.opengl import Backend
 from abfm_viewer.session import Session
 from abfm_viewer.window import Window
-from abfm_viewer.worker import Problem, Worker
 
 LEAST_THROUGHPUT, LONGEST_FRAME, LARGEST_LAUNCH_RATIO = 0.9, 0.040, 1.5
 _SIZE = (1280, 800)

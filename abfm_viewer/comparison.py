@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from abfm_viewer.computing.evaluation import Evaluated
 from abfm_viewer.document.document import Document
-from abfm_viewer.evaluation import Evaluated
 
 if TYPE_CHECKING:
     from abfm import Match

@@ -20,8 +20,8 @@ from abfm_viewer.annotations import Pen, Text, laid_out
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import Color
-from abfm_viewer.background import Latest
 from abfm_viewer.canvas import Pixels, canvas, drawn
+from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.scene import Scene
 from abfm_viewer.session import Session

@@ -15,9 +15,9 @@ import numpy as np
 from abfm import AbfmError, MeshError, TriangleMesh, load_mesh
 from abfm.mesh import FloatArray
 from abfm.mesh.files import READERS
-from abfm_viewer.background import one_line
+from abfm_viewer.computing.background import one_line
+from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.document.document import Channel, Document
-from abfm_viewer.evaluation import Functions
 from abfm_viewer.session import Session
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from abfm import AbfmError
 from abfm.io import write_atomically
 from abfm.mesh import FloatArray
 from abfm_viewer import outputs
-from abfm_viewer.background import one_line
+from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
 
 if TYPE_CHECKING:

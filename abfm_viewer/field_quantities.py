@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm_viewer.appearance.colormaps import ColorRange
-from abfm_viewer.background import Latest
+from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import EXTRAPOLATION, HODGE_PARTS, FieldPart, Point
 from abfm_viewer.map_quantities import flow_distortion, flow_quality
 from abfm_viewer.related_fields import carried_gradient, commuting

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm_viewer.background import Latest
+from abfm_viewer.computing.background import Latest
 
 if TYPE_CHECKING:
     from abfm_viewer.session import Session

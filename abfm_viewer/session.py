@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING
 
 from abfm import AbfmError, TriangleMesh, load_mesh
 from abfm.mesh import FloatArray
-from abfm_viewer.background import Latest
-from abfm_viewer.coarse_meshes import CoarseMeshes
 from abfm_viewer.comparison import Comparison
+from abfm_viewer.computing.background import Latest
+from abfm_viewer.computing.coarse_meshes import CoarseMeshes
+from abfm_viewer.computing.evaluation import Evaluated, Functions
+from abfm_viewer.computing.solver import Solver
+from abfm_viewer.computing.worker import Problem
 from abfm_viewer.document.document import Channel, Document, Run, Side
 from abfm_viewer.document.history import History
 from abfm_viewer.editing import Editing
-from abfm_viewer.evaluation import Evaluated, Functions
 from abfm_viewer.exporter import Exporter
 from abfm_viewer.field_quantities import FieldQuantities
 from abfm_viewer.mass_transport import MassTransport
@@ -25,8 +27,6 @@ from abfm_viewer.notices import Notice, Notices
 from abfm_viewer.player import Player
 from abfm_viewer.saved_states import SavedStates
 from abfm_viewer.shown_flow import ShownFlow
-from abfm_viewer.solver import Solver
-from abfm_viewer.worker import Problem
 
 if TYPE_CHECKING:
     from abfm import Match

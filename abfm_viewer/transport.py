@@ -10,7 +10,7 @@ import numpy as np
 
 from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.mesh import FloatArray
-from abfm_viewer.background import Latest
+from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import EXTRAPOLATION
 
 _TIMES, _TIMES_WHILE_SOLVING = 61, 17

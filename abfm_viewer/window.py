@@ -21,8 +21,8 @@ from abfm_viewer import opengl, warm_up
 from abfm_viewer.actions import Actions
 from abfm_viewer.annotations import draw_annotations, window_pen
 from abfm_viewer.appearance import style
-from abfm_viewer.background import one_line
 from abfm_viewer.bump_markers import BumpMarkers
+from abfm_viewer.computing.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
 from abfm_viewer.documents import Documents

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from abfm_viewer.background import Latest
+from abfm_viewer.computing.background import Latest
 from abfm_viewer.dialogs.folder import Entry, Listing, has_suffix, read_folder
 
 

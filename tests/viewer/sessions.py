@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from abfm import Parameters
 from abfm.parameters import PAPER
+from abfm_viewer.computing.worker import Problem
 from abfm_viewer.document.document import Channel
 from abfm_viewer.session import Session
-from abfm_viewer.worker import Problem
 from tests.shapes import icosphere
 
 SPHERE = icosphere(3)

@@ -10,7 +10,7 @@ import pytest
 
 import abfm
 from abfm import AdvectionError
-from abfm_viewer.background import Latest
+from abfm_viewer.computing.background import Latest
 from abfm_viewer.transport import Carried, FlowState, span
 from tests.viewer.sessions import PAIR, QUICK, SPHERE, until
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from abfm.mesh import FloatArray
+from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.worker import Problem, Snapshot, Worker
 from abfm_viewer.document.document import Run
-from abfm_viewer.evaluation import Functions
-from abfm_viewer.worker import Problem, Snapshot, Worker
 
 if TYPE_CHECKING:
     from abfm import Match

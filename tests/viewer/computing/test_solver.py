@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from abfm_viewer.evaluation import Functions
-from abfm_viewer.solver import Solver
-from abfm_viewer.worker import Problem
+from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.solver import Solver
+from abfm_viewer.computing.worker import Problem
 from tests.shapes import tetrahedron
 from tests.viewer.sessions import ENDLESS, SPHERE, problem, until
 

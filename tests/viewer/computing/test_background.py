@@ -6,7 +6,7 @@ import threading
 import time
 
 from abfm import FunctionError
-from abfm_viewer.background import Latest
+from abfm_viewer.computing.background import Latest
 from tests.viewer.sessions import until
 
 

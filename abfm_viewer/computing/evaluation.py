@@ -11,8 +11,8 @@ import numpy as np
 
 from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.mesh import FloatArray
-from abfm_viewer.background import Latest, one_line
-from abfm_viewer.evaluator import Evaluator
+from abfm_viewer.computing.background import Latest, one_line
+from abfm_viewer.computing.evaluator import Evaluator
 
 _KEPT = 64
 _LEAST, _LARGEST = 1e-30, 1e30  # of a function's largest value: the screen has single precision

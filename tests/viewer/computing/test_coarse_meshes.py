@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import abfm.matching.solving.levels
 from abfm import Parameters
-from abfm_viewer.background import Latest
-from abfm_viewer.coarse_meshes import CoarseMeshes
+from abfm_viewer.computing.background import Latest
+from abfm_viewer.computing.coarse_meshes import CoarseMeshes
 from tests.shapes import torus
 from tests.viewer.sessions import opened, until
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from abfm import Parameters, TriangleMesh
-from abfm_viewer.background import Latest
+from abfm_viewer.computing.background import Latest
 
 
 class CoarseMeshes:

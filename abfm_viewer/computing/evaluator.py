@@ -78,7 +78,7 @@ class Evaluator:
     def _start(self) -> OwnProcess:
         if self._closed:
             raise ProcessEndedError
-        self._process = OwnProcess("abfm_viewer.evaluator")
+        self._process = OwnProcess("abfm_viewer.computing.evaluator")
         bare = copy.copy(self._mesh)
         bare.__dict__["cache"] = {}
         self._process.send(bare)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import abfm
+from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.worker import Worker
 from abfm_viewer.document.document import Channel
-from abfm_viewer.evaluation import Functions
-from abfm_viewer.worker import Worker
 from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, problem, until
 
 

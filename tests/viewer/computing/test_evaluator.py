@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from abfm import FunctionError, TriangleMesh, function
-from abfm_viewer.evaluator import Evaluator
+from abfm_viewer.computing.evaluator import Evaluator
 from tests.shapes import icosphere
 
 SPHERE = icosphere(2)

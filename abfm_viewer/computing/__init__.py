@@ -1,0 +1,1 @@
+"""What runs off the frame loop: function values and matches."""
