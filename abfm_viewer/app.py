@@ -64,8 +64,8 @@ def open_window(
     from abfm import TriangleMesh
     from abfm.assets import asset_path
     from abfm_viewer.documents import open_session
+    from abfm_viewer.files.state_folder import StateFolder
     from abfm_viewer.session import Session
-    from abfm_viewer.state_folder import StateFolder
 
     state = StateFolder(state_folder)
     if isinstance(what, TriangleMesh):

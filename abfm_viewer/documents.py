@@ -22,7 +22,7 @@ from abfm_viewer.session import Session
 
 if TYPE_CHECKING:
     from abfm import Match
-    from abfm_viewer.state_folder import StateFolder
+    from abfm_viewer.files.state_folder import StateFolder
 
 MESHES = tuple(READERS)
 PROJECT, RESULT = ".abfm", ".npz"
@@ -49,7 +49,7 @@ def open_session(path: Path, largest_component: bool = False) -> Session:
     """
     name = path.name.lower()
     if name.endswith(PROJECT):
-        from abfm_viewer.project import load_project
+        from abfm_viewer.files.project import load_project
 
         document, known = load_project(path)
         session = Session(document.mesh, document.name)
@@ -180,7 +180,7 @@ class Documents:
         self._show(path, partial(self._session.set_mesh, mesh, path.name), " ".join(mesh.messages))
 
     def _read_project(self, path: Path) -> Callable[[], None]:
-        from abfm_viewer.project import load_project
+        from abfm_viewer.files.project import load_project
 
         document, known = load_project(path)
         return lambda: self._show(path, lambda: self._session.restore(self._as_here(document), known, path))
@@ -223,14 +223,14 @@ def write_project(path: Path, document: Document, functions: Functions) -> None:
     AbfmError
         If it cannot be written.
     """
-    from abfm_viewer.project import save_project
+    from abfm_viewer.files.project import save_project
 
     save_project(path, document, known_values(document, functions))
 
 
 def known_values(document: Document, functions: Functions) -> dict[str, FloatArray]:
     """Values (V,) of the document's functions from files, so that a project does not need these files."""
-    from abfm_viewer.project_checks import terms_from_files
+    from abfm_viewer.files.project_checks import terms_from_files
 
     specs = [spec for channel in document.channels for spec in (channel.source, channel.target)]
     known = {}

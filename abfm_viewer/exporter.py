@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 from abfm import AbfmError
 from abfm.io import write_atomically
 from abfm.mesh import FloatArray
-from abfm_viewer import outputs
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
+from abfm_viewer.files import outputs
 
 if TYPE_CHECKING:
     from abfm import Match
@@ -160,7 +160,7 @@ class Exporter:
 
     def _render(self, path: Path, suffixes: tuple[str, ...], document: Document, known: Known, words: list[str]) -> str:
         """Draw a copy of the document in a process of its own, and put the file in its place when it is whole."""
-        from abfm_viewer.project import save_project
+        from abfm_viewer.files.project import save_project
 
         outputs.check(path, suffixes)
         with tempfile.TemporaryDirectory(prefix="abfm-export-") as name:

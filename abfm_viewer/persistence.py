@@ -9,12 +9,12 @@ from functools import partial
 
 from abfm import AbfmError
 from abfm.mesh import FloatArray
-from abfm_viewer.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import THEMES, Document
 from abfm_viewer.documents import known_values
+from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
+from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session import Session
-from abfm_viewer.state_folder import StateFolder
 
 _LEAST_SCALE, _LARGEST_SCALE = 0.5, 4.0
 
@@ -96,7 +96,7 @@ class Persistence:
             self._session.load("reading unsaved work", partial(self._read, recovery))
 
     def _read(self, recovery: Recovery) -> Callable[[], None]:
-        from abfm_viewer.project import load_project
+        from abfm_viewer.files.project import load_project
 
         try:
             return partial(self._ask, recovery, *load_project(recovery.path))

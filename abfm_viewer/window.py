@@ -38,7 +38,7 @@ from abfm_viewer.widget_file import write_widgets
 from abfm_viewer.widget_record import Rect
 
 if TYPE_CHECKING:
-    from abfm_viewer.state_folder import StateFolder
+    from abfm_viewer.files.state_folder import StateFolder
 
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
 _IDLE_AFTER = 1.0  # seconds without anything that moves

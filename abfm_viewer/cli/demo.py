@@ -10,9 +10,9 @@ from pathlib import Path
 from abfm import Match, Parameters, load_mesh
 from abfm.assets import asset_path
 from abfm.functions import function
-from abfm_viewer import outputs
 from abfm_viewer.cli.solving import solve
 from abfm_viewer.errors import DrawingError
+from abfm_viewer.files import outputs
 
 SUMMARY = "the main job on a bundled mesh: a self-test that needs no screen"
 DESCRIPTION = """\

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from abfm import ParameterError, load_match
 from abfm.mesh import FloatArray
-from abfm_viewer import outputs
 from abfm_viewer.cli import options
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import EXTRAPOLATION, Document, Front
 from abfm_viewer.exit_status import UsageError
+from abfm_viewer.files import outputs
 from abfm_viewer.player import SECONDS_PER_CYCLE
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check_options(arguments, style, is_movie)
     with interrupted_by_sigterm():
         if of_project:
-            from abfm_viewer.project import load_project
+            from abfm_viewer.files.project import load_project
 
             document, known = load_project(path)
         else:

@@ -18,7 +18,7 @@ from abfm.assets import asset_path
 from abfm_viewer.cli import main
 from abfm_viewer.cli.solving import Outcome
 from abfm_viewer.documents import document_of_result
-from abfm_viewer.project import load_project, save_project
+from abfm_viewer.files.project import load_project, save_project
 
 HUMAN = str(asset_path("human_A.off"))
 EIGHT = str(asset_path("eight.off"))

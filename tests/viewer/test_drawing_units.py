@@ -82,7 +82,7 @@ def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
 
 
 def document_file(mesh: TriangleMesh, folder) -> str:
-    from abfm_viewer.project import save_project
+    from abfm_viewer.files.project import save_project
 
     path = folder / "egg.abfm"
     save_project(path, document(mesh), {})

@@ -39,8 +39,8 @@ from abfm_viewer.document.document import (
     Run,
     View,
 )
-from abfm_viewer.plain import PlainError, from_plain, to_plain
-from abfm_viewer.project import ProjectError, load_project, save_project, terms_from_files
+from abfm_viewer.files.plain import PlainError, from_plain, to_plain
+from abfm_viewer.files.project import ProjectError, load_project, save_project, terms_from_files
 from tests.shapes import icosphere, torus
 
 WHOLE = icosphere(1)
@@ -498,7 +498,7 @@ class TestTermsFromFiles:
     def test_opening_loads_no_solver_before_there_is_a_result(self, tmp_path: Path) -> None:
         save_project(tmp_path / "p.abfm", Document(WHOLE, "empty"), {})
         code = (
-            "import sys; from abfm_viewer.project import load_project; load_project(sys.argv[1]);"
+            "import sys; from abfm_viewer.files.project import load_project; load_project(sys.argv[1]);"
             "print([name for name in ('abfm.matching.match', 'polyscope') if name in sys.modules])"
         )
         done = subprocess.run(

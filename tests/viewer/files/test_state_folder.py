@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from abfm_viewer.state_folder import VARIABLE, StateFolder
+from abfm_viewer.files.state_folder import VARIABLE, StateFolder
 
 
 @pytest.fixture

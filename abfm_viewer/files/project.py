@@ -20,10 +20,10 @@ import numpy as np
 from abfm import Parameters, ResultError, TriangleMesh
 from abfm.io import write_atomically
 from abfm.mesh import FloatArray
-from abfm_viewer.array_zip import read_array, read_arrays, read_bytes, write_array, write_arrays, write_text
 from abfm_viewer.document.document import Channel, Document, Point, Run, Side, View
-from abfm_viewer.plain import from_plain, to_plain
-from abfm_viewer.project_checks import check, check_array, require, terms_from_files
+from abfm_viewer.files.array_zip import read_array, read_arrays, read_bytes, write_array, write_arrays, write_text
+from abfm_viewer.files.plain import from_plain, to_plain
+from abfm_viewer.files.project_checks import check, check_array, require, terms_from_files
 
 if TYPE_CHECKING:
     from abfm import Match

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from abfm import ResultError
-from abfm_viewer import outputs
+from abfm_viewer.files import outputs
 
 
 @pytest.mark.parametrize(

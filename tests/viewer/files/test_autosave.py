@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from abfm.mesh import FloatArray
-from abfm_viewer.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.document.document import Channel, Document
-from abfm_viewer.project import load_project
-from abfm_viewer.state_folder import StateFolder
+from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
+from abfm_viewer.files.project import load_project
+from abfm_viewer.files.state_folder import StateFolder
 from tests.shapes import icosphere
 
 DOCUMENT = Document(icosphere(1), "sphere", channels=(Channel("coordinate:x", "coordinate:y"),))

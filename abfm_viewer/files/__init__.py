@@ -1,0 +1,1 @@
+"""Files of the app: projects, results, autosaves, preferences."""
