@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abfm_viewer.document.document import Side
 from abfm_viewer.document.document import gaussians as bumps
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 
 _WIDTH_PER_NOTCH = 1.12
 NARROWEST, WIDEST = 0.005, 2.0

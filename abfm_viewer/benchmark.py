@@ -23,7 +23,7 @@ from abfm_viewer.computing.worker import Problem, Worker
 from abfm_viewer.document.defaults import default_functions
 from abfm_viewer.document.document import Channel
 from abfm_viewer.opengl import Backend
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.window import Window
 
 LEAST_THROUGHPUT, LONGEST_FRAME, LARGEST_LAUNCH_RATIO = 0.9, 0.040, 1.5

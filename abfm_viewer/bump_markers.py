@@ -11,7 +11,7 @@ from abfm_viewer import viewport
 from abfm_viewer.document.document import Side
 from abfm_viewer.opengl import ps
 from abfm_viewer.scene import Scene
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 from abfm_viewer.widget_record import Rect
 

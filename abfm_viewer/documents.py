@@ -18,7 +18,7 @@ from abfm.mesh.files import READERS
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.document.document import Channel, Document
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
     from abfm import Match

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from abfm.maps.surface_points import Distortion
     from abfm.streaks.texels import FloatImage
     from abfm.streaks.texture_atlas import TextureAtlas
-    from abfm_viewer.session import Session
+    from abfm_viewer.session.session import Session
 
 _TEXELS, _TEXELS_OF_PICTURES = 1024, 2048  # along a side; fewer in the window, where textures change while one looks
 _LEAST_TEXELS_PER_FACE = 12

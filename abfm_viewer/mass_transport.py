@@ -10,7 +10,7 @@ from abfm.mesh import FloatArray, TriangleMesh
 from abfm_viewer.computing.background import Latest
 
 if TYPE_CHECKING:
-    from abfm_viewer.session import Session
+    from abfm_viewer.session.session import Session
 
 
 @dataclass(frozen=True, eq=False)

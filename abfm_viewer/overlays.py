@@ -14,7 +14,7 @@ from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.marks import Drawn
 from abfm_viewer.opengl import ps
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
     from abfm.flow.flow_lines import FlowLine

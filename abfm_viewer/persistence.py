@@ -14,7 +14,7 @@ from abfm_viewer.document.document import THEMES, Document
 from abfm_viewer.documents import known_values
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 
 _LEAST_SCALE, _LARGEST_SCALE = 0.5, 4.0
 

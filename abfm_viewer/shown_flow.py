@@ -11,7 +11,7 @@ from abfm_viewer.transport import Carried, FlowState
 
 if TYPE_CHECKING:
     from abfm import Iteration, Match
-    from abfm_viewer.session import Session
+    from abfm_viewer.session.session import Session
 
 _SETTLED = 0.15  # seconds without a new time after which it is worth computing exactly
 

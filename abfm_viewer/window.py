@@ -32,7 +32,7 @@ from abfm_viewer.opengl import ps
 from abfm_viewer.panels import menus, right_panel, status_line, time_bar
 from abfm_viewer.persistence import Persistence
 from abfm_viewer.scene import Scene
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 from abfm_viewer.widget_file import write_widgets
 from abfm_viewer.widget_record import Rect

@@ -10,7 +10,7 @@ from abfm.functions.expression import Expression
 from abfm.functions.permuted import Permuted
 from abfm.functions.values_file import ValuesFile
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 
 _LONGEST = 16  # letters

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm_viewer.document.verdict_words import numbers
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 
 

@@ -14,7 +14,7 @@ from abfm import AbfmError
 from abfm.mesh import FloatArray
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.document.document import Run
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 
 _HEIGHT = 210

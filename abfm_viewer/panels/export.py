@@ -8,7 +8,7 @@ from pathlib import Path
 
 from abfm_viewer.documents import known_values
 from abfm_viewer.exporter import DATA, MOVIES, PICTURES, Exporter, Known
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 
 _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abfm_viewer.document.document import Side
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 
 _SIDES: tuple[Side, ...] = ("source", "target")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abfm.mesh import TriangleMesh
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 
 

@@ -11,7 +11,7 @@ from abfm.experiments import TITLES
 from abfm.experiments.table_1 import NOTE, TABLE_1, row_of
 from abfm.parameters import CHOICES
 from abfm_viewer.panels.solver import draw_switches
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 
 _OWN, _DEFAULTS = "own values", "defaults"

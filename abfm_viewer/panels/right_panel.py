@@ -7,7 +7,7 @@ from functools import partial
 from typing import Protocol
 
 from abfm_viewer.panels import compare, energy, export, field, functions, maps, mesh, parameters, solver
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 from abfm_viewer.widget_record import Rect
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import polyscope.imgui as imgui
 
 from abfm_viewer.document.verdict_words import explanation, headline, place
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 
 _STATE_HEIGHT = 150  # seven lines

@@ -6,7 +6,7 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document.verdict_words import headline, place
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 from abfm_viewer.widget_record import Rect
 

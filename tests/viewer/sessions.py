@@ -9,7 +9,7 @@ from abfm import Parameters
 from abfm.parameters import PAPER
 from abfm_viewer.computing.worker import Problem
 from abfm_viewer.document.document import Channel
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from tests.shapes import icosphere
 
 SPHERE = icosphere(3)

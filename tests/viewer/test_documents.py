@@ -15,7 +15,7 @@ from abfm_viewer import documents
 from abfm_viewer.document.document import Channel, Point
 from abfm_viewer.documents import Documents, open_session
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
 

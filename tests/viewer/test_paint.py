@@ -14,7 +14,7 @@ from abfm_viewer import mass_transport
 from abfm_viewer.document.document import COLORINGS
 from abfm_viewer.field_quantities import Field
 from abfm_viewer.paint import Painter, _most, surfaces
-from abfm_viewer.session import Session
+from abfm_viewer.session.session import Session
 from tests.viewer.sessions import SPHERE, opened, until
 
 

@@ -488,7 +488,7 @@ def test_a_damaged_copy_is_told_once(state, crashed):
 def test_the_window_is_drawn_before_anything_of_the_solver_is_loaded(tmp_path):
     code = (
         "import sys; from abfm_viewer import app, opengl; from pathlib import Path\n"
-        "import abfm_viewer.session as s; s.Session._find_defaults = lambda self: None\n"
+        "import abfm_viewer.session.session as s; s.Session._find_defaults = lambda self: None\n"
         f"window = app.open_window(None, opengl.OFFSCREEN, (640, 400), Path({str(tmp_path)!r}))\n"
         "window.tick(); print(sorted({'numba', 'scipy', 'igl', 'cholespy', 'trimesh'} & set(sys.modules)))\n"
         "print(window.errors); window.close()"

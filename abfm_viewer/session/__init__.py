@@ -1,0 +1,1 @@
+"""A document at work: every change of it, the run under way, what the status line says."""
