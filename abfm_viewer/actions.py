@@ -8,7 +8,7 @@ from pathlib import Path
 
 from abfm_viewer import shortcuts
 from abfm_viewer.dialogs import Dialogs
-from abfm_viewer.documents import MESHES, PROJECT, RESULT, Documents
+from abfm_viewer.session.opening import MESHES, PROJECT, RESULT, Documents
 from abfm_viewer.session.session import Session
 
 _QUIT = "Save before closing?"

@@ -63,8 +63,8 @@ def open_window(
     """
     from abfm import TriangleMesh
     from abfm.assets import asset_path
-    from abfm_viewer.documents import open_session
     from abfm_viewer.files.state_folder import StateFolder
+    from abfm_viewer.session.opening import open_session
     from abfm_viewer.session.session import Session
 
     state = StateFolder(state_folder)

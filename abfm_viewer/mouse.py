@@ -53,7 +53,7 @@ class Mouse:
         moved = self._held is not None and tuple(io.MouseDelta) != (0, 0)
         if not (pressed or moved or notches):
             return
-        from abfm_viewer import active_gaussian  # not before: it loads what the first frame does without
+        from abfm_viewer.session import active_gaussian  # not before: it loads what the first frame does without
 
         hit = scene.pick(place)
         side = _side(hit)

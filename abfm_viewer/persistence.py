@@ -11,9 +11,9 @@ from abfm import AbfmError
 from abfm.mesh import FloatArray
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import THEMES, Document
-from abfm_viewer.documents import known_values
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.session.opening import known_values
 from abfm_viewer.session.session import Session
 
 _LEAST_SCALE, _LARGEST_SCALE = 0.5, 4.0

@@ -25,13 +25,13 @@ from abfm_viewer.bump_markers import BumpMarkers
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
-from abfm_viewer.documents import Documents
 from abfm_viewer.keyboard import Keyboard
 from abfm_viewer.mouse import Mouse
 from abfm_viewer.opengl import ps
 from abfm_viewer.panels import menus, right_panel, status_line, time_bar
 from abfm_viewer.persistence import Persistence
 from abfm_viewer.scene import Scene
+from abfm_viewer.session.opening import Documents
 from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 from abfm_viewer.widget_file import write_widgets

@@ -67,9 +67,9 @@ def _draw(match: Match, picture: Path, movie: Path) -> tuple[bool, str]:
     """Whether a picture and a movie were drawn, or why not."""
     try:
         from abfm_viewer.document_pictures import DocumentRenderer  # not before: these need OpenGL
-        from abfm_viewer.documents import document_of_result
         from abfm_viewer.movies import write_movie
         from abfm_viewer.pictures import match_picture
+        from abfm_viewer.session.opening import document_of_result
 
         outputs.write_picture(picture, match_picture(match))
         document, known = document_of_result(match, movie.with_suffix(".npz"))

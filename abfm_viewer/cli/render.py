@@ -15,7 +15,7 @@ from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import EXTRAPOLATION, Document, Front
 from abfm_viewer.exit_status import UsageError
 from abfm_viewer.files import outputs
-from abfm_viewer.player import SECONDS_PER_CYCLE
+from abfm_viewer.session.player import SECONDS_PER_CYCLE
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
 
             document, known = load_project(path)
         else:
-            from abfm_viewer.documents import document_of_result
+            from abfm_viewer.session.opening import document_of_result
 
             document, known = document_of_result(load_match(path), path)
         document = _chosen(arguments, document)

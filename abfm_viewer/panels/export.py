@@ -6,8 +6,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from abfm_viewer.documents import known_values
-from abfm_viewer.exporter import DATA, MOVIES, PICTURES, Exporter, Known
+from abfm_viewer.session.exporter import DATA, MOVIES, PICTURES, Exporter, Known
+from abfm_viewer.session.opening import known_values
 from abfm_viewer.session.session import Session
 from abfm_viewer.ui import Ui
 

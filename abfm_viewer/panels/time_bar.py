@@ -6,7 +6,7 @@ import math
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.player import REPEATS
+from abfm_viewer.session.player import REPEATS
 from abfm_viewer.session.session import Session
 from abfm_viewer.slider_scale import share_of, value_at
 from abfm_viewer.ui import Ui

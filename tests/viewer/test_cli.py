@@ -17,8 +17,8 @@ from abfm import Parameters, benchmark, load_match
 from abfm.assets import asset_path
 from abfm_viewer.cli import main
 from abfm_viewer.cli.solving import Outcome
-from abfm_viewer.documents import document_of_result
 from abfm_viewer.files.project import load_project, save_project
+from abfm_viewer.session.opening import document_of_result
 
 HUMAN = str(asset_path("human_A.off"))
 EIGHT = str(asset_path("eight.off"))

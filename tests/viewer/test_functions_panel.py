@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from abfm_viewer import active_gaussian, aim
+from abfm_viewer import aim
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import Channel
 from abfm_viewer.document.gaussians import gaussians
+from abfm_viewer.session import active_gaussian
 from tests.shapes import ellipsoid
 from tests.viewer.sessions import PAIR, SPHERE, opened
 

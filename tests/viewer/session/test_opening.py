@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from abfm import MeshError, Parameters, load_match, match
-from abfm_viewer import documents
 from abfm_viewer.document.document import Channel, Point
-from abfm_viewer.documents import Documents, open_session
 from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.session import opening as documents
+from abfm_viewer.session.opening import Documents, open_session
 from abfm_viewer.session.session import Session
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere

@@ -12,7 +12,7 @@ from PIL import Image
 
 import abfm
 from abfm_viewer.document.document import Channel, Document
-from abfm_viewer.exporter import Exporter, MovieSettings, PictureSettings
+from abfm_viewer.session.exporter import Exporter, MovieSettings, PictureSettings
 from tests.shapes import icosphere
 
 CHANNEL = Channel("gaussian:x=1,y=0,z=0,width=0.2", "gaussian:x=0,y=1,z=0,width=0.2")

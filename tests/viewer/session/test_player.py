@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from abfm_viewer.player import SECONDS, Player, Repeat
+from abfm_viewer.session.player import SECONDS, Player, Repeat
 
 TAU, END = 2.0, 4.0
 FRAME = 1 / 20

@@ -11,7 +11,7 @@ import pytest
 import abfm
 from abfm import FunctionError, ParameterError, Parameters
 from abfm_viewer.document.document import Channel
-from abfm_viewer.notices import Notice
+from abfm_viewer.session.notices import Notice
 from abfm_viewer.session.session import Session
 from tests.shapes import torus
 from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, opened, until
