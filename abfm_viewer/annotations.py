@@ -13,8 +13,8 @@ from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange, table
 from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.scene import Scene
-from abfm_viewer.ui import Ui
-from abfm_viewer.widget_record import Rect
+from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.widget_record import Rect
 
 _STEPS = 64
 # Lengths in pixels at a scale of 1.

@@ -12,8 +12,8 @@ from abfm_viewer.document.document import Side
 from abfm_viewer.opengl import ps
 from abfm_viewer.scene import Scene
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
-from abfm_viewer.widget_record import Rect
+from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.widget_record import Rect
 
 _RADIUS, _LINE = 9.0, 2.0
 _SIDES: tuple[Side, ...] = ("source", "target")

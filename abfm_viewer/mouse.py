@@ -11,7 +11,7 @@ from abfm_viewer.document.document import Side
 from abfm_viewer.opengl import ps
 from abfm_viewer.scene import Hit, Scene
 from abfm_viewer.session.session import Session
-from abfm_viewer.widget_record import Rect
+from abfm_viewer.widgets.widget_record import Rect
 
 _STILL = 4.0  # pixels that a click may move
 _BURST = 0.5  # seconds without a turn of the wheel that end a step of undo

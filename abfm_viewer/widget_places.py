@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abfm_viewer.input_events import Place
-from abfm_viewer.slider_scale import share_of
-from abfm_viewer.widget_record import Widget
+from abfm_viewer.widgets.slider_scale import share_of
+from abfm_viewer.widgets.widget_record import Widget
 
 _GRAB_PADDING = 2.0  # pixels, ImGui's own
 

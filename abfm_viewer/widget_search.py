@@ -10,7 +10,7 @@ from functools import partial
 from abfm_viewer.errors import DriverError
 from abfm_viewer.input_events import InputEvents, Place
 from abfm_viewer.widget_places import middle
-from abfm_viewer.widget_record import Kind, Widget
+from abfm_viewer.widgets.widget_record import Kind, Widget
 from abfm_viewer.window import Window
 
 _MOST_TURNS, _MOST_CHASES = 40, 5

@@ -33,9 +33,9 @@ from abfm_viewer.persistence import Persistence
 from abfm_viewer.scene import Scene
 from abfm_viewer.session.opening import Documents
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
-from abfm_viewer.widget_file import write_widgets
-from abfm_viewer.widget_record import Rect
+from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.widget_file import write_widgets
+from abfm_viewer.widgets.widget_record import Rect
 
 if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder

@@ -11,7 +11,7 @@ from abfm_viewer.dialogs.file_dialog import FileDialog
 from abfm_viewer.dialogs.folder import shown
 from abfm_viewer.dialogs.message import Line, Message
 from abfm_viewer.dialogs.question import Question
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 OnPath = Callable[[Path], None]
 

@@ -9,7 +9,7 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.dialogs.file_choice import FileChoice
 from abfm_viewer.dialogs.folder import Entry, Listing, shown
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 _WIDTH, _HEIGHT = 640, 480
 _ROWS_AROUND = 200  # rows above and below the visible ones that are drawn too

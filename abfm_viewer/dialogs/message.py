@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 Line = str | tuple[str, str]
 """A paragraph, or a row of two columns."""

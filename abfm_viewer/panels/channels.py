@@ -11,7 +11,7 @@ from abfm.functions.permuted import Permuted
 from abfm.functions.values_file import ValuesFile
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 _LONGEST = 16  # letters
 _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves the channel out."

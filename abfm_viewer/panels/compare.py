@@ -6,7 +6,7 @@ import numpy as np
 
 from abfm_viewer.document.verdict_words import numbers
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 
 def draw(ui: Ui, session: Session) -> None:

@@ -15,7 +15,7 @@ from abfm.mesh import FloatArray
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.document.document import Run
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 _HEIGHT = 210
 _NAMES = ("total", "regularity", "mismatch")

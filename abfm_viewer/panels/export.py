@@ -9,7 +9,7 @@ from pathlib import Path
 from abfm_viewer.session.exporter import DATA, MOVIES, PICTURES, Exporter, Known
 from abfm_viewer.session.opening import known_values
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}
 _OWN = "own size"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from abfm import FunctionError, TriangleMesh
 from abfm.functions import Family, Parameter
 from abfm.functions.indicator import Indicator
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 Put = Callable[[Family, str], None]
 """Takes a changed function and the label of the widget that changed it."""

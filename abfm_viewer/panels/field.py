@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abfm_viewer.document.document import CLICK_TOOLS, FIELD_PARTS, Coloring
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 _COLORINGS: tuple[Coloring, ...] = ("function", "speed", "divergence", "curl")
 _ELSE = "a map"

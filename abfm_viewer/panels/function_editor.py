@@ -17,7 +17,7 @@ from abfm_viewer.document.document import gaussians as bumps
 from abfm_viewer.panels import family_controls
 from abfm_viewer.session.active_gaussian import active_bump
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 _SEVERAL = "several terms"
 _FIRST = {

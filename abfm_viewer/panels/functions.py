@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abfm_viewer.document.document import Side
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 _SIDES: tuple[Side, ...] = ("source", "target")
 

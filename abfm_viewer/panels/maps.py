@@ -6,7 +6,7 @@ import numpy as np
 
 from abfm_viewer.document.document import Coloring
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 _COLORINGS: tuple[Coloring, ...] = (
     "function",

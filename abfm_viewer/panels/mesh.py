@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abfm.mesh import TriangleMesh
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 
 def draw(ui: Ui, session: Session) -> None:

@@ -12,7 +12,7 @@ from abfm.experiments.table_1 import NOTE, TABLE_1, row_of
 from abfm.parameters import CHOICES
 from abfm_viewer.panels.solver import draw_switches
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 _OWN, _DEFAULTS = "own values", "defaults"
 _INITIAL = Parameters()

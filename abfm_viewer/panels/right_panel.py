@@ -8,8 +8,8 @@ from typing import Protocol
 
 from abfm_viewer.panels import compare, energy, export, field, functions, maps, mesh, parameters, solver
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
-from abfm_viewer.widget_record import Rect
+from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.widget_record import Rect
 
 Guard = Callable[[str, Callable[[], None]], None]
 

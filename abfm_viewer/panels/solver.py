@@ -6,7 +6,7 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.document.verdict_words import explanation, headline, place
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 _STATE_HEIGHT = 150  # seven lines
 _SIDE_BUTTON = 76

@@ -7,8 +7,8 @@ import polyscope.imgui as imgui
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document.verdict_words import headline, place
 from abfm_viewer.session.session import Session
-from abfm_viewer.ui import Ui
-from abfm_viewer.widget_record import Rect
+from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.widget_record import Rect
 
 
 def draw(ui: Ui, session: Session, rect: Rect) -> None:

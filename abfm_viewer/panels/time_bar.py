@@ -8,9 +8,9 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.session.player import REPEATS
 from abfm_viewer.session.session import Session
-from abfm_viewer.slider_scale import share_of, value_at
-from abfm_viewer.ui import Ui
-from abfm_viewer.widget_record import Rect
+from abfm_viewer.widgets.slider_scale import share_of, value_at
+from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.widget_record import Rect
 
 STEP = 1 / 20
 """Of tau: how far a step moves in time."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from abfm_viewer.widget_record import Rect
+from abfm_viewer.widgets.widget_record import Rect
 
 _BLOCK = 40  # pixels
 _MEAN, _WORST_BLOCK = 1.5, 12.0  # mean absolute differences of 0 to 255

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from abfm_viewer.automation import Driver, DriverError
-from abfm_viewer.slider_scale import share_of
+from abfm_viewer.widgets.slider_scale import share_of
 from tests.shapes import icosphere
 
 ROOT = Path(__file__).parents[3]

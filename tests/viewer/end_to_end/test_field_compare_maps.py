@@ -9,7 +9,7 @@ import pytest
 
 from abfm.calculus.operators import face_normals, vertex_areas
 from abfm_viewer.document.document import FIELD_PARTS
-from abfm_viewer.ui import Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")
 

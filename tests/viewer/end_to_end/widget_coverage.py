@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from abfm_viewer.widget_record import Widget
+from abfm_viewer.widgets.widget_record import Widget
 
 Name = tuple[str, str]
 """The section, menu or dialog that a widget is in, and its label."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from abfm_viewer.widget_record import Widget
+from abfm_viewer.widgets.widget_record import Widget
 
 VARIABLE = "ABFM_WIDGETS"
 """Names the file; without it none is written."""

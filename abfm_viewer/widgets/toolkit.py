@@ -10,9 +10,9 @@ from typing import Literal, TypeVar
 import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.theme import Color
-from abfm_viewer.containers import Containers, close_by_escape
 from abfm_viewer.document.document import Theme
-from abfm_viewer.slider_scale import share_of, value_at
+from abfm_viewer.widgets.containers import Containers, close_by_escape
+from abfm_viewer.widgets.slider_scale import share_of, value_at
 
 Word = TypeVar("Word", bound=str)
 _AWAY = 8  # how far the mouse moves before tooltips come again

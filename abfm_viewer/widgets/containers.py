@@ -14,7 +14,7 @@ import polyscope.implot as implot
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.theme import Palette
 from abfm_viewer.document.document import Theme
-from abfm_viewer.widget_record import Kind, Rect, Widget, WidgetRecord
+from abfm_viewer.widgets.widget_record import Kind, Rect, Widget, WidgetRecord
 
 _WINDOW = (
     imgui.ImGuiWindowFlags_NoDecoration

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from abfm_viewer.slider_scale import share_of, value_at
+from abfm_viewer.widgets.slider_scale import share_of, value_at
 
 
 @pytest.mark.parametrize(
