@@ -19,8 +19,8 @@ from abfm_viewer.document.document import Camera, Front, Layout, Point
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.opengl import ps
 from abfm_viewer.overlays import Overlays
-from abfm_viewer.paint import Paint, Painter, surfaces
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown.paint import Paint, Painter, surfaces
 from abfm_viewer.turntable import Turntable, turntable
 from abfm_viewer.viewport import Rect
 

@@ -19,7 +19,7 @@ def _match_something() -> None:
     """A match on an octahedron; what fails here fails again, and is told, when the user presses Match."""
     from abfm import Parameters, TriangleMesh, match
     from abfm.streaks.line_integral import line_integral_convolution
-    from abfm_viewer.streak_texture import streak_texture
+    from abfm_viewer.shown.streak_texture import streak_texture
 
     corners = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
     faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]

@@ -16,7 +16,7 @@ from abfm_viewer.canvas import canvas, drawn
 from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.figures.ranges import panels
 from abfm_viewer.opengl import ps
-from abfm_viewer.streak_texture import streak_texture
+from abfm_viewer.shown.streak_texture import streak_texture
 from abfm_viewer.surface_quantities import register, show_checker, show_colors, show_texture, show_values
 
 NARROWEST, WIDEST = 0.45, 1.9  # width over height of a panel

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from abfm import AbfmError, TriangleMesh, load_mesh
 from abfm.mesh import FloatArray
-from abfm_viewer.comparison import Comparison
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.coarse_meshes import CoarseMeshes
 from abfm_viewer.computing.evaluation import Evaluated, Functions
@@ -19,14 +18,15 @@ from abfm_viewer.computing.solver import Solver
 from abfm_viewer.computing.worker import Problem
 from abfm_viewer.document.document import Channel, Document, Run, Side
 from abfm_viewer.document.history import History
-from abfm_viewer.field_quantities import FieldQuantities
-from abfm_viewer.mass_transport import MassTransport
 from abfm_viewer.session.editing import Editing
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.notices import Notice, Notices
 from abfm_viewer.session.player import Player
 from abfm_viewer.session.saved_states import SavedStates
-from abfm_viewer.shown_flow import ShownFlow
+from abfm_viewer.shown.comparison import Comparison
+from abfm_viewer.shown.field_quantities import FieldQuantities
+from abfm_viewer.shown.mass_transport import MassTransport
+from abfm_viewer.shown.shown_flow import ShownFlow
 
 if TYPE_CHECKING:
     from abfm import Match

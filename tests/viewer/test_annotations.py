@@ -12,7 +12,7 @@ from abfm_viewer.annotations import Pen, Strip, Text, laid_out
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.appearance.theme import palette
-from abfm_viewer.paint import Paint
+from abfm_viewer.shown.paint import Paint
 
 NAMES = ("source", "advected", "linear blend", "error", "target")
 

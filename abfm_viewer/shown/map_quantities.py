@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from abfm.mesh import TriangleMesh
-from abfm_viewer.transport import FlowState
+from abfm_viewer.shown.carried import FlowState
 
 if TYPE_CHECKING:
     from abfm.maps.quality import MapQuality

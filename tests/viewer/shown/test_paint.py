@@ -10,11 +10,11 @@ import pytest
 
 from abfm import TriangleMesh
 from abfm.baselines import linear_blend, optimal_transport
-from abfm_viewer import mass_transport
 from abfm_viewer.document.document import COLORINGS
-from abfm_viewer.field_quantities import Field
-from abfm_viewer.paint import Painter, _most, surfaces
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown import mass_transport
+from abfm_viewer.shown.field_quantities import Field
+from abfm_viewer.shown.paint import Painter, _most, surfaces
 from tests.viewer.sessions import SPHERE, opened, until
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from abfm import AbfmError
 from abfm.mesh import FloatArray
-from abfm_viewer.transport import FlowState
+from abfm_viewer.shown.carried import FlowState
 
 _LARGEST = 15_000  # vertices: twenty seconds, and a gigabyte
 

@@ -14,9 +14,9 @@ from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import EXTRAPOLATION, HODGE_PARTS, FieldPart, Point
-from abfm_viewer.map_quantities import flow_distortion, flow_quality
-from abfm_viewer.related_fields import carried_gradient, commuting
-from abfm_viewer.transport import FlowState, Same
+from abfm_viewer.shown.carried import FlowState, Same
+from abfm_viewer.shown.map_quantities import flow_distortion, flow_quality
+from abfm_viewer.shown.related_fields import carried_gradient, commuting
 
 if TYPE_CHECKING:
     from abfm.flow.flow_lines import FlowLine
@@ -282,7 +282,7 @@ def _in_steps(image: FloatImage) -> NDArray[np.uint8]:
 
 
 def _texture(streaks: Streaks, phase: float, values: FloatArray, colors: ColorRange) -> Texture:
-    from abfm_viewer.streak_texture import streak_texture
+    from abfm_viewer.shown.streak_texture import streak_texture
 
     texture = streak_texture(streaks.atlas, streaks.at(phase), values, colors)
     return Texture(streaks, texture, streaks.atlas.corner_coordinates)

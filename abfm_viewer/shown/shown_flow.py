@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from abfm import Parameters
 from abfm.mesh import FloatArray
-from abfm_viewer.transport import Carried, FlowState
+from abfm_viewer.shown.carried import Carried, FlowState
 
 if TYPE_CHECKING:
     from abfm import Iteration, Match

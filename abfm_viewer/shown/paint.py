@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from abfm.mesh import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, place_colors
 from abfm_viewer.document.document import HODGE_PARTS, Front, Side
-from abfm_viewer.field_quantities import Field, Texture
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown.field_quantities import Field, Texture
 
 Kind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _LEAST_RANGE = 1e-12

@@ -14,11 +14,11 @@ from abfm.calculus.commuting_fields import commuting_fields, relative_bracket
 from abfm.calculus.operators import gradient
 from abfm.calculus.vector_fields import pushforward, to_ambient
 from abfm.streaks import line_integral
-from abfm_viewer import field_quantities, related_fields
 from abfm_viewer.appearance.colormaps import color_range, linear_table
-from abfm_viewer.related_fields import carried_gradient
-from abfm_viewer.streak_texture import SHADE, streak_texture
-from abfm_viewer.transport import FlowState
+from abfm_viewer.shown import field_quantities, related_fields
+from abfm_viewer.shown.carried import FlowState
+from abfm_viewer.shown.related_fields import carried_gradient
+from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
 from tests.shapes import icosphere
 from tests.viewer.sessions import opened, until

@@ -1,0 +1,1 @@
+"""What pictures show: functions along the flow, the field, streaks, comparisons."""
