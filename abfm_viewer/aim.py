@@ -12,7 +12,7 @@ from abfm_viewer import viewport
 from abfm_viewer.document.document import Camera
 from abfm_viewer.errors import DriverError
 from abfm_viewer.input_events import InputEvents, Place
-from abfm_viewer.scene import Hit
+from abfm_viewer.scene.scene import Hit
 from abfm_viewer.window import Window
 
 _DISTANCES = (2.5, 0.8)

@@ -12,7 +12,7 @@ import polyscope.imgui as imgui
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange, table
 from abfm_viewer.appearance.theme import Color, Palette
-from abfm_viewer.scene import Scene
+from abfm_viewer.scene.scene import Scene
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 

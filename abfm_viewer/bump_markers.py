@@ -10,7 +10,7 @@ from abfm.mesh import FloatArray
 from abfm_viewer import viewport
 from abfm_viewer.document.document import Side
 from abfm_viewer.opengl import ps
-from abfm_viewer.scene import Scene
+from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect

@@ -23,7 +23,7 @@ from abfm_viewer.appearance.theme import Color
 from abfm_viewer.canvas import Pixels, canvas, drawn
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import EXTRAPOLATION, Document
-from abfm_viewer.scene import Scene
+from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:

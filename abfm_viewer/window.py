@@ -30,7 +30,7 @@ from abfm_viewer.mouse import Mouse
 from abfm_viewer.opengl import ps
 from abfm_viewer.panels import menus, right_panel, status_line, time_bar
 from abfm_viewer.persistence import Persistence
-from abfm_viewer.scene import Scene
+from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.opening import Documents
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui

@@ -1,0 +1,1 @@
+"""The surfaces and what lies on them, in polyscope."""
