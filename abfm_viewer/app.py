@@ -10,7 +10,7 @@ from abfm_viewer.exit_status import exit_status
 
 if TYPE_CHECKING:
     from abfm import TriangleMesh
-    from abfm_viewer.opengl import Backend
+    from abfm_viewer.scene.opengl import Backend
     from abfm_viewer.window import Window
 
 _DESCRIPTION = """\

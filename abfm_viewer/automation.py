@@ -19,7 +19,7 @@ from abfm import TriangleMesh
 from abfm_viewer import aim, app
 from abfm_viewer.errors import DriverError as DriverError
 from abfm_viewer.input_events import InputEvents, Place
-from abfm_viewer.opengl import OFFSCREEN, Backend, ps
+from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.session.session import Session
 from abfm_viewer.widget_places import handle, middle, slider_place
 from abfm_viewer.widget_search import WidgetSearch

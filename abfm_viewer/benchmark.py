@@ -17,12 +17,12 @@ import numpy as np
 from abfm import Parameters, TriangleMesh
 from abfm.assets import asset_path
 from abfm.benchmark.problem import sphere_problem
-from abfm_viewer import opengl
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.worker import Problem, Worker
 from abfm_viewer.document.defaults import default_functions
 from abfm_viewer.document.document import Channel
-from abfm_viewer.opengl import Backend
+from abfm_viewer.scene import opengl
+from abfm_viewer.scene.opengl import Backend
 from abfm_viewer.session.session import Session
 from abfm_viewer.window import Window
 

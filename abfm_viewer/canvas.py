@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.mesh import FloatArray
-from abfm_viewer import opengl
 from abfm_viewer.errors import DrawingError
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene import opengl
+from abfm_viewer.scene.opengl import ps
 
 Pixels = NDArray[np.uint8]
 

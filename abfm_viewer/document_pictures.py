@@ -16,18 +16,18 @@ from PIL import Image, ImageDraw, ImageFont
 
 from abfm import AbfmError, FunctionError, ParameterError
 from abfm.mesh import FloatArray
-from abfm_viewer.annotations import Pen, Text, laid_out
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.canvas import Pixels, canvas, drawn
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import EXTRAPOLATION, Document
+from abfm_viewer.scene.annotations import Pen, Text, laid_out
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
-    from abfm_viewer.viewport import Rect
+    from abfm_viewer.scene.viewport import Rect
 
 LARGEST = 8192
 """Pixels along a side."""

@@ -8,7 +8,7 @@ import time
 import polyscope.imgui as imgui
 
 from abfm_viewer.document.document import Side
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Hit, Scene
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import Rect

@@ -9,13 +9,14 @@ from PIL import Image
 
 from abfm import Match
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm_viewer import sheet, viewport
+from abfm_viewer import sheet
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
-from abfm_viewer.camera import Camera, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
-from abfm_viewer.drawing_units import drawing_units
-from abfm_viewer.opengl import ps
-from abfm_viewer.surface_quantities import register, show_values
+from abfm_viewer.scene import viewport
+from abfm_viewer.scene.camera import Camera, best_view, fitted
+from abfm_viewer.scene.drawing_units import drawing_units
+from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.surface_quantities import register, show_values
 
 _BLUE, _BLACK, _RED, _GREY = "#2455c3", "#111111", "#c62828", "#c9c9c9"
 

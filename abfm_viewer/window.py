@@ -17,19 +17,20 @@ from PIL import Image
 
 from abfm.io import write_atomically
 from abfm.numerics import own_process
-from abfm_viewer import opengl, warm_up
+from abfm_viewer import warm_up
 from abfm_viewer.actions import Actions
-from abfm_viewer.annotations import draw_annotations, window_pen
 from abfm_viewer.appearance import style
-from abfm_viewer.bump_markers import BumpMarkers
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
 from abfm_viewer.keyboard import Keyboard
 from abfm_viewer.mouse import Mouse
-from abfm_viewer.opengl import ps
 from abfm_viewer.panels import menus, right_panel, status_line, time_bar
 from abfm_viewer.persistence import Persistence
+from abfm_viewer.scene import opengl
+from abfm_viewer.scene.annotations import draw_annotations, window_pen
+from abfm_viewer.scene.gaussian_markers import BumpMarkers
+from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.opening import Documents
 from abfm_viewer.session.session import Session

@@ -188,7 +188,7 @@ def _turned_up(arguments: argparse.Namespace, document: Document) -> Document:
     """The document seen from where an axis that was asked for points upwards."""
     if arguments.up is None:
         return document
-    from abfm_viewer.camera import best_view  # not before: it needs OpenGL
+    from abfm_viewer.scene.camera import best_view  # not before: it needs OpenGL
 
     functions = []
     if document.result is not None:

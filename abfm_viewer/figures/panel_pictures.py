@@ -9,15 +9,15 @@ from PIL import Image
 from abfm.experiments.sheet import Checker, Coordinates, Panel, Sheet, Streaks, Values
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.streaks.line_integral import line_integral_convolution
-from abfm_viewer import marks, viewport
 from abfm_viewer.appearance.colormaps import ColorRange, place_colors
-from abfm_viewer.camera import Camera, View, best_view, fitted
 from abfm_viewer.canvas import canvas, drawn
-from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.figures.ranges import panels
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene import marks, viewport
+from abfm_viewer.scene.camera import Camera, View, best_view, fitted
+from abfm_viewer.scene.drawing_units import drawing_units
+from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.surface_quantities import register, show_checker, show_colors, show_texture, show_values
 from abfm_viewer.shown.streak_texture import streak_texture
-from abfm_viewer.surface_quantities import register, show_checker, show_colors, show_texture, show_values
 
 NARROWEST, WIDEST = 0.45, 1.9  # width over height of a panel
 _INK = (0.1, 0.1, 0.12)

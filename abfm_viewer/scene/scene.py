@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from abfm import TriangleMesh
 from abfm.mesh import FloatArray
-from abfm_viewer import surface_quantities, viewport
 from abfm_viewer.appearance import theme
-from abfm_viewer.camera import View, best_view
-from abfm_viewer.creases import drawn_mesh
 from abfm_viewer.document.document import Camera, Front, Layout, Point
-from abfm_viewer.drawing_units import drawing_units
-from abfm_viewer.opengl import ps
-from abfm_viewer.overlays import Overlays
+from abfm_viewer.scene import surface_quantities, viewport
+from abfm_viewer.scene.camera import View, best_view
+from abfm_viewer.scene.creases import drawn_mesh
+from abfm_viewer.scene.drawing_units import drawing_units
+from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.overlays import Overlays
+from abfm_viewer.scene.turntable import Turntable, turntable
+from abfm_viewer.scene.viewport import Rect
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.paint import Paint, Painter, surfaces
-from abfm_viewer.turntable import Turntable, turntable
-from abfm_viewer.viewport import Rect
 
 _SPACING, _STACKING = 1.15, 1.25
 _SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25

@@ -24,7 +24,7 @@ def python(code: str) -> str:
         "import abfm; abfm.TriangleMesh, abfm.load_mesh, abfm.Parameters",
         "from abfm import AbfmError, Parameters, TriangleMesh, load_mesh",
         "from abfm.assets import asset_path; from abfm.mesh import load_mesh; load_mesh(asset_path('human_A.off'))",
-        "import abfm_viewer.app, abfm_viewer.cli, abfm_viewer.opengl, abfm_viewer.camera",
+        "import abfm_viewer.app, abfm_viewer.cli, abfm_viewer.scene.opengl, abfm_viewer.scene.camera",
     ],
 )
 def test_reading_and_drawing_a_mesh_loads_no_solver(code):

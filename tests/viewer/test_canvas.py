@@ -9,7 +9,7 @@ from abfm_viewer import canvas
 from abfm_viewer.appearance import material
 from abfm_viewer.canvas import drawn
 from abfm_viewer.errors import DrawingError
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene.opengl import ps
 from tests.shapes import icosphere
 
 GREY = (0.5, 0.5, 0.5)

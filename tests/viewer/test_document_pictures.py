@@ -9,11 +9,11 @@ import pytest
 
 import abfm
 from abfm import AbfmError, FunctionError, ParameterError
-from abfm_viewer import opengl, viewport
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import Camera, Channel, Document
 from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene import opengl, viewport
+from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
 from abfm_viewer.window import Window
 from tests.shapes import ellipsoid

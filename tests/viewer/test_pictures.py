@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm_viewer import camera, pictures, sheet
+from abfm_viewer import pictures, sheet
 from abfm_viewer.appearance.colormaps import color_range, table
-from abfm_viewer.drawing_units import drawing_units
+from abfm_viewer.scene import camera
+from abfm_viewer.scene.drawing_units import drawing_units
 from tests.shapes import icosphere
 
 WHITE, BLUE, BLACK, RED = (255, 255, 255), (0x24, 0x55, 0xC3), (0x11, 0x11, 0x11), (0xC6, 0x28, 0x28)

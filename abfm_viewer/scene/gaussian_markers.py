@@ -7,9 +7,9 @@ import polyscope.imgui as imgui
 
 from abfm import FunctionError, TriangleMesh
 from abfm.mesh import FloatArray
-from abfm_viewer import viewport
 from abfm_viewer.document.document import Side
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene import viewport
+from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui

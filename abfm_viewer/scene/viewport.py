@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.mesh import FloatArray
-from abfm_viewer.camera import View
 from abfm_viewer.document.document import Camera
-from abfm_viewer.drawing_units import DrawingUnits
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene.camera import View
+from abfm_viewer.scene.drawing_units import DrawingUnits
+from abfm_viewer.scene.opengl import ps
 
 Rect = tuple[float, float, float, float]
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from abfm.calculus.operators import face_areas
-from abfm_viewer import marks
 from abfm_viewer.automation import Driver
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene import marks
+from abfm_viewer.scene.opengl import ps
 from tests.shapes import icosphere
 
 SPHERE = icosphere(3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from abfm_viewer.arrow_mesh import arrow_mesh
+from abfm_viewer.scene.arrow_mesh import arrow_mesh
 
 RNG = np.random.default_rng(0)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene.opengl import ps
 
 FIELD_OF_VIEW = 18.0
 """Vertical angle in degrees: narrow, so that shapes are hardly distorted."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from abfm.mesh import FloatArray, IntArray, TriangleMesh
 from abfm_viewer.appearance import material
-from abfm_viewer.arrow_mesh import arrow_mesh
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene.arrow_mesh import arrow_mesh
+from abfm_viewer.scene.opengl import ps
 
 Rgb = Sequence[float]
 Drawn = Callable[[FloatArray], FloatArray]

@@ -7,12 +7,12 @@ import pytest
 
 import abfm
 from abfm import TriangleMesh
-from abfm_viewer import viewport
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import Channel, Document
 from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions
-from abfm_viewer.drawing_units import drawing_units
 from abfm_viewer.pictures import match_picture
+from abfm_viewer.scene import viewport
+from abfm_viewer.scene.drawing_units import drawing_units
 from tests.shapes import ellipsoid
 
 EGG = ellipsoid(3, 1.0, 0.7, 0.55)

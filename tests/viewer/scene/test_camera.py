@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abfm import TriangleMesh
-from abfm_viewer.camera import FIELD_OF_VIEW, View, best_view, fitted
+from abfm_viewer.scene.camera import FIELD_OF_VIEW, View, best_view, fitted
 from tests.shapes import ellipsoid, icosphere, torus
 
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm_viewer import marks, viewport
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.theme import Color
-from abfm_viewer.marks import Drawn
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene import marks, viewport
+from abfm_viewer.scene.marks import Drawn
+from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:

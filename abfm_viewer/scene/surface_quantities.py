@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm_viewer.appearance import material
 from abfm_viewer.appearance.colormaps import CHECKER_COLORS, ColorRange, loaded_name
-from abfm_viewer.creases import drawn_mesh
-from abfm_viewer.opengl import ps
+from abfm_viewer.scene.creases import drawn_mesh
+from abfm_viewer.scene.opengl import ps
 
 _PLAIN = (0.8, 0.81, 0.83)
 _CORNERS = "texture corners"

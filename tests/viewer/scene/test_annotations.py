@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from abfm_viewer.annotations import Pen, Strip, Text, laid_out
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.appearance.theme import palette
+from abfm_viewer.scene.annotations import Pen, Strip, Text, laid_out
 from abfm_viewer.shown.paint import Paint
 
 NAMES = ("source", "advected", "linear blend", "error", "target")
