@@ -153,7 +153,7 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
 def _sheet(arguments: argparse.Namespace, document: Document) -> Image.Image:
     if document.result is None:
         raise ParameterError(f"{arguments.input} holds no result to make a sheet of; add --style window")
-    from abfm_viewer.pictures import match_picture  # not before: it needs OpenGL
+    from abfm_viewer.pictures.pictures import match_picture  # not before: it needs OpenGL
 
     return match_picture(document.result, arguments.time, arguments.size, document.channel, arguments.up or "y")
 

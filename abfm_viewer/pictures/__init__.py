@@ -1,0 +1,1 @@
+"""Pictures off the screen: of documents, sheets, movies, figures."""
