@@ -66,8 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _draw(match: Match, picture: Path, movie: Path) -> tuple[bool, str]:
     """Whether a picture and a movie were drawn, or why not."""
     try:
-        from abfm_viewer.document_pictures import DocumentRenderer  # not before: these need OpenGL
-        from abfm_viewer.movies import write_movie
+        from abfm_viewer.pictures.document_pictures import DocumentRenderer  # not before: these need OpenGL
+        from abfm_viewer.pictures.movies import write_movie
         from abfm_viewer.pictures.pictures import match_picture
         from abfm_viewer.session.opening import document_of_result
 

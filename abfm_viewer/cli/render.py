@@ -118,7 +118,7 @@ def _check_options(arguments: argparse.Namespace, style: str, is_movie: bool) ->
     if arguments.fade and not arguments.streaks:
         raise UsageError("--fade is for streaks; add --streaks")
     if is_movie:
-        from abfm_viewer.movies import FASTEST, SLOWEST
+        from abfm_viewer.pictures.movies import FASTEST, SLOWEST
 
         if style == "sheet":
             raise UsageError("--style sheet is for pictures; a movie shows what the window shows")
@@ -161,7 +161,7 @@ def _sheet(arguments: argparse.Namespace, document: Document) -> Image.Image:
 def _picture(arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]) -> Image.Image:
     if len(arguments.time or []) > 1:
         raise UsageError("--time is given more than once, and a picture of the window shows one time")
-    from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions  # not before: it needs OpenGL
+    from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions  # not before: it needs OpenGL
 
     choices = PictureOptions(arguments.transparent, not arguments.no_color_bar, not arguments.no_labels)
     with DocumentRenderer(_turned_up(arguments, document), known, arguments.size or _SIZE[".png"], choices) as renderer:
@@ -169,8 +169,8 @@ def _picture(arguments: argparse.Namespace, document: Document, known: dict[str,
 
 
 def _movie(arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]) -> None:
-    from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions  # not before: it needs OpenGL
-    from abfm_viewer.movies import write_movie
+    from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions  # not before: it needs OpenGL
+    from abfm_viewer.pictures.movies import write_movie
 
     fps, start, turntable = arguments.fps or _FPS, arguments.start or 0.0, arguments.turntable or 0.0
     end = document.parameters.tau if arguments.end is None else arguments.end

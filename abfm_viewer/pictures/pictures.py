@@ -9,9 +9,9 @@ from PIL import Image
 
 from abfm import Match
 from abfm.mesh import FloatArray, TriangleMesh
-from abfm_viewer import sheet
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
-from abfm_viewer.canvas import canvas, drawn
+from abfm_viewer.pictures import sheet
+from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.scene import viewport
 from abfm_viewer.scene.camera import Camera, best_view, fitted
 from abfm_viewer.scene.drawing_units import drawing_units

@@ -151,7 +151,7 @@ class Exporter:
         return f"saved {path}"
 
     def _render_movie(self, path: Path, fps: float, document: Document, known: Known, words: list[str]) -> str:
-        from abfm_viewer.movies import FASTEST  # not before: it loads what the first frame does without
+        from abfm_viewer.pictures.movies import FASTEST  # not before: it loads what the first frame does without
 
         fastest = FASTEST.get(path.suffix, fps)
         if fps > fastest:

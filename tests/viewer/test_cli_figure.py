@@ -14,7 +14,7 @@ from abfm import MeshError
 from abfm.experiments import TITLES
 from abfm_viewer.cli import main
 from abfm_viewer.errors import DrawingError
-from abfm_viewer.figures import sheet_picture
+from abfm_viewer.pictures.figures import sheet_picture
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import abfm
 from abfm import TriangleMesh
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import Channel, Document
-from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions
+from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.pictures.pictures import match_picture
 from abfm_viewer.scene import viewport
 from abfm_viewer.scene.drawing_units import drawing_units

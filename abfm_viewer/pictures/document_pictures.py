@@ -19,9 +19,9 @@ from abfm.mesh import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import Color
-from abfm_viewer.canvas import Pixels, canvas, drawn
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import EXTRAPOLATION, Document
+from abfm_viewer.pictures.canvas import Pixels, canvas, drawn
 from abfm_viewer.scene.annotations import Pen, Text, laid_out
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm_viewer import canvas
 from abfm_viewer.appearance import material
-from abfm_viewer.canvas import drawn
 from abfm_viewer.errors import DrawingError
+from abfm_viewer.pictures import canvas
+from abfm_viewer.pictures.canvas import drawn
 from abfm_viewer.scene.opengl import ps
 from tests.shapes import icosphere
 

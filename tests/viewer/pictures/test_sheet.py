@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from abfm_viewer import sheet
 from abfm_viewer.appearance.colormaps import ColorRange, table
+from abfm_viewer.pictures import sheet
 
 COLORS = ColorRange("abfm sequential", 0, 1)
 

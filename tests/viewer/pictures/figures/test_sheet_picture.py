@@ -8,11 +8,11 @@ from PIL import Image
 
 from abfm.experiments.sheet import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm_viewer.appearance.colormaps import ColorRange
-from abfm_viewer.figures.panel_pictures import POINT_COLORS, cameras, panel_pictures
-from abfm_viewer.figures.plot_pictures import CURVE_COLORS, plot_picture
-from abfm_viewer.figures.ranges import color_ranges
-from abfm_viewer.figures.sheet_picture import readable, sheet_picture
-from abfm_viewer.sheet import ticks
+from abfm_viewer.pictures.figures.panel_pictures import POINT_COLORS, cameras, panel_pictures
+from abfm_viewer.pictures.figures.plot_pictures import CURVE_COLORS, plot_picture
+from abfm_viewer.pictures.figures.ranges import color_ranges
+from abfm_viewer.pictures.figures.sheet_picture import readable, sheet_picture
+from abfm_viewer.pictures.sheet import ticks
 from tests.shapes import ellipsoid, icosphere
 
 SPHERE = icosphere(3)

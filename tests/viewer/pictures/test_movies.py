@@ -10,7 +10,7 @@ import pytest
 
 from abfm import ResultError
 from abfm_viewer.appearance.colormaps import table
-from abfm_viewer.movies import write_movie
+from abfm_viewer.pictures.movies import write_movie
 
 SUFFIXES = [".mp4", ".gif"]
 

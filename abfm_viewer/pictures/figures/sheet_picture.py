@@ -11,11 +11,11 @@ from PIL import Image, ImageDraw
 from abfm.experiments.sheet import Frame, Panel, Plot, Sheet
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange, table
-from abfm_viewer.figures.layout import BARS, GAP, LABEL, MARGIN, Layout, Place, laid_out
-from abfm_viewer.figures.panel_pictures import cameras, panel_pictures
-from abfm_viewer.figures.plot_pictures import font, plot_picture
-from abfm_viewer.figures.ranges import captions, color_ranges, panels
-from abfm_viewer.sheet import ticks
+from abfm_viewer.pictures.figures.layout import BARS, GAP, LABEL, MARGIN, Layout, Place, laid_out
+from abfm_viewer.pictures.figures.panel_pictures import cameras, panel_pictures
+from abfm_viewer.pictures.figures.plot_pictures import font, plot_picture
+from abfm_viewer.pictures.figures.ranges import captions, color_ranges, panels
+from abfm_viewer.pictures.sheet import ticks
 
 _FRAMES: dict[Frame, tuple[str, int]] = {
     "source": ("#2455c3", 5),

@@ -10,8 +10,8 @@ from abfm.experiments.sheet import Checker, Coordinates, Panel, Sheet, Streaks, 
 from abfm.mesh import FloatArray, TriangleMesh
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm_viewer.appearance.colormaps import ColorRange, place_colors
-from abfm_viewer.canvas import canvas, drawn
-from abfm_viewer.figures.ranges import panels
+from abfm_viewer.pictures.canvas import canvas, drawn
+from abfm_viewer.pictures.figures.ranges import panels
 from abfm_viewer.scene import marks, viewport
 from abfm_viewer.scene.camera import Camera, View, best_view, fitted
 from abfm_viewer.scene.drawing_units import drawing_units

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from abfm.experiments.sheet import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
-from abfm_viewer.figures.ranges import CLAMPED, captions, color_ranges
-from abfm_viewer.figures.sheet_picture import sheet_picture, wrapped
+from abfm_viewer.pictures.figures.ranges import CLAMPED, captions, color_ranges
+from abfm_viewer.pictures.figures.sheet_picture import sheet_picture, wrapped
 from tests.shapes import icosphere, square
 
 SPHERE = icosphere(2)

@@ -11,7 +11,7 @@ import abfm
 from abfm import AbfmError, FunctionError, ParameterError
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import Camera, Channel, Document
-from abfm_viewer.document_pictures import DocumentRenderer, PictureOptions
+from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.scene import opengl, viewport
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
