@@ -13,7 +13,7 @@ from abfm_viewer.errors import DriverError
 from abfm_viewer.input_events import InputEvents, Place
 from abfm_viewer.scene import viewport
 from abfm_viewer.scene.scene import Hit
-from abfm_viewer.window import Window
+from abfm_viewer.window.window import Window
 
 _DISTANCES = (2.5, 0.8)
 """From which to look, in sqrt(area)."""

@@ -11,7 +11,7 @@ from abfm_viewer.exit_status import exit_status
 if TYPE_CHECKING:
     from abfm import TriangleMesh
     from abfm_viewer.scene.opengl import Backend
-    from abfm_viewer.window import Window
+    from abfm_viewer.window.window import Window
 
 _DESCRIPTION = """\
 Open a window with a mesh, two functions on it, and their match.
@@ -74,6 +74,8 @@ def open_window(
         session = open_session(Path(what or asset_path("human_A.off")), largest_component)
         if what:
             state.add_recent(Path(what))
-    from abfm_viewer.window import Window  # not before: it needs OpenGL, and a file that cannot be read needs none
+    from abfm_viewer.window.window import (
+        Window,  # not before: it needs OpenGL, and a file that cannot be read needs none
+    )
 
     return Window(session, backend, size, state)

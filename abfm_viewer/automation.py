@@ -24,7 +24,7 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widget_places import handle, middle, slider_place
 from abfm_viewer.widget_search import WidgetSearch
 from abfm_viewer.widgets.widget_record import Kind, Widget
-from abfm_viewer.window import Window
+from abfm_viewer.window.window import Window
 
 _CLICKABLE: tuple[Kind, ...] = ("button", "checkbox", "choice", "item", "combo", "section", "menu", "box", "slider")
 _SECONDS_TO_OPEN = 120.0

@@ -24,7 +24,7 @@ from abfm_viewer.document.document import Channel
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import Backend
 from abfm_viewer.session.session import Session
-from abfm_viewer.window import Window
+from abfm_viewer.window.window import Window
 
 LEAST_THROUGHPUT, LONGEST_FRAME, LARGEST_LAUNCH_RATIO = 0.9, 0.040, 1.5
 _SIZE = (1280, 800)

@@ -11,7 +11,7 @@ from abfm_viewer.errors import DriverError
 from abfm_viewer.input_events import InputEvents, Place
 from abfm_viewer.widget_places import middle
 from abfm_viewer.widgets.widget_record import Kind, Widget
-from abfm_viewer.window import Window
+from abfm_viewer.window.window import Window
 
 _MOST_TURNS, _MOST_CHASES = 40, 5
 _PIXELS_PER_TURN = 100.0

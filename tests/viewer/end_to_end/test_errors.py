@@ -7,8 +7,9 @@ from importlib import import_module
 import pytest
 
 import abfm
-from abfm_viewer import panels, window
+from abfm_viewer import panels
 from abfm_viewer.panels import menus, status_line, time_bar
+from abfm_viewer.window.window import window
 
 PARTS = {"menu": (menus, "draw"), "time bar": (time_bar, "draw"), "status line": (status_line, "draw")}
 SECTIONS = ("Mesh", "Functions", "Parameters", "Energy", "Field", "Compare", "Maps", "Export")

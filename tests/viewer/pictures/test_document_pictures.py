@@ -15,7 +15,7 @@ from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOpti
 from abfm_viewer.scene import opengl, viewport
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
-from abfm_viewer.window import Window
+from abfm_viewer.window.window import Window
 from tests.shapes import ellipsoid
 
 SIZE = (480, 300)

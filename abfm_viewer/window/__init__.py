@@ -1,0 +1,1 @@
+"""The window: frame loop, menus, keys, mouse, recovery."""
