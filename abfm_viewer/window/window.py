@@ -17,16 +17,11 @@ from PIL import Image
 
 from abfm.io import write_atomically
 from abfm.numerics import own_process
-from abfm_viewer import warm_up
-from abfm_viewer.actions import Actions
 from abfm_viewer.appearance import style
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
-from abfm_viewer.keyboard import Keyboard
-from abfm_viewer.mouse import Mouse
-from abfm_viewer.panels import menus, right_panel, status_line, time_bar
-from abfm_viewer.persistence import Persistence
+from abfm_viewer.panels import right_panel, status_line, time_bar
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.annotations import draw_annotations, window_pen
 from abfm_viewer.scene.gaussian_markers import BumpMarkers
@@ -37,6 +32,11 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_file import write_widgets
 from abfm_viewer.widgets.widget_record import Rect
+from abfm_viewer.window import menus, warm_up
+from abfm_viewer.window.actions import Actions
+from abfm_viewer.window.keyboard import Keyboard
+from abfm_viewer.window.mouse import Mouse
+from abfm_viewer.window.recovery import Persistence
 
 if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder

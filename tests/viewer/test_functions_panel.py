@@ -322,7 +322,7 @@ def test_without_shift_the_same_drag_turns_the_camera(gui):
 
 def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
     now = [100.0]
-    monkeypatch.setattr("abfm_viewer.mouse.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("abfm_viewer.window.mouse.time.perf_counter", lambda: now[0])
     vertex = front(gui)
     camera = gui.window.scene.camera()
     gui.wheel(1, vertex, surface="target")

@@ -8,7 +8,8 @@ import pytest
 
 import abfm
 from abfm_viewer import panels
-from abfm_viewer.panels import menus, status_line, time_bar
+from abfm_viewer.panels import status_line, time_bar
+from abfm_viewer.window import menus
 from abfm_viewer.window.window import window
 
 PARTS = {"menu": (menus, "draw"), "time bar": (time_bar, "draw"), "status line": (status_line, "draw")}

@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from abfm import Parameters, load_mesh
-from abfm_viewer import shortcuts
 from abfm_viewer.appearance import colormaps
 from abfm_viewer.document.document import LAYOUTS
-from abfm_viewer.panels.menus import UI_SCALES
+from abfm_viewer.window import shortcuts
+from abfm_viewer.window.menus import UI_SCALES
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
 from tests.viewer.end_to_end.conftest import EGG

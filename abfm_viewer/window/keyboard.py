@@ -6,8 +6,8 @@ from functools import cache
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.actions import Actions
-from abfm_viewer.shortcuts import SHORTCUTS, Shortcut
+from abfm_viewer.window.actions import Actions
+from abfm_viewer.window.shortcuts import SHORTCUTS, Shortcut
 
 _NAMES = {"Left": "LeftArrow", "Right": "RightArrow", "Esc": "Escape"}
 _ELSEWHERE = "status line"  # a window without text boxes

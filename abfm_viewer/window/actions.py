@@ -6,10 +6,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from abfm_viewer import shortcuts
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.session.opening import MESHES, PROJECT, RESULT, Documents
 from abfm_viewer.session.session import Session
+from abfm_viewer.window import shortcuts
 
 _QUIT = "Save before closing?"
 _STEP = 1 / 20

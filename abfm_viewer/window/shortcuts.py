@@ -15,7 +15,7 @@ class Shortcut:
     Attributes
     ----------
     action : str
-        Name of a method of `abfm_viewer.actions.Actions`.
+        Name of a method of `abfm_viewer.window.actions.Actions`.
     chords : tuple of str
         Such as "Ctrl+Shift+S"; Ctrl is Cmd on a Mac.
     does : str

@@ -7,11 +7,11 @@ from typing import Any
 
 from abfm import Parameters
 from abfm.experiments import FIGURES, TITLES
-from abfm_viewer.actions import Actions
 from abfm_viewer.appearance import colormaps
 from abfm_viewer.document.document import LAYOUTS, THEMES
-from abfm_viewer.shortcuts import hint
 from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.window.actions import Actions
+from abfm_viewer.window.shortcuts import hint
 
 UI_SCALES = (1.0, 1.25, 1.5, 2.0)
 _LONGEST_PATH = 60

@@ -15,12 +15,13 @@ import polyscope as ps
 import polyscope.imgui as imgui
 import pytest
 
-from abfm_viewer import app, automation, shortcuts
-from abfm_viewer.actions import Actions
+from abfm_viewer import app, automation
 from abfm_viewer.automation import Driver, DriverError
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.keyboard import _parts
+from abfm_viewer.window import shortcuts
+from abfm_viewer.window.actions import Actions
+from abfm_viewer.window.keyboard import _parts
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
 
