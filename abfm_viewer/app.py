@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from abfm_viewer.exit_status import exit_status
+from abfm_viewer.cli.exit_status import exit_status
 
 if TYPE_CHECKING:
     from abfm import TriangleMesh

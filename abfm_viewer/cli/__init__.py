@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from abfm_viewer.exit_status import exit_status
+from abfm_viewer.cli.exit_status import exit_status
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 
 from abfm import TriangleMesh, load_mesh
+from abfm_viewer.cli.exit_status import INTERRUPTED, UsageError
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.options import positive
-from abfm_viewer.exit_status import INTERRUPTED, UsageError
 
 SUMMARY = "measure the solver against the paper's algorithm and plain L-BFGS, or how often it succeeds"
 DESCRIPTION = """\

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 from abfm import AbfmError, TriangleMesh
 from abfm.io import write_atomically
 from abfm_viewer.cli import options
+from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.progress import share_progress
 from abfm_viewer.errors import DrawingError
-from abfm_viewer.exit_status import UsageError
 from abfm_viewer.files import outputs
 
 if TYPE_CHECKING:

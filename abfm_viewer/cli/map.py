@@ -17,7 +17,7 @@ from abfm.io import write_atomically
 from abfm.maps.accuracy import BOUNDS, MapAccuracy, map_accuracy
 from abfm.maps.quality import MapQuality, map_quality
 from abfm.maps.surface_points import SurfacePoints, map_vertices_to_nearest
-from abfm_viewer.exit_status import UsageError
+from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.files import outputs
 
 if TYPE_CHECKING:

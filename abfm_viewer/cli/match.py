@@ -13,8 +13,8 @@ from abfm.functions import families, function
 from abfm.functions.family import quoted
 from abfm.mesh import FloatArray
 from abfm_viewer.cli import options
+from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.solving import solve
-from abfm_viewer.exit_status import UsageError
 from abfm_viewer.files import outputs
 
 SUMMARY = "find the field whose flow carries a source function to a target"

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import NoReturn
 
-from abfm_viewer.exit_status import UsageError
+from abfm_viewer.cli.exit_status import UsageError
 
 
 class Parser(argparse.ArgumentParser):

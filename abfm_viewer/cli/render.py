@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from abfm import ParameterError, load_match
 from abfm.mesh import FloatArray
 from abfm_viewer.cli import options
+from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import EXTRAPOLATION, Document, Front
-from abfm_viewer.exit_status import UsageError
 from abfm_viewer.files import outputs
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import abfm
 from abfm import Control, Match, TriangleMesh
+from abfm_viewer.cli.exit_status import INTERRUPTED
 from abfm_viewer.cli.interrupt import cancelled_by_signals
 from abfm_viewer.cli.progress import progress
 from abfm_viewer.document.verdict_words import numbers
-from abfm_viewer.exit_status import INTERRUPTED
 from abfm_viewer.files import outputs
 
 
