@@ -1,4 +1,4 @@
-"""The record of where each widget is: what `abfm_viewer.automation.Driver` clicks on.
+"""The record of where each widget is: what `abfm_viewer.automation.driver.Driver` clicks on.
 
 Labels are exactly what the user reads.
 """

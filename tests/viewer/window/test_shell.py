@@ -15,8 +15,9 @@ import polyscope as ps
 import polyscope.imgui as imgui
 import pytest
 
-from abfm_viewer import app, automation
-from abfm_viewer.automation import Driver, DriverError
+from abfm_viewer import app
+from abfm_viewer.automation.driver import Driver, DriverError
+from abfm_viewer.automation.driver import driver as automation
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.window import shortcuts

@@ -1,0 +1,1 @@
+"""Drive the app by the labels of its widgets, with or without a screen."""
