@@ -16,13 +16,14 @@ from types import TracebackType
 from typing import Self
 
 from abfm import TriangleMesh
-from abfm_viewer import aim, app
+from abfm_viewer import app
+from abfm_viewer.automation import aim
+from abfm_viewer.automation.input_events import InputEvents, Place
+from abfm_viewer.automation.widget_places import handle, middle, slider_place
+from abfm_viewer.automation.widget_search import WidgetSearch
 from abfm_viewer.errors import DriverError as DriverError
-from abfm_viewer.input_events import InputEvents, Place
 from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.session.session import Session
-from abfm_viewer.widget_places import handle, middle, slider_place
-from abfm_viewer.widget_search import WidgetSearch
 from abfm_viewer.widgets.widget_record import Kind, Widget
 from abfm_viewer.window.window import Window
 

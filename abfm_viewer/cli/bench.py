@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         report = run_arrival(tell)
         text = format_arrival(report)
     elif arguments.viewer:
-        from abfm_viewer import benchmark as viewer_benchmark  # not before: it needs OpenGL
+        from abfm_viewer.automation import window_benchmark as viewer_benchmark  # not before: it needs OpenGL
 
         report = viewer_benchmark.run(tell)
         text = viewer_benchmark.format_report(report)

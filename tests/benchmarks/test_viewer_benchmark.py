@@ -7,7 +7,7 @@ import statistics
 
 import pytest
 
-from abfm_viewer import benchmark
+from abfm_viewer.automation import window_benchmark as benchmark
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ import numpy as np
 
 from abfm import TriangleMesh
 from abfm.mesh import FloatArray
+from abfm_viewer.automation.input_events import InputEvents, Place
 from abfm_viewer.document.document import Camera
 from abfm_viewer.errors import DriverError
-from abfm_viewer.input_events import InputEvents, Place
 from abfm_viewer.scene import viewport
 from abfm_viewer.scene.scene import Hit
 from abfm_viewer.window.window import Window

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abfm_viewer.input_events import Place
+from abfm_viewer.automation.input_events import Place
 from abfm_viewer.widgets.slider_scale import share_of
 from abfm_viewer.widgets.widget_record import Widget
 

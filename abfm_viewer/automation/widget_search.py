@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 from functools import partial
 
+from abfm_viewer.automation.input_events import InputEvents, Place
+from abfm_viewer.automation.widget_places import middle
 from abfm_viewer.errors import DriverError
-from abfm_viewer.input_events import InputEvents, Place
-from abfm_viewer.widget_places import middle
 from abfm_viewer.widgets.widget_record import Kind, Widget
 from abfm_viewer.window.window import Window
 
