@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import trimesh
 
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 
 
 def icosphere(subdivisions: int, radius: float = 1.0) -> TriangleMesh:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from abfm import TriangleMesh
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.automation.input_events import InputEvents, Place
 from abfm_viewer.document.document import Camera
 from abfm_viewer.errors import DriverError

@@ -11,7 +11,7 @@ import numpy as np
 from abfm import Parameters, ResultError, TriangleMesh, load_match
 from abfm.functions import families, function
 from abfm.functions.family import quoted
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.solving import solve

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from abfm import ParameterError, load_match
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from abfm import AbfmError, FunctionError, TriangleMesh
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.computing.background import Latest, one_line
 from abfm_viewer.computing.evaluator import Evaluator
 

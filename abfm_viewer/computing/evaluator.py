@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from abfm import AbfmError, FunctionError, TriangleMesh
-from abfm.mesh import FloatArray
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests
+from abfm.types import FloatArray
 
 OWN_PROCESS_FROM = 20_000
 """Vertices: below, computing is quick, and starting a process is not."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.worker import Problem, Snapshot, Worker
 from abfm_viewer.document.document import Run

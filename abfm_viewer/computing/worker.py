@@ -12,7 +12,7 @@ import numpy as np
 
 import abfm
 from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.document.document import Channel, Run

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from abfm import Parameters, TriangleMesh
-from abfm.mesh import FloatArray, IntArray
+from abfm.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from abfm import Match
@@ -89,7 +89,7 @@ class View:
     Attributes
     ----------
     colormap : str
-        "automatic" (sequential or diverging by the functions' signs), or one of `abfm_viewer.appearance.colormaps.NAMES`.
+        "automatic" (sequential or diverging by the functions' signs), or one of `appearance.colormaps.NAMES`.
     front : Front or None
         None until the default functions are known, which it should show.
     camera : Camera or None

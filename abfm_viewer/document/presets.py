@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Document, View
 
 _PLAIN: dict[str, Any] = {

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.state_folder import StateFolder

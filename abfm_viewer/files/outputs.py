@@ -12,7 +12,7 @@ from PIL import Image
 
 from abfm import ResultError
 from abfm.io import export_energy_csv, export_ply, export_vtu, write_atomically
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 if TYPE_CHECKING:
     from abfm import Match

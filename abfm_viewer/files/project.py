@@ -19,7 +19,7 @@ import numpy as np
 
 from abfm import Parameters, ResultError, TriangleMesh
 from abfm.io import write_atomically
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Document, Point, Run, Side, View
 from abfm_viewer.files.array_zip import read_array, read_arrays, read_bytes, write_array, write_arrays, write_text
 from abfm_viewer.files.plain import from_plain, to_plain

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 

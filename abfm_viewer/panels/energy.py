@@ -11,7 +11,7 @@ import polyscope.imgui as imgui
 import polyscope.implot as implot
 
 from abfm import AbfmError
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.document.document import Run
 from abfm_viewer.session.session import Session

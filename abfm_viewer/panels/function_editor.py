@@ -12,8 +12,8 @@ from abfm.functions import Family, Spec, families, parse
 from abfm.functions.permuted import Permuted
 from abfm.functions.values_file import SUFFIXES, ValuesFile
 from abfm.maps.symmetry import KINDS
+from abfm_viewer.document import gaussians as bumps
 from abfm_viewer.document.document import Side
-from abfm_viewer.document.document import gaussians as bumps
 from abfm_viewer.panels import family_controls
 from abfm_viewer.session.active_gaussian import active_bump
 from abfm_viewer.session.session import Session

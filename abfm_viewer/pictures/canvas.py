@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps

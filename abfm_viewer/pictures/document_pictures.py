@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from abfm import AbfmError, FunctionError, ParameterError
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import Color

@@ -8,7 +8,8 @@ import numpy as np
 from PIL import Image
 
 from abfm import Match
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
 from abfm_viewer.pictures import sheet
 from abfm_viewer.pictures.canvas import canvas, drawn

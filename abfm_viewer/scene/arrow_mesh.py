@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from abfm.mesh import FloatArray, IntArray
+from abfm.types import FloatArray, IntArray
 
 _SIDES = 10
 _HEAD_RADIUS, _HEAD_LENGTH = 2.4, 7.0  # in radii of the shaft

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from abfm_viewer.scene.opengl import ps
 
 FIELD_OF_VIEW = 18.0

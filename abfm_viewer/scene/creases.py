@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.mesh import IntArray, TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.topology import connected, edge_slots
+from abfm.types import IntArray
 
 _HALF_SHARP, _SHARP = 20.0, 40.0  # degrees between the normals at an edge
 

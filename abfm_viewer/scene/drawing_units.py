@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from abfm import TriangleMesh
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

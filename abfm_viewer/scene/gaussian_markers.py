@@ -6,7 +6,7 @@ import numpy as np
 import polyscope.imgui as imgui
 
 from abfm import FunctionError, TriangleMesh
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.document.document import Side
 from abfm_viewer.scene import viewport
 from abfm_viewer.scene.opengl import ps

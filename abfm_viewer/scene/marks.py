@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 from abfm_viewer.appearance import material
 from abfm_viewer.scene.arrow_mesh import arrow_mesh
 from abfm_viewer.scene.opengl import ps

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.scene import marks, viewport

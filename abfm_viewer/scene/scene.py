@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm import TriangleMesh
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.document.document import Camera, Front, Layout, Point
 from abfm_viewer.scene import surface_quantities, viewport

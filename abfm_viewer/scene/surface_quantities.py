@@ -6,7 +6,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from abfm_viewer.appearance import material
 from abfm_viewer.appearance.colormaps import CHECKER_COLORS, ColorRange, loaded_name
 from abfm_viewer.scene.creases import drawn_mesh

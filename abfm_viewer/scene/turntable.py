@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abfm import TriangleMesh
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 _POINTS_OF_A_RIM = 32
 

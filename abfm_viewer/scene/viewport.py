@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.document.document import Camera
 from abfm_viewer.scene.camera import View
 from abfm_viewer.scene.drawing_units import DrawingUnits

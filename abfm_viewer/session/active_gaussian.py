@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from abfm_viewer.document import gaussians as bumps
 from abfm_viewer.document.document import Side
-from abfm_viewer.document.document import gaussians as bumps
 from abfm_viewer.session.session import Session
 
 _WIDTH_PER_NOTCH = 1.12

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from abfm import AbfmError
 from abfm.io import write_atomically
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.files import outputs

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from abfm import AbfmError, MeshError, TriangleMesh, load_mesh
-from abfm.mesh import FloatArray
 from abfm.mesh.files import READERS
+from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.document.document import Channel, Document

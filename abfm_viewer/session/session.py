@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from abfm import AbfmError, TriangleMesh, load_mesh
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.coarse_meshes import CoarseMeshes
 from abfm_viewer.computing.evaluation import Evaluated, Functions

@@ -9,7 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from abfm import AbfmError, Parameters, TriangleMesh
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import EXTRAPOLATION
 

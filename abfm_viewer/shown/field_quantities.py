@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import EXTRAPOLATION, HODGE_PARTS, FieldPart, Point

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, place_colors
 from abfm_viewer.document.document import HODGE_PARTS, Front, Side
 from abfm_viewer.session.session import Session

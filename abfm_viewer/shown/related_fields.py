@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm import AbfmError
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.shown.carried import FlowState
 
 _LARGEST = 15_000  # vertices: twenty seconds, and a gigabyte

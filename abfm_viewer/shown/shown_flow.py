@@ -6,7 +6,7 @@ import time as clock
 from typing import TYPE_CHECKING
 
 from abfm import Parameters
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.shown.carried import Carried, FlowState
 
 if TYPE_CHECKING:

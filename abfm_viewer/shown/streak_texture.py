@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.mesh import FloatArray
-from abfm.numerics.kernels import IndexArray, kernel
+from abfm.numerics.kernels import kernel
 from abfm.streaks.texels import FloatImage
 from abfm.streaks.texture_atlas import TextureAtlas
+from abfm.types import FloatArray, IndexArray
 from abfm_viewer.appearance.colormaps import ColorRange, linear_table
 
 SHADE = 0.72

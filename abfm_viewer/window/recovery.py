@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from abfm import AbfmError
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import THEMES, Document
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable

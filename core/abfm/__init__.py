@@ -18,35 +18,35 @@ if TYPE_CHECKING:
     from abfm.matching.energy.energy import MatchingEnergy as MatchingEnergy
     from abfm.matching.judging.verification import Verification as Verification
     from abfm.matching.judging.verification import verify as verify
-    from abfm.matching.match import Control as Control
-    from abfm.matching.match import Iteration as Iteration
     from abfm.matching.match import match as match
     from abfm.matching.result import Match as Match
     from abfm.matching.result import load_match as load_match
+    from abfm.matching.solving.control import Control as Control
+    from abfm.matching.solving.iteration import Iteration as Iteration
     from abfm.mesh import TriangleMesh as TriangleMesh
     from abfm.mesh import load_mesh as load_mesh
     from abfm.parameters import Parameters as Parameters
 
 _MODULES = {
     "AbfmError": "errors",
-    "AdvectionError": "exponential",
-    "Control": "matching",
+    "AdvectionError": "flow.exponential",
+    "Control": "matching.solving.control",
     "FunctionError": "errors",
-    "Iteration": "matching",
-    "Match": "match_result",
-    "MatchingEnergy": "energy",
+    "Iteration": "matching.solving.iteration",
+    "Match": "matching.result",
+    "MatchingEnergy": "matching.energy.energy",
     "MeshError": "errors",
     "ParameterError": "errors",
     "Parameters": "parameters",
     "ResultError": "errors",
     "TriangleMesh": "mesh",
-    "Verification": "verification",
-    "advect": "advection",
+    "Verification": "matching.judging.verification",
+    "advect": "flow.advection",
     "function": "functions",
-    "load_match": "match_result",
+    "load_match": "matching.result",
     "load_mesh": "mesh",
-    "match": "matching",  # so no submodule may be called match: its import would take the name
-    "verify": "verification",
+    "match": "matching.match",  # so no submodule may be called match: its import would take the name
+    "verify": "matching.judging.verification",
 }
 
 if not TYPE_CHECKING:  # mypy would take every name for one of this package

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import face_normals
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 def rotation_field(mesh: TriangleMesh, axis: ArrayLike) -> FloatArray:

@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 
 from abfm.assets import asset_path
 from abfm.calculus.operators import face_areas, vertex_areas
-from abfm.mesh import FloatArray, IntArray, TriangleMesh, load_mesh
+from abfm.mesh import TriangleMesh, load_mesh
+from abfm.types import FloatArray, IntArray
 from tests.shapes import ellipsoid, hemisphere, open_cylinder, square, tetrahedron, torus
 
 SURFACES = {

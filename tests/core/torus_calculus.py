@@ -11,7 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from tests.core.fields import tangent
 from tests.shapes import torus
 

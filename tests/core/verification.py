@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 
 def taylor_order(

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from PIL import Image
 
 from abfm.experiments.sheet import Checker, Coordinates, Panel, Sheet, Streaks, Values
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.streaks.line_integral import line_integral_convolution
+from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, place_colors
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.pictures.figures.ranges import panels

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.experiments.sheet import Coordinates, Panel, Sheet, Streaks, Values
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
 
 CLAMPED = 0.1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 
 def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> FloatArray:

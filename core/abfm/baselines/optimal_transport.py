@@ -14,8 +14,9 @@ from scipy.optimize import brentq
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError, ParameterError
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.types import FloatArray
 
 _ITERATIONS = 500
 _TOLERANCE = 1e-5  # L1 change of the interpolated density, whose mass is 1, from one iteration to the next

@@ -17,8 +17,9 @@ from scipy.sparse.linalg import expm_multiply
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import Matrix, averaging, function_norm_matrix, gradient, vector_norm_matrix
 from abfm.calculus.vector_fields import directional_derivative, lie_bracket, to_ambient
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 MEMORY = 100
 """Pairs that L-BFGS keeps: minFunc's default."""

@@ -25,8 +25,9 @@ from abfm.calculus.operators import averaging, field_mass, gradient, hodge_gradi
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
 from abfm.functions.eigenfunction import eigenbasis
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.types import FloatArray
 
 MEMORY = 30
 """Pairs that L-BFGS keeps."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 from abfm.benchmark.problem import PARAMETERS, Problem
 from abfm.matching.match import Control, Iteration, match
-from abfm.mesh import FloatArray
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 COOLED = replace(PARAMETERS, cooling_stages=Parameters().cooling_stages)
 

@@ -12,7 +12,7 @@ from abfm.benchmark.convergence import converge
 from abfm.benchmark.problem import PARAMETERS, Problem, sphere_problem
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.energy.energy import MatchingEnergy
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 SUBSTEPS = (1, 10, 40)
 COLUMNS = {

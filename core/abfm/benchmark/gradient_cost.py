@@ -9,7 +9,7 @@ import numpy as np
 from abfm.benchmark.problem import PARAMETERS, Problem
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.energy.energy import MatchingEnergy
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 
 def gradient_cost(problem: Problem, velocity: FloatArray, repeats: int) -> tuple[float, float]:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import PAPER, Parameters
+from abfm.types import FloatArray
 
 PARAMETERS = Parameters(
     **PAPER, tau=2.0, alpha=1e3, beta=1e-5, sigma=1e-4, substeps=40, quadrature=10, cooling_stages=1, tolerance=0.0

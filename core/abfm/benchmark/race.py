@@ -11,8 +11,8 @@ import numpy as np
 from abfm.baselines.paper import PaperDescent, minimise
 from abfm.benchmark.problem import PARAMETERS, Problem, sphere_problem
 from abfm.matching.match import Control, Iteration, match
-from abfm.mesh import FloatArray
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 SOLVER = replace(PARAMETERS, iterations=10**9, levels=3, reach=1.0)
 """The paper's energy, on coarser meshes first, where the target is looked for from afar; only iterates on the mesh

@@ -9,8 +9,9 @@ from time import perf_counter
 from abfm.matching.match import Control, Iteration, match
 from abfm.matching.result import Match
 from abfm.matching.schedule import MATCHED
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 LEVEL = MATCHED
 """Relative mismatch to reach."""

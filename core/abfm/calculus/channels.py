@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import FunctionError
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:

@@ -10,8 +10,9 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 from abfm.calculus.operators import Matrix, face_areas, hodge_laplacian, rotation
 from abfm.calculus.vector_fields import check_field, lie_bracket, lie_bracket_of, to_ambient, to_frame
 from abfm.errors import MeshError, ParameterError
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.types import FloatArray
 
 
 def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: float | None = None) -> FloatArray:

@@ -6,8 +6,8 @@ import numpy as np
 
 from abfm.calculus.operators import Matrix
 from abfm.flow.exponential import AdvectionError
-from abfm.mesh import FloatArray
 from abfm.numerics import kernels
+from abfm.types import FloatArray
 
 _STEP_NORM = 4.0  # a Taylor step of this norm loses under two digits to cancellation
 _NORM_LIMIT = 1e5

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import Matrix, field_mass, hodge_gradients
 from abfm.calculus.vector_fields import check_field, to_ambient, to_frame
-from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.topology import connected
 from abfm.numerics.cholesky import factor
+from abfm.types import FloatArray, IntArray
 
 Projection = Callable[[FloatArray], FloatArray]
 

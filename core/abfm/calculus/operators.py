@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from abfm.calculus import face_kernels
-from abfm.mesh import BoolArray, FloatArray, IntArray, TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.types import BoolArray, FloatArray, IntArray
 
 Matrix = sparse.csr_array
 

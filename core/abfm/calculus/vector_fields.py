@@ -10,7 +10,8 @@ from abfm.calculus.exponential_action import exponential_action
 from abfm.calculus.operators import Matrix, averaging, face_frames, gradient
 from abfm.errors import ParameterError
 from abfm.flow.exponential import AdvectionError
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 def check_field(mesh: TriangleMesh, field: ArrayLike, name: str) -> FloatArray:

@@ -18,8 +18,9 @@ from abfm.matching.energy.energy import MatchingEnergy
 from abfm.matching.judging.verdict import Verdict
 from abfm.matching.result import Match
 from abfm.matching.schedule import MATCHED
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 _VERTICES_TIMES_ITERATIONS = 1_230_000
 

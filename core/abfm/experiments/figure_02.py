@@ -18,8 +18,9 @@ from abfm.flow.flow_lines import flow_lines
 from abfm.functions import function
 from abfm.maps.surface_points import project_onto_surface
 from abfm.matching.result import push
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.types import FloatArray, IntArray
 
 _MODES = {3: 1.0, 4: 1.0, 6: 0.5}
 _WAY = 0.2  # root mean square over the surface, in sqrt(area)

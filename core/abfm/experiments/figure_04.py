@@ -15,8 +15,9 @@ from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Values
 from abfm.flow.advection import advect
 from abfm.functions import function
 from abfm.matching.result import push
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 _MODES = {2: 1.0, 3: 0.6, 5: 0.6}
 _WAY = 0.3  # root mean square over the surface until tau, in sqrt(area)

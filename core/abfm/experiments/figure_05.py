@@ -15,8 +15,9 @@ from abfm.experiments.given_fields import carried_bump, centres, relative_error,
 from abfm.experiments.meshes import gourd, gourd_radius, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
 from abfm.matching.result import push
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 _SPEED = 0.25  # of v, in sqrt(area) per unit of time
 _OTHERS = 8  # smooth fields to compare the bracket with

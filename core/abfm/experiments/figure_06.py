@@ -27,8 +27,9 @@ from abfm.experiments.meshes import geodesic_sphere, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
 from abfm.flow.exponential import AdvectionError
 from abfm.matching.result import push
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 _TURN = np.pi  # radians per unit of time
 _SPEEDS = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # to try without a symmetry: sqrt(area) per unit of time

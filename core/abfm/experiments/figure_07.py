@@ -12,7 +12,8 @@ from abfm.experiments.table_1 import TABLE_1
 from abfm.experiments.witnesses import witnessed
 from abfm.functions import function
 from abfm.matching.match import match
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 _SHOWN = (0.25, 0.5, 0.75)  # of tau
 _BOUND = 0.1

@@ -18,7 +18,8 @@ from abfm.flow.advection import advect
 from abfm.functions import function
 from abfm.matching.match import match
 from abfm.matching.result import push
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 _MODES = {2: 1.0, 5: 0.7}
 _WAY = 0.15  # root mean square over the surface, in sqrt(area)

@@ -11,7 +11,8 @@ from abfm.experiments.map_measures import all_measures, notes
 from abfm.experiments.pair import MATCHED, PairSetup, coordinates, pair, share_left
 from abfm.experiments.read_outs import START, TARGETS
 from abfm.experiments.sheet import Panel, Sheet
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 QUALITIES = (START, TARGETS, ONE, THREE, REDUCED)
 """The maps that the pictures show, of which it is said how much they leave the surface and fold it."""

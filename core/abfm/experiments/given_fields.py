@@ -12,8 +12,9 @@ from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import MeshError
 from abfm.functions import eigenbasis, function
 from abfm.matching.result import push
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 
 class Carried(TypedDict):

@@ -13,7 +13,8 @@ from abfm.errors import MeshError
 from abfm.flow.flow_lines import flow_lines
 from abfm.functions import eigenbasis
 from abfm.maps.surface_points import project_onto_surface, pull_back
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:

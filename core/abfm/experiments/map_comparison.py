@@ -24,7 +24,7 @@ from abfm.maps.functional_maps import functional_map, point_map
 from abfm.maps.quality import MapQuality, map_quality
 from abfm.maps.surface_points import SurfacePoints, pull_back
 from abfm.matching.result import Match
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 ONE, THREE, REDUCED = "1 function", "3 functions", "reduced basis"
 BOTH = "3 functions, both cut off"

@@ -8,7 +8,8 @@ import numpy as np
 import trimesh
 
 from abfm.assets import asset_path
-from abfm.mesh import FloatArray, TriangleMesh, load_mesh
+from abfm.mesh import TriangleMesh, load_mesh
+from abfm.types import FloatArray
 
 
 @lru_cache

@@ -14,8 +14,9 @@ from abfm.experiments.witnesses import Witnessed, witnessed
 from abfm.functions import geodesic_distance
 from abfm.matching.match import Iteration, match
 from abfm.matching.result import Match
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 _WAY = np.linspace(0, 1, 13)
 _SHOWN = [2, 4, 6, 8, 10]  # of these times

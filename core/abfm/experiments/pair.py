@@ -23,7 +23,8 @@ from abfm.maps.functional_maps import carry, functional_map, point_map
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back, vertex_points
 from abfm.matching.match import Iteration, match
 from abfm.matching.result import Match
-from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.types import FloatArray, IntArray
 
 FEW = 10
 """Eigenfunctions of the start map."""

@@ -22,7 +22,8 @@ from abfm.functions.eigenfunction import eigenbasis
 from abfm.maps.functional_maps import functional_map, point_map, spectral_coefficients, zoom_out
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back
 from abfm.matching.result import Match
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 CUT_OFF, LINES, NEIGHBOURS = ", cut off alike", ", flow lines", ", nearest neighbours"
 START, NO_FLOW, ZOOM_OUT = "start", "no flow", "no flow: ZoomOut of the start"

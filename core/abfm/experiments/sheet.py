@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 Frame = Literal["source", "target", "result", "field", "other"]
 """Blue, red, black and grey in the paper's figures; the others have a thin light frame."""

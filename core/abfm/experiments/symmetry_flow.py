@@ -17,8 +17,9 @@ from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.maps.symmetry import KINDS, Kind, Symmetry, SymmetryError, detect_symmetry
 from abfm.matching.match import match
 from abfm.matching.result import Match
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.types import FloatArray, IntArray
 
 Specs = tuple[str, ...]
 

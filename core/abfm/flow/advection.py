@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from abfm.calculus.vector_fields import to_frame
 from abfm.flow.derivative_pattern import derivative_pattern
 from abfm.flow.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Segment, Trajectory, Workspace
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 class LinearizedFlow:

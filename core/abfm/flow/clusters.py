@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.calculus.operators import vertex_areas
-from abfm.mesh import FloatArray, TriangleMesh, per_mesh
-from abfm.numerics.kernels import IndexArray
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.types import FloatArray, IndexArray
 
 USUAL = 3.0
 """Times the median of the rates of all vertices, beyond which a vertex is joined with a neighbour."""

@@ -1,7 +1,7 @@
 """Where a flow takes points: walks along the field made continuous, a witness for the maps that advection gives.
 
 Advection by ``exp(-t D_v)`` on vertices disperses what is narrow, and an optimiser may find fields that only it carries
-well. Points have no dispersion: each follows the flow of the continuous field of `abfm.flow.smooth_flow` by the midpoint
+well. Points have no dispersion: each follows the flow of the continuous field of `smooth_flow` by the midpoint
 rule, in steps that are a part of a face long, straight over the edges. On smooth fields the error falls with the square
 of the edge length, as does that of the continuous field.
 """
@@ -19,9 +19,10 @@ from abfm.errors import ParameterError
 from abfm.flow.flow_lines import FacePoints, check_start, fields_in_a_row
 from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
 from abfm.maps.surface_points import SurfacePoints, vertex_points
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
-from abfm.numerics.kernels import IndexArray, kernel
+from abfm.mesh import TriangleMesh
+from abfm.numerics.kernels import kernel
 from abfm.streaks.streamlines import vector_at, walk_straight
+from abfm.types import FloatArray, IndexArray, IntArray
 
 STEP = 0.5
 """Of a walk, at most, in square roots of the area of the face where it begins."""
@@ -56,7 +57,7 @@ def flow_map(
         End time, positive or 0.
     backwards : bool
         Undo the flow instead: the fields in reverse order, each against its direction. Of every vertex this is where
-        its value came from, so that `abfm.maps.surface_points.pull_back` of a function by it is the function carried to ``tau``.
+        its value came from, so that `surface_points.pull_back` of a function by it is the function carried to ``tau``.
     start : points with ``faces`` (P,) and ``barycentric`` (P, 3), optional
         For example `SurfacePoints`. All V vertices by default.
     between : callable, optional

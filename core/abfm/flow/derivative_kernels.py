@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.numerics.kernels import FloatArray, IndexArray, kernel
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray
 
 GROUP = 7
 ONE = np.uint32(1)  # a signed one makes a signed index of the sum

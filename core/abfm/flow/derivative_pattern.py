@@ -12,8 +12,8 @@ from abfm.calculus.operators import face_areas, hat_gradients, vertex_areas
 from abfm.flow import derivative_kernels
 from abfm.flow.clusters import vertex_clusters
 from abfm.flow.derivative_kernels import GROUP
-from abfm.mesh import FloatArray, TriangleMesh, per_mesh
-from abfm.numerics.kernels import IndexArray
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.types import FloatArray, IndexArray
 
 _BLOCK = 256  # rows at least
 _BLOCKED = 20_000  # vertices from which blocks pay

@@ -19,7 +19,8 @@ from scipy.special import jv
 from abfm.errors import AbfmError
 from abfm.flow import derivative_kernels, series_kernels
 from abfm.flow.derivative_pattern import clustered_pattern, derivative_pattern
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 TOLERANCE = 1e-10
 """Truncation of the series where nothing else is asked for."""

@@ -9,7 +9,8 @@ import numpy as np
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.calculus.vector_fields import to_frame
 from abfm.errors import ParameterError
-from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.types import FloatArray, IntArray
 
 _FASTEST = 1e150  # faces per unit of time: products of two still are numbers
 

@@ -16,7 +16,8 @@ from abfm.calculus.vector_fields import check_field
 from abfm.errors import ParameterError
 from abfm.flow import tracing
 from abfm.flow.face_flow import FaceFlow, face_flow
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]
 STEP_LIMIT = 100_000

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.flow.derivative_kernels import GROUP, ONE, dot, gathered
-from abfm.numerics.kernels import FloatArray, IndexArray, kernel
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray
 
 _SWEEP = 4  # terms per sweep: their rows of the matrix together stay in the cache
 

@@ -16,7 +16,8 @@ from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.calculus.vector_fields import to_frame
 from abfm.flow.face_flow import opposite_slots
 from abfm.mesh import TriangleMesh
-from abfm.numerics.kernels import FloatArray, IndexArray, kernel
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray
 
 _RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
 

@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.flow.face_flow import FaceFlow
-from abfm.numerics.kernels import FloatArray, IndexArray, kernel
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray
 
 GOING, BOUNDARY, STAGNATION = 0, 1, 2
 AT_VERTEX = 1.0 - 1e-12

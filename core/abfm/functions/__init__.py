@@ -9,7 +9,8 @@ from abfm.functions.eigenfunction import eigenbasis
 from abfm.functions.family import Family, Kind, Parameter, Spec, shown
 from abfm.functions.geodesic import geodesic_distance
 from abfm.functions.spec import Sum, families, parse
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 __all__ = [
     "Family",

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from abfm.functions.family import Family, choice, parameter
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 AXIS = choice("x", "y", "z")
 

@@ -11,7 +11,8 @@ from abfm.calculus.operators import cotangent_laplacian, face_areas, face_normal
 from abfm.errors import FunctionError
 from abfm.functions.extension import extend
 from abfm.functions.family import Family, choice, parameter
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)

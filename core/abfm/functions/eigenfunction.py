@@ -12,8 +12,9 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError
 from abfm.functions.family import INDEX, Family, parameter
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.types import FloatArray
 
 BLOCKS = (32, 64, *range(128, 1025, 128))
 

@@ -20,7 +20,8 @@ from simpleeval import (
 
 from abfm.errors import FunctionError
 from abfm.functions.family import Family, Kind, did_you_mean, parameter, shown
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 LONGEST = 1000  # characters: bounds the time and the depth of any expression
 

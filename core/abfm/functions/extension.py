@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from abfm.mesh import BoolArray, FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.types import BoolArray, FloatArray
 
 
 def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:

@@ -13,7 +13,8 @@ from functools import cache
 from typing import Any, ClassVar
 
 from abfm.errors import FunctionError
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 class Spec(ABC):

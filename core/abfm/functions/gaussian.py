@@ -10,7 +10,8 @@ import numpy as np
 from abfm.functions.family import NUMBER, POSITIVE, choice, parameter
 from abfm.functions.geodesic import geodesic_distance
 from abfm.functions.points import AroundPoints
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, kw_only=True)

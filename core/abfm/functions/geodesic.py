@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from abfm.errors import FunctionError
 from abfm.functions.points import AroundPoints
-from abfm.mesh import FloatArray, TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.types import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,8 @@ import numpy as np
 
 from abfm.functions.eigenfunction import eigenbasis
 from abfm.functions.family import COUNT, POSITIVE, Family, parameter
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)

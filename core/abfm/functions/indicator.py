@@ -12,7 +12,8 @@ from abfm.functions.coordinate import AXIS, along
 from abfm.functions.family import NUMBER, POSITIVE, parameter
 from abfm.functions.geodesic import geodesic_distance
 from abfm.functions.points import AroundPoints
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)

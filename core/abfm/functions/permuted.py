@@ -9,7 +9,8 @@ from abfm.errors import FunctionError
 from abfm.functions.family import PATH, Family, Spec, did_you_mean, parameter, quoted, shown
 from abfm.functions.vertex_map_file import read_vertex_map
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,8 @@ import numpy as np
 
 from abfm.errors import FunctionError
 from abfm.functions.family import INDICES, NUMBER, Family, parameter
-from abfm.mesh import IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import IntArray
 
 
 @dataclass(frozen=True, kw_only=True)

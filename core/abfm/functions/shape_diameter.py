@@ -13,7 +13,8 @@ from abfm.errors import FunctionError
 from abfm.functions.curvature import vertex_normals
 from abfm.functions.extension import extend
 from abfm.functions.family import Family
-from abfm.mesh import FloatArray, TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.types import FloatArray
 
 RAYS = 30
 HALF_ANGLE = np.pi / 3

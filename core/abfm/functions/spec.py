@@ -35,7 +35,8 @@ from abfm.functions.permuted import Permuted
 from abfm.functions.shape_diameter import ShapeDiameter
 from abfm.functions.values_file import ValuesFile
 from abfm.functions.wave_kernel_signature import WaveKernelSignature
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 LONGEST, DEEPEST = 10_000, 50
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from abfm.errors import FunctionError
 from abfm.functions.family import PATH, WORD, Family, did_you_mean, parameter, shown
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".vts")
 

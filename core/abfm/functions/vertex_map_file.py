@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 from abfm.errors import FunctionError
 from abfm.functions.family import shown
 from abfm.functions.values_file import read_column, read_table
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 
 _SYMMETRIC = ".sym.vts"
 

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from abfm.errors import FunctionError, ParameterError
 from abfm.maps.surface_points import SurfacePoints, vertex_points
-from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.types import FloatArray, IntArray
 
 BOUNDS = (0.05, 0.1, 0.25)
 """Errors whose shares a report gives, in units of sqrt(area)."""

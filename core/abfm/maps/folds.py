@@ -14,7 +14,8 @@ import numpy as np
 
 from abfm.calculus.operators import face_normals
 from abfm.maps.surface_points import SurfacePoints, turned_over
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 
 MOST = 2048
 """Faces that are looked at closely, unless said."""
@@ -32,7 +33,7 @@ def folds(
 ) -> tuple[float, float]:
     """Shares of some faces, by number, that a map folds, and that its mapped vertices alone turn over.
 
-    A face is folded where its mapped vertices turn it over (see `abfm.maps.surface_points.turned_over`) and so do more than half
+    A face is folded where its mapped vertices turn it over (see `surface_points.turned_over`) and so do more than half
     of the 64 parts that it is cut into, each mapped by itself and compared with the surface where it lands. Where a map
     stretches faces so far that even such parts reach around the surface this still says too much, never too little.
 

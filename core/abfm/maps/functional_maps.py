@@ -22,7 +22,8 @@ from abfm.calculus.operators import vertex_areas
 from abfm.errors import ParameterError
 from abfm.functions.eigenfunction import eigenbasis
 from abfm.maps.surface_points import SurfacePoints, pull_back, vertex_points
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArray:

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import face_normals, hat_gradients
 from abfm.errors import AbfmError
-from abfm.mesh import BoolArray, IntArray, TriangleMesh
-from abfm.numerics.kernels import FloatArray, IndexArray, kernel
+from abfm.mesh import TriangleMesh
+from abfm.numerics.kernels import kernel
+from abfm.types import BoolArray, FloatArray, IndexArray, IntArray
 
 Vector: TypeAlias = tuple[float, float, float]
 POINTS_PER_QUERY = 8192  # igl keeps the GIL for a whole query: about 15 ms each, so that a window stays alive

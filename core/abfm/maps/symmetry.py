@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError
 from abfm.maps.surface_points import map_vertices_to_nearest, project_onto_surface
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 
 Kind = Literal["mirror", "rotation"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

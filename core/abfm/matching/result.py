@@ -23,8 +23,9 @@ from abfm.maps.surface_points import Distortion, SurfacePoints, distortion, proj
 from abfm.matching.judging.verdict import Kind, Verdict
 from abfm.matching.judging.verification import Verification, verify
 from abfm.matching.schedule import MATCHED
-from abfm.mesh import FloatArray, IntArray, TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh, per_mesh
 from abfm.parameters import Parameters
+from abfm.types import FloatArray, IntArray
 
 _ONE_AT_A_TIME = threading.Lock()  # all flows on a mesh work in the same memory
 
@@ -51,7 +52,7 @@ class Match:
         The same with the source carried along flow lines of the fields made continuous (see `abfm.verify`), on large
         meshes estimated from some of the vertices; NaN if unknown.
     folded : float
-        Share of the faces, 0 to 1, that this flow folds (`abfm.matching.judging.verification.Verification.folded`); NaN if unknown.
+        Share of the faces, 0 to 1, that this flow folds (`Verification.folded`); NaN if unknown.
     stop_reason : str
         "converged", "iteration limit" or "cancelled"; "impossible" or "not reached" where the verdict says so.
     verdict : Verdict

@@ -10,15 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import MeshError
 from abfm.mesh.orientation import faces_to_flip
-from abfm.mesh.topology import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    corner_fans,
-    edge_slots,
-    edges_of_faces,
-    vertex_components,
-)
+from abfm.mesh.topology import corner_fans, edge_slots, edges_of_faces, vertex_components
+from abfm.types import BoolArray, FloatArray, IntArray
 
 SMALLEST, LARGEST = 1e-60, 1e60  # squared areas of such sizes neither underflow nor overflow
 FLATNESS = 1e-12  # height over longest edge at which a face has no usable gradient

@@ -6,8 +6,9 @@ import numpy as np
 
 from abfm.errors import MeshError
 from abfm.mesh.edge_collapse import collapse_edges
-from abfm.mesh.topology import FloatArray, IntArray, next_corner
+from abfm.mesh.topology import next_corner
 from abfm.mesh.triangle_mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 
 _SMALL = np.int32  # enough for slots of 700 million faces
 _ENOUGH = 1.25  # a mesh that refuses to shrink to this times what was asked is no coarser mesh

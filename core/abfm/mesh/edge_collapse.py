@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.numerics.kernels import FloatArray, IndexArray, kernel
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray
 
 
 @kernel

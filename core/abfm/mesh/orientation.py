@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.errors import MeshError
-from abfm.mesh.topology import BoolArray, FloatArray, IntArray, connected, next_corner
+from abfm.mesh.topology import connected, next_corner
+from abfm.types import BoolArray, FloatArray, IntArray
 
 
 def faces_to_flip(vertices: FloatArray, faces: IntArray, face_ids: IntArray, slots: IntArray) -> BoolArray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.mesh.topology import FloatArray
 from abfm.mesh.triangle_mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 def subdivided(mesh: TriangleMesh) -> TriangleMesh:

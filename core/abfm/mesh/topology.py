@@ -5,14 +5,9 @@ A *slot* is one corner of one face, flat index ``3 f + k``; it also stands for t
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray: TypeAlias = NDArray[np.float64]
-IntArray: TypeAlias = NDArray[np.int64]
-BoolArray: TypeAlias = NDArray[np.bool_]
+from abfm.types import IntArray
 
 
 def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:

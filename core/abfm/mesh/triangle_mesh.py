@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from abfm.errors import FunctionError
 from abfm.mesh.checks import check
-from abfm.mesh.topology import BoolArray, FloatArray, IntArray, connected, next_corner
+from abfm.mesh.topology import connected, next_corner
+from abfm.types import BoolArray, FloatArray, IntArray
 
 Result = TypeVar("Result")
 Array = TypeVar("Array", bound=np.ndarray[Any, Any])

@@ -13,9 +13,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from abfm.mesh import FloatArray
 from abfm.numerics import own_process
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests
+from abfm.types import FloatArray
 
 try:
     from cholespy import CholeskySolverD, MatrixType

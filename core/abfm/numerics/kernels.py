@@ -10,11 +10,10 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[Any]
+from abfm.types import FloatArray, IndexArray
+
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 

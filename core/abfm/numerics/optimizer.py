@@ -8,9 +8,9 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from abfm.mesh import FloatArray
 from abfm.numerics.kernels import inner, kernel
 from abfm.numerics.line_search import HasEnergy, Trial, strong_wolfe
+from abfm.types import FloatArray
 
 _ROUNDING = 1e-16
 

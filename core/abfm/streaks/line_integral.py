@@ -15,10 +15,11 @@ from abfm.calculus.operators import face_areas
 from abfm.calculus.vector_fields import check_field, to_ambient, to_frame
 from abfm.errors import ParameterError
 from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.streaks import streamlines
 from abfm.streaks.texels import Canvas, FloatImage, fill_gaps, fill_margins
 from abfm.streaks.texture_atlas import TextureAtlas, texture_atlas
+from abfm.types import FloatArray
 
 GREY = 0.5
 _STEP = 1.5  # of a walk, in grains

@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.flow.smooth_flow import SmoothFlow
-from abfm.numerics.kernels import FloatArray, IndexArray, kernel
+from abfm.numerics.kernels import kernel
 from abfm.streaks.noise import hashed
 from abfm.streaks.texels import Canvas, FloatImage, between_known, weigh_texel
+from abfm.types import FloatArray, IndexArray
 
 _CROSSINGS = 64  # edges that a step may meet before the walk counts as caught at a vertex
 _CHUNK, _CHUNKS = 4, 12  # steps, beyond those convolved, by which a streamline grows, and how often at most

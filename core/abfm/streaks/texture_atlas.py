@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.channels import channels
 from abfm.errors import ParameterError
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.streaks import texels
+from abfm.types import FloatArray, IntArray
 
 LARGEST_SIZE = 16384
 """Texels along a side that graphics cards take."""

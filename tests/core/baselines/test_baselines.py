@@ -19,8 +19,9 @@ from abfm.calculus.vector_fields import (
     to_frame,
 )
 from abfm.matching.energy.energy import MatchingEnergy
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import PAPER, Parameters
+from abfm.types import FloatArray
 from tests.shapes import icosphere
 
 PARAMETERS = Parameters(

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from abfm import AbfmError, TriangleMesh
 from abfm.baselines import HeatKernel, optimal_transport
 from abfm.calculus.operators import vertex_areas
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from tests.core.surfaces import SURFACES, renumbered
 from tests.shapes import icosphere, open_cylinder
 

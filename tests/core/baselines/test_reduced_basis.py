@@ -14,7 +14,8 @@ from abfm.errors import AbfmError
 from abfm.functions.eigenfunction import eigenbasis
 from abfm.maps.functional_maps import functional_map
 from abfm.maps.surface_points import project_onto_surface
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from tests.shapes import ellipsoid, hemisphere, icosphere, torus
 
 

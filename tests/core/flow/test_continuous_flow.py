@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import flow_map
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from tests.core.fields import rotation_field, wavy_field
 from tests.core.surfaces import SURFACES
 from tests.core.verification import observed_orders

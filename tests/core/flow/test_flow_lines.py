@@ -17,7 +17,8 @@ from abfm.calculus.operators import l2_norm
 from abfm.errors import ParameterError
 from abfm.flow.flow_lines import FlowLine, flow_lines
 from abfm.maps.surface_points import project_onto_surface, pull_back
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 

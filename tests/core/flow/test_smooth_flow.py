@@ -10,8 +10,9 @@ from abfm.calculus.operators import face_frames
 from abfm.flow.flow_lines import flow_lines
 from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
 from abfm.maps.surface_points import project_onto_surface
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.streaks.streamlines import direction, walk_straight
+from abfm.types import FloatArray
 from tests.core.fields import rotation_field, wavy_field
 from tests.shapes import icosphere, open_cylinder, square, torus
 

@@ -14,7 +14,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm.errors import FunctionError
 from abfm.functions import function
 from abfm.maps.symmetry import detect_symmetry
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from tests.shapes import ellipsoid, icosphere
 
 MESH = icosphere(1)

@@ -16,10 +16,11 @@ from abfm.errors import FunctionError
 from abfm.functions import function, geodesic_distance
 from abfm.functions.curvature import gaussian_curvature, mean_curvature, mixed_areas
 from abfm.functions.extension import extend
-from abfm.mesh import FloatArray, TriangleMesh, load_mesh
+from abfm.mesh import TriangleMesh, load_mesh
+from abfm.types import FloatArray
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, torus
 
-ASSETS = Path(__file__).parents[2] / "assets"
+ASSETS = Path(__file__).parents[3] / "assets"
 
 
 @pytest.mark.parametrize(("subdivisions", "error"), [(3, 0.051), (4, 0.030), (5, 0.020)])

@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError
 from abfm.functions import eigenbasis, function
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from tests.shapes import hemisphere, icosphere, square, tetrahedron, torus
 
 MODES = np.arange(12)  # of the interval [0, 1]: cos(pi n x)

@@ -10,7 +10,8 @@ import pytest
 from abfm.flow.continuous_flow import flow_map
 from abfm.maps.folds import MOST, folds, turned_parts
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from tests.core.fields import rotation_field, wavy_field
 from tests.shapes import icosphere, square
 

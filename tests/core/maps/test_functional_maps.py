@@ -14,7 +14,8 @@ from abfm.errors import AbfmError, FunctionError, ParameterError
 from abfm.functions.eigenfunction import eigenbasis
 from abfm.maps.functional_maps import carry, functional_map, point_map, spectral_coefficients, zoom_out
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back, vertex_points
-from abfm.mesh import FloatArray, IntArray, TriangleMesh, load_mesh
+from abfm.mesh import TriangleMesh, load_mesh
+from abfm.types import FloatArray, IntArray
 from tests.shapes import ellipsoid, icosphere
 
 

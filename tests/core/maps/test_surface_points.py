@@ -25,10 +25,11 @@ from abfm.maps.surface_points import (
     project_onto_surface,
     pull_back,
 )
-from abfm.mesh import FloatArray, TriangleMesh, load_mesh
+from abfm.mesh import TriangleMesh, load_mesh
+from abfm.types import FloatArray
 from tests.shapes import ellipsoid, hemisphere, icosphere, square, torus
 
-HUMAN = Path(__file__).parents[2] / "assets" / "human_A.off"
+HUMAN = Path(__file__).parents[3] / "assets" / "human_A.off"
 ANGLE = 0.7
 AXIS = np.array([1.0, 2.0, -2.0]) / 3
 

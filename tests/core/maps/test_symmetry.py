@@ -14,7 +14,8 @@ from abfm.assets import asset_path
 from abfm.errors import ParameterError
 from abfm.experiments.meshes import bundled, stepped_slab, two_armed
 from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from tests.shapes import disc, ellipsoid, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
 BOX = trimesh.creation.box()

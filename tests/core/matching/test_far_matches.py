@@ -18,8 +18,9 @@ from abfm.matching.energy.regularizer import Regularizer
 from abfm.matching.match import Iteration
 from abfm.matching.result import Match
 from abfm.matching.solving.levels import Level
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import PAPER, Parameters
+from abfm.types import FloatArray
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.surfaces import moved, relative_error, renumbered
 from tests.shapes import hemisphere, icosphere

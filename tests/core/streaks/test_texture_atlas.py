@@ -8,8 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.calculus.operators import face_areas
 from abfm.errors import FunctionError, ParameterError
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.streaks.texture_atlas import TextureAtlas, texture_atlas
+from abfm.types import FloatArray
 from tests.shapes import disc, ellipsoid, icosphere, square, tetrahedron, torus
 
 NEEDLES = TriangleMesh(torus(9, 7).vertices * [1, 1e-5, 0.3], torus(9, 7).faces)

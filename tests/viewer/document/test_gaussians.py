@@ -16,7 +16,7 @@ from abfm.functions.eigenfunction import Eigenfunction
 from abfm.functions.expression import Expression
 from abfm.functions.gaussian import Gaussian
 from abfm.functions.permuted import Permuted
-from abfm_viewer.document.document import gaussians as bumps
+from abfm_viewer.document import gaussians as bumps
 from tests.shapes import icosphere
 
 SPHERE = icosphere(1)

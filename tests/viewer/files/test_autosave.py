@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Document
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.files.project import load_project

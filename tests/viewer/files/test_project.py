@@ -22,8 +22,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from abfm import Match, Parameters, ResultError, TriangleMesh, match
-from abfm.mesh import FloatArray
 from abfm.parameters import PAPER
+from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document.document import (
     CLICK_TOOLS,

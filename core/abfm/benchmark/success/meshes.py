@@ -6,7 +6,8 @@ import numpy as np
 import trimesh
 
 from abfm.assets import asset_names, asset_path
-from abfm.mesh import FloatArray, TriangleMesh, load_mesh
+from abfm.mesh import TriangleMesh, load_mesh
+from abfm.types import FloatArray
 
 _BUMPS = 9
 _LIMBS = np.array([[0, 1, 0.1], [-0.8, 0.5, 0.1], [0.9, 0.3, 0], [-0.5, -0.9, 0.2], [0.5, -1, -0.1]])

@@ -15,7 +15,8 @@ from abfm.functions.geodesic import geodesic_distance
 from abfm.maps.symmetry import SymmetryError, detect_symmetry
 from abfm.matching.judging.resolution import RESOLVED, resolution
 from abfm.matching.judging.solvability import Problem, range_bound
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 Family = Literal["gaussian", "one to two", "disc", "eigenfunction", "descriptor"]
 FAMILIES: tuple[Family, ...] = get_args(Family)

@@ -21,9 +21,10 @@ from abfm.matching.energy.bracket import BracketGradient
 from abfm.matching.energy.far_metric import FarMetric
 from abfm.matching.energy.mismatch import channel_weights, relative_mismatch, vertex_mask
 from abfm.matching.energy.regularizer import Regularizer, regularizer
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ import numpy as np
 from scipy import sparse
 
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.types import FloatArray
 
 
 class FarMetric:

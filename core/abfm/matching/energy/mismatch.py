@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import l2_norm
 from abfm.errors import ParameterError
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 
 def vertex_mask(mesh: TriangleMesh, mask: ArrayLike | None) -> FloatArray | None:

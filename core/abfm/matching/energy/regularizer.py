@@ -17,8 +17,9 @@ from scipy import sparse
 
 from abfm.calculus import face_kernels
 from abfm.calculus.operators import Matrix, edge_areas, face_areas, hat_gradients, stiffness, vertex_areas
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import Solve, factor
+from abfm.types import FloatArray
 
 
 class Regularizer:

@@ -18,7 +18,7 @@ from abfm.maps.surface_points import pull_back
 from abfm.matching.energy.energy import Evaluation, MatchingEnergy
 from abfm.matching.judging.resolution import resolution
 from abfm.matching.judging.verdict import NEARLY
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 _PAYING = 0.03  # of what flow lines leave: what a colder stage must gain
 _ALIKE = 0.1  # of the same: what a stage that matches may lose; and of an energy: what a gradual way may lose

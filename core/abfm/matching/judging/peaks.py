@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.mesh import FloatArray, TriangleMesh
-from abfm.numerics.kernels import IndexArray, kernel
+from abfm.mesh import TriangleMesh
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray
 
 SHARE = 0.2
 """Share of the range by which a peak stands out that is counted."""

@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import edge_areas
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 RESOLVED = 5.0
 """Edges per width below which advection over a quarter of a body (half of sqrt(area)) is off by several percent."""

@@ -13,7 +13,8 @@ import numpy as np
 
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.matching.judging.peaks import Extrema, different_peaks
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 
 VANISHED = 0.2
 """A function has vanished whose deviation from its mean is below this share of the source's and of the target's.

@@ -10,8 +10,8 @@ from typing import Literal
 from abfm.matching.judging.peaks import Extrema
 from abfm.matching.judging.solvability import Problem, range_bound
 from abfm.matching.schedule import MATCHED
-from abfm.mesh import FloatArray
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 Kind = Literal["matched", "nearly", "not reached", "impossible"]
 

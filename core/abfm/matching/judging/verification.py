@@ -3,7 +3,7 @@
 A match is found with the exponential of ``D_v`` on the vertices of one mesh, and a search that may choose among all
 fields of that mesh also finds those that this scheme carries better than their flow does. So the flow itself is asked:
 
-- flow lines of the continuous field (`abfm.flow.continuous_flow`) lead from each vertex back to where its value comes from.
+- flow lines of the continuous field (`continuous_flow`) lead from each vertex back to where its value comes from.
   They have no dispersion, and their error falls with the square of the edge length;
 - the continuous field on the midpoint subdivision of the mesh, with the exponential there. It shares the scheme's
   dispersion, a quarter of it, but not the mesh.
@@ -32,9 +32,10 @@ from abfm.maps.folds import MOST, folds
 from abfm.maps.surface_points import SurfacePoints, pull_back, vertex_points
 from abfm.matching.energy.mismatch import channel_weights, relative_mismatch, vertex_mask
 from abfm.matching.judging.resolution import RESOLVED, resolution
-from abfm.mesh import FloatArray, IntArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated
 from abfm.mesh.subdivision import subdivided as subdivided_mesh
+from abfm.types import FloatArray, IntArray
 
 SUBDIVIDED_LIMIT = 200_000
 """Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""
@@ -57,13 +58,13 @@ class Verification:
         The same by the matrix exponential of the continuous fields on the midpoint subdivision, with f and g
         interpolated; inf where it overflows or would take very long, NaN where it was not asked.
     folded : float
-        Share of the faces, by number, that the inverse flow folds: see `abfm.maps.folds.folds`. The flow of a continuous
+        Share of the faces, by number, that the inverse flow folds: see `folds.folds`. The flow of a continuous
         field tears nothing, so this is small even for rough fields.
     overturned : float
         Share of the faces whose three carried vertices alone look turned over: what the vertex-to-vertex map does.
         Several percent where a smooth flow stretches much, tens of percent where the field is noise.
     resolution : float
-        How many edges the narrow features of source and target span, mask or not (`abfm.matching.judging.resolution.resolution`).
+        How many edges the narrow features of source and target span, mask or not (`resolution.resolution`).
     """
 
     flow_lines: float
@@ -92,7 +93,7 @@ class Verification:
 
     @property
     def resolved(self) -> bool:
-        """Whether source and target are wide enough for advection on this mesh, see `abfm.matching.judging.resolution.RESOLVED`."""
+        """Whether source and target are wide enough for advection on this mesh, see `resolution.RESOLVED`."""
         return self.resolution >= RESOLVED
 
     def report(self) -> str:
@@ -209,7 +210,7 @@ def _by_flow_lines(
     most: int,
     between: Callable[[], None] | None,
 ) -> tuple[float, float, float]:
-    """The mismatch at the vertices of some faces (S,), and the shares of `abfm.maps.folds.folds` among these faces."""
+    """The mismatch at the vertices of some faces (S,), and the shares of `folds.folds` among these faces."""
 
     def carried(start: SurfacePoints) -> SurfacePoints:
         return flow_map(mesh, fields, tau, backwards=True, start=start, between=between)

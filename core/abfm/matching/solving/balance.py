@@ -15,7 +15,7 @@ from abfm.errors import ParameterError
 from abfm.matching.energy.energy import MatchingEnergy
 from abfm.matching.judging.confirmation import Best, by_flow_lines
 from abfm.matching.schedule import MATCHED
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 ROUND = 8
 """Iterations between two looks at the flow lines."""

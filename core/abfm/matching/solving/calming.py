@@ -12,7 +12,8 @@ from typing import TypeVar
 import numpy as np
 
 from abfm.matching.energy.regularizer import Regularizer
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 
 Point = TypeVar("Point")
 _WORSE, _GROWN = 2.0, 0.4  # times the mismatch on the coarser mesh, and more: not the field's doing

@@ -16,8 +16,8 @@ from abfm.matching.solving.calming import calmed
 from abfm.matching.solving.control import Control
 from abfm.matching.solving.levels import on_the_mesh
 from abfm.matching.solving.record import Record
-from abfm.mesh import FloatArray
 from abfm.numerics.optimizer import LBFGS, State
+from abfm.types import FloatArray
 
 _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradient is exact for any
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,9 +18,10 @@ from abfm.flow.clusters import vertex_clusters
 from abfm.matching.energy.energy import MatchingEnergy
 from abfm.matching.judging.resolution import resolution
 from abfm.matching.solving.transfer import Transfer
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 
 COARSEST = 2500
 """Vertices of the coarsest mesh where their number is chosen here."""

@@ -13,8 +13,8 @@ from abfm.matching.judging.confirmation import Best
 from abfm.matching.schedule import Stage
 from abfm.matching.solving.iteration import Iteration
 from abfm.matching.solving.levels import Level
-from abfm.mesh import FloatArray
 from abfm.numerics.optimizer import State
+from abfm.types import FloatArray
 
 
 class Record:

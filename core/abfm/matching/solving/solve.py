@@ -20,7 +20,7 @@ from abfm.matching.solving.iteration import Iteration
 from abfm.matching.solving.levels import levels
 from abfm.matching.solving.record import Record
 from abfm.matching.solving.warm_start import start_fields
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
 _MORE = 0.2  # mismatch on the mesh itself, beyond that on the coarsest, up to which meshes between are left out

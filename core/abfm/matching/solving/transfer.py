@@ -15,7 +15,8 @@ from abfm.calculus.operators import Matrix, face_frames, face_normals, vertex_ar
 from abfm.flow.smooth_flow import corner_vectors
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.mesh import TriangleMesh
-from abfm.numerics.kernels import FloatArray, IndexArray, kernel
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray
 
 
 class Transfer:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.energy.energy import MatchingEnergy, check_fields
-from abfm.mesh import FloatArray
+from abfm.types import FloatArray
 
 
 def start_fields(energy: MatchingEnergy, start: ArrayLike) -> FloatArray:

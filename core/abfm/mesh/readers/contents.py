@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.mesh.topology import FloatArray, IntArray
+from abfm.types import FloatArray, IntArray
 
 
 class FileContents(NamedTuple):

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from abfm.mesh.readers.contents import FileContents, split_polygons
-from abfm.mesh.topology import FloatArray
+from abfm.types import FloatArray
 
 TYPE_NAMES = {  # of the header, by their code in Python's struct
     "b": ("char", "int8"),

@@ -14,7 +14,8 @@ import abfm
 from abfm.calculus.operators import l2_norm
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.matching.energy.energy import MatchingEnergy
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from tests.core.fields import bump, wavy_field
 from tests.core.verification import taylor_order
 from tests.shapes import hemisphere, icosphere, open_cylinder

@@ -11,7 +11,8 @@ from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.energy.energy import MatchingEnergy
 from abfm.matching.energy.far_metric import FarMetric
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from tests.core.fields import bump, rotation_field
 from tests.core.surfaces import SURFACES, moved
 from tests.core.verification import observed_orders

@@ -17,8 +17,9 @@ from abfm.matching.judging.confirmation import Best, Confirmation, confirmation,
 from abfm.matching.schedule import gradual, search
 from abfm.matching.solving.control import Control
 from abfm.matching.solving.solve import Solver
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import PAPER, Parameters
+from abfm.types import FloatArray
 from tests.core.fields import bump, wavy_field
 from tests.core.surfaces import renumbered
 from tests.shapes import icosphere

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.matching.judging.peaks import Extrema, different_peaks, peaks, persistence
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from tests.core.fields import bump
 from tests.core.surfaces import SURFACES
 from tests.shapes import icosphere, square

@@ -7,8 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from abfm.matching.judging.resolution import resolution
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, subdivided
+from abfm.types import FloatArray
 from tests.core.fields import bump
 from tests.shapes import disc, icosphere, square, torus
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from abfm.matching.energy.energy import MatchingEnergy
 from abfm.matching.judging.solvability import Problem, range_bound
-from abfm.mesh import FloatArray
 from abfm.parameters import Parameters
+from abfm.types import FloatArray
 from tests.core.fields import bump
 from tests.shapes import icosphere, square
 

@@ -13,8 +13,8 @@ import abfm
 from abfm.matching.judging.solvability import Problem
 from abfm.matching.judging.verdict import Kind, Outcome, Verdict, advice, early_warning
 from abfm.matching.result import Match
-from abfm.mesh import FloatArray
 from abfm.parameters import PAPER, Parameters
+from abfm.types import FloatArray
 from tests.core.fields import bump
 from tests.shapes import icosphere
 

@@ -15,7 +15,8 @@ from abfm.errors import FunctionError, ParameterError
 from abfm.flow.advection import advect
 from abfm.matching.judging import verification
 from abfm.matching.judging.verification import Verification, verify
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.verification import observed_orders
 from tests.shapes import disc, icosphere

@@ -10,8 +10,9 @@ from abfm.calculus.operators import vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.maps.surface_points import project_onto_surface
 from abfm.matching.solving.transfer import Transfer
-from abfm.mesh import FloatArray, TriangleMesh
+from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
+from abfm.types import FloatArray
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.surfaces import SURFACES, moved, relative_error, renumbered
 from tests.core.verification import observed_orders
