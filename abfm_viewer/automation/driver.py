@@ -16,7 +16,6 @@ from types import TracebackType
 from typing import Self
 
 from abfm import TriangleMesh
-from abfm_viewer import app
 from abfm_viewer.automation import aim
 from abfm_viewer.automation.input_events import InputEvents, Place
 from abfm_viewer.automation.widget_places import handle, middle, slider_place
@@ -25,6 +24,7 @@ from abfm_viewer.errors import DriverError as DriverError
 from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import Kind, Widget
+from abfm_viewer.window.open_window import open_window
 from abfm_viewer.window.window import Window
 
 _CLICKABLE: tuple[Kind, ...] = ("button", "checkbox", "choice", "item", "combo", "section", "menu", "box", "slider")
@@ -95,7 +95,7 @@ class Driver:
             raise DriverError(f"this process draws with {running}, not {self._backend}: use one backend per process")
         folder = Path(self._closing.enter_context(tempfile.TemporaryDirectory()))
         try:
-            self.window = app.open_window(self._mesh, self._backend, self._size, state_folder=folder)
+            self.window = open_window(self._mesh, self._backend, self._size, state_folder=folder)
             self._closing.callback(self._close)
             if self._backend == "openGL_mock":
                 self.window.scene.pick = partial(aim.nearest_vertex, self.window)  # type: ignore[method-assign]

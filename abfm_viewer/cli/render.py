@@ -118,16 +118,15 @@ def _check_options(arguments: argparse.Namespace, style: str, is_movie: bool) ->
     if arguments.fade and not arguments.streaks:
         raise UsageError("--fade is for streaks; add --streaks")
     if is_movie:
-        from abfm_viewer.pictures.movies import FASTEST, SLOWEST
-
         if style == "sheet":
             raise UsageError("--style sheet is for pictures; a movie shows what the window shows")
         if arguments.transparent:
             raise UsageError(f"--transparent is for pictures (.png); a {suffix} file has a ground")
         if arguments.time:
             raise UsageError("--time is for pictures; a movie takes --from and --to")
-        if arguments.fps is not None and not SLOWEST <= arguments.fps <= FASTEST[suffix]:
-            raise UsageError(f"--fps {arguments.fps:g}: a {suffix} file takes {SLOWEST:g} to {FASTEST[suffix]:g}")
+        if arguments.fps is not None and not outputs.SLOWEST <= arguments.fps <= outputs.FASTEST[suffix]:
+            slowest, fastest = outputs.SLOWEST, outputs.FASTEST[suffix]
+            raise UsageError(f"--fps {arguments.fps:g}: a {suffix} file takes {slowest:g} to {fastest:g}")
 
 
 def _chosen(arguments: argparse.Namespace, document: Document) -> Document:

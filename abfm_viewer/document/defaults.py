@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm import TriangleMesh
-from abfm.functions import geodesic_distance
+from abfm.calculus.geodesics import geodesic_distance
 from abfm.functions.curvature import vertex_normals
 
 WIDTH = 0.1

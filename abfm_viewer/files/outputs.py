@@ -17,6 +17,10 @@ from abfm.types import FloatArray
 if TYPE_CHECKING:
     from abfm import Match
 
+SLOWEST = 0.1
+FASTEST = {".mp4": 120.0, ".gif": 50.0}
+"""Frames per second of movies by suffix; browsers slow down a GIF that is faster."""
+
 
 def check(path: Path, suffixes: Collection[str]) -> None:
     """Refuse a path that could not be written.

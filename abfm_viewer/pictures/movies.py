@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 
 from abfm import ResultError
 from abfm.io import write_atomically
+from abfm_viewer.files.outputs import FASTEST, SLOWEST
 
 Frame = NDArray[np.uint8]
 
-SLOWEST = 0.1
-FASTEST = {".mp4": 120.0, ".gif": 50.0}
-"""Frames per second by suffix; browsers slow down a GIF that is faster."""
 _H264 = {"crf": "16", "colorspace": "bt709", "color_primaries": "bt709", "color_trc": "bt709", "color_range": "tv"}
 
 

@@ -35,9 +35,7 @@ class BumpMarkers:
             self._draw_side(ui, session, scene, side, imgui.GetIO().KeyShift and inside)
 
     def _draw_side(self, ui: Ui, session: Session, scene: Scene, side: Side, wanted: bool) -> None:
-        from abfm_viewer.document.document import (
-            gaussians as bumps,  # not before: it loads what the first frame does without
-        )
+        from abfm_viewer.document import gaussians as bumps  # not before: it loads what the first frame does without
         from abfm_viewer.session.active_gaussian import active_bump
 
         bump = active_bump(session, side)

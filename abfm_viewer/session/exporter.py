@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from abfm import Match
 
 Known = Callable[[], dict[str, FloatArray]]
-PICTURES, MOVIES, DATA = (".png",), (".mp4", ".gif"), tuple(outputs.WRITERS)
+PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), tuple(outputs.WRITERS)
 """Suffixes."""
 
 
@@ -151,9 +151,7 @@ class Exporter:
         return f"saved {path}"
 
     def _render_movie(self, path: Path, fps: float, document: Document, known: Known, words: list[str]) -> str:
-        from abfm_viewer.pictures.movies import FASTEST  # not before: it loads what the first frame does without
-
-        fastest = FASTEST.get(path.suffix, fps)
+        fastest = outputs.FASTEST.get(path.suffix, fps)
         if fps > fastest:
             raise AbfmError(f"fps is {fps:g}; a {path.suffix} file takes at most {fastest:g}")
         return self._render(path, MOVIES, document, known, words)

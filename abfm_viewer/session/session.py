@@ -18,12 +18,12 @@ from abfm_viewer.computing.solver import Solver
 from abfm_viewer.computing.worker import Problem
 from abfm_viewer.document.document import Channel, Document, Run, Side
 from abfm_viewer.document.history import History
+from abfm_viewer.session.comparison import Comparison
 from abfm_viewer.session.editing import Editing
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.notices import Notice, Notices
 from abfm_viewer.session.player import Player
 from abfm_viewer.session.saved_states import SavedStates
-from abfm_viewer.shown.comparison import Comparison
 from abfm_viewer.shown.field_quantities import FieldQuantities
 from abfm_viewer.shown.mass_transport import MassTransport
 from abfm_viewer.shown.shown_flow import ShownFlow

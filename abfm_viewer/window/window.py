@@ -17,7 +17,6 @@ from PIL import Image
 
 from abfm.io import write_atomically
 from abfm.numerics import own_process
-from abfm_viewer.appearance import style
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
@@ -29,6 +28,7 @@ from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.opening import Documents
 from abfm_viewer.session.session import Session
+from abfm_viewer.widgets import style
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_file import write_widgets
 from abfm_viewer.widgets.widget_record import Rect

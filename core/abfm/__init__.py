@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from abfm.errors import AbfmError as AbfmError
+    from abfm.errors import AdvectionError as AdvectionError
     from abfm.errors import FunctionError as FunctionError
     from abfm.errors import MeshError as MeshError
     from abfm.errors import ParameterError as ParameterError
     from abfm.errors import ResultError as ResultError
     from abfm.flow.advection import advect as advect
-    from abfm.flow.exponential import AdvectionError as AdvectionError
     from abfm.functions import function as function
     from abfm.matching.energy.energy import MatchingEnergy as MatchingEnergy
     from abfm.matching.judging.verification import Verification as Verification
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "AbfmError": "errors",
-    "AdvectionError": "flow.exponential",
+    "AdvectionError": "errors",
     "Control": "matching.solving.control",
     "FunctionError": "errors",
     "Iteration": "matching.solving.iteration",

@@ -19,3 +19,7 @@ class ParameterError(AbfmError):
 
 class ResultError(AbfmError):
     """A result file that cannot be read or written."""
+
+
+class AdvectionError(AbfmError):
+    """A field so fast, or a time so long, that the advection cannot be computed in reasonable time or range."""

@@ -23,7 +23,7 @@ from abfm.benchmark.success import (
     success_table,
 )
 from abfm.benchmark.success.problems import DISTANCES, FAMILIES, WIDTHS
-from abfm.functions.geodesic import geodesic_distance
+from abfm.calculus.geodesics import geodesic_distance
 from tests.shapes import icosphere, square
 
 SHORT = {name: replace(parameters, iterations=15) for name, parameters in VERSIONS.items()}

@@ -21,10 +21,10 @@ from scipy.optimize import fmin_l_bfgs_b
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.operators import averaging, field_mass, gradient, hodge_gradients, rotation, vertex_areas
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
-from abfm.functions.eigenfunction import eigenbasis
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.calculus.operators import Matrix
-from abfm.flow.exponential import AdvectionError
+from abfm.errors import AdvectionError
 from abfm.numerics import kernels
 from abfm.types import FloatArray
 

@@ -8,8 +8,7 @@ from scipy import sparse
 
 from abfm.calculus.exponential_action import exponential_action
 from abfm.calculus.operators import Matrix, averaging, face_frames, gradient
-from abfm.errors import ParameterError
-from abfm.flow.exponential import AdvectionError
+from abfm.errors import AdvectionError, ParameterError
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.calculus.operators import averaging, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative, pushforward, to_frame
-from abfm.errors import MeshError
+from abfm.errors import AdvectionError, MeshError
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
 from abfm.experiments.given_fields import (
     carried_bump,
@@ -25,7 +25,6 @@ from abfm.experiments.given_fields import (
 )
 from abfm.experiments.meshes import geodesic_sphere, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
-from abfm.flow.exponential import AdvectionError
 from abfm.matching.result import push
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters

@@ -6,11 +6,12 @@ from typing import TypedDict
 
 import numpy as np
 
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.helmholtz_hodge import helmholtz_hodge
 from abfm.calculus.operators import averaging, face_areas, gradient, rotation
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import MeshError
-from abfm.functions import eigenbasis, function
+from abfm.functions import function
 from abfm.matching.result import push
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters

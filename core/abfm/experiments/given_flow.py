@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.helmholtz_hodge import helmholtz_hodge
 from abfm.calculus.operators import face_areas, gradient, rotation
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import MeshError
 from abfm.flow.flow_lines import flow_lines
-from abfm.functions import eigenbasis
 from abfm.maps.surface_points import project_onto_surface, pull_back
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray

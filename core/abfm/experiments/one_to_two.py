@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from abfm.baselines import linear_blend, optimal_transport
+from abfm.calculus.geodesics import geodesic_distance
 from abfm.calculus.operators import vertex_areas
 from abfm.experiments.experiment import Findings, Measure, Report, Setup
 from abfm.experiments.sheet import Panel, Sheet, Streaks, Values
 from abfm.experiments.witnesses import Witnessed, witnessed
-from abfm.functions import geodesic_distance
 from abfm.matching.match import Iteration, match
 from abfm.matching.result import Match
 from abfm.mesh import TriangleMesh

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.experiments.pair import FEW, PairSetup, closest, coordinates, followed
-from abfm.functions.eigenfunction import eigenbasis
 from abfm.maps.functional_maps import functional_map, point_map, spectral_coefficients, zoom_out
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back
 from abfm.matching.result import Match

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.vector_fields import to_frame
+from abfm.errors import AdvectionError
 from abfm.flow.derivative_pattern import derivative_pattern
-from abfm.flow.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Segment, Trajectory, Workspace
+from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Segment, Trajectory, Workspace
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 

@@ -18,10 +18,10 @@ from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.errors import ParameterError
 from abfm.flow.flow_lines import FacePoints, check_start, fields_in_a_row
 from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
+from abfm.flow.walking import vector_at, walk_straight
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import kernel
-from abfm.streaks.streamlines import vector_at, walk_straight
 from abfm.types import FloatArray, IndexArray, IntArray
 
 STEP = 0.5

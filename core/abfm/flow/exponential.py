@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import jv
 
-from abfm.errors import AbfmError
+from abfm.errors import AdvectionError
 from abfm.flow import derivative_kernels, series_kernels
 from abfm.flow.derivative_pattern import clustered_pattern, derivative_pattern
 from abfm.mesh import TriangleMesh
@@ -30,10 +30,6 @@ _SHORTEST = 2.0  # products per segment below which splitting cannot help
 _SLOWEST = 1e-100  # a zero field still needs a positive rho for its derivative
 _MEMORY = 70_000_000  # numbers
 _SHORT_SEGMENT, _LONG_SEGMENT = 30.0, 1000.0  # products; shorter ones spend more than half on the tail
-
-
-class AdvectionError(AbfmError):
-    """A field so fast, or a time so long, that the advection cannot be computed in reasonable time or range."""
 
 
 @dataclass(eq=False)

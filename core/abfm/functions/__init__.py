@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.errors import FunctionError
-from abfm.functions.eigenfunction import eigenbasis
 from abfm.functions.family import Family, Kind, Parameter, Spec, shown
-from abfm.functions.geodesic import geodesic_distance
 from abfm.functions.spec import Sum, families, parse
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
@@ -18,10 +16,8 @@ __all__ = [
     "Parameter",
     "Spec",
     "Sum",
-    "eigenbasis",
     "families",
     "function",
-    "geodesic_distance",
     "parse",
 ]
 

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from abfm.calculus.extension import extend
 from abfm.calculus.operators import cotangent_laplacian, face_areas, face_normals
 from abfm.errors import FunctionError
-from abfm.functions.extension import extend
 from abfm.functions.family import Family, choice, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray

@@ -6,17 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import linalg, sparse
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-from abfm.calculus.operators import cotangent_laplacian, vertex_areas
-from abfm.errors import FunctionError
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.functions.family import INDEX, Family, parameter
 from abfm.mesh import TriangleMesh
-from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray
-
-BLOCKS = (32, 64, *range(128, 1025, 128))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,71 +31,3 @@ class Eigenfunction(Family):
         f = eigenbasis(mesh.normalized(), self.index + 1)[1][:, self.index]
         largest: float = np.abs(f).max()
         return f / largest
-
-
-def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
-    """First k solutions of ``L phi = lambda M phi``: eigenvalues (k,) ascending, eigenfunctions (V, k), both read-only.
-
-    L is the cotangent Laplacian (natural, that is Neumann, condition on a boundary), M the lumped mass. Eigenvalues are
-    in 1/length^2 of the mesh's unit, eigenfunctions orthonormal in ``sum_i M_ii phi_i psi_i``. The sign makes the
-    integral of ``phi^3`` positive, which no motion, scaling or renumbering changes; where that integral vanishes (by a
-    symmetry), the first vertex with at least half of the largest absolute value is positive.
-
-    The same mesh gives the same bits whatever was computed before: pairs are computed, and cached, in blocks of 32, 64,
-    128, 256, 384, ... and k only cuts the smallest block that holds it. Eigenspaces of several dimensions get an
-    arbitrary basis, which may differ between blocks.
-
-    Raises
-    ------
-    FunctionError
-        If k is below 1, above 1024 or above the number of vertices, or if the solver does not converge.
-    """
-    count = len(mesh.vertices)
-    most = min(count, BLOCKS[-1])
-    if not 1 <= k <= most:
-        raise FunctionError(f"{k} eigenfunctions asked for; on a mesh of {count} vertices it can be 1 to {most}")
-    size = next(block for block in BLOCKS if block >= k)
-    key = (__name__, "eigenbasis", size)
-    if key not in mesh.cache:
-        mesh.cache[key] = _block(mesh, min(size, count))
-    values, functions = mesh.cache[key]
-    return values[:k], functions[:, :k]
-
-
-def _block(mesh: TriangleMesh, size: int) -> tuple[FloatArray, FloatArray]:
-    count = len(mesh.vertices)
-    root_mass = np.sqrt(vertex_areas(mesh))
-    scale = sparse.diags_array(1 / root_mass)
-    operator = sparse.csr_array(scale @ cotangent_laplacian(mesh) @ scale)
-    if count <= 2 * size + 1:  # too small for Lanczos to have room
-        values, vectors = linalg.eigh(operator.toarray(), subset_by_index=(0, size - 1))
-    else:
-        values, vectors = _shift_invert(operator, size, shift=1 / mesh.length_scale**2)
-    order = np.argsort(values, kind="stable")
-    functions = vectors[:, order] / root_mass[:, None]
-    functions *= _signs(functions, vertex_areas(mesh))
-    values = np.maximum(values[order], 0)
-    values.flags.writeable = functions.flags.writeable = False
-    return values, functions
-
-
-def _shift_invert(operator: sparse.csr_array, size: int, shift: float) -> tuple[FloatArray, FloatArray]:
-    """Lanczos on ``(operator + shift)^-1`` from a fixed start vector."""
-    count = operator.shape[0]
-    inverse = LinearOperator(
-        (count, count), matvec=factor(sparse.csr_array(operator + shift * sparse.eye_array(count))), dtype=np.float64
-    )
-    start = np.sin(np.arange(1.0, count + 1))
-    try:
-        values, vectors = eigsh(operator, k=size, sigma=-shift, OPinv=inverse, v0=start, rng=0)
-    except ArpackError as error:
-        raise FunctionError(f"eigenfunctions: no convergence on this mesh ({error}); remesh its thin faces") from error
-    return values, vectors
-
-
-def _signs(functions: FloatArray, areas: FloatArray) -> FloatArray:
-    skewness = areas @ functions**3
-    size = np.abs(functions)
-    first_large = np.argmax(size >= 0.5 * size.max(axis=0), axis=0)
-    fallback = functions[first_large, np.arange(functions.shape[1])]
-    return np.sign(np.where(np.abs(skewness) > 1e-6 * (areas @ size**3), skewness, fallback))

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from abfm.calculus.geodesics import geodesic_distance
 from abfm.functions.family import NUMBER, POSITIVE, choice, parameter
-from abfm.functions.geodesic import geodesic_distance
 from abfm.functions.points import AroundPoints
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
-import numpy as np
-import potpourri3d
-from numpy.typing import ArrayLike
-
-from abfm.errors import FunctionError
+from abfm.calculus.geodesics import geodesic_distance
 from abfm.functions.points import AroundPoints
-from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
 
@@ -27,47 +23,3 @@ class Geodesic(AroundPoints):
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         return geodesic_distance(mesh, self.sources(mesh))
-
-
-def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
-    """Distance along the surface to the nearest source, (V,), in the mesh's units; exactly 0 at the sources.
-
-    Largest error on the unit sphere: 0.051 at 642 vertices, 0.029 at 2,562, 0.019 at 10,242. The robust Laplacian is
-    what keeps it right on uneven meshes: on a human with edge lengths from 1 to 73 it was off by 0.03 sqrt(area), plain
-    cotangent weights by 0.73.
-
-    Parameters
-    ----------
-    sources : (n,) array of int
-        Indices among the mesh's own vertices (not the file's); not checked.
-
-    Raises
-    ------
-    FunctionError
-        If the solver fails on this mesh.
-
-    References
-    ----------
-    Crane, Weischedel, Wardetzky: Geodesics in Heat, ACM TOG 32(5), 2013, Algorithm 1.
-    Sharp, Crane: A Laplacian for Nonmanifold Triangle Meshes, SGP 2020.
-    """
-    try:
-        solver = _heat_solver(mesh.normalized())
-        distances = [_from_source(solver, int(source)) for source in np.atleast_1d(sources)]
-    except RuntimeError as error:
-        raise FunctionError(
-            f"no geodesic distance on this mesh: {error}; for a gaussian try metric=euclidean"
-        ) from error
-    nearest: FloatArray = np.min(distances, axis=0)
-    return mesh.length_scale * nearest
-
-
-@per_mesh
-def _heat_solver(mesh: TriangleMesh) -> Any:
-    return potpourri3d.MeshHeatMethodDistanceSolver(mesh.vertices, mesh.faces, use_robust=True)
-
-
-def _from_source(solver: Any, source: int) -> FloatArray:
-    distance: FloatArray = solver.compute_distance(source)
-    offset: FloatArray = distance - distance[source]
-    return np.maximum(offset, 0)

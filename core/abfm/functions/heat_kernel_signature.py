@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from abfm.functions.eigenfunction import eigenbasis
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.functions.family import COUNT, POSITIVE, Family, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray

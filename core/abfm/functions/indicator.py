@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from abfm.calculus.geodesics import geodesic_distance
 from abfm.errors import FunctionError
 from abfm.functions.coordinate import AXIS, along
 from abfm.functions.family import NUMBER, POSITIVE, parameter
-from abfm.functions.geodesic import geodesic_distance
 from abfm.functions.points import AroundPoints
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray

@@ -8,10 +8,10 @@ from typing import ClassVar
 import igl
 import numpy as np
 
+from abfm.calculus.extension import extend
 from abfm.calculus.operators import face_normals
 from abfm.errors import FunctionError
 from abfm.functions.curvature import vertex_normals
-from abfm.functions.extension import extend
 from abfm.functions.family import Family
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray

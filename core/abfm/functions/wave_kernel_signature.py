@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.errors import FunctionError
-from abfm.functions.eigenfunction import eigenbasis
 from abfm.functions.family import COUNT, NUMBER, POSITIVE, Family, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray

@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from abfm.calculus.channels import channels
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import ParameterError
-from abfm.functions.eigenfunction import eigenbasis
 from abfm.maps.surface_points import SurfacePoints, pull_back, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.vector_fields import to_frame
-from abfm.errors import AbfmError, ParameterError, ResultError
+from abfm.errors import AbfmError, AdvectionError, ParameterError, ResultError
 from abfm.flow.advection import Flow
-from abfm.flow.exponential import AdvectionError, Workspace
-from abfm.functions.eigenfunction import eigenbasis
+from abfm.flow.exponential import Workspace
 from abfm.io import load_arrays, save_arrays
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.surface_points import Distortion, SurfacePoints, distortion, project_onto_surface

@@ -8,10 +8,10 @@ from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
 from abfm.baselines.reduced_basis import ReducedEnergy, hodge_basis, reduced_match
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.operators import field_mass, hodge_laplacian, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative
 from abfm.errors import AbfmError
-from abfm.functions.eigenfunction import eigenbasis
 from abfm.maps.functional_maps import functional_map
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh

@@ -7,7 +7,7 @@ from scipy.linalg import expm
 
 from abfm.calculus.exponential_action import exponential_action
 from abfm.calculus.operators import Matrix
-from abfm.flow.exponential import AdvectionError
+from abfm.errors import AdvectionError
 
 
 def random_matrix(size=40, seed=0):

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.calculus import operators as op
 from abfm.calculus.vector_fields import directional_derivative, lie_bracket, lie_bracket_of, pushforward, to_frame
-from abfm.errors import ParameterError
-from abfm.flow.exponential import AdvectionError
+from abfm.errors import AdvectionError, ParameterError
 from tests.core import torus_calculus as exact
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.surfaces import SURFACES, last_order, moved, relative_error, renumbered

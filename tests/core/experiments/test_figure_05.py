@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from abfm.calculus import operators as op
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.helmholtz_hodge import helmholtz_hodge
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import MeshError
 from abfm.experiments import figure_05
 from abfm.experiments.sheet import Streaks
-from abfm.functions import eigenbasis
 from tests.core.surfaces import SURFACES, last_order, norm
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.operators import edge_divergence, face_frames
 from abfm.errors import MeshError
 from abfm.experiments.given_flow import carried, feet, root_mean_square, stream_field
 from abfm.experiments.meshes import five_limbs, smoothed
-from abfm.functions import eigenbasis
 from abfm.mesh import TriangleMesh
 from tests.shapes import ellipsoid, open_cylinder, torus
 

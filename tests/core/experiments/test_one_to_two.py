@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 
+from abfm.calculus.geodesics import geodesic_distance
 from abfm.calculus.operators import vertex_areas
 from abfm.experiments import experiment_of
 from abfm.experiments.sheet import Streaks
-from abfm.functions import geodesic_distance
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron, torus
 
 

@@ -9,9 +9,9 @@ from scipy.special import jv
 import abfm
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative, to_frame
+from abfm.errors import AdvectionError
 from abfm.flow.advection import Flow, advect
 from abfm.flow.derivative_pattern import derivative_pattern
-from abfm.flow.exponential import AdvectionError
 from abfm.flow.series_kernels import bessel_coefficients
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.verification import observed_orders

@@ -9,9 +9,10 @@ from numpy.testing import assert_allclose
 from abfm.calculus.operators import face_frames
 from abfm.flow.flow_lines import flow_lines
 from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
+from abfm.flow.walking import walk_straight
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
-from abfm.streaks.streamlines import direction, walk_straight
+from abfm.streaks.streamlines import direction
 from abfm.types import FloatArray
 from tests.core.fields import rotation_field, wavy_field
 from tests.shapes import icosphere, open_cylinder, square, torus

@@ -11,11 +11,12 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
+from abfm.calculus.extension import extend
+from abfm.calculus.geodesics import geodesic_distance
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import FunctionError
-from abfm.functions import function, geodesic_distance
+from abfm.functions import function
 from abfm.functions.curvature import gaussian_curvature, mean_curvature, mixed_areas
-from abfm.functions.extension import extend
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.types import FloatArray
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, torus

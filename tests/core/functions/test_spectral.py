@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError
-from abfm.functions import eigenbasis, function
+from abfm.functions import function
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from tests.shapes import hemisphere, icosphere, square, tetrahedron, torus

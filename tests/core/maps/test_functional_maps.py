@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import abfm
 from abfm.assets import asset_path
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import AbfmError, FunctionError, ParameterError
-from abfm.functions.eigenfunction import eigenbasis
 from abfm.maps.functional_maps import carry, functional_map, point_map, spectral_coefficients, zoom_out
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back, vertex_points
 from abfm.mesh import TriangleMesh, load_mesh

@@ -9,9 +9,9 @@ import pytest
 import trimesh
 
 from abfm import Parameters, TriangleMesh, function, load_match
+from abfm.calculus.eigenbasis import eigenbasis
 from abfm.experiments.experiment import Setup
 from abfm.experiments.given_fields import tangent
-from abfm.functions import eigenbasis
 from abfm.maps.quality import map_quality
 from abfm_viewer.cli import main
 from tests.shapes import ellipsoid, icosphere

@@ -7,7 +7,8 @@ import pytest
 
 from abfm import TriangleMesh, load_mesh
 from abfm.assets import asset_names, asset_path
-from abfm.functions import function, geodesic_distance, parse
+from abfm.calculus.geodesics import geodesic_distance
+from abfm.functions import function, parse
 from abfm_viewer.document.defaults import default_functions
 from tests.shapes import disc, torus
 

@@ -9,8 +9,7 @@ import pytest
 import abfm
 from abfm_viewer import panels
 from abfm_viewer.panels import status_line, time_bar
-from abfm_viewer.window import menus
-from abfm_viewer.window.window import window
+from abfm_viewer.window import menus, window
 
 PARTS = {"menu": (menus, "draw"), "time bar": (time_bar, "draw"), "status line": (status_line, "draw")}
 SECTIONS = ("Mesh", "Functions", "Parameters", "Energy", "Field", "Compare", "Maps", "Export")

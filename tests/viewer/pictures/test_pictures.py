@@ -7,8 +7,7 @@ import pytest
 
 import abfm
 from abfm_viewer.appearance.colormaps import color_range, table
-from abfm_viewer.pictures import sheet
-from abfm_viewer.pictures.pictures import pictures
+from abfm_viewer.pictures import pictures, sheet
 from abfm_viewer.scene import camera
 from abfm_viewer.scene.drawing_units import drawing_units
 from tests.shapes import icosphere

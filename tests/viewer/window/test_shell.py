@@ -16,8 +16,8 @@ import polyscope.imgui as imgui
 import pytest
 
 from abfm_viewer import app
+from abfm_viewer.automation import driver as automation
 from abfm_viewer.automation.driver import Driver, DriverError
-from abfm_viewer.automation.driver import driver as automation
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.window import shortcuts
@@ -489,9 +489,10 @@ def test_a_damaged_copy_is_told_once(state, crashed):
 
 def test_the_window_is_drawn_before_anything_of_the_solver_is_loaded(tmp_path):
     code = (
-        "import sys; from abfm_viewer import app, opengl; from pathlib import Path\n"
+        "import sys; from abfm_viewer.scene import opengl; from pathlib import Path\n"
+        "from abfm_viewer.window.open_window import open_window\n"
         "import abfm_viewer.session.session as s; s.Session._find_defaults = lambda self: None\n"
-        f"window = app.open_window(None, opengl.OFFSCREEN, (640, 400), Path({str(tmp_path)!r}))\n"
+        f"window = open_window(None, opengl.OFFSCREEN, (640, 400), Path({str(tmp_path)!r}))\n"
         "window.tick(); print(sorted({'numba', 'scipy', 'igl', 'cholespy', 'trimesh'} & set(sys.modules)))\n"
         "print(window.errors); window.close()"
     )
@@ -538,7 +539,7 @@ def test_a_window_has_its_own_sizes_whatever_another_one_left_in_imgui():
 _CLOSED = """
 import sys
 from pathlib import Path
-from abfm_viewer.app import open_window
+from abfm_viewer.window.open_window import open_window
 from abfm.assets import asset_path
 window = open_window(asset_path("human_A.off"), "openGL3_egl", (400, 300), state_folder=Path(sys.argv[2]))
 session = window.session

@@ -10,8 +10,8 @@ from zlib import crc32
 import numpy as np
 
 from abfm.benchmark.watched import LEVEL
+from abfm.calculus.geodesics import geodesic_distance
 from abfm.functions import function
-from abfm.functions.geodesic import geodesic_distance
 from abfm.maps.symmetry import SymmetryError, detect_symmetry
 from abfm.matching.judging.resolution import RESOLVED, resolution
 from abfm.matching.judging.solvability import Problem, range_bound

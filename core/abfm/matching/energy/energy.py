@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import function_norm_matrix, vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.errors import FunctionError, ParameterError
+from abfm.errors import AdvectionError, FunctionError, ParameterError
 from abfm.flow.advection import Flow
 from abfm.flow.derivative_pattern import clustered_pattern
-from abfm.flow.exponential import TOLERANCE, AdvectionError, ExponentialFlow, Workspace
+from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Workspace
 from abfm.matching.energy.bracket import BracketGradient
 from abfm.matching.energy.far_metric import FarMetric
 from abfm.matching.energy.mismatch import channel_weights, relative_mismatch, vertex_mask

@@ -22,10 +22,10 @@ from numpy.typing import ArrayLike
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import face_frames
 from abfm.calculus.vector_fields import to_frame
-from abfm.errors import FunctionError, MeshError
+from abfm.errors import AdvectionError, FunctionError, MeshError
 from abfm.flow.advection import Flow
 from abfm.flow.continuous_flow import flow_map
-from abfm.flow.exponential import AdvectionError, Workspace
+from abfm.flow.exponential import Workspace
 from abfm.flow.flow_lines import fields_in_a_row
 from abfm.flow.smooth_flow import smooth_flow
 from abfm.maps.folds import MOST, folds
