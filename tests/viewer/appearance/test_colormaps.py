@@ -5,11 +5,69 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.interpolate import PchipInterpolator
 
 from abfm_viewer.appearance import colormaps, material
 from abfm_viewer.appearance.colormaps import color_range, image_files, loaded_name, table
 
 NAMES = ["abfm sequential", "abfm diverging"]
+# Colours in Oklab (lightness, green to red, blue to yellow), evenly spaced along the map.
+STOPS = {
+    "abfm sequential": [
+        (0.93, 0.000, 0.004),
+        (0.84, 0.045, 0.085),
+        (0.70, 0.130, 0.110),
+        (0.55, 0.170, 0.090),
+        (0.36, 0.122, 0.052),
+    ],
+    "abfm diverging": [
+        (0.36, -0.010, -0.150),
+        (0.62, -0.035, -0.125),
+        (0.93, 0.000, 0.002),
+        (0.66, 0.150, 0.080),
+        (0.38, 0.130, 0.058),
+    ],
+    "viridis": [
+        (0.285, 0.102, -0.091),
+        (0.419, 0.016, -0.108),
+        (0.535, -0.062, -0.053),
+        (0.654, -0.120, 0.023),
+        (0.779, -0.135, 0.126),
+        (0.918, -0.039, 0.182),
+    ],
+    "magma": [
+        (0.048, -0.003, -0.033),
+        (0.309, 0.067, -0.133),
+        (0.466, 0.149, -0.077),
+        (0.621, 0.181, 0.039),
+        (0.789, 0.088, 0.097),
+        (0.979, -0.025, 0.075),
+    ],
+    "coolwarm": [
+        (0.475, 0.004, -0.181),
+        (0.762, -0.010, -0.119),
+        (0.898, 0.000, 0.000),
+        (0.767, 0.093, 0.075),
+        (0.487, 0.180, 0.074),
+    ],
+    "gray": [
+        (0.252, 0.000, 0.000),
+        (0.450, 0.000, 0.000),
+        (0.627, 0.000, 0.000),
+        (0.792, 0.000, 0.000),
+        (0.949, 0.000, 0.000),
+    ],
+}
+TO_LMS = np.array(
+    [[1, 0.3963377774, 0.2158037573], [1, -0.1055613458, -0.0638541728], [1, -0.0894841775, -1.2914855480]]
+)
+TO_RGB = np.array(
+    [
+        [4.0767416621, -3.3077115913, 0.2309699292],
+        [-1.2684380046, 2.6097574011, -0.3413193965],
+        [-0.0041960863, -0.7034186147, 1.7076147010],
+    ]
+)
 
 
 def luminance(colors):
@@ -84,3 +142,14 @@ def test_the_material_has_no_colour_of_its_own():
 def test_a_range_from_just_above_zero_begins_at_zero():
     assert color_range(np.array([0.01, 1.0])).low == 0
     assert color_range(np.array([0.1, 1.0])).low == 0.1
+
+
+@pytest.mark.parametrize("name", colormaps.NAMES)
+@pytest.mark.parametrize("size", [64, 256, 1024])
+def test_maps_join_their_stops_in_oklab_without_overshooting(name, size):
+    stops = np.array(STOPS[name])
+    oklab = PchipInterpolator(np.linspace(0, 1, len(stops)), stops)(np.linspace(0, 1, size))
+    linear = np.clip((oklab @ TO_LMS.T) ** 3 @ TO_RGB.T, 0, 1)
+    assert colormaps.linear_table(name, size) == pytest.approx(linear, abs=0.6 / 255)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    assert table(name, size) == pytest.approx(encoded, abs=0.6 / 255)
