@@ -9,9 +9,8 @@ import numpy as np
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.automation.input_events import InputEvents, Place
-from abfm_viewer.document.document import Camera
+from abfm_viewer.document.document import Camera, triple
 from abfm_viewer.errors import DriverError
-from abfm_viewer.scene import viewport
 from abfm_viewer.scene.scene import Hit
 from abfm_viewer.window.window import Window
 
@@ -53,7 +52,7 @@ def act_on(
 
 def place(window: Window, vertex: int, surface: str) -> Place:
     """Where a vertex, numbered as in the mesh file, is in the window."""
-    x, y, _ = viewport.projected(_position(window, vertex, surface))[0]
+    x, y, _ = window.scene.viewport.projected(_position(window, vertex, surface))[0]
     return float(x), float(y)
 
 
@@ -70,7 +69,7 @@ def _turn_to(window: Window, vertex: int, surface: str) -> Camera | None:
         up /= np.linalg.norm(up)
         for distance in _DISTANCES:
             position = target + distance * mesh.length_scale * direction
-            scene.frame(session, rect, Camera(_triple(position), _triple(target), _triple(up), before.angle))
+            scene.frame(session, rect, Camera(triple(position), triple(target), triple(up), before.angle))
             window.tick()
             if _sees(window, vertex, surface):
                 return before
@@ -83,7 +82,7 @@ def nearest_vertex(window: Window, position: Place) -> Hit | None:
     scene, mesh = window.scene, window.session.mesh
     hits = []
     for surface in scene.names:
-        x, y, depth = viewport.projected(mesh.vertices + scene.offsets[surface]).T
+        x, y, depth = scene.viewport.projected(mesh.vertices + scene.offsets[surface]).T
         distances = np.hypot(x - position[0], y - position[1])
         near = np.flatnonzero((distances <= max(distances.min(), 1)) & (depth > 0) & (distances < _REACH))
         if len(near):
@@ -119,8 +118,3 @@ def _directions(mesh: TriangleMesh, vertex: int) -> FloatArray:
     directions = np.concatenate([normal[None], tilted])
     facing: FloatArray = directions / np.linalg.norm(directions, axis=1)[:, None]
     return facing
-
-
-def _triple(values: FloatArray) -> tuple[float, float, float]:
-    x, y, z = map(float, values)
-    return x, y, z

@@ -68,7 +68,7 @@ def _draw(match: Match, picture: Path, movie: Path) -> tuple[bool, str]:
     try:
         from abfm_viewer.pictures.document_pictures import DocumentRenderer  # not before: these need OpenGL
         from abfm_viewer.pictures.movies import write_movie
-        from abfm_viewer.pictures.pictures import match_picture
+        from abfm_viewer.pictures.sheets.match_picture import match_picture
         from abfm_viewer.session.opening import document_of_result
 
         outputs.write_picture(picture, match_picture(match))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
     from abfm.experiments.sheet import Sheet
-    from abfm_viewer.pictures.figures.page import Entry
+    from abfm_viewer.pictures.sheets.page import Entry
 
 SUMMARY = "a figure of the paper, computed, measured and drawn"
 DESCRIPTION = """\
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
                 _print(entry)
             entries.append(entry)
         if arguments.figure == "all":
-            from abfm_viewer.pictures.figures.page import page
+            from abfm_viewer.pictures.sheets.page import page
 
             _write_text(arguments.out / "index.html", page(entries))
     if arguments.json:
@@ -98,8 +98,8 @@ def _make_folder(path: Path) -> None:
 def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespace) -> Entry:
     """Run an experiment; when all are wanted, one that a mesh does not allow is told on the page."""
     from abfm.experiments import experiment_of
-    from abfm_viewer.pictures.figures.page import Entry
-    from abfm_viewer.pictures.figures.ranges import captions
+    from abfm_viewer.pictures.sheets.page import Entry
+    from abfm_viewer.pictures.sheets.ranges import captions
 
     of = experiment_of(number)
     try:
@@ -110,20 +110,21 @@ def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespa
             findings = of.run(setup, report)
             report("drawing", 1.0)
             sheet = replace(findings.sheet, up=arguments.up or ("y" if mesh else findings.sheet.up))
-            picture, problem = _drawn(sheet)
+            notes = captions(sheet)
+            picture, problem = _drawn(sheet, notes)
     except AbfmError as error:
         if arguments.figure != "all":
             raise
         return Entry(number, of.title, of.claim, problem=f"Not on this mesh: {error}")
-    return Entry(number, of.title, of.claim, findings.setting, findings.measures, picture, problem, captions(sheet))
+    return Entry(number, of.title, of.claim, findings.setting, findings.measures, picture, problem, notes)
 
 
-def _drawn(sheet: Sheet) -> tuple[Image.Image | None, str]:
+def _drawn(sheet: Sheet, notes: list[str]) -> tuple[Image.Image | None, str]:
     """The picture, or why there is none."""
     try:
-        from abfm_viewer.pictures.figures.sheet_picture import sheet_picture  # not before: it needs OpenGL
+        from abfm_viewer.pictures.sheets.figure_picture import figure_picture  # not before: it needs OpenGL
 
-        return sheet_picture(sheet), ""
+        return figure_picture(sheet, notes), ""
     except DrawingError as error:
         return None, f"no picture: {error}"
 

@@ -13,8 +13,9 @@ from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.progress import frame_progress
-from abfm_viewer.document.document import EXTRAPOLATION, Document, Front
+from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.files import outputs
+from abfm_viewer.scene.camera import best_front
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
 def _sheet(arguments: argparse.Namespace, document: Document) -> Image.Image:
     if document.result is None:
         raise ParameterError(f"{arguments.input} holds no result to make a sheet of; add --style window")
-    from abfm_viewer.pictures.pictures import match_picture  # not before: it needs OpenGL
+    from abfm_viewer.pictures.sheets.match_picture import match_picture  # not before: it needs OpenGL
 
     return match_picture(document.result, arguments.time, arguments.size, document.channel, arguments.up or "y")
 
@@ -187,15 +188,11 @@ def _turned_up(arguments: argparse.Namespace, document: Document) -> Document:
     """The document seen from where an axis that was asked for points upwards."""
     if arguments.up is None:
         return document
-    from abfm_viewer.scene.camera import best_view  # not before: it needs OpenGL
-
     functions = []
     if document.result is not None:
         functions = [document.result.source[:, 0], document.result.target[:, 0]]
-    view = best_view(document.mesh, *functions, up=arguments.up)
-    x, y, z = map(float, view.direction)
-    a, b, c = map(float, view.up)
-    return replace(document, view=replace(document.view, camera=None, front=Front((x, y, z), (a, b, c))))
+    front = best_front(document.mesh, *functions, up=arguments.up)
+    return replace(document, view=replace(document.view, camera=None, front=front))
 
 
 def _save(arguments: argparse.Namespace, picture: Image.Image) -> None:

@@ -13,6 +13,7 @@ from abfm.types import FloatArray, IntArray
 if TYPE_CHECKING:
     from abfm import Match
 
+Triple = tuple[float, float, float]
 Side = Literal["source", "target"]
 Theme = Literal["light", "dark"]
 Layout = Literal["row", "column", "advected only"]
@@ -39,6 +40,12 @@ EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
 
 
+def triple(values: FloatArray) -> Triple:
+    """An array (3,) as documents keep it."""
+    x, y, z = map(float, values)
+    return x, y, z
+
+
 @dataclass(frozen=True)
 class Channel:
     """A source and a target as specs of `abfm.functions`, and the weight of their mismatch."""
@@ -57,29 +64,40 @@ class Point:
     """A point of the surface: a face (of the mesh, not the file) and its barycentric weights."""
 
     face: int
-    barycentric: tuple[float, float, float]
+    barycentric: Triple
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the window looks from: position, target and up (3,) each, and the vertical angle in degrees.
+    """Where a window or picture looks from: position, target and up (3,) each, and the vertical angle in degrees.
 
     The aspect, width over height, is that of the part of the window with the surfaces; 0 where it does not matter.
     """
 
-    position: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float]
+    position: Triple
+    target: Triple
+    up: Triple
     angle: float
     aspect: float = 0.0
+
+    @property
+    def front(self) -> Front:
+        """The direction in which it looks, without the distance."""
+        backward = np.array(self.position) - self.target
+        return Front(triple(backward / np.linalg.norm(backward)), self.up)
 
 
 @dataclass(frozen=True)
 class Front:
     """The side of the mesh that faces the viewer, from which surfaces stand side by side: two unit vectors (3,)."""
 
-    direction: tuple[float, float, float]
-    up: tuple[float, float, float]
+    direction: Triple
+    up: Triple
+
+    @property
+    def axes(self) -> FloatArray:
+        """What is to the right, up, and towards the viewer, as rows (3, 3)."""
+        return np.stack([np.cross(self.up, self.direction), self.up, self.direction])
 
 
 @dataclass(frozen=True)

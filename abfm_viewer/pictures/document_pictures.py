@@ -12,22 +12,22 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageFont
 
 from abfm import AbfmError, FunctionError, ParameterError
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
-from abfm_viewer.appearance.colormaps import table
-from abfm_viewer.appearance.theme import Color
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.pictures.canvas import Pixels, canvas, drawn
-from abfm_viewer.scene.annotations import Pen, Text, laid_out
+from abfm_viewer.pictures.lettering import letter
+from abfm_viewer.scene.annotations import bar_room, laid_out
+from abfm_viewer.scene.color_bars import Pen
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
-    from abfm_viewer.scene.viewport import Rect
+    from abfm_viewer.widgets.widget_record import Rect
 
 LARGEST = 8192
 """Pixels along a side."""
@@ -84,7 +84,6 @@ class DocumentRenderer:
         self._document, self._known = document, known
         self._size, self._options = size, options or PictureOptions()
         self._color_bar = self._options.color_bar and document.view.color_bar
-        self._palette = theme.palette(document.view.theme)
         height = max(_SMALLEST_TEXT, min(size) * _TEXT)
         self._font = ImageFont.load_default(height)
         self._pen = Pen(height / _WINDOW_TEXT, 1.2 * height, self._font.getlength)
@@ -137,7 +136,10 @@ class DocumentRenderer:
             raise AbfmError(f"no picture of time {time:g}: {problem}")
         self._scene.turn(degrees)
         picture = Image.fromarray(drawn(self._options.transparent))
-        self._annotate(picture)
+        whole = (0.0, 0.0, float(self._size[0]), float(self._size[1]))
+        colors, labels = theme.palette(self._document.view.theme), self._options.labels
+        parts = laid_out(self._scene, whole, colors, self._pen, self._color_bar, labels)
+        letter(picture, parts, self._pen, self._font)
         return picture
 
     def frames(self, start: float, end: float, count: int, turntable: float, cycles: int = 1) -> Iterator[Pixels]:
@@ -172,35 +174,5 @@ class DocumentRenderer:
         """What the surfaces get: all but the room of the names and the colour bars."""
         width, height = self._size
         above = self._pen.line if self._options.labels else 0.0
-        below = self._pen.bar_room if self._color_bar else 0.0
+        below = bar_room(self._pen) if self._color_bar else 0.0
         return (0.0, above, float(width), height - below)
-
-    def _annotate(self, picture: Image.Image) -> None:
-        """Write the surfaces' names and draw the colour bars."""
-        whole = (0.0, 0.0, float(self._size[0]), float(self._size[1]))
-        for one in laid_out(self._scene, whole, self._palette, self._pen, self._color_bar, self._options.labels):
-            if isinstance(one, Text):
-                self._write(picture, one)
-                continue
-            left, top, right, bottom = map(round, one.rect)
-            colors = np.round(255 * table(one.colormap, max(right - left, 2))).astype(np.uint8)
-            picture.paste(Image.fromarray(np.tile(colors, (bottom - top, 1, 1))), (left, top))
-
-    def _write(self, picture: Image.Image, text: Text) -> None:
-        """Write a text on a layer of its colour, so that its edges fade to nothing else where there is no ground."""
-        left, top = round(text.left), round(text.top)
-        red, green, blue, _ = _rgb(text.color)
-        layer = Image.new(
-            "RGBA", (round(self._pen.width(text.text)) + 2, round(self._pen.line) + 2), (red, green, blue, 0)
-        )
-        ImageDraw.Draw(layer).text((0, 0), text.text, fill=(red, green, blue, 255), font=self._font, anchor="la")
-        if picture.mode == "RGBA":
-            hidden = min(max(-left, 0), layer.width), min(max(-top, 0), layer.height)
-            picture.alpha_composite(layer, (max(left, 0), max(top, 0)), hidden)
-        else:
-            picture.paste(layer, (left, top), layer)
-
-
-def _rgb(color: Color) -> tuple[int, int, int, int]:
-    red, green, blue, alpha = (round(255 * channel) for channel in color)
-    return red, green, blue, alpha

@@ -2,93 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.appearance.colormaps import ColorRange, table
+from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import Color, Palette
+from abfm_viewer.document.document import triple
+from abfm_viewer.scene.color_bars import GAP, Part, Pen, Strip, Text, bar_parts
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
 _STEPS = 64
 # Lengths in pixels at a scale of 1.
-_BAR_WIDTH, _BAR_HEIGHT, _APART, _LEFT, _BELOW, _ABOVE, _LINE_GAP = 200, 12, 48, 18, 14, 10, 3
+_BAR_WIDTH, _BAR_HEIGHT, _APART, _LEFT, _BELOW, _ABOVE = 200, 12, 48, 18, 14, 10
 
 
-@dataclass(frozen=True)
-class Bar:
-    """A colour bar: what it is of, and its range."""
-
-    title: str
-    colors: ColorRange
-
-
-@dataclass(frozen=True)
-class Text:
-    """A line of text by its left upper corner."""
-
-    left: float
-    top: float
-    text: str
-    color: Color
-
-
-@dataclass(frozen=True)
-class Strip:
-    """A rectangle with the colours of a map from left to right."""
-
-    rect: Rect
-    colormap: str
-
-
-@dataclass(frozen=True)
-class Pen:
-    """How large things are written.
-
-    Attributes
-    ----------
-    scale : float
-        Of all lengths but the text's.
-    line : float
-        Height of a line.
-    width : callable
-        That of a text.
-    """
-
-    scale: float
-    line: float
-    width: Callable[[str], float]
-
-    @property
-    def bar_room(self) -> float:
-        """Height of what the colour bars cover at the bottom."""
-        return 2 * self.line + self.scale * (_ABOVE + _BAR_HEIGHT + 2 * _LINE_GAP + _BELOW)
-
-
-def bars(scene: Scene) -> list[Bar]:
-    """The colour bars that the surfaces need, without repetition."""
-    found: dict[str, Bar] = {}
-    for name in scene.names:
-        paint = scene.paints.get(name)
-        if paint is not None and paint.colors is not None:
-            found[paint.bar] = Bar(paint.bar, paint.colors)
-    return list(found.values())
+def bar_room(pen: Pen) -> float:
+    """Height of what the colour bars cover at the bottom."""
+    return 2 * pen.line + pen.scale * (_ABOVE + _BAR_HEIGHT + 2 * GAP + _BELOW)
 
 
 def laid_out(
     scene: Scene, rect: Rect, colors: Palette, pen: Pen, color_bar: bool = True, labels: bool = True
-) -> list[Text | Strip]:
+) -> list[Part]:
     """Everything to write, in a rectangle of the window or picture."""
-    found: list[Text | Strip] = [*_names(scene, rect, colors, pen)] if labels else []
-    if color_bar:
-        found += _bars(bars(scene), rect, colors, pen)
-    return found
+    names = _names(scene, rect, colors, pen) if labels else []
+    return [*names, *(_bars(scene, rect, colors, pen) if color_bar else [])]
 
 
 def _names(scene: Scene, rect: Rect, colors: Palette, pen: Pen) -> list[Text]:
@@ -110,34 +53,18 @@ def _names(scene: Scene, rect: Rect, colors: Palette, pen: Pen) -> list[Text]:
     return found
 
 
-def _bars(needed: list[Bar], rect: Rect, colors: Palette, pen: Pen) -> list[Text | Strip]:
-    """Colour bars side by side, narrower where there is little room."""
-    found: list[Text | Strip] = []
-    left, apart, count = rect[0] + _LEFT * pen.scale, _APART * pen.scale, max(len(needed), 1)
+def _bars(scene: Scene, rect: Rect, colors: Palette, pen: Pen) -> list[Part]:
+    """One for each range that the surfaces need, side by side, narrower where there is little room."""
+    paints = [scene.paints[name] for name in scene.names if name in scene.paints]
+    ranges = {paint.bar: paint.colors for paint in paints if paint.colors is not None}
+    left, apart, count = rect[0] + _LEFT * pen.scale, _APART * pen.scale, max(len(ranges), 1)
     room = (rect[2] - _LEFT * pen.scale - left - (count - 1) * apart) / count
-    for bar in needed:
-        width = min(max(_BAR_WIDTH * pen.scale, pen.width(bar.title)), max(room, apart))
-        found += _bar(bar, left, rect[3], width, colors, pen)
-        left += width + apart
-    return found
-
-
-def _bar(bar: Bar, left: float, bottom: float, width: float, colors: Palette, pen: Pen) -> list[Text | Strip]:
-    gap = _LINE_GAP * pen.scale
-    numbers = bottom - _BELOW * pen.scale - pen.line
-    bottom = numbers - gap
-    top = bottom - _BAR_HEIGHT * pen.scale
-    found: list[Text | Strip] = [
-        Text(left, top - gap - pen.line, cut(bar.title, width, pen.width), colors.muted),
-        Strip((left, top, left + width, bottom), bar.colors.colormap),
-    ]
-    low, high = bar.colors.low, bar.colors.high
-    texts = [f"{value:.3g}" for value in (low, (low + high) / 2, high)]
-    first, middle, last = map(pen.width, texts)
-    crowded = (width - middle) / 2 < max(first, last) + pen.line / 2
-    for text, share in zip(texts, (0.0, 0.5, 1.0), strict=True):
-        if share != 0.5 or not crowded:
-            found.append(Text(left + share * (width - pen.width(text)), numbers, text, colors.ink))
+    bottom = rect[3] - (_BELOW + GAP) * pen.scale - pen.line
+    found: list[Part] = []
+    for title, shown in ranges.items():
+        right = left + min(max(_BAR_WIDTH * pen.scale, pen.width(title)), max(room, apart))
+        found += bar_parts(title, shown, (left, bottom - _BAR_HEIGHT * pen.scale, right, bottom), pen, colors)
+        left = right + apart
     return found
 
 
@@ -149,16 +76,14 @@ def window_pen(ui: Ui) -> Pen:
 def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -> None:
     """Draw names and colour bars behind the panels."""
     canvas = imgui.GetBackgroundDrawList()
-    pen = window_pen(ui)
-    for one in laid_out(scene, rect, ui.colors, pen, color_bar):
+    for one in laid_out(scene, rect, ui.colors, window_pen(ui), color_bar):
         if isinstance(one, Text):
             canvas.AddText((one.left, one.top), _u32(one.color), one.text)
-            continue
-        left, top, right, bottom = one.rect
-        edges = np.linspace(left, right, _STEPS + 1)
-        for color, start, end in zip(table(one.colormap, _STEPS), edges[:-1], edges[1:], strict=True):
-            red, green, blue = map(float, color)
-            canvas.AddRectFilled((start, top), (end + 0.5, bottom), _u32((red, green, blue, 1.0)))
+        elif isinstance(one, Strip):
+            left, top, right, bottom = one.rect
+            edges = np.linspace(left, right, _STEPS + 1)
+            for color, start, end in zip(table(one.colormap, _STEPS), edges[:-1], edges[1:], strict=True):
+                canvas.AddRectFilled((start, top), (end + 0.5, bottom), _u32((*triple(color), 1.0)))
 
 
 def _u32(color: Color) -> int:

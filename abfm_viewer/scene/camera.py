@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
-from abfm_viewer.scene.opengl import ps
+from abfm_viewer.document.document import Camera, Front, triple
 
-FIELD_OF_VIEW = 18.0
-"""Vertical angle in degrees: narrow, so that shapes are hardly distorted."""
 _FACES_LOOKED_AT = 10_000
 _ELEVATIONS = np.radians([0, 12, 25, -12, 55])
 _STEEP, _STEEP_COSTS = np.radians(30), 0.2  # only for what lies flat, and only where it shows much more
@@ -19,31 +15,7 @@ _FLAT = 0.5  # of its smaller width: what is lower lies flat
 _AZIMUTHS = np.radians(np.arange(0, 360, 10))
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """Two unit vectors (3,): from the mesh to the viewer, and up in the picture; they are perpendicular."""
-
-    direction: FloatArray
-    up: FloatArray
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A view from a position (3,) to a target (3,); `aspect` is width over height of what is to be seen."""
-
-    view: View
-    position: FloatArray
-    target: FloatArray
-    aspect: float
-
-    def place(self) -> None:
-        """Make polyscope look through this camera."""
-        ps.set_vertical_fov_degrees(FIELD_OF_VIEW)
-        ps.set_view_center_raw(self.target)  # first: the rounding of what follows depends on it
-        ps.look_at_dir(self.position, self.target, self.view.up)
-
-
-def best_view(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> View:
+def best_front(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> Front:
     """Look from where much surface is seen, and of every function (V,) its remarkable part; `up` is x, y or z.
 
     A function's remarkable part is where it differs from its median; hiding behind another part is not considered.
@@ -61,7 +33,7 @@ def best_view(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> View
     width, height, depth = np.ptp(mesh.vertices @ axes.T, axis=0)
     costs = np.where(elevation > _STEEP, _STEEP_COSTS if height < _FLAT * min(width, depth) else np.inf, 0.0)
     best = np.argmax(np.min([surface, *shares], axis=0) + 0.2 * surface - costs)
-    return View(directions[best], ups[best])
+    return Front(triple(directions[best]), triple(ups[best]))
 
 
 def _share(facing: FloatArray, weights: FloatArray) -> FloatArray:
@@ -70,15 +42,25 @@ def _share(facing: FloatArray, weights: FloatArray) -> FloatArray:
     return seen / max(float(seen.max()), 1e-300)
 
 
-def fitted(vertices: FloatArray, view: View, aspect: float | None = None, margin: float = 0.04) -> Camera:
-    """Nearest camera of a view that sees all vertices (V, 3); without an aspect, the shape's own is taken."""
-    axes = np.stack([np.cross(view.up, view.direction), view.up, view.direction])
-    x, y, z = axes @ vertices.T
+def fitted(vertices: FloatArray, front: Front, aspect: float | None, angle: float, margin: float) -> Camera:
+    """The nearest camera in a direction that sees all vertices (V, 3).
+
+    Parameters
+    ----------
+    aspect
+        Width over height of what is to be seen; None: the shape's own.
+    angle
+        Vertical angle of view, in degrees.
+    margin
+        What stays free on each side, as a share of what the vertices take.
+    """
+    x, y, z = front.axes @ vertices.T
     middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])
     half_width, half_height = np.abs(x - middle[0]), np.abs(y - middle[1])
     if aspect is None:
         aspect = float(half_width.max() / half_height.max())
     extent = np.maximum(half_width / aspect, half_height) * (1 + 2 * margin)
-    distance = float((z - middle[2] + extent / np.tan(np.radians(FIELD_OF_VIEW / 2))).max())
-    target = middle @ axes
-    return Camera(view, target + distance * view.direction, target, aspect)
+    distance = float((z - middle[2] + extent / np.tan(np.radians(angle / 2))).max())
+    target = middle @ front.axes
+    position = target + distance * np.array(front.direction)
+    return Camera(triple(position), triple(target), front.up, angle, aspect)

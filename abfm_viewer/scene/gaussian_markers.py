@@ -8,7 +8,6 @@ import polyscope.imgui as imgui
 from abfm import FunctionError, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Side
-from abfm_viewer.scene import viewport
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
@@ -52,8 +51,8 @@ class BumpMarkers:
                 return
             self._known[side] = known = (session.mesh, spec, bump, vertex, _normal(session.mesh, vertex))
         place = session.mesh.vertices[known[3]] + scene.offsets[side]
-        if _faces_camera(place, known[4]):
-            x, y, _ = viewport.projected(place)[0]
+        if _faces_camera(scene.viewport.drawn(place), known[4]):
+            x, y, _ = scene.viewport.projected(place)[0]
             canvas = imgui.GetBackgroundDrawList()
             for width, color in ((2 * _LINE, ui.colors.ground), (_LINE, ui.colors.ink)):
                 ring = int(imgui.GetColorU32(color))
@@ -68,5 +67,5 @@ def _normal(mesh: TriangleMesh, vertex: int) -> FloatArray:
 
 def _faces_camera(place: FloatArray, normal: FloatArray) -> bool:
     view = np.asarray(ps.get_camera_view_matrix())
-    seen = view[:3, :3] @ viewport.units.drawn(place) + view[:3, 3]
+    seen = view[:3, :3] @ place + view[:3, 3]
     return bool(seen @ (view[:3, :3] @ normal) < 0)

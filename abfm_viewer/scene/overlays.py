@@ -12,9 +12,10 @@ from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.theme import Color
-from abfm_viewer.scene import marks, viewport
+from abfm_viewer.scene import marks
 from abfm_viewer.scene.marks import Drawn
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
@@ -46,9 +47,11 @@ class Overlays:
 
     def __init__(self) -> None:
         self._shown: dict[str, tuple[object, ...]] = {}
+        self._viewport: Viewport
 
-    def update(self, session: Session, offsets: dict[str, FloatArray]) -> None:
+    def update(self, session: Session, offsets: dict[str, FloatArray], viewport: Viewport) -> None:
         """Show what the view and the document ask for."""
+        self._viewport = viewport
         quantities = session.quantities
         view, colors = session.view, theme.palette(session.view.theme)
         home = offsets["advected"]
@@ -57,14 +60,13 @@ class Overlays:
         if field is None or not field.speed.any():
             self._remove(_ARROWS)
         elif self._is_new(_ARROWS, (field, view.arrow_length, view.arrow_density, view.theme, place)):
-            marks.draw_arrows(
-                _ARROWS, field.mesh, field.velocity, view.arrow_length, view.arrow_density, _placed(home), colors.ink
-            )
+            length, density = view.arrow_length, view.arrow_density
+            marks.draw_arrows(_ARROWS, field.mesh, field.velocity, length, density, self._placed(home), colors.ink)
         lines = quantities.lines(session)
         if not lines:
             self._remove(_LINES)
         elif self._is_new(_LINES, (tuple(lines), view.theme, place)):
-            _draw_lines(_LINES, session.mesh, lines, home, colors.marker)
+            _draw_lines(_LINES, session.mesh, lines, self._placed(home), colors.marker)
         self._update_paths(session, quantities.paths(session), offsets)
 
     def _update_paths(self, session: Session, paths: list[FlowLine], offsets: dict[str, FloatArray]) -> None:
@@ -76,16 +78,16 @@ class Overlays:
         mesh, view, home = session.mesh, session.view, offsets["advected"]
         color = theme.palette(view.theme).marker
         if self._is_new(_PATHS, (tuple(paths), view.theme, tuple(home))):
-            _draw_lines(_PATHS, mesh, paths, home, color)
+            _draw_lines(_PATHS, mesh, paths, self._placed(home), color)
         now = np.array([path.at(session.shown.time) for path in paths])
         if self._is_new(_NOW, (tuple(paths), session.shown.time, view.theme, tuple(home))):
-            marks.draw_points(_NOW, now, _placed(home), color, _POINT)
+            marks.draw_points(_NOW, now, self._placed(home), color, _POINT)
         start = offsets.get("source")
         if start is None:
             self._remove(_START)
         elif self._is_new(_START, (tuple(paths), view.theme, tuple(start))):
             starts = np.array([path.positions[0] for path in paths])
-            marks.draw_points(_START, starts, _placed(start), color, _POINT)
+            marks.draw_points(_START, starts, self._placed(start), color, _POINT)
 
     def structures(self) -> Iterator[tuple[str, Any]]:
         """What is drawn now, each with the surface that it belongs to."""
@@ -109,6 +111,10 @@ class Overlays:
         for name in list(self._shown):
             self._remove(name)
 
+    def _placed(self, home: FloatArray) -> Drawn:
+        """Where things go on a surface that was moved."""
+        return lambda places: self._viewport.drawn(places + home)
+
     def _is_new(self, name: str, made_of: tuple[object, ...]) -> bool:
         if self._shown.get(name) == made_of:
             return False
@@ -122,16 +128,11 @@ class Overlays:
         _STRUCTURES[name][1](name, error_if_absent=False)
 
 
-def _draw_lines(name: str, mesh: TriangleMesh, lines: list[FlowLine], home: FloatArray, color: Color) -> None:
-    marks.draw_curves(name, [_lifted(mesh, line) for line in lines], _placed(home), color, _THIN)
+def _draw_lines(name: str, mesh: TriangleMesh, lines: list[FlowLine], drawn: Drawn, color: Color) -> None:
+    marks.draw_curves(name, [_lifted(mesh, line) for line in lines], drawn, color, _THIN)
 
 
 def _lifted(mesh: TriangleMesh, line: FlowLine) -> FloatArray:
     from abfm.calculus.operators import face_normals
 
     return line.positions + _LIFT * mesh.length_scale * face_normals(mesh)[line.faces]
-
-
-def _placed(home: FloatArray) -> Drawn:
-    """Where things go on a surface that was moved."""
-    return lambda places: viewport.units.drawn(places + home)

@@ -12,19 +12,20 @@ from numpy.typing import NDArray
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
-from abfm_viewer.document.document import Camera, Front, Layout, Point
-from abfm_viewer.scene import surface_quantities, viewport
-from abfm_viewer.scene.camera import View, best_view
+from abfm_viewer.document.document import Camera, Front, Layout, Point, triple
+from abfm_viewer.scene import surface_quantities
+from abfm_viewer.scene.camera import best_front, fitted
 from abfm_viewer.scene.creases import drawn_mesh
-from abfm_viewer.scene.drawing_units import drawing_units
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays
 from abfm_viewer.scene.turntable import Turntable, turntable
-from abfm_viewer.scene.viewport import Rect
+from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.paint import Paint, Painter, surfaces
+from abfm_viewer.widgets.widget_record import Rect
 
 _SPACING, _STACKING = 1.15, 1.25
+_FIELD_OF_VIEW, _MARGIN = 9.0, 0.05  # degrees: so narrow that the surfaces in a row look alike
 _SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25
 _FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for drawing
 _AT_ONCE = 3  # pictures of a run that do not wait: the start, and that something moves
@@ -56,6 +57,8 @@ class Scene:
         The surfaces, in their order.
     offsets : dict of str to (3,) array
         How far each one was moved.
+    viewport : Viewport
+        Where polyscope draws them; known from the first `update` on.
     paints : dict of str to Paint
         What each one shows.
     room_above, room_below : float
@@ -68,12 +71,13 @@ class Scene:
         self._turns = turns
         self.names: tuple[str, ...] = ()
         self.offsets: dict[str, FloatArray] = {}
+        self.viewport: Viewport
         self.paints: dict[str, Paint] = {}
         self.painter = Painter()
         self.overlays = Overlays()
         self.redraw_seconds = self.room_above = self.room_below = 0.0
         self._mesh: TriangleMesh | None = None
-        self._front: tuple[TriangleMesh, Front | None, View] | None = None
+        self._front: tuple[TriangleMesh, Front] | None = None
         self._heads: FloatArray = np.zeros((0, 3))
         self._turntable: Turntable
         self._extent: FloatArray = np.zeros((0, 3))
@@ -117,7 +121,7 @@ class Scene:
                 self.paints[name] = paint
                 self._show(name, paint)
         if "advected" in self.offsets:
-            self.overlays.update(session, self.offsets)
+            self.overlays.update(session, self.offsets, self.viewport)
 
     def _waits(self, session: Session, name: str) -> bool:
         """Whether a surface that follows a solve keeps its colours for this frame.
@@ -147,22 +151,22 @@ class Scene:
     def frame(self, session: Session, rect: Rect, camera: Camera | None = None, whole: bool = False) -> None:
         """Look through a camera, or the view's, or from the front so that everything fits (`whole`: see `place`)."""
         self._rect = rect
-        size = ps.get_window_size()
         wanted = camera or session.view.camera
         if wanted is None or self._turns:
             assert self._placed is not None
             vertices = np.concatenate([self._extent + offset for offset in self.offsets.values()])
             head = rect[1] + max(self.room_above, 0.06 * (rect[3] - rect[1]))
             free = (rect[0], head, rect[2], max(rect[3] - self.room_below, head + 1))
-            view = self._front_view(session) if wanted is None else viewport.view_of(wanted)
-            viewport.place(viewport.fitted(vertices, view, free), free, size, whole)
+            front = self._front_view(session) if wanted is None else wanted.front
+            aspect = (free[2] - free[0]) / (free[3] - free[1])
+            self.viewport.place(fitted(vertices, front, aspect, _FIELD_OF_VIEW, _MARGIN), free, whole)
         else:
-            viewport.place(wanted, rect, size, whole)
-        self._camera = viewport.seen(rect, size)
+            self.viewport.place(wanted, rect, whole)
+        self._camera = self.viewport.seen(rect)
 
     def camera(self) -> Camera:
         """What the window shows now."""
-        return viewport.seen(self._rect, ps.get_window_size())
+        return self.viewport.seen(self._rect)
 
     def reset_camera(self, session: Session) -> None:
         """Look from the front again."""
@@ -173,7 +177,7 @@ class Scene:
         """Turn every surface, with what is drawn on it, about its own upright axis; picks are wrong then."""
         surfaces = [(name, ps.get_surface_mesh(name)) for name in self.names]
         for name, structure in [*surfaces, *self.overlays.structures()]:
-            center = viewport.units.drawn(self._turntable.middle + self.offsets[name])
+            center = self.viewport.drawn(self._turntable.middle + self.offsets[name])
             structure.set_transform(self._turntable.turned(degrees, center))
 
     @property
@@ -183,7 +187,7 @@ class Scene:
 
     def labels(self) -> dict[str, tuple[float, float]]:
         """Where to write each surface's name: above this place, or to its left where they are stacked."""
-        places = viewport.projected(self._heads)
+        places = self.viewport.projected(self._heads)
         return {name: (x, y) for name, (x, y, depth) in zip(self.names, places, strict=True) if depth > 0}
 
     def pick(self, position: tuple[float, float]) -> Hit | None:
@@ -208,51 +212,49 @@ class Scene:
     def _hit(self, surface: str, face: int, weights: FloatArray) -> Hit:
         assert self._mesh is not None
         vertex = int(self._mesh.faces[face][np.argmax(weights)])
-        a, b, c = map(float, weights)
-        return Hit(surface, Point(face, (a, b, c)), vertex)
+        return Hit(surface, Point(face, triple(weights)), vertex)
 
     def _keep_camera(self, session: Session) -> None:
         """Put the camera into the document when the user moved it; that is no step of undo."""
-        now, before = viewport.seen(self._rect, ps.get_window_size()), self._camera
-        if before is None or not viewport.alike(now, before):
+        now, before = self.camera(), self._camera
+        if before is None or not self.viewport.alike(now, before):
             self._camera = now
             session.amend(view=replace(session.view, camera=now))
 
-    def _front_view(self, session: Session) -> View:
+    def _front_view(self, session: Session) -> Front:
         """Chosen when the mesh's first functions are known, and then kept in the document."""
         source, target = session.values("source"), session.values("target")
-        front, known = session.view.front, self._front
+        front = session.view.front
         if front is None and source is not None and target is not None:
-            view = best_view(session.mesh, source, target)
-            front = Front(_vector(view.direction), _vector(view.up))
+            front = best_front(session.mesh, source, target)
             session.amend(view=replace(session.view, front=front))
-        if known is None or known[0] is not session.mesh or known[1] != front:
-            view = best_view(session.mesh) if front is None else View(np.array(front.direction), np.array(front.up))
-            self._front = known = (session.mesh, front, view)
-        return known[2]
+        if front is not None:
+            return front
+        if self._front is None or self._front[0] is not session.mesh:
+            self._front = (session.mesh, best_front(session.mesh))
+        return self._front[1]
 
-    def _register(self, mesh: TriangleMesh, front: View) -> None:
+    def _register(self, mesh: TriangleMesh, front: Front) -> None:
         for name in list(self._drawn) + list(self.offsets):
             if ps.has_surface_mesh(name):
                 ps.remove_surface_mesh(name)
         self._drawn, self.paints = {}, {}
         self.overlays.clear()
-        viewport.set_units(drawing_units(mesh))
-        sideways = np.cross(front.up, front.direction)
-        axis, spacing = (-front.up, _STACKING) if self._layout == "column" else (sideways, _SPACING)
-        self._turntable = turntable(mesh, front.up)
+        self.viewport = Viewport(mesh)
+        sideways, up, _ = front.axes
+        axis, spacing = (-up, _STACKING) if self._layout == "column" else (sideways, _SPACING)
+        self._turntable = turntable(mesh, up)
         self._extent = self._turntable.rims() if self._turns else mesh.vertices
         along = self._extent @ axis
         step = spacing * (along.max() - along.min()) * axis
         self.offsets = {name: number * step for number, name in enumerate(self.names)}
-        middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-        outwards = -sideways if self._layout == "column" else front.up
+        middle = self.viewport.center
+        outwards = -sideways if self._layout == "column" else up
         head = middle + ((self._extent @ outwards).max() - middle @ outwards) * outwards
         self._heads = np.array([head + offset for offset in self.offsets.values()])
-        ends = viewport.units.drawn(np.concatenate([self._extent + offset for offset in self.offsets.values()]))
-        viewport.set_extent(ends)
+        self.viewport.set_extent(np.concatenate([self._extent + offset for offset in self.offsets.values()]))
         for name, offset in self.offsets.items():
-            surface = surface_quantities.register(name, mesh, viewport.units.drawn(mesh.vertices + offset))
+            surface = surface_quantities.register(name, mesh, self.viewport.drawn(mesh.vertices + offset))
             surface.reset_transform()  # polyscope remembers that of an earlier surface of this name
             surface.set_selection_mode("faces_only")  # else a pick near a vertex or an edge has no face
 
@@ -300,8 +302,3 @@ class Scene:
         """A paint's values as polyscope's mesh needs them."""
         assert self._mesh is not None
         return paint.values if paint.kind == "face values" else drawn_mesh(self._mesh).values(paint.values)
-
-
-def _vector(values: FloatArray) -> tuple[float, float, float]:
-    x, y, z = map(float, values)
-    return x, y, z

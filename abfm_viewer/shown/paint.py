@@ -173,8 +173,7 @@ class Painter:
         def make() -> Paint:
             if kind == "coordinates":
                 return Paint("colors", place_colors(vertices, coordinates), title)
-            axes = np.stack([np.cross(front.up, front.direction), front.up])
-            return Paint("checker", (coordinates @ axes.T) / session.mesh.length_scale, title)
+            return Paint("checker", (coordinates @ front.axes[:2].T) / session.mesh.length_scale, title)
 
         return self._keep(name, (coordinates, kind, front, title), make)
 

@@ -22,7 +22,7 @@ from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
 from abfm_viewer.panels import right_panel, status_line, time_bar
 from abfm_viewer.scene import opengl
-from abfm_viewer.scene.annotations import draw_annotations, window_pen
+from abfm_viewer.scene.annotations import bar_room, draw_annotations, window_pen
 from abfm_viewer.scene.gaussian_markers import BumpMarkers
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
@@ -227,7 +227,7 @@ class Window:
         left, top, right, bottom = parts.scene
         self.session.exporter.window_size = (round(right - left), round(bottom - top))
         pen = window_pen(self.ui)
-        self.scene.room_above, self.scene.room_below = 2.2 * pen.line, pen.bar_room if view.color_bar else 0.0
+        self.scene.room_above, self.scene.room_below = 2.2 * pen.line, bar_room(pen) if view.color_bar else 0.0
         self.guarded("scene", lambda: self.scene.update(self.session, parts.scene))
         if not self.ui.capturing:
             free = not self.dialogs.is_open

@@ -14,7 +14,7 @@ from abfm import MeshError
 from abfm.experiments import TITLES
 from abfm_viewer.cli import main
 from abfm_viewer.errors import DrawingError
-from abfm_viewer.pictures.figures import sheet_picture
+from abfm_viewer.pictures.sheets import figure_picture
 
 
 @pytest.fixture
@@ -115,10 +115,10 @@ def test_of_several_components_the_largest_can_be_taken(small, tmp_path, capsys)
 
 
 def test_without_opengl_the_numbers_are_there(small, tmp_path, monkeypatch, capsys):
-    def refuse(sheet):
+    def refuse(sheet, notes):
         raise DrawingError("cannot draw without OpenGL")
 
-    monkeypatch.setattr(sheet_picture, "sheet_picture", refuse)
+    monkeypatch.setattr(figure_picture, "figure_picture", refuse)
     assert main(["figure", "7", "--out", str(tmp_path), "--quiet"]) == 0
     assert "cannot draw without OpenGL" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["figure-7.json"]

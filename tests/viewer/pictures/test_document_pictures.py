@@ -12,7 +12,7 @@ from abfm import AbfmError, FunctionError, ParameterError
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import Camera, Channel, Document
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
-from abfm_viewer.scene import opengl, viewport
+from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
 from abfm_viewer.window.window import Window
@@ -68,7 +68,7 @@ def test_a_picture_shows_what_the_window_shows(document):
         camera = window.scene.camera()
         back = 1.3 * np.array(camera.position) - 0.3 * np.array(camera.target)
         moved = replace(camera, position=tuple(map(float, back)))
-        viewport.place(moved, window.parts.scene, ps.get_window_size())  # as the user does with the wheel
+        window.scene.viewport.place(moved, window.parts.scene)  # as the user does with the wheel
         window.tick()
         shown = ps.screenshot_to_buffer(transparent_bg=False)[top:bottom, left:right, :3].astype(int)
         seen = session.document
@@ -163,7 +163,7 @@ def test_a_dark_theme_has_a_dark_ground(document):
 def test_all_that_a_wide_window_sees_is_in_a_narrow_picture(document):
     with DocumentRenderer(document, {}, (900, 300), BARE) as renderer:
         renderer.picture(2.0)
-        wide = viewport.seen(renderer._rect, (900, 300))
+        wide = renderer._scene.viewport.seen(renderer._rect)
     assert wide.aspect == pytest.approx(3)
     kept = replace(document, view=replace(document.view, camera=wide))
     assert touches(is_empty(drawn(kept, (300, 300)))) == []

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.appearance.theme import palette
-from abfm_viewer.scene.annotations import Pen, Strip, Text, laid_out
+from abfm_viewer.scene.annotations import laid_out
+from abfm_viewer.scene.color_bars import Line, Pen, Strip, Text, bar_parts, ticks
 from abfm_viewer.shown.paint import Paint
 
 NAMES = ("source", "advected", "linear blend", "error", "target")
@@ -80,3 +83,48 @@ def test_texts_are_cut_to_their_room():
     assert cut("advected", 31, width) == ""
     for room in range(0, 80, 7):
         assert width(cut("advected", room, width)) <= room
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (0, 1, [0, 0.2, 0.4, 0.6, 0.8, 1]),
+        (-2, 2, [-2, -1, 0, 1, 2]),
+        (0.4, 1.3, [0.4, 0.6, 0.8, 1, 1.2]),
+    ],
+)
+def test_ticks_are_round(low, high, expected):
+    assert ticks(low, high) == pytest.approx(expected)
+
+
+@given(low=st.floats(-1e6, 1e6), width=st.floats(1e-3, 1e6))
+def test_there_are_three_to_seven_ticks_inside_the_range(low, width):
+    values = ticks(low, low + width)
+    assert 3 <= len(values) <= 7
+    assert values[0] >= low - 1e-6 * width
+    assert values[-1] <= low + width + 1e-6 * width
+
+
+def test_numbers_below_a_colour_bar_stand_apart():
+    def numbers(right):
+        narrow = ColorRange("abfm sequential", 0.0, 0.00115)
+        parts = bar_parts("", narrow, (0, 0, right, 20), Pen(1.0, 16.0, width, tick=6.0), palette("light"))
+        return [part for part in parts if isinstance(part, Text) and part.text]
+
+    few, every = numbers(250), numbers(2000)
+    assert [one.text for one in every] == [f"{value:.4g}" for value in ticks(0, 0.00115)]
+    assert {one.text for one in few} < {one.text for one in every}
+    assert few[0].text == "0"
+    for left, right in pairwise(few):
+        assert left.left + width(left.text) < right.left
+
+
+def test_an_upright_bar_has_its_numbers_to_the_right_at_their_ticks():
+    pen = Pen(1.0, 16.0, width, tick=6.0)
+    parts = bar_parts("", ColorRange("gray", 0, 1), (5, 10, 25, 410), pen, palette("light"), upright=True)
+    texts = [part for part in parts if isinstance(part, Text)]
+    assert [one.text for one in texts] == ["0", "0.2", "0.4", "0.6", "0.8", "1"]
+    assert [one.top + 8 for one in texts] == pytest.approx([410, 330, 250, 170, 90, 10])
+    ends = [part.points for part in parts if isinstance(part, Line) and len(part.points) == 2]
+    assert [points[0][1] for points in ends] == pytest.approx([one.top + 8 for one in texts])
+    assert all(one.left > points[1][0] > points[0][0] == 25 for one, points in zip(texts, ends, strict=True))

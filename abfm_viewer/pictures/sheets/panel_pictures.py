@@ -1,7 +1,8 @@
-"""Pictures of a figure's panels, drawn off the screen."""
+"""Pictures of a sheet's panels, drawn off the screen."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from PIL import Image
@@ -11,16 +12,17 @@ from abfm.mesh import TriangleMesh
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, place_colors
+from abfm_viewer.document.document import Camera, Front
 from abfm_viewer.pictures.canvas import canvas, drawn
-from abfm_viewer.pictures.figures.ranges import panels
-from abfm_viewer.scene import marks, viewport
-from abfm_viewer.scene.camera import Camera, View, best_view, fitted
-from abfm_viewer.scene.drawing_units import drawing_units
+from abfm_viewer.pictures.sheets.ranges import panels
+from abfm_viewer.scene import marks
+from abfm_viewer.scene.camera import best_front, fitted
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.surface_quantities import register, show_checker, show_colors, show_texture, show_values
+from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.shown.streak_texture import streak_texture
 
-NARROWEST, WIDEST = 0.45, 1.9  # width over height of a panel
+_FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees: so narrow that shapes are hardly distorted
 _INK = (0.1, 0.1, 0.12)
 POINT_COLORS = ((1.0, 0.45, 0.0), (0.45, 0.1, 0.75), (0.0, 0.5, 0.25), (0.85, 0.0, 0.45), (0.0, 0.4, 0.8))
 """Colours of marked points, in linear light."""
@@ -30,18 +32,24 @@ _TEXELS = 2048
 _HALF = 0.5  # side of a checkerboard's field in its unit
 
 
-def cameras(sheet: Sheet) -> dict[TriangleMesh, Camera]:
-    """One camera for each mesh, that shows what the sources and targets on it have to show."""
-    views: dict[TriangleMesh, View] = {}
+def cameras(sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)) -> dict[TriangleMesh, Camera]:
+    """One camera for each mesh, that shows what the sources and targets on it have to show.
+
+    Its aspect is that of what it sees, or the least or greatest one of `aspects`.
+    """
+    fronts: dict[TriangleMesh, Front] = {}
     for panel in panels(sheet):
-        if panel.mesh in views:
-            continue
-        if views and sheet.one_view:
-            views[panel.mesh] = next(iter(views.values()))
-            continue
-        seen = sheet.seen if not views and sheet.seen else _remarkable(sheet, panel.mesh)
-        views[panel.mesh] = best_view(panel.mesh, *seen, up=sheet.up)
-    return {mesh: _camera(mesh, view) for mesh, view in views.items()}
+        if fronts and sheet.one_view:
+            fronts.setdefault(panel.mesh, next(iter(fronts.values())))
+        elif panel.mesh not in fronts:
+            seen = sheet.seen if not fronts and sheet.seen else _remarkable(sheet, panel.mesh)
+            fronts[panel.mesh] = best_front(panel.mesh, *seen, up=sheet.up)
+    found = {}
+    for mesh, front in fronts.items():
+        free = fitted(mesh.vertices, front, None, _FIELD_OF_VIEW, _MARGIN)
+        aspect = min(max(free.aspect, aspects[0]), aspects[1])
+        found[mesh] = fitted(mesh.vertices, front, aspect, _FIELD_OF_VIEW, _MARGIN)
+    return found
 
 
 def _remarkable(sheet: Sheet, mesh: TriangleMesh) -> list[FloatArray]:
@@ -51,12 +59,6 @@ def _remarkable(sheet: Sheet, mesh: TriangleMesh) -> list[FloatArray]:
         if panel.mesh is mesh and panel.frame in ("source", "target") and isinstance(paint, Values | Streaks):
             found += [paint.values] if paint.values is not None else []
     return [values for values in found if len(values) == len(mesh.vertices)]
-
-
-def _camera(mesh: TriangleMesh, view: View) -> Camera:
-    places = drawing_units(mesh).drawn(mesh.vertices)
-    aspect = fitted(places, view).aspect
-    return fitted(places, view, min(max(aspect, NARROWEST), WIDEST))
 
 
 def panel_pictures(
@@ -79,19 +81,18 @@ def panel_pictures(
             for number in (i for i, other in enumerate(sizes) if other == size):
                 panel = everything[number]
                 _show(panel, ranges)
-                views[panel.mesh].place()
+                Viewport(panel.mesh).place(views[panel.mesh], (0, 0, *size))
                 pictures[number] = Image.fromarray(drawn(transparent=True))
     return [picture for picture in pictures if picture is not None]
 
 
 def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
     mesh = panel.mesh
-    units = drawing_units(mesh)
-    places = units.drawn(mesh.vertices)
+    viewport = Viewport(mesh)
     ps.remove_all_structures()
     ps.set_ground_plane_mode("none")
-    viewport.set_extent(places)
-    surface = register("surface", mesh, places)
+    viewport.set_extent(mesh.vertices)
+    surface = register("surface", mesh, viewport.drawn(mesh.vertices))
     paint = panel.paint
     if isinstance(paint, Values):
         on_vertices = len(paint.values) == len(mesh.vertices)
@@ -105,9 +106,9 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
         colors = streak_texture(atlas, image, paint.values, None if paint.values is None else ranges[paint.bar])
         show_texture(surface, "streaks", colors, atlas.corner_coordinates)
     if panel.arrows is not None:
-        marks.draw_arrows("arrows", mesh, panel.arrows, _ARROW_LENGTH, _ARROW_DENSITY, units.drawn, _INK)
+        marks.draw_arrows("arrows", mesh, panel.arrows, _ARROW_LENGTH, _ARROW_DENSITY, viewport.drawn, _INK)
     if panel.lines:
-        marks.draw_curves("lines", panel.lines, units.drawn, _INK, _LINE)
+        marks.draw_curves("lines", panel.lines, viewport.drawn, _INK, _LINE)
     for number, point in enumerate([] if panel.points is None else panel.points):
         color = POINT_COLORS[number % len(POINT_COLORS)]
-        marks.draw_points(f"point {number}", point[None], units.drawn, color, _POINT)
+        marks.draw_points(f"point {number}", point[None], viewport.drawn, color, _POINT)

@@ -10,9 +10,8 @@ from abfm import TriangleMesh
 from abfm_viewer.automation.driver import Driver
 from abfm_viewer.document.document import Channel, Document
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
-from abfm_viewer.pictures.pictures import match_picture
-from abfm_viewer.scene import viewport
-from abfm_viewer.scene.drawing_units import drawing_units
+from abfm_viewer.pictures.sheets.match_picture import match_picture
+from abfm_viewer.scene.viewport import Viewport
 from tests.shapes import ellipsoid
 
 EGG = ellipsoid(3, 1.0, 0.7, 0.55)
@@ -42,10 +41,10 @@ def plain():
 
 
 def test_units_and_back():
-    units = drawing_units(moved(1e-3, 5.0))
+    viewport = Viewport(moved(1e-3, 5.0))
     points = np.random.default_rng(0).normal(size=(4, 3))
-    np.testing.assert_allclose(units.undrawn(units.drawn(points)), points, atol=1e-12)
-    drawn = units.drawn(moved(1e-3, 5.0).vertices)
+    np.testing.assert_allclose(viewport.undrawn(viewport.drawn(points)), points, atol=1e-12)
+    drawn = viewport.drawn(moved(1e-3, 5.0).vertices)
     np.testing.assert_allclose(drawn.min(axis=0), -drawn.max(axis=0), atol=1e-9)
 
 
@@ -68,7 +67,9 @@ def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
         gui.frames(3)
         shown = {name for name, _ in gui.window.scene.overlays.structures()}
         assert shown == {"advected"}
-        x, y, _ = viewport.projected(gui.session.mesh.vertices[vertex] + gui.window.scene.offsets["source"])[0]
+        x, y, _ = gui.window.scene.viewport.projected(
+            gui.session.mesh.vertices[vertex] + gui.window.scene.offsets["source"]
+        )[0]
         hit = gui.window.scene.pick((x, y))
         assert hit is not None
         assert hit.surface == "source"

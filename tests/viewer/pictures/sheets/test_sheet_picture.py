@@ -7,12 +7,10 @@ import pytest
 from PIL import Image
 
 from abfm.experiments.sheet import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
-from abfm_viewer.appearance.colormaps import ColorRange
-from abfm_viewer.pictures.figures.panel_pictures import POINT_COLORS, cameras, panel_pictures
-from abfm_viewer.pictures.figures.plot_pictures import CURVE_COLORS, plot_picture
-from abfm_viewer.pictures.figures.ranges import color_ranges
-from abfm_viewer.pictures.figures.sheet_picture import readable, sheet_picture
-from abfm_viewer.pictures.sheet import ticks
+from abfm_viewer.pictures.sheets.figure_picture import figure_picture
+from abfm_viewer.pictures.sheets.panel_pictures import POINT_COLORS, cameras, panel_pictures
+from abfm_viewer.pictures.sheets.plot_pictures import CURVE_COLORS, plot_picture
+from abfm_viewer.pictures.sheets.ranges import color_ranges
 from tests.shapes import ellipsoid, icosphere
 
 SPHERE = icosphere(3)
@@ -61,7 +59,7 @@ def test_a_panel_shows_its_paint_on_a_transparent_ground(name):
 
 def test_marks_are_drawn():
     bare = draw(Panel(SPHERE, Values(0 * X), "x")).astype(int)
-    front = cameras(Sheet(((Panel(SPHERE, Values(0 * X), "x"),),)))[SPHERE].view.direction
+    front = cameras(Sheet(((Panel(SPHERE, Values(0 * X), "x"),),)))[SPHERE].front.direction
     nearest = SPHERE.vertices[np.argsort(-SPHERE.vertices @ front)[:30]]
     marks = {
         "points": {"points": nearest[:2]},
@@ -80,7 +78,7 @@ def test_a_sheet_has_the_papers_frames_and_labels():
         tuple(Panel(SPHERE, plain, frame, frame) for frame in ("source", "target", "result", "field", "other")),
         (Panel(ellipsoid(2, 1, 2, 1), Coordinates(ellipsoid(2, 1, 2, 1).vertices), "tall"),),
     )
-    picture = sheet_picture(Sheet(rows))
+    picture = figure_picture(Sheet(rows))
     frames = {(0x24, 0x55, 0xC3), (0xC6, 0x28, 0x28), (0x11, 0x11, 0x11), (0x8A, 0x90, 0x9C), (255, 255, 255)}
     assert frames <= colors(picture)
     assert picture.mode == "RGB"
@@ -89,7 +87,7 @@ def test_a_sheet_has_the_papers_frames_and_labels():
 def test_a_sheet_of_plots_alone_needs_no_surface():
     x = np.linspace(0, 1, 20)
     plot = Plot((Curve("a", x, x), Curve("b", x, x**2, faint=True)), "time", "value", "growth")
-    assert isinstance(sheet_picture(Sheet(((plot,),))), Image.Image)
+    assert isinstance(figure_picture(Sheet(((plot,),))), Image.Image)
 
 
 def test_a_plot_has_its_curves_colours_and_size():
@@ -105,7 +103,7 @@ def test_a_label_that_is_too_long_is_cut_down_to_its_cell():
     long = "a label that is far too long for the narrow panel that it stands below, by all means"
     narrow = ellipsoid(2, 0.4, 1.5, 0.4)
     pictures = [
-        np.asarray(sheet_picture(Sheet(((Panel(narrow, Coordinates(narrow.vertices), text),),))))
+        np.asarray(figure_picture(Sheet(((Panel(narrow, Coordinates(narrow.vertices), text),),))))
         for text in (long, "a")
     ]
     assert pictures[0].shape == pictures[1].shape
@@ -122,15 +120,6 @@ def test_a_curve_that_grows_beyond_bounds_leaves_the_plot():
     heights = [np.ptp(np.nonzero((np.asarray(picture) == blue).all(axis=2))[0][:]) for picture in (whole, cut)]
     assert colors(whole) & colors(cut) >= {blue}
     assert heights[0] != heights[1]
-
-
-def test_numbers_below_a_colour_bar_stand_apart():
-    narrow = ColorRange("abfm sequential", 0.0, 0.00115)
-    values = ticks(narrow.low, narrow.high)
-    fewer = readable(values, narrow, 250)
-    assert set(fewer) < set(values)
-    assert fewer[0] == 0
-    assert readable(values, narrow, 2000) == values
 
 
 def test_a_legend_without_a_free_place_stands_above_the_plot():

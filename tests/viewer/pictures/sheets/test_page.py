@@ -10,7 +10,7 @@ from PIL import Image
 
 from abfm.experiments.experiment import Measure
 from abfm.experiments.table_1 import TABLE_1
-from abfm_viewer.pictures.figures.page import Entry, page
+from abfm_viewer.pictures.sheets.page import Entry, page
 
 _VOID = {"meta", "img"}
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from abfm.experiments.sheet import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
-from abfm_viewer.pictures.figures.ranges import CLAMPED, captions, color_ranges
-from abfm_viewer.pictures.figures.sheet_picture import sheet_picture, wrapped
+from abfm_viewer.pictures.sheets.figure_picture import figure_picture
+from abfm_viewer.pictures.sheets.ranges import CLAMPED, captions, color_ranges
+from abfm_viewer.pictures.sheets.sheet_picture import wrapped
 from tests.shapes import icosphere, square
 
 SPHERE = icosphere(2)
@@ -79,7 +80,7 @@ def test_notes_come_first_and_other_cells_have_nothing_to_hide():
 
 def test_captions_stand_below_everything_else():
     row = (SOURCE, Panel(SPHERE, Values(HEIGHT), "b", "result"))
-    bare, noted = (np.asarray(sheet_picture(of(*row, notes=notes))) for notes in ((), ("word " * 60,)))
+    bare, noted = (np.asarray(figure_picture(of(*row), notes)) for notes in ((), ("word " * 60,)))
     height = len(bare)
     assert len(noted) > height
     np.testing.assert_array_equal(noted[:height], bare)
@@ -89,8 +90,9 @@ def test_captions_stand_below_everything_else():
 
 def test_lines_are_no_longer_than_the_sheet():
     text = " ".join(f"word{number}" for number in range(60))
-    lines = wrapped([text, "short"], 300)
+    lines = wrapped([text, "short"], 300, lambda line: 11.0 * len(line))
+    assert max(map(len, lines)) <= 300 / 11
     assert " ".join(lines) == f"{text} short"
     assert lines[-1] == "short"
     assert 5 < len(lines) < 30
-    assert wrapped(["unbreakable" * 20], 100) == ["unbreakable" * 20]
+    assert wrapped(["unbreakable" * 20], 100, len) == ["unbreakable" * 20]

@@ -1,0 +1,124 @@
+"""Colour bars of windows, pictures and sheets: a strip with the colours, its title, and the numbers along it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.colormaps import ColorRange
+from abfm_viewer.appearance.theme import Color, Palette
+from abfm_viewer.widgets.widget_record import Rect
+
+GAP = 3
+"""Between a bar and its texts, in pixels at a scale of 1."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """A line of text by its left upper corner."""
+
+    left: float
+    top: float
+    text: str
+    color: Color
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A rectangle with the colours of a map from left to right, or upwards."""
+
+    rect: Rect
+    colormap: str
+    upright: bool = False
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line through points (x, y)."""
+
+    points: tuple[tuple[float, float], ...]
+    color: Color
+    width: float
+
+
+Part = Text | Strip | Line
+
+
+@dataclass(frozen=True)
+class Pen:
+    """How large things are written.
+
+    Attributes
+    ----------
+    scale : float
+        Of all lengths but the text's.
+    line : float
+        Height of a line.
+    width : callable
+        That of a text.
+    tick : float
+        Length of the ticks of colour bars, which are outlined then and stand at round numbers. Without ticks only the
+        ends and the middle have numbers, and nothing stands out beyond the ends.
+    """
+
+    scale: float
+    line: float
+    width: Callable[[str], float]
+    tick: float = 0.0
+
+
+def bar_parts(title: str, colors: ColorRange, rect: Rect, pen: Pen, inks: Palette, upright: bool = False) -> list[Part]:
+    """A bar in a rectangle, its title above, its numbers below; an upright one has only numbers, to its right."""
+    left, top, right, bottom = rect
+    gap = GAP * pen.scale
+    found: list[Part] = [Strip(rect, colors.colormap, upright)]
+    if pen.tick:
+        outline = ((left, top), (right, top), (right, bottom), (left, bottom), (left, top))
+        found.append(Line(outline, inks.ink, pen.scale))
+    if not upright:
+        title = cut(title, right - left, pen.width)
+        indent = (right - left - pen.width(title)) / 2 if pen.tick else 0.0
+        found.append(Text(left + indent, top - gap - pen.line, title, inks.muted))
+    length = bottom - top if upright else right - left
+    for value in _round_numbers(colors, length, pen, upright) if pen.tick else _ends_and_middle(colors, length, pen):
+        text = f"{value:.4g}" if pen.tick else f"{value:.3g}"
+        along = (value - colors.low) / (colors.high - colors.low) * length
+        x, y = (right, bottom - along) if upright else (left + along, bottom)
+        end = (x + pen.tick, y) if upright else (x, y + pen.tick)
+        if pen.tick:
+            found.append(Line(((x, y), end), inks.ink, pen.scale))
+        if upright:
+            found.append(Text(x + pen.tick + gap, y - pen.line / 2, text, inks.ink))
+            continue
+        start = x - pen.width(text) / 2
+        if not pen.tick:
+            start = min(max(start, left), right - pen.width(text))
+        found.append(Text(start, bottom + max(pen.tick, gap), text, inks.ink))
+    return found
+
+
+def _ends_and_middle(colors: ColorRange, length: float, pen: Pen) -> list[float]:
+    """Without the middle where it would be crowded."""
+    ends = [colors.low, (colors.low + colors.high) / 2, colors.high]
+    first, middle, last = (pen.width(f"{value:.3g}") for value in ends)
+    crowded = (length - middle) / 2 < max(first, last) + pen.line / 2
+    return ends[::2] if crowded else ends
+
+
+def _round_numbers(colors: ColorRange, length: float, pen: Pen, upright: bool) -> list[float]:
+    """Those of a range's ticks whose numbers stand apart: all, or every second, third, ..."""
+    values = ticks(colors.low, colors.high)
+    step = values[1] - values[0]
+    needed = pen.line if upright else max(pen.width(f"{value:.4g}") for value in values) + pen.line / 2
+    every = math.ceil(needed * (colors.high - colors.low) / (step * length))
+    return [value for value in values if round(value / step) % every == 0]
+
+
+def ticks(low: float, high: float) -> list[float]:
+    """Three to seven round numbers between two values."""
+    rough = (high - low) / 6
+    power = 10 ** math.floor(math.log10(rough))
+    step = next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= rough)
+    return [step * k for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
