@@ -90,7 +90,7 @@ def bar_parts(title: str, colors: ColorRange, rect: Rect, pen: Pen, inks: Palett
         if pen.tick:
             found.append(Line(((x, y), end), inks.ink, pen.scale))
         if upright:
-            found.append(Text(x + pen.tick + gap, y - pen.line / 2, text, inks.ink))
+            found.append(Text(x + 2 * pen.tick, y - pen.line / 2, text, inks.ink))
             continue
         start = x - pen.width(text) / 2
         if not pen.tick:

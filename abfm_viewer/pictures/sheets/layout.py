@@ -9,8 +9,9 @@ from abfm_viewer.widgets.widget_record import Rect
 
 WIDEST, TALLEST_PANEL = 2000, 640  # of sheets without a size, in pixels
 # in pixels at a scale of 1
-MARGIN, GAP, LABEL, BARS = 30, 18, 46, 110
-_BAR_LENGTH, _UPRIGHT_LENGTH, _BAR_WIDTH, _BAR_GAP, _ABOVE, _BEFORE = 380, 560, 20, 90, 29, 26
+MARGIN, GAP, LABEL = 30, 18, 46
+_BELOW, _BESIDE = 110, 100  # room of colour bars
+_BAR_LENGTH, _UPRIGHT_LENGTH, _BAR_WIDTH, _BAR_GAP, _ABOVE, _BEFORE = 380, 560, 20, 90, 29, 22
 
 
 @dataclass(frozen=True)
@@ -57,14 +58,14 @@ def laid_out(
     scale : float
         Of all lengths but these.
     """
-    margin, gap, label, room = (scale * length for length in (MARGIN, GAP, LABEL, BARS))
-    beside, below = (room, 0.0) if upright else (0.0, room if bars else 0.0)
+    margin, gap, label = scale * MARGIN, scale * GAP, scale * LABEL
+    beside, below = scale * _BESIDE * upright, scale * _BELOW * (bars > 0 and not upright)
     free = (width or WIDEST) - 2 * margin - beside
     tall = min((free - gap * (len(row) - 1)) / sum(row) for row in rows)
     if width is None:
         tall = min(tall, TALLEST_PANEL)
     if height is not None:
-        tall = min(tall, (height - 2 * margin - below + gap) / len(rows) - label - gap)
+        tall = min(tall, (height - 1.5 * margin - below + gap) / len(rows) - label - gap)
     step = max(round(tall), 1) + label + gap
     widths = [[max(round(aspect * tall), 1) for aspect in row] for row in rows]
     totals = [sum(row) + gap * (len(row) - 1) for row in widths]
