@@ -9,9 +9,5 @@ def cut(text: str, room: float, width_of: Callable[[str], float]) -> str:
     """A text, or as much of it as has room, with an ellipsis; nothing where not even that has."""
     if width_of(text) <= room:
         return text
-    low, high = 0, len(text)
-    while low < high:
-        middle = (low + high + 1) // 2
-        fits = width_of(text[:middle].rstrip() + "...") <= room
-        low, high = (middle, high) if fits else (low, middle - 1)
-    return text[:low].rstrip() + "..." if low else ""
+    shorter = (text[:length].rstrip() + "..." for length in range(len(text), 0, -1))
+    return next((one for one in shorter if width_of(one) <= room), "")

@@ -9,8 +9,9 @@ from abfm_viewer.document.document import Theme
 Color = tuple[float, float, float, float]
 
 
-def _hex(code: str, alpha: float = 1.0) -> Color:
-    return (int(code[1:3], 16) / 255, int(code[3:5], 16) / 255, int(code[5:7], 16) / 255, alpha)
+def _hex(code: str) -> Color:
+    red, green, blue = bytes.fromhex(code[1:])
+    return red / 255, green / 255, blue / 255, 1.0
 
 
 @dataclass(frozen=True)
@@ -29,13 +30,9 @@ class Palette:
     accent_hovered: Color
     accent_ink: Color
     source: Color
-    advected: Color
     target: Color
     error: Color
     good: Color
-    line_total: Color
-    line_regularity: Color
-    line_mismatch: Color
     marker: Color
 
 
@@ -52,13 +49,9 @@ LIGHT = Palette(
     accent_hovered=_hex("#1c46a5"),
     accent_ink=_hex("#ffffff"),
     source=_hex("#2455c3"),
-    advected=_hex("#1d222b"),
     target=_hex("#c62828"),
     error=_hex("#b3261e"),
     good=_hex("#1b7a43"),
-    line_total=_hex("#1d222b"),
-    line_regularity=_hex("#2455c3"),
-    line_mismatch=_hex("#c62828"),
     marker=_hex("#0b8f6a"),
 )
 DARK = Palette(
@@ -74,13 +67,9 @@ DARK = Palette(
     accent_hovered=_hex("#6a94f7"),
     accent_ink=_hex("#ffffff"),
     source=_hex("#86a9ff"),
-    advected=_hex("#e8eaee"),
     target=_hex("#ff8a80"),
     error=_hex("#ff8a80"),
     good=_hex("#69d39a"),
-    line_total=_hex("#e8eaee"),
-    line_regularity=_hex("#86a9ff"),
-    line_mismatch=_hex("#ff8a80"),
     marker=_hex("#38d9a9"),
 )
 

@@ -88,7 +88,7 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
         _marks("##stages", _stage_starts(run), (*ui.colors.muted[:3], 0.7), ui.px(1))
         _marks("##meshes", _mesh_starts(run), (*ui.colors.muted[:3], 0.9), ui.px(2.5))
         _marks("##restarts", run.restarts, ui.colors.marker, ui.px(1.5))
-        colors = (ui.colors.line_total, ui.colors.line_regularity, ui.colors.line_mismatch)
+        colors = (ui.colors.ink, ui.colors.source, ui.colors.target)
         for name, curve, color in zip(_NAMES, curves, colors, strict=True):
             _line(name, curve, color, ui.px(1.8))
         _hover(ui, run)

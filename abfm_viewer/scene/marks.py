@@ -26,7 +26,8 @@ def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
     from abfm.calculus.operators import face_areas
 
     centers = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
-    side = 0.12 * (0.15 / 0.12) ** (1 - min(max(density, 0.0), 1.0)) * 10 ** (-0.9 * min(max(density, 0.0), 1.0))
+    density = min(max(density, 0.0), 1.0)
+    side = 0.12 * (0.15 / 0.12) ** (1 - density) * 10 ** (-0.9 * density)
     by_size = np.argsort(-face_areas(mesh), kind="stable")
     cells = np.floor(centers[by_size] / side).astype(np.int64)
     return np.asarray(np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]]))

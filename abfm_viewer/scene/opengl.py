@@ -14,10 +14,6 @@ from typing import Literal
 from abfm_viewer.appearance import colormaps, material
 from abfm_viewer.errors import DrawingError
 
-Backend = Literal["auto", "openGL3_glfw", "openGL3_egl", "openGL_mock"]
-WINDOW: Backend = "openGL3_glfw"
-OFFSCREEN: Backend = "openGL3_egl" if sys.platform == "linux" else "auto"
-
 if sys.platform == "linux":
     try:
         for _library in ("libX11.so.6", "libGL.so.1", "libEGL.so.1"):
@@ -26,10 +22,13 @@ if sys.platform == "linux":
         raise DrawingError(
             f"cannot draw without OpenGL ({_error}); type: sudo apt-get install libegl1 libgl1"
         ) from None
-
-import polyscope as ps  # noqa: E402
+import polyscope as ps
 
 __all__ = ["OFFSCREEN", "WINDOW", "Backend", "ps", "spare_a_core", "start"]
+
+Backend = Literal["auto", "openGL3_glfw", "openGL3_egl", "openGL_mock"]
+WINDOW: Backend = "openGL3_glfw"
+OFFSCREEN: Backend = "openGL3_egl" if sys.platform == "linux" else "auto"
 
 
 def spare_a_core() -> None:

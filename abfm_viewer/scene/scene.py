@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abfm import TriangleMesh
 from abfm.types import FloatArray
@@ -15,7 +14,6 @@ from abfm_viewer.appearance import theme
 from abfm_viewer.document.document import Camera, Front, Layout, Point, triple
 from abfm_viewer.scene import surface_quantities
 from abfm_viewer.scene.camera import best_front, fitted
-from abfm_viewer.scene.creases import drawn_mesh
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays
 from abfm_viewer.scene.turntable import Turntable, turntable
@@ -29,7 +27,6 @@ _FIELD_OF_VIEW, _MARGIN = 9.0, 0.05  # degrees: so narrow that the surfaces in a
 _SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25
 _FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for drawing
 _AT_ONCE = 3  # pictures of a run that do not wait: the start, and that something moves
-_CHECKER = 0.03
 _SLOW_REDRAWS_APART = 2.0  # new textures, of moving streaks
 _STRIPES = 0.8  # of the light that every other stripe between isolines keeps
 
@@ -264,7 +261,9 @@ class Scene:
             if before.values is paint.values:
                 return
             if paint.kind in ("vertex values", "face values"):
-                ps.get_surface_mesh(name).get_quantity_buffer(paint.kind, "values").update_data(self._values(paint))
+                assert self._mesh is not None
+                values = surface_quantities.drawn_values(self._mesh, paint)
+                ps.get_surface_mesh(name).get_quantity_buffer(paint.kind, "values").update_data(values)
                 self._drawn[name] = paint
                 return
         if before is not None and before.kind == paint.kind == "texture" and before.corners is paint.corners:
@@ -272,18 +271,8 @@ class Scene:
             ps.get_surface_mesh(name).get_quantity_buffer(paint.kind, "colors").update_data(colors)
             self._drawn[name], self._textured_at = paint, clock.perf_counter()
             return
-        surface, mesh = ps.get_surface_mesh(name), self._mesh
-        assert mesh is not None
-        if paint.kind in ("vertex values", "face values"):
-            assert paint.colors is not None
-            on_vertices, isolines = paint.kind == "vertex values", self._isolines_of(paint)
-            surface_quantities.show_values(surface, paint.kind, mesh, paint.values, paint.colors, on_vertices, isolines)
-        elif paint.kind == "colors":
-            surface_quantities.show_colors(surface, paint.kind, mesh, paint.values)
-        elif paint.kind == "texture":
-            surface_quantities.show_texture(surface, paint.kind, paint.values, paint.corners)
-        else:
-            surface_quantities.show_checker(surface, paint.kind, mesh, paint.values, _CHECKER)
+        assert self._mesh is not None
+        surface_quantities.show(ps.get_surface_mesh(name), self._mesh, paint, self._isolines_of(paint))
         self._drawn[name] = paint
 
     def _isolines_of(self, paint: Paint) -> dict[str, Any]:
@@ -297,8 +286,3 @@ class Scene:
             "isoline_period": (paint.colors.high - paint.colors.low) / max(self._isolines[1], 1),
             "isoline_darkness": _STRIPES,
         }
-
-    def _values(self, paint: Paint) -> NDArray[Any]:
-        """A paint's values as polyscope's mesh needs them."""
-        assert self._mesh is not None
-        return paint.values if paint.kind == "face values" else drawn_mesh(self._mesh).values(paint.values)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from numpy.typing import NDArray
 
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import material
-from abfm_viewer.appearance.colormaps import CHECKER_COLORS, ColorRange, loaded_name
+from abfm_viewer.appearance.colormaps import CHECKER_COLORS, loaded_name
 from abfm_viewer.scene.creases import drawn_mesh
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.shown.paint import Paint
 
 _PLAIN = (0.8, 0.81, 0.83)
 _CORNERS = "texture corners"
+_CHECKER: tuple[float, Literal["world", "unit"]] = (0.03, "world")
 
 
 def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
@@ -31,56 +33,59 @@ def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
     )
 
 
-def show_values(
+def drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:
+    """A paint's values as polyscope's mesh needs them."""
+    return paint.values if paint.kind in ("face values", "texture") else drawn_mesh(mesh).values(paint.values)
+
+
+def show(
     surface: Any,
-    name: str,
     mesh: TriangleMesh,
-    values: NDArray[Any],
-    colors: ColorRange,
-    on_vertices: bool,
+    paint: Paint,
     isolines: dict[str, Any] | None = None,
+    checker: tuple[float, Literal["world", "unit"]] = _CHECKER,
 ) -> None:
-    """Show a function of the vertices (V,) or else of the faces (F,); `isolines` are polyscope's options."""
-    surface.add_scalar_quantity(
-        name,
-        drawn_mesh(mesh).values(values) if on_vertices else values,
-        defined_on="vertices" if on_vertices else "faces",
-        enabled=True,
-        cmap=loaded_name(colors.colormap),
-        vminmax=(colors.low, colors.high),
-        **(isolines or {}),
-    )
+    """Show a paint on a surface of a mesh, as a quantity of its kind's name.
 
-
-def show_colors(surface: Any, name: str, mesh: TriangleMesh, colors: NDArray[Any]) -> None:
-    """Show a colour (V, 3) in linear light at each vertex."""
-    surface.add_color_quantity(name, drawn_mesh(mesh).values(colors), enabled=True)
-
-
-def show_checker(
-    surface: Any, name: str, mesh: TriangleMesh, coordinates: NDArray[Any], size: float, units: str = "world"
-) -> None:
-    """Show a checkerboard by texture coordinates (V, 2); `size` of its fields is in polyscope's `units`."""
-    surface.add_parameterization_quantity(
-        name,
-        drawn_mesh(mesh).values(coordinates),
-        coords_type=units,
-        enabled=True,
-        viz_style="checker",
-        checker_size=size,
-        checker_colors=CHECKER_COLORS,
-    )
-
-
-def show_texture(surface: Any, name: str, colors: NDArray[Any], corners: FloatArray | None) -> None:
-    """Show a texture (size, size, 3) in linear light, in which the faces' corners lie at (3F, 2)."""
-    surface.add_parameterization_quantity(_CORNERS, corners, defined_on="corners")
-    surface.add_color_quantity(
-        name,
-        colors,
-        defined_on="texture",
-        param_name=_CORNERS,
-        image_origin="lower_left",
-        filter_mode="linear",
-        enabled=True,
-    )
+    Parameters
+    ----------
+    isolines
+        Polyscope's options.
+    checker
+        Size of a checkerboard's fields, and in which of polyscope's units.
+    """
+    values = drawn_values(mesh, paint)
+    if paint.kind == "colors":
+        surface.add_color_quantity(paint.kind, values, enabled=True)
+    elif paint.kind == "checker":
+        size, units = checker
+        surface.add_parameterization_quantity(
+            paint.kind,
+            values,
+            coords_type=units,
+            enabled=True,
+            viz_style="checker",
+            checker_size=size,
+            checker_colors=CHECKER_COLORS,
+        )
+    elif paint.kind == "texture":
+        surface.add_parameterization_quantity(_CORNERS, paint.corners, defined_on="corners")
+        surface.add_color_quantity(
+            paint.kind,
+            values,
+            defined_on="texture",
+            param_name=_CORNERS,
+            image_origin="lower_left",
+            filter_mode="linear",
+            enabled=True,
+        )
+    elif paint.colors is not None:
+        surface.add_scalar_quantity(
+            paint.kind,
+            values,
+            defined_on="faces" if paint.kind == "face values" else "vertices",
+            enabled=True,
+            cmap=loaded_name(paint.colors.colormap),
+            vminmax=(paint.colors.low, paint.colors.high),
+            **(isolines or {}),
+        )

@@ -39,10 +39,9 @@ class Turntable:
 
     def turned(self, degrees: float, center: FloatArray) -> FloatArray:
         """The matrix (4, 4) that turns about a parallel of the axis through a point (3,)."""
-        x, y, z = self.axis
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        angle = np.radians(degrees)
-        rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+        from scipy.spatial.transform import Rotation  # not before: the first frame does without
+
+        rotation = Rotation.from_rotvec(degrees * self.axis, degrees=True).as_matrix()
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = rotation, center - rotation @ center
         return matrix

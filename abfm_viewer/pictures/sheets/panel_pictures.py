@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 from PIL import Image
 
@@ -18,8 +19,9 @@ from abfm_viewer.pictures.sheets.ranges import panels
 from abfm_viewer.scene import marks
 from abfm_viewer.scene.camera import best_front, fitted
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.surface_quantities import register, show_checker, show_colors, show_texture, show_values
+from abfm_viewer.scene.surface_quantities import register, show
 from abfm_viewer.scene.viewport import Viewport
+from abfm_viewer.shown.paint import Paint
 from abfm_viewer.shown.streak_texture import streak_texture
 
 _FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees: so narrow that shapes are hardly distorted
@@ -29,7 +31,7 @@ POINT_COLORS = ((1.0, 0.45, 0.0), (0.45, 0.1, 0.75), (0.0, 0.5, 0.25), (0.85, 0.
 _ARROW_LENGTH, _ARROW_DENSITY = 0.12, 0.3
 _POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
 _TEXELS = 2048
-_HALF = 0.5  # side of a checkerboard's field in its unit
+_CHECKER: tuple[float, Literal["unit"]] = (0.5, "unit")
 
 
 def cameras(sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)) -> dict[TriangleMesh, Camera]:
@@ -93,18 +95,7 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
     ps.set_ground_plane_mode("none")
     viewport.set_extent(mesh.vertices)
     surface = register("surface", mesh, viewport.drawn(mesh.vertices))
-    paint = panel.paint
-    if isinstance(paint, Values):
-        on_vertices = len(paint.values) == len(mesh.vertices)
-        show_values(surface, "values", mesh, paint.values, ranges[paint.bar], on_vertices)
-    elif isinstance(paint, Coordinates):
-        show_colors(surface, "coordinates", mesh, place_colors(mesh.vertices, paint.positions))
-    elif isinstance(paint, Checker):
-        show_checker(surface, "checker", mesh, paint.coordinates, _HALF, "unit")
-    else:
-        atlas, image = line_integral_convolution(mesh, paint.velocity, size=_TEXELS)
-        colors = streak_texture(atlas, image, paint.values, None if paint.values is None else ranges[paint.bar])
-        show_texture(surface, "streaks", colors, atlas.corner_coordinates)
+    show(surface, mesh, _paint(panel, ranges), checker=_CHECKER)
     if panel.arrows is not None:
         marks.draw_arrows("arrows", mesh, panel.arrows, _ARROW_LENGTH, _ARROW_DENSITY, viewport.drawn, _INK)
     if panel.lines:
@@ -112,3 +103,17 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
     for number, point in enumerate([] if panel.points is None else panel.points):
         color = POINT_COLORS[number % len(POINT_COLORS)]
         marks.draw_points(f"point {number}", point[None], viewport.drawn, color, _POINT)
+
+
+def _paint(panel: Panel, ranges: Mapping[str, ColorRange]) -> Paint:
+    mesh, paint, label = panel.mesh, panel.paint, panel.label
+    if isinstance(paint, Values):
+        on_vertices = len(paint.values) == len(mesh.vertices)
+        return Paint("vertex values" if on_vertices else "face values", paint.values, label, ranges[paint.bar])
+    if isinstance(paint, Coordinates):
+        return Paint("colors", place_colors(mesh.vertices, paint.positions), label)
+    if isinstance(paint, Checker):
+        return Paint("checker", paint.coordinates, label)
+    atlas, image = line_integral_convolution(mesh, paint.velocity, size=_TEXELS)
+    colors = streak_texture(atlas, image, paint.values, ranges.get(paint.bar))
+    return Paint("texture", colors, label, corners=atlas.corner_coordinates)

@@ -15,14 +15,7 @@ Up = Literal["x", "y", "z"]
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """A function.
-
-    Attributes
-    ----------
-    values : (V,) or (F,) array
-    bar : str
-        Title of the colour bar; what has the same title shares one range.
-    """
+    """A function (V,) or (F,), and the title of its colour bar; what has the same title shares one range."""
 
     values: FloatArray
     bar: str = "function"
@@ -30,63 +23,35 @@ class Values:
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """Places as colours: x, y, z of the mesh's bounding box as red, green, blue.
-
-    Attributes
-    ----------
-    positions : (V, 3) array
-        In the mesh's units.
-    """
+    """Places (V, 3) in the mesh's units as colours: x, y, z of its bounding box as red, green, blue."""
 
     positions: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Checker:
-    """A checkerboard by texture coordinates.
-
-    Attributes
-    ----------
-    coordinates : (V, 2) array
-        One unit is the side of two fields.
-    """
+    """A checkerboard by texture coordinates (V, 2); one unit is the side of two fields."""
 
     coordinates: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Streaks:
-    """Line integral convolution of a field.
-
-    Attributes
-    ----------
-    velocity : (F, 3) array
-    values : (V,) array or None
-        A function to colour the streaks by.
-    bar : str
-        As in `Values`.
-    """
+    """Line integral convolution of a field (F, 3), in the colours of a function (V,) if given; `bar` as in `Values`."""
 
     velocity: FloatArray
     values: FloatArray | None = None
     bar: str = "function"
 
 
-Paint = Values | Coordinates | Checker | Streaks
-
-
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture of a surface.
+    """A picture of a surface; all panels of a sheet with the same mesh have one camera.
 
     Attributes
     ----------
-    mesh : TriangleMesh
-        All panels of a sheet with the same mesh have one camera.
-    paint : Paint
     label : str
         Below the picture, short.
-    frame : Frame
     points : (P, 3) array or None
         Marked places, in the mesh's units, each in a colour of its own, the same in all panels.
     lines : tuple of (K, 3) arrays
@@ -96,7 +61,7 @@ class Panel:
     """
 
     mesh: TriangleMesh
-    paint: Paint
+    paint: Values | Coordinates | Checker | Streaks
     label: str
     frame: Frame = "other"
     points: FloatArray | None = None
@@ -116,19 +81,12 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Curves over axes.
+    """Curves over axes, of which the titles have units, as wide as `width` panels.
 
     Attributes
     ----------
-    curves : tuple of Curve
-    x_title, y_title : str
-        With units.
     label : str
         Below the plot, short.
-    log_y : bool
-        Whether the vertical axis is logarithmic.
-    width : int
-        How many panels wide.
     top : float or None
         Greatest value of y that is shown: a curve that goes beyond leaves the plot.
     """
@@ -148,7 +106,6 @@ class Sheet:
 
     Attributes
     ----------
-    rows : tuple of tuples
     up : Up
         The axis that points upwards.
     seen : tuple of (V,) arrays
