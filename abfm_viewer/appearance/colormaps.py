@@ -6,9 +6,6 @@ lightness falls steadily away from it, so that the pictures also work in print a
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -84,14 +81,6 @@ def loaded_name(colormap: str) -> str:
     return colormap if colormap.startswith("abfm") else f"abfm {colormap}"
 
 
-@contextmanager
-def image_files() -> Iterator[dict[str, str]]:
-    """Paths of image files of all maps, by name, for polyscope; they last as long as the context.
-
-    Their values are linear light, because polyscope applies the display's gamma after shading.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        paths = {name: f"{folder}/{number}.png" for number, name in enumerate(NAMES)}
-        for name, path in paths.items():
-            Image.fromarray(np.round(255 * linear_table(name, 1024)[None]).astype(np.uint8)).save(path)
-        yield paths
+def images() -> dict[str, Image.Image]:
+    """All maps by name as pictures of one row in linear light: polyscope applies the display's gamma after shading."""
+    return {name: Image.fromarray(np.round(255 * linear_table(name, 1024)[None]).astype(np.uint8)) for name in NAMES}

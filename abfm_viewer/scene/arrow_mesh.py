@@ -54,12 +54,9 @@ def _faces() -> IntArray:
     """Of one arrow: vertex 0 at the tail, three rings, and the tip."""
     here = np.arange(_SIDES)
     there = (here + 1) % _SIDES
-    tip = 1 + 3 * _SIDES
-    rings = [1 + ring * _SIDES for ring in range(3)]
-    parts = [np.stack([0 * here, rings[0] + there, rings[0] + here], axis=1)]
+    tip = np.full(_SIDES, 1 + 3 * _SIDES)
+    first, _, last = rings = [1 + ring * _SIDES for ring in range(3)]
+    parts = [(0 * here, first + there, first + here), (last + here, last + there, tip)]
     for low, high in pairwise(rings):
-        parts.append(np.stack([low + here, low + there, high + there], axis=1))
-        parts.append(np.stack([low + here, high + there, high + here], axis=1))
-    parts.append(np.stack([rings[2] + here, rings[2] + there, 0 * here + tip], axis=1))
-    faces: IntArray = np.concatenate(parts)
-    return faces
+        parts += [(low + here, low + there, high + there), (low + here, high + there, high + here)]
+    return np.concatenate([np.stack(part, axis=1) for part in parts])

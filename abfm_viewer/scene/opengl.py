@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+import tempfile
 from typing import Literal
 
 from abfm_viewer.appearance import colormaps, material
@@ -63,8 +64,11 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
         ps.init("openGL_mock")  # polyscope fails once more when Python exits unless something is running
         reason = str(error).replace("[polyscope]", "").replace("[EXCEPTION]", "").replace("ERROR:", "").strip()
         raise DrawingError(f"OpenGL did not start ({reason}); check the screen and the graphics driver") from None
-    with colormaps.image_files() as files:
-        for name, path in files.items():
-            ps.load_color_map(colormaps.loaded_name(name), path)
-    with material.image_files() as pictures:
-        ps.load_blendable_material(material.NAME, filenames=pictures)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, image in colormaps.images().items():
+            image.save(f"{folder}/{name}.png")
+            ps.load_color_map(colormaps.loaded_name(name), f"{folder}/{name}.png")
+        files = [f"{folder}/material {channel}.png" for channel in range(4)]
+        for image, file in zip(material.images(), files, strict=True):
+            image.save(file)
+        ps.load_blendable_material(material.NAME, filenames=files)

@@ -31,19 +31,7 @@ th { font-weight: 600; } td.number { white-space: nowrap; }
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A figure on the page.
-
-    Attributes
-    ----------
-    number : int
-    title, claim, setting : str
-    measures : sequence of Measure
-    picture : Image or None
-    problem : str
-        Why there is no figure; empty if there is one.
-    notes : sequence of str
-        What must be said with the picture: the captions of its sheet.
-    """
+    """A figure on the page: a problem says why there is none, and notes what must be said with the picture."""
 
     number: int
     title: str

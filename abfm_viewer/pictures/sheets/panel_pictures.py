@@ -8,14 +8,13 @@ from typing import Literal
 
 from PIL import Image
 
-from abfm.experiments.sheet import Checker, Coordinates, Panel, Sheet, Streaks, Values
+from abfm.experiments.sheet import Checker, Coordinates, Panel, Sheet, Values
 from abfm.mesh import TriangleMesh
 from abfm.streaks.line_integral import line_integral_convolution
-from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, place_colors
 from abfm_viewer.document.document import Camera, Front
 from abfm_viewer.pictures.canvas import canvas, drawn
-from abfm_viewer.pictures.sheets.ranges import panels
+from abfm_viewer.pictures.sheets.ranges import function, panels
 from abfm_viewer.scene import marks
 from abfm_viewer.scene.camera import best_front, fitted
 from abfm_viewer.scene.opengl import ps
@@ -44,7 +43,10 @@ def cameras(sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)) -> dic
         if fronts and sheet.one_view:
             fronts.setdefault(panel.mesh, next(iter(fronts.values())))
         elif panel.mesh not in fronts:
-            seen = sheet.seen if not fronts and sheet.seen else _remarkable(sheet, panel.mesh)
+            ends = [one for one in panels(sheet) if one.mesh is panel.mesh and one.frame in ("source", "target")]
+            functions = [values for _, values in map(function, ends) if values is not None]
+            remarkable = [values for values in functions if len(values) == len(panel.mesh.vertices)]
+            seen = sheet.seen if not fronts and sheet.seen else remarkable
             fronts[panel.mesh] = best_front(panel.mesh, *seen, up=sheet.up)
     found = {}
     for mesh, front in fronts.items():
@@ -52,15 +54,6 @@ def cameras(sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)) -> dic
         aspect = min(max(free.aspect, aspects[0]), aspects[1])
         found[mesh] = fitted(mesh.vertices, front, aspect, _FIELD_OF_VIEW, _MARGIN)
     return found
-
-
-def _remarkable(sheet: Sheet, mesh: TriangleMesh) -> list[FloatArray]:
-    found = []
-    for panel in panels(sheet):
-        paint = panel.paint
-        if panel.mesh is mesh and panel.frame in ("source", "target") and isinstance(paint, Values | Streaks):
-            found += [paint.values] if paint.values is not None else []
-    return [values for values in found if len(values) == len(mesh.vertices)]
 
 
 def panel_pictures(
@@ -76,7 +69,7 @@ def panel_pictures(
     DrawingError
         Where the machine cannot draw.
     """
-    pictures: list[Image.Image | None] = [None] * len(sizes)
+    pictures: dict[int, Image.Image] = {}
     everything = panels(sheet)
     for size in dict.fromkeys(sizes):  # the canvas is made once for each size
         with canvas(*size):
@@ -85,7 +78,7 @@ def panel_pictures(
                 _show(panel, ranges)
                 Viewport(panel.mesh).place(views[panel.mesh], (0, 0, *size))
                 pictures[number] = Image.fromarray(drawn(transparent=True))
-    return [picture for picture in pictures if picture is not None]
+    return [pictures[number] for number in range(len(sizes))]
 
 
 def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:

@@ -29,7 +29,7 @@ def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
     every: dict[str, list[FloatArray]] = {}
     ends: dict[str, list[FloatArray]] = {}
     for panel in panels(sheet):
-        bar, values = _function(panel)
+        bar, values = function(panel)
         if values is not None:
             every.setdefault(bar, []).append(values)
             if panel.frame in ("source", "target"):
@@ -45,7 +45,7 @@ def captions(sheet: Sheet) -> list[str]:
     ranges = color_ranges(sheet)
     said = list(sheet.notes)
     for panel in panels(sheet):
-        bar, values = _function(panel)
+        bar, values = function(panel)
         if values is not None:
             colors = ranges[bar]
             low, high = float(values.min()), float(values.max())
@@ -64,7 +64,7 @@ def captions(sheet: Sheet) -> list[str]:
     return said
 
 
-def _function(panel: Panel) -> tuple[str, FloatArray | None]:
+def function(panel: Panel) -> tuple[str, FloatArray | None]:
     """The colour bar's title and the values that a panel's colours stand for; None where they stand for none."""
     paint = panel.paint
     return (paint.bar, paint.values) if isinstance(paint, Values | Streaks) else ("", None)

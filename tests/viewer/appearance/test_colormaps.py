@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PIL import Image
 from scipy.interpolate import PchipInterpolator
 
 from abfm_viewer.appearance import colormaps, material
-from abfm_viewer.appearance.colormaps import color_range, image_files, loaded_name, table
+from abfm_viewer.appearance.colormaps import color_range, loaded_name, table
 
 NAMES = ["abfm sequential", "abfm diverging"]
 # Colours in Oklab (lightness, green to red, blue to yellow), evenly spaced along the map.
@@ -111,10 +110,9 @@ def test_the_two_ends_of_the_diverging_map_weigh_the_same_and_differ():
     assert red[0] > red[2] + 0.3
 
 
-def test_image_files_hold_the_maps_in_linear_light():
-    with image_files() as files:
-        assert tuple(files) == colormaps.NAMES
-        rows = {name: np.asarray(Image.open(file))[0] / 255 for name, file in files.items()}
+def test_images_hold_the_maps_in_linear_light():
+    rows = {name: np.asarray(image)[0] / 255 for name, image in colormaps.images().items()}
+    assert tuple(rows) == colormaps.NAMES
     for name, row in rows.items():
         assert row[[0, -1]] ** (1 / 2.2) == pytest.approx(table(name)[[0, -1]], abs=0.03)
 
@@ -130,8 +128,7 @@ def test_polyscope_gets_no_name_that_it_has_already():
 
 
 def test_the_material_has_no_colour_of_its_own():
-    with material.image_files() as paths:
-        red, green, blue, black = (np.asarray(Image.open(path)) for path in paths)
+    red, green, blue, black = map(np.asarray, material.images())
     assert (red[..., 0] == green[..., 1]).all()
     assert (red[..., 0] == blue[..., 2]).all()
     assert not red[..., 1:].any()
