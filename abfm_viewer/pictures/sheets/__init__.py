@@ -1,1 +1,1 @@
-"""The paper's figures, drawn: sheets of panels and plots, and a page with all of them."""
+"""Sheets of panels and plots: matches, the paper's figures, and a page with all of these."""
