@@ -163,7 +163,7 @@ def test_a_process_has_one_backend():
 def test_without_pictures_everything_but_pictures_works():
     """In a process of its own."""
     code = """
-from abfm_viewer.automation.driver import Driver
+from abfm_viewer.automation import Driver
 from tests.shapes import icosphere
 for size in ((1280, 800), (1000, 640)):
     with Driver(icosphere(2), backend="openGL_mock", size=size) as gui:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abfm.experiments import FIGURES, TITLES, experiment_of
-from abfm_viewer.automation.driver import Driver
+from abfm_viewer.automation import Driver
 from tests.shapes import icosphere
 
 

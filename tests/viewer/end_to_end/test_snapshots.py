@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from abfm_viewer.automation.driver import Driver
+from abfm_viewer.automation import Driver
 from tests.viewer.end_to_end.conftest import EGG
 from tests.viewer.end_to_end.likeness import difference
 

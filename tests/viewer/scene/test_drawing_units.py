@@ -7,7 +7,7 @@ import pytest
 
 import abfm
 from abfm import TriangleMesh
-from abfm_viewer.automation.driver import Driver
+from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import Channel, Document
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.pictures.pictures import match_picture
