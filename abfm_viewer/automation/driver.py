@@ -136,10 +136,10 @@ class Driver:
         end = time.monotonic() + seconds
         while not condition(self.session):
             if time.monotonic() > end:
-                session = self.session
+                session, busy = self.session, self.window.shown.busy
                 raise DriverError(
                     f"waited {seconds:g} s in vain; solver: {session.solver.reason or 'running'}, busy: "
-                    f"{session.busy or 'no'}, status line: {session.notice.text or 'empty'}, errors: {self.errors}"
+                    f"{busy or 'no'}, status line: {session.notice.text or 'empty'}, errors: {self.errors}"
                 )
             self.window.frame()
         self.frames(2)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from abfm_viewer.document.document import CLICK_TOOLS, FIELD_PARTS, Coloring
-from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.panels.context import Context
 
 _COLORINGS: tuple[Coloring, ...] = ("function", "speed", "divergence", "curl")
 _ELSE = "a map"
 
 
-def draw(ui: Ui, session: Session) -> None:
+def draw(context: Context) -> None:
     """Draw the controls and numbers of the field."""
-    view, quantities = session.view, session.quantities
-    if session.shown.flow is None:
+    ui, session = context.ui, context.session
+    view, quantities = session.view, context.shown.quantities
+    if context.shown.flow.state is None:
         ui.note("There is a field after, and during, a match.")
     shown = view.coloring if view.coloring in _COLORINGS else _ELSE
     choices = (*_COLORINGS, _ELSE) if shown == _ELSE else _COLORINGS
@@ -58,7 +58,7 @@ def draw(ui: Ui, session: Session) -> None:
         ui.beside_if_fits("Clear lines")
         if ui.button("Clear lines", "Remove all flow lines."):
             session.change("clear lines", lines=())
-    field = quantities.field(session)
+    field = quantities.field()
     if view.part == "commuting" and quantities.finding:
         ui.note("The field that commutes is being computed.")
     elif field is not None:

@@ -6,6 +6,7 @@ import math
 
 import polyscope.imgui as imgui
 
+from abfm_viewer.panels.context import Context
 from abfm_viewer.session.player import REPEATS
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.slider_scale import share_of, value_at
@@ -24,14 +25,15 @@ def height(width: float, scale: float) -> float:
     return (_HEIGHT + (_ROW if width < _NARROW * scale else 0)) * scale
 
 
-def draw(ui: Ui, session: Session, rect: Rect) -> None:
+def draw(context: Context, rect: Rect) -> None:
     """Draw buttons, ways to play, and the slider."""
+    ui, session = context.ui, context.session
     with ui.window("time bar", rect), ui.group("time bar"):
         _buttons(ui, session)
         if rect[2] - rect[0] >= ui.px(_NARROW):
             ui.beside(ui.px(16))
         _ways(ui, session)
-        _slider(ui, session)
+        _slider(context)
 
 
 def _buttons(ui: Ui, session: Session) -> None:
@@ -43,10 +45,10 @@ def _buttons(ui: Ui, session: Session) -> None:
     for label, seconds, tip in (("<", -step, "A twentieth of tau back."), (">", step, "A twentieth of tau on.")):
         ui.beside(ui.px(4))
         if ui.button(label, tip, width=ui.px(24)):
-            _show(session, session.time + seconds)
+            session.set_time(session.time + seconds)
     ui.beside(ui.px(4))
     if ui.button("to start", "Show the source, time 0."):
-        _show(session, 0.0)
+        session.set_time(0.0)
     ui.beside()
     player.beyond = ui.checkbox("beyond tau", player.beyond, "Play on to 2 tau, where the flow extrapolates.")
 
@@ -69,12 +71,13 @@ def _ways(ui: Ui, session: Session) -> None:
     ui.note(f"speed {player.speed:g}", "ink")
 
 
-def _slider(ui: Ui, session: Session) -> None:
+def _slider(context: Context) -> None:
     """The slider over 0 to 2 tau; right of its tick at tau is what no target was given for."""
+    ui, session, note = context.ui, context.session, context.shown.flow.note
     box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]
     width = imgui.GetContentRegionAvail()[0] - box - 2 * spacing - imgui.CalcTextSize("time")[0]
     left, top = imgui.GetCursorScreenPos()
-    _track(ui, session, (left, top, left + width, top + imgui.GetFrameHeight()))
+    _track(ui, note, (left, top, left + width, top + imgui.GetFrameHeight()))
     imgui.SetNextItemWidth(width)
     imgui.PushStyleColor(imgui.ImGuiCol_FrameBg, (0, 0, 0, 0))
     flags = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
@@ -82,9 +85,9 @@ def _slider(ui: Ui, session: Session) -> None:
     imgui.PopStyleColor()
     rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
     ui.record("time", "slider", rect, 0.0, session.end, f"{session.time:.6g}")
-    ui.tip(session.shown.note or "0 is the source, tau the match; beyond, the flow goes on by itself.")
+    ui.tip(note or "0 is the source, tau the match; beyond, the flow goes on by itself.")
     if changed:
-        _show(session, time)
+        session.set_time(time)
     ui.beside(spacing)
     typed = ui.text("time", f"{session.time:.4g}", "The time that is shown, 0 to 2 tau.", width=box)
     if typed is not None:
@@ -93,12 +96,12 @@ def _slider(ui: Ui, session: Session) -> None:
         except ValueError:
             time = math.nan
         if math.isfinite(time):
-            _show(session, time)
+            session.set_time(time)
         else:
             session.say(f"time: {typed!r} is no number", is_error=True)
 
 
-def _track(ui: Ui, session: Session, rect: Rect) -> None:
+def _track(ui: Ui, note: str, rect: Rect) -> None:
     """Draw what lies under the slider's grab."""
     left, top, right, bottom = rect
     colors, canvas = ui.colors, imgui.GetWindowDrawList()
@@ -108,19 +111,12 @@ def _track(ui: Ui, session: Session, rect: Rect) -> None:
     tint, corners = _packed((*colors.marker[:3], 0.16)), imgui.ImDrawFlags_RoundCornersRight
     canvas.AddRectFilled((middle, top), (right, bottom), tint, rounding, corners)
     canvas.AddLine((middle, top), (middle, bottom), _packed(colors.ink), ui.px(1.5))
-    note = session.shown.note
     text, color = ("cannot be followed", colors.error) if note else ("extrapolation", colors.muted)
     size = imgui.CalcTextSize(text)
     place = (right - size[0] - ui.px(6), (top + bottom - size[1]) / 2)
     if place[0] > middle + ui.px(12):
         canvas.AddText(place, _packed(color), text)
     canvas.AddText((middle - ui.px(12) - imgui.CalcTextSize("tau")[0], place[1]), _packed(colors.ink), "tau")
-
-
-def _show(session: Session, time: float) -> None:
-    """Show a time that the user chose."""
-    session.player.playing = False
-    session.set_time(time)
 
 
 def _packed(color: tuple[float, float, float, float]) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from abfm import TriangleMesh
 from abfm_viewer.document.document import Document
 
 
@@ -20,20 +21,20 @@ class SavedStates:
     """Remembers them mesh by mesh: undo may come back to another mesh."""
 
     def __init__(self) -> None:
-        self._kept: dict[int, _Kept] = {}
+        self._kept: dict[TriangleMesh, _Kept] = {}
 
     def keep(self, document: Document, path: Path | None) -> None:
         """Remember a state that need not be saved, and the project file it is in, if any."""
-        self._kept[id(document.mesh)] = _Kept(document, path)
+        self._kept[document.mesh] = _Kept(document, path)
 
     def path(self, document: Document) -> Path | None:
         """The project file that a document belongs to; None before there is one."""
-        kept = self._kept.get(id(document.mesh))
+        kept = self._kept.get(document.mesh)
         return kept.path if kept else None
 
     def unsaved(self, document: Document) -> bool:
         """Whether something would be lost if the document were gone; the view and the time do not count."""
-        kept = self._kept.get(id(document.mesh))
+        kept = self._kept.get(document.mesh)
         if kept is None or document.result is not kept.document.result:
             return True
         names = ("channels", "parameters", "mask", "lines", "points")

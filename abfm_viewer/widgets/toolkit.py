@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Literal, TypeVar
 
 import polyscope.imgui as imgui
@@ -16,32 +15,16 @@ from abfm_viewer.widgets.slider_scale import share_of, value_at
 
 Word = TypeVar("Word", bound=str)
 _AWAY = 8  # how far the mouse moves before tooltips come again
-ChooseToSave = Callable[[str, tuple[str, ...], str, Callable[[Path], None]], None]
-ChooseToOpen = Callable[[str, tuple[str, ...], Callable[[Path], None]], None]
-"""A title, suffixes, a default name, and what to do with the path."""
 
 
 class Ui(Containers):
-    """Draws widgets, in containers, and remembers them.
-
-    Attributes
-    ----------
-    choose_to_save : callable
-        Lets the user name a file to write; see `abfm_viewer.dialogs.Dialogs.save`.
-    choose_to_open : callable
-        Lets the user choose a file to read; see `abfm_viewer.dialogs.Dialogs.open`.
-    open_mesh : callable
-        Lets the user choose a mesh, and opens it.
-    """
+    """Draws widgets, in containers, and remembers them."""
 
     def __init__(self) -> None:
         super().__init__()
         self._texts: dict[str, str] = {}
         self._refused: dict[str, str] = {}
         self._clicked_at: tuple[float, float] | None = None
-        self.choose_to_save: ChooseToSave = lambda title, suffixes, name, on_path: None
-        self.choose_to_open: ChooseToOpen = lambda title, suffixes, on_path: None
-        self.open_mesh: Callable[[], None] = lambda: None
 
     def begin_frame(self, scale: float, name: Theme) -> None:
         """Start the record of a frame."""

@@ -1,0 +1,95 @@
+"""The parts of the flow's field that can be drawn, coloured and traced, and the fields that belong to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
+from abfm_viewer.document.document import HODGE_PARTS, FieldPart
+from abfm_viewer.shown.carried import FlowState
+from abfm_viewer.shown.related_fields import carried_gradient, commuting
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """One part of one of the flow's fields, or a field that belongs to it.
+
+    Attributes
+    ----------
+    velocity : (F, 3) array
+        In the input's units.
+    speed : (F,) array
+    shares : dict of FieldPart to float
+        Of the squared norm of the whole field, for each Helmholtz-Hodge part; empty where these were not asked for.
+    unit : str
+        Of the speed.
+    note : str
+        What else is to be said, if anything.
+    dimension : int
+        The power of a length in that unit.
+    """
+
+    mesh: TriangleMesh
+    velocity: FloatArray
+    speed: FloatArray
+    shares: dict[FieldPart, float] = field(default_factory=dict)
+    unit: str = "the mesh's length per time"
+    note: str = ""
+    dimension: int = 1
+
+
+def acting_segment(flow: FlowState, time: float) -> int:
+    """Which of N fields acts at a time."""
+    count = flow.parameters.segments
+    return min(int(time / flow.parameters.tau * count * (1 - 1e-12)), count - 1)
+
+
+def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
+    """A part of one of the flow's fields, or the field that commutes with it.
+
+    Raises
+    ------
+    AbfmError
+        As `related_fields.commuting` does.
+    """
+    velocity = flow.velocity[segment]
+    shares: dict[FieldPart, float] = {}
+    note = ""
+    if part == "commuting":
+        velocity, bracket = commuting(flow, segment)
+        note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
+    elif part != "whole":
+        from abfm.calculus.helmholtz_hodge import helmholtz_hodge
+        from abfm.calculus.operators import face_areas
+
+        parts = dict(zip(HODGE_PARTS, helmholtz_hodge(flow.mesh, velocity), strict=True))
+        norms = {name: float(face_areas(flow.mesh) @ (v**2).sum(axis=1)) for name, v in parts.items()}
+        shares = {name: norm / max(sum(norms.values()), 1e-300) for name, norm in norms.items()}
+        velocity = parts[part]
+    return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), shares, note=note)
+
+
+def carried_part(flow: FlowState, function: FloatArray, time: float) -> Field:
+    """The gradient of a function (V,), carried along the flow to a time.
+
+    Raises
+    ------
+    AbfmError
+        As `related_fields.carried_gradient` does.
+    """
+    velocity = carried_gradient(flow, function, time)
+    return Field(
+        flow.mesh, velocity, np.linalg.norm(velocity, axis=1), unit="the source's unit per length", dimension=-1
+    )
+
+
+def derivative(field: Field, kind: str) -> FloatArray:
+    """Divergence or curl at the vertices, (V,)."""
+    from abfm.calculus.operators import curl, divergence
+    from abfm.calculus.vector_fields import to_frame
+
+    operator = divergence(field.mesh) if kind == "divergence" else curl(field.mesh)
+    return np.asarray(operator @ to_frame(field.mesh, field.velocity).ravel())
