@@ -7,7 +7,7 @@ import sys
 
 import av
 import pytest
-from tests.viewer.real_window import opened
+from tests.viewer.window.real_window import opened
 
 from abfm.assets import asset_path
 
