@@ -23,11 +23,11 @@ from abfm_viewer.automation.widget_search import WidgetSearch
 from abfm_viewer.errors import DriverError as DriverError
 from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.widget_record import Kind, Widget
+from abfm_viewer.widgets.widget_record import KINDS, Widget, WidgetKind
 from abfm_viewer.window.open_window import open_window
 from abfm_viewer.window.window import Window
 
-_CLICKABLE: tuple[Kind, ...] = ("button", "checkbox", "choice", "item", "combo", "section", "menu", "box", "slider")
+_CLICKABLE: tuple[WidgetKind, ...] = tuple(kind for kind in KINDS if kind != "plot")
 _SECONDS_TO_OPEN = 120.0
 _BEYOND = 10.0  # pixels
 _FRAMES_TO_A_TOOLTIP = 30
@@ -160,7 +160,7 @@ class Driver:
         """Whether a widget can be used."""
         return self.search.find(label, within, must_be_enabled=False).enabled
 
-    def text_of(self, label: str, within: str = "", kind: Kind | None = None) -> str:
+    def text_of(self, label: str, within: str = "", kind: WidgetKind | None = None) -> str:
         """What a box, combo, checkbox ("on", "off"), section ("open", "closed") or slider shows."""
         return self.search.find(label, within, (kind,) if kind else None, must_be_enabled=False).text
 

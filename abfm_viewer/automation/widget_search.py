@@ -10,7 +10,7 @@ from functools import partial
 from abfm_viewer.automation.input_events import InputEvents, Place
 from abfm_viewer.automation.widget_places import middle
 from abfm_viewer.errors import DriverError
-from abfm_viewer.widgets.widget_record import Kind, Widget
+from abfm_viewer.widgets.widget_record import Widget, WidgetKind
 from abfm_viewer.window.window import Window
 
 _MOST_TURNS, _MOST_CHASES = 40, 5
@@ -38,7 +38,7 @@ class WidgetSearch:
         self.found: list[Widget] = []
 
     def find(
-        self, label: str, within: str = "", kinds: Sequence[Kind] | None = None, must_be_enabled: bool = True
+        self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None, must_be_enabled: bool = True
     ) -> Widget:
         """A widget in view.
 
@@ -73,7 +73,7 @@ class WidgetSearch:
                 return
             widget = again
 
-    def drawn(self, label: str, within: str = "", kinds: Sequence[Kind] | None = None) -> Widget | None:
+    def drawn(self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None) -> Widget | None:
         """The widget of a label in the latest frame; of several the only enabled one; None if there is none.
 
         Raises
@@ -94,7 +94,7 @@ class WidgetSearch:
             )
         return max(usable, key=lambda w: w.kind == "box") if usable else None
 
-    def _sought(self, label: str, within: str, kinds: Sequence[Kind] | None) -> Widget:
+    def _sought(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget:
         if (widget := self.drawn(label, within, kinds)) is not None:
             return widget
         end = time.monotonic() + _SECONDS_TO_READ_A_FOLDER

@@ -30,6 +30,7 @@ FieldPart = Literal["whole", "curl-free", "divergence-free", "harmonic", "commut
 ClickTool = Literal["nothing", "flow line", "follow a point"]
 
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
+SIDES: tuple[Side, ...] = ("source", "target")
 THEMES: tuple[Theme, ...] = ("light", "dark")
 LAYOUTS: tuple[Layout, ...] = ("row", "column", "advected only")
 HODGE_PARTS: tuple[FieldPart, ...] = ("curl-free", "divergence-free", "harmonic")

@@ -18,8 +18,7 @@ def draw(context: Context) -> None:
     tip = "A surface with the Wasserstein interpolation of source and target: their mass takes the shortest ways."
     transport = ui.checkbox("optimal transport", view.transport, tip)
     error = ui.checkbox("error", view.error, "A surface with |target - advected|, on a range of its own.")
-    if (blend, transport, error) != (view.blend, view.transport, view.error):
-        session.set_view("compare", blend=blend, transport=transport, error=error)
+    session.set_view("compare", blend=blend, transport=transport, error=error)
     if transport and context.shown.mass_transport.error:
         ui.note(f"No optimal transport: {context.shown.mass_transport.error}.", "error")
     target, advected = session.values("target"), context.shown.flow.advected()

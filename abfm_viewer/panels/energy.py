@@ -46,9 +46,8 @@ def draw(context: Context) -> None:
         marks += ["strong grey line: finer mesh"] if _mesh_starts(run) else []
         marks += ["green line: restart"] if run.restarts else []
         ui.note("; ".join([run.label, *marks]))
-    shown = ui.checkbox(
-        "previous runs", session.view.previous_runs, "Draw the total energy of earlier runs as faint curves."
-    )
+    tip = "Draw the total energy of earlier runs as faint curves."
+    shown = ui.checkbox("previous runs", session.view.previous_runs, tip)
     session.set_view("show previous runs" if shown else "hide previous runs", previous_runs=shown)
     ui.beside_if_fits("Clear previous")
     if ui.button("Clear previous", "Forget the runs before this one.", enabled=bool(previous)):

@@ -20,19 +20,33 @@ def draw(context: Context) -> None:
     """Draw the settings and the buttons."""
     ui, session = context.ui, context.session
     exporter = context.exporter
+
+    def known() -> Known:
+        return partial(known_values, session.document, session.functions)
+
+    def save_picture(path: Path) -> None:
+        exporter.save_picture(path, session.document, known())
+
+    def save_movie(path: Path) -> None:
+        exporter.save_movie(path, session.document, known())
+
+    def save_result(path: Path) -> None:
+        if session.result is not None:
+            exporter.save_result(path, session.result)
+
     _draw_state(ui, exporter)
     if session.solver.running:
         ui.note("What is saved shows the latest result, not the run that goes on.")
     with ui.disabled(exporter.running):
         _draw_size(ui, exporter)
         if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
-            context.dialogs.save("Save a picture", PICTURES, "picture.png", partial(_save_picture, context))
+            context.dialogs.save("Save a picture", PICTURES, "picture.png", save_picture)
         ui.heading("movie")
         _draw_movie(ui, session, exporter)
         if ui.button(
             "Save movie...", "The flow from one time to another (.mp4 or .gif), every frame computed exactly."
         ):
-            context.dialogs.save("Save a movie", MOVIES, "movie.mp4", partial(_save_movie, context))
+            context.dialogs.save("Save a movie", MOVIES, "movie.mp4", save_movie)
         ui.heading("data")
         if session.result is None:
             ui.note(
@@ -40,7 +54,7 @@ def draw(context: Context) -> None:
             )
         tip = "The result (.npz), the mesh with functions and field (.ply, .vtu), or the energies (.csv)."
         if ui.button("Save result...", tip, enabled=session.result is not None):
-            context.dialogs.save("Save the result", DATA, "match.npz", partial(_save_result, context))
+            context.dialogs.save("Save the result", DATA, "match.npz", save_result)
 
 
 def _draw_state(ui: Ui, exporter: Exporter) -> None:
@@ -87,20 +101,3 @@ def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
         end=movie.end if end is None else min(max(end, 0.0), session.end) / tau,
         turntable=movie.turntable if turn is None else turn,
     )
-
-
-def _save_picture(context: Context, path: Path) -> None:
-    context.exporter.save_picture(path, context.session.document, _known(context.session))
-
-
-def _save_movie(context: Context, path: Path) -> None:
-    context.exporter.save_movie(path, context.session.document, _known(context.session))
-
-
-def _save_result(context: Context, path: Path) -> None:
-    if context.session.result is not None:
-        context.exporter.save_result(path, context.session.result)
-
-
-def _known(session: Session) -> Known:
-    return partial(known_values, session.document, session.functions)

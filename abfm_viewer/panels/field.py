@@ -25,11 +25,9 @@ def draw(context: Context) -> None:
         "Or the smoothest field that commutes with it (seconds), or the source's gradient, carried along its flow."
     )
     part = ui.combo("part", view.part, FIELD_PARTS, tip)
-    if part != view.part:
-        session.set_view(f"show the {part} field", part=part)
+    session.set_view(f"show the {part} field", part=part)
     arrows = ui.checkbox("arrows", view.arrows, "The field as arrows on the advected surface.")
-    if arrows != view.arrows:
-        session.set_view("switch arrows", arrows=arrows)
+    session.set_view("switch arrows", arrows=arrows)
     if view.arrows:
         length = ui.number("length", view.arrow_length, 0.01, 0.4, "Of the longest, as a fraction of sqrt(area).")
         if length is not None and length > 0:
@@ -38,21 +36,15 @@ def draw(context: Context) -> None:
         if density is not None:
             session.set_view("arrows' density", "density", arrow_density=min(max(density, 0.0), 1.0))
     tip = "Lines of the field all over the surface: line integral convolution. A second or two after a match."
-    streaks = ui.checkbox("streaks", view.streaks, tip)
-    if streaks != view.streaks:
-        session.set_view("switch streaks", streaks=streaks)
+    session.set_view("switch streaks", streaks=ui.checkbox("streaks", view.streaks, tip))
     with ui.disabled(not view.streaks):
         fade = ui.checkbox("fade with speed", view.fade, "Less contrast of the streaks where the field is slower.")
         animate = ui.checkbox("animate", view.animate, "Streaks move along the field, here and in movies.")
-    if fade != view.fade:
-        session.set_view("switch fading", fade=fade)
-    if animate != view.animate:
-        session.set_view("switch animation", animate=animate)
+    session.set_view("switch fading", fade=fade)
+    session.set_view("switch animation", animate=animate)
     ui.note("A click on a surface starts:")
     tips = ("Nothing.", "A flow line through the point.", "Following where the point goes over time.")
-    tool = ui.radio(CLICK_TOOLS, view.tool, tips)
-    if tool != view.tool:
-        session.set_view("choose what a click does", tool=tool)
+    session.set_view("choose what a click does", tool=ui.radio(CLICK_TOOLS, view.tool, tips))
     if session.document.lines:
         ui.note(f"{len(session.document.lines)} flow lines")
         ui.beside_if_fits("Clear lines")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from abfm_viewer.document.document import Side
+from abfm_viewer.document.document import SIDES
 from abfm_viewer.panels.context import Context
-
-_SIDES: tuple[Side, ...] = ("source", "target")
 
 
 def draw(context: Context) -> None:
@@ -17,7 +15,7 @@ def draw(context: Context) -> None:
     from abfm_viewer.panels import channels, function_editor  # not before: they load what the first frame does without
 
     channels.draw(context)
-    for side in _SIDES:
+    for side in SIDES:
         with ui.group(side):
             ui.heading(side, ui.colors.source if side == "source" else ui.colors.target)
             function_editor.draw(context, side)

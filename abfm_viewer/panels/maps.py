@@ -28,8 +28,7 @@ def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     view, quantities = session.view, context.shown.quantities
     chosen = ui.radio(_COLORINGS, view.coloring, _TIPS)
-    if chosen != view.coloring:
-        session.set_view(f"color by {chosen}", coloring=chosen)
+    session.set_view(f"color by {chosen}", coloring=chosen)
     if view.coloring in ("area distortion", "conformal distortion"):
         found = quantities.distortion()
         if found is not None:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import polyscope.imgui as imgui
 
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.player import REPEATS
 from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.slider_scale import share_of, value_at
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.toolkit import Ui, finite
 from abfm_viewer.widgets.widget_record import Rect
 
 STEP = 1 / 20
@@ -57,15 +54,10 @@ def _ways(ui: Ui, session: Session) -> None:
     player = session.player
     player.repeat = ui.combo("repeat", player.repeat, REPEATS, "What happens at the end.", width=ui.px(104))
     ui.beside(ui.px(12))
-    imgui.SetNextItemWidth(ui.px(64))
-    shown = share_of(player.speed, _SLOWEST, _FASTEST, True)
-    flags = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
-    changed, share = imgui.SliderFloat("##speed", shown, 0.0, 1.0, "", flags)
-    frame = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
-    ui.record("speed", "slider", frame, _SLOWEST, _FASTEST, f"{player.speed:.2g}", log=True)
-    ui.tip("1 goes from 0 to tau in four seconds.")
-    if changed:
-        player.speed = float(f"{value_at(share, _SLOWEST, _FASTEST, True):.2g}")
+    tip = "1 goes from 0 to tau in four seconds."
+    speed = ui.slider("speed", player.speed, _SLOWEST, _FASTEST, tip, width=ui.px(64), log=True)
+    if speed is not None:
+        player.speed = float(f"{speed:.2g}")
     ui.beside(ui.px(6))
     imgui.AlignTextToFramePadding()
     ui.note(f"speed {player.speed:g}", "ink")
@@ -78,27 +70,20 @@ def _slider(context: Context) -> None:
     width = imgui.GetContentRegionAvail()[0] - box - 2 * spacing - imgui.CalcTextSize("time")[0]
     left, top = imgui.GetCursorScreenPos()
     _track(ui, note, (left, top, left + width, top + imgui.GetFrameHeight()))
-    imgui.SetNextItemWidth(width)
     imgui.PushStyleColor(imgui.ImGuiCol_FrameBg, (0, 0, 0, 0))
-    flags = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
-    changed, time = imgui.SliderFloat("##time slider", session.time, 0.0, session.end, "", flags)
+    tip = note or "0 is the source, tau the match; beyond, the flow goes on by itself."
+    slid = ui.slider("time", session.time, 0.0, session.end, tip, width=width)
     imgui.PopStyleColor()
-    rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
-    ui.record("time", "slider", rect, 0.0, session.end, f"{session.time:.6g}")
-    ui.tip(note or "0 is the source, tau the match; beyond, the flow goes on by itself.")
-    if changed:
-        session.set_time(time)
+    if slid is not None:
+        session.set_time(slid)
     ui.beside(spacing)
     typed = ui.text("time", f"{session.time:.4g}", "The time that is shown, 0 to 2 tau.", width=box)
     if typed is not None:
-        try:
-            time = float(typed)
-        except ValueError:
-            time = math.nan
-        if math.isfinite(time):
-            session.set_time(time)
-        else:
+        time = finite(typed)
+        if time is None:
             session.say(f"time: {typed!r} is no number", is_error=True)
+        else:
+            session.set_time(time)
 
 
 def _track(ui: Ui, note: str, rect: Rect) -> None:

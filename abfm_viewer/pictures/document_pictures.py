@@ -86,14 +86,11 @@ class DocumentRenderer:
         height = max(_SMALLEST_TEXT, min(size) * _TEXT)
         self._font = ImageFont.load_default(height)
         self._pen = Pen(height / _WINDOW_TEXT, 1.2 * height, self._font.getlength)
-        self._open = ExitStack()
 
     def __enter__(self) -> Self:
-        try:
-            self._start()
-        except BaseException as error:
-            if not self._open.__exit__(type(error), error, error.__traceback__):
-                raise
+        with ExitStack() as opened:
+            self._start(opened)
+            self._open = opened.pop_all()
         return self
 
     def __exit__(
@@ -101,12 +98,12 @@ class DocumentRenderer:
     ) -> None:
         self._open.__exit__(kind, error, trace)
 
-    def _start(self) -> None:
-        self._open.enter_context(canvas(*self._size))
+    def _start(self, opened: ExitStack) -> None:
+        opened.enter_context(canvas(*self._size))
         self._session = session = Session(self._document.mesh, self._document.name, at_once=True)
-        self._open.callback(session.close)
+        opened.callback(session.close)
         self._shown = Shown(session)
-        self._open.callback(self._shown.close)
+        opened.callback(self._shown.close)
         session.restore(self._document, self._known, None)
         session.update()
         for spec in session.specs:

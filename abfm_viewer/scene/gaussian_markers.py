@@ -10,7 +10,7 @@ import polyscope.imgui as imgui
 from abfm import FunctionError, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.computing.memo import Memo
-from abfm_viewer.document.document import Side
+from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.scene import viewport
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
@@ -19,14 +19,13 @@ from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
 _RADIUS, _LINE = 9.0, 2.0
-_SIDES: tuple[Side, ...] = ("source", "target")
 
 
 class GaussianMarkers:
     """Draws them while Shift is held over the surfaces, and where a side has several Gaussians."""
 
     def __init__(self) -> None:
-        self._centres: dict[Side, Memo[tuple[FloatArray, FloatArray] | None]] = {side: Memo() for side in _SIDES}
+        self._centres: dict[Side, Memo[tuple[FloatArray, FloatArray] | None]] = {side: Memo() for side in SIDES}
 
     def draw(self, ui: Ui, session: Session, scene: Scene, rect: Rect) -> None:
         """Draw a ring on each side that has one to draw."""
@@ -34,7 +33,7 @@ class GaussianMarkers:
             return
         x, y = imgui.GetIO().MousePos
         inside = rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
-        for side in _SIDES:
+        for side in SIDES:
             if side in scene.offsets:
                 self._draw_side(ui, session, side, scene.offsets[side], imgui.GetIO().KeyShift and inside)
 

@@ -52,7 +52,6 @@ class Scene:
         How far each one was moved.
     paints : dict of str to Paint
         What each one shows.
-    pacing : Pacing
     room_above, room_below : float
         What the names and the colour bars cover, in pixels: a fitted camera leaves it free.
     """

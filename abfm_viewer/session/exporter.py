@@ -69,8 +69,6 @@ class Exporter:
 
     Attributes
     ----------
-    picture : PictureSettings
-    movie : MovieSettings
     window_size : (int, int)
         Pixels of the window's part with the surfaces.
     progress : float

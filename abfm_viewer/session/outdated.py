@@ -25,15 +25,8 @@ class Outdated:
     def now(self, document: Document, specs: tuple[str, ...], found: Evaluated) -> bool:
         """Whether the result was found for another problem; False without a result.
 
-        While new functions are being computed, the answer is the one before.
-
-        Parameters
-        ----------
-        document : Document
-        specs : tuple of str
-            Of all its functions.
-        found : Evaluated
-            Their values, as far as known.
+        `found` are the values of all its functions, as far as known: while new ones are being computed, the answer is
+        the one before.
         """
         result = document.result
         if result is None:

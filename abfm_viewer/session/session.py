@@ -15,7 +15,7 @@ from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Evaluated, Functions
 from abfm_viewer.computing.solver import Solver
 from abfm_viewer.computing.worker import Problem
-from abfm_viewer.document.document import Channel, Document, Run, Side
+from abfm_viewer.document.document import Channel, Document, Side
 from abfm_viewer.document.history import History
 from abfm_viewer.session.editing import Editing
 from abfm_viewer.session.notices import Notice, Notices
@@ -24,7 +24,7 @@ from abfm_viewer.session.player import Player
 from abfm_viewer.session.saved_states import SavedStates
 
 if TYPE_CHECKING:
-    from abfm import Match
+    pass
 
 _SECONDS_TO_END = 10.0
 
@@ -153,8 +153,7 @@ class Session(Editing):
         for spec in self.specs:
             if spec in self._evaluated.errors:
                 return f"{spec}: {self._evaluated.errors[spec]}"
-        missing = any(spec not in self._evaluated.values for spec in self.specs)
-        if missing:
+        if any(spec not in self._evaluated.values for spec in self.specs):
             return "the functions are being computed"
         mask = self._evaluated.values.get(self.document.mask)
         if mask is not None and (mask.min() < 0 or not mask.any()):
@@ -258,16 +257,14 @@ class Session(Editing):
         if self._evaluated_by is not self.functions:  # values on another mesh
             self._evaluated_by, self._evaluated = self.functions, Evaluated()
         if self.specs:
-            evaluated = self.functions.ask(self.specs)
-            if evaluated is not None:
-                self._evaluated = evaluated
+            self._evaluated = self.functions.ask(self.specs) or self._evaluated
 
     def _collect(self) -> None:
+        """Take in what a run that has ended leaves."""
         ended = self.solver.collect()
-        if ended is not None:
-            self._take_result(*ended)
-
-    def _take_result(self, match: Match | None, run: Run | None, problem: Problem) -> None:
+        if ended is None:
+            return
+        match, run, problem = ended
         if problem.mesh is not self.mesh:  # it was replaced meanwhile
             self.solver.forget()
             return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from abfm import MeshError, TriangleMesh, load_mesh
-from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.document.document import Document
@@ -20,7 +19,7 @@ from abfm_viewer.session.session import Session
 if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder
 
-Ask = Callable[[str, str, dict[str, Callable[[], None] | None]], None]
+Ask = Callable[[str, str, Mapping[str, Callable[[], None] | None]], None]
 
 
 @dataclass
@@ -38,7 +37,6 @@ class SessionFiles:
 
     Parameters
     ----------
-    session : Session
     state : StateFolder
         Where recent files are kept.
     ask : callable
@@ -135,12 +133,9 @@ class SessionFiles:
             largest = load_mesh(path, largest_component=True)
         except MeshError:
             raise MeshError(reason) from None
-        return partial(self._offer_largest, path, largest)
-
-    def _offer_largest(self, path: Path, mesh: TriangleMesh) -> None:
-        text = f"{path.name} has several components, and one is needed: {' '.join(mesh.messages)}"
-        open_it = partial(self._show_mesh, path, mesh)
-        self._ask("Open the largest component?", text, {"Open the largest": open_it, "Do not open": None})
+        text = f"{path.name} has several components, and one is needed: {' '.join(largest.messages)}"
+        buttons = {"Open the largest": partial(self._show_mesh, path, largest), "Do not open": None}
+        return partial(self._ask, "Open the largest component?", text, buttons)
 
     def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
         self._show(path, partial(self._session.set_mesh, mesh, path.name), " ".join(mesh.messages))
@@ -168,11 +163,12 @@ class SessionFiles:
 
         document, known = figure_document(figure, self._session.view)
         ready = "press Play, its field is given" if document.result else "press Match"
-        return partial(self._show_figure, document, known, f"figure {figure} is ready: {ready}")
 
-    def _show_figure(self, document: Document, known: dict[str, FloatArray], text: str) -> None:
-        self._session.restore(document, known, None)
-        self._session.say(text)
+        def show() -> None:
+            self._session.restore(document, known, None)
+            self._session.say(f"figure {figure} is ready: {ready}")
+
+        return show
 
     def _show(self, path: Path, show: Callable[[], None], messages: str = "") -> None:
         left, unsaved = self._session.document.name, self._session.unsaved

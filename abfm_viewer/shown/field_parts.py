@@ -6,11 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from abfm import AbfmError
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.document.document import HODGE_PARTS, FieldPart
 from abfm_viewer.shown.carried import FlowState
-from abfm_viewer.shown.related_fields import carried_gradient, commuting
+
+_LARGEST = 15_000  # vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +50,7 @@ def acting_segment(flow: FlowState, time: float) -> int:
 
 
 def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
-    """A part of one of the flow's fields, or the field that commutes with it.
-
-    Raises
-    ------
-    AbfmError
-        As `related_fields.commuting` does.
-    """
+    """A part of one of the flow's fields, or the field that commutes with it (see `commuting`)."""
     velocity = flow.velocity[segment]
     shares: dict[FieldPart, float] = {}
     note = ""
@@ -73,17 +69,55 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
 
 
 def carried_part(flow: FlowState, function: FloatArray, time: float) -> Field:
-    """The gradient of a function (V,), carried along the flow to a time.
+    """The gradient of a function (V,), carried along the flow to a time (see `carried_gradient`)."""
+    velocity = carried_gradient(flow, function, time)
+    speed = np.linalg.norm(velocity, axis=1)
+    return Field(flow.mesh, velocity, speed, unit="the source's unit per length", dimension=-1)
+
+
+def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
+    """The smoothest field (F, 3) that commutes with one of the flow's, and the bracket relative to both.
 
     Raises
     ------
     AbfmError
-        As `related_fields.carried_gradient` does.
+        During a run, on a large mesh, or if the field is zero.
     """
-    velocity = carried_gradient(flow, function, time)
-    return Field(
-        flow.mesh, velocity, np.linalg.norm(velocity, axis=1), unit="the source's unit per length", dimension=-1
+    from abfm.calculus.commuting_fields import (  # not before: the first frame does without
+        commuting_fields,
+        relative_bracket,
     )
+
+    if not flow.final:
+        raise AbfmError("the field that commutes is computed when the run has ended")
+    count = len(flow.mesh.vertices)
+    if count > _LARGEST:
+        raise AbfmError(f"commuting fields are computed on up to {_LARGEST:,} vertices; this mesh has {count:,}")
+    velocity = flow.velocity[segment]
+    if not velocity.any():
+        raise AbfmError("the field is zero, with which every field commutes")
+    found = commuting_fields(flow.mesh, velocity)[0]
+    return found, relative_bracket(flow.mesh, velocity, found)
+
+
+def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> FloatArray:
+    """The gradient of a function (V,), carried along the flow's fields one after the other to a time, (F, 3).
+
+    Raises
+    ------
+    AbfmError
+        If the flow is too long, or the carried field overflows.
+    """
+    from abfm.calculus.operators import gradient
+    from abfm.calculus.vector_fields import pushforward, to_ambient
+
+    field = to_ambient(flow.mesh, (gradient(flow.mesh) @ function).reshape(-1, 2))
+    ends = np.linspace(0, flow.parameters.tau, len(flow.velocity) + 1)
+    ends[-1] = max(ends[-1], time)  # beyond tau the last field goes on
+    for velocity, start, end in zip(flow.velocity, ends, ends[1:], strict=False):
+        if time > start:
+            field = pushforward(flow.mesh, velocity, field, min(end, time) - start)
+    return field
 
 
 def derivative(field: Field, kind: str) -> FloatArray:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, place_colors
 from abfm_viewer.computing.memo import Memo
-from abfm_viewer.document.document import HODGE_PARTS, Front, Side
+from abfm_viewer.document.document import HODGE_PARTS, SIDES, Front
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.field_parts import Field
 from abfm_viewer.shown.shown import Shown
@@ -78,7 +78,7 @@ class Painter:
     def paint(self, name: str) -> Paint | None:
         """What a surface shows now; None while nothing is known."""
         session = self._session
-        side: Side | None = "source" if name == "source" else "target" if name == "target" else None
+        side = next((side for side in SIDES if side == name), None)
         if side and session.active and session.error(session.active.spec(side)):
             return self._without_values(name)
         source, target = session.values("source"), session.values("target")

@@ -9,18 +9,7 @@ from abfm_viewer.shown.shown_flow import ShownFlow
 
 
 class Shown:
-    """Looks at a session, for windows and pictures.
-
-    Attributes
-    ----------
-    session : Session
-    flow : ShownFlow
-        The flow that is shown, and what it carries.
-    quantities : FieldQuantities
-        What can be told of the field and its flow.
-    mass_transport : MassTransport
-        What optimal transport makes of source and target.
-    """
+    """Looks at a session, for windows and pictures: the flow, what is told of it, and what transport makes instead."""
 
     def __init__(self, session: Session) -> None:
         self.session = session

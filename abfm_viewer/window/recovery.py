@@ -18,15 +18,7 @@ from abfm_viewer.session.session import Session
 
 
 class Recoveries:
-    """Keeps a session's autosaves in the state folder, and offers those of earlier launches.
-
-    Parameters
-    ----------
-    session : Session
-    state : StateFolder
-    dialogs : Dialogs
-        Asks whether to recover.
-    """
+    """Keeps a session's autosaves in the state folder, and offers those of earlier launches."""
 
     def __init__(self, session: Session, state: StateFolder, dialogs: Dialogs) -> None:
         self._session = session

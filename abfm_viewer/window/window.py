@@ -81,13 +81,6 @@ class Window:
 
     Attributes
     ----------
-    session : Session
-    shown : Shown
-    ui : Ui
-    exporter : Exporter
-    files : SessionFiles
-    dialogs : Dialogs
-    scene : Scene
     frames : int
         How many were drawn.
     errors : dict of str to str
@@ -117,10 +110,8 @@ class Window:
         self.errors: dict[str, str] = {}
         self.closing = self.interrupted = False
         self.parts = areas(size, 0, 1)
-        self._redraws = False
-        self._panel_seconds = self._moved_at = 0.0
-        self._active = False
-        self._last_redraw = 0.0
+        self._redraws = self._active = False
+        self._panel_seconds = self._moved_at = self._last_redraw = 0.0
         self._document: object = None
         self._style: tuple[Theme, float] | None = None
         own_process.factor_from = _FACTOR_APART_FROM
@@ -179,8 +170,7 @@ class Window:
         start = time.perf_counter()
         self.tick()
         now = time.perf_counter()
-        lively = now - self._moved_at < _IDLE_AFTER
-        seconds = _SECONDS_PER_FRAME if lively else _SECONDS_PER_IDLE_FRAME
+        seconds = _SECONDS_PER_FRAME if now - self._moved_at < _IDLE_AFTER else _SECONDS_PER_IDLE_FRAME
         time.sleep(max(_LEAST_SLEEP, seconds - (now - start)))
 
     def tick(self) -> None:
@@ -222,16 +212,15 @@ class Window:
         self._panel_seconds = time.perf_counter() - start
 
     def _draw(self) -> None:
-        if not self.ui.capturing:
-            self.frames += 1
-        view = self.session.view
+        view, is_live = self.session.view, not self.ui.capturing
+        self.frames += is_live
         if self._style is None or self._style[1] != view.ui_scale:
             ps.set_ui_scale(view.ui_scale)
         if self._style != (view.theme, view.ui_scale):
             self._style = (view.theme, view.ui_scale)
             self._restyle()
         self.ui.begin_frame(view.ui_scale, view.theme)
-        if not self.ui.capturing:
+        if is_live:
             self.guarded("session", self._update)
         parts = self.parts = areas(imgui.GetIO().DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
         left, top, right, bottom = parts.scene
@@ -239,7 +228,7 @@ class Window:
         pen = window_pen(self.ui)
         self.scene.room_above, self.scene.room_below = 2.2 * pen.line, pen.bar_room if view.color_bar else 0.0
         self.guarded("scene", lambda: self.scene.update(parts.scene))
-        if not self.ui.capturing:
+        if is_live:
             free = not self.dialogs.is_open
             self.guarded("mouse", lambda: self.mouse.update(self.session, self.scene, parts.scene, free))
         self.guarded("markers", lambda: self.gaussian_markers.draw(self.ui, self.session, self.scene, parts.scene))
@@ -249,11 +238,11 @@ class Window:
             self.guarded("panel", lambda: right_panel.draw(self.context, parts.panel, self.guarded))
             self.guarded("time bar", lambda: time_bar.draw(self.context, parts.time_bar))
             self.guarded("status line", lambda: status_line.draw(self.context, parts.status))
-        keys_are_free = not self.dialogs.is_open and not self.ui.capturing
+        keys_are_free = is_live and not self.dialogs.is_open
         self.guarded("dialog", lambda: self.dialogs.draw(self.ui))
         if keys_are_free:
             self.guarded("keyboard", lambda: self.keyboard.do_pressed(self.actions))
-        if not self.ui.capturing:
+        if is_live:
             self.ui.end_frame()
             self.guarded("widget file", lambda: write_widgets(self.ui.widgets, self.frames))
 

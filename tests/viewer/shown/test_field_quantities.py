@@ -15,9 +15,9 @@ from abfm.calculus.operators import gradient
 from abfm.calculus.vector_fields import pushforward, to_ambient
 from abfm.streaks import line_integral
 from abfm_viewer.appearance.colormaps import color_range, linear_table
-from abfm_viewer.shown import field_quantities, related_fields, streaks
+from abfm_viewer.shown import field_parts, field_quantities, streaks
 from abfm_viewer.shown.carried import FlowState
-from abfm_viewer.shown.related_fields import carried_gradient
+from abfm_viewer.shown.field_parts import carried_gradient
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
@@ -225,10 +225,10 @@ def test_a_gradient_is_carried_along_several_fields_one_after_the_other():
 def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monkeypatch):
     flow = shown.flow.state
     with pytest.raises(AbfmError, match="zero"):
-        related_fields.commuting(FlowState(flow.mesh, 0 * flow.velocity, flow.parameters), 0)
+        field_parts.commuting(FlowState(flow.mesh, 0 * flow.velocity, flow.parameters), 0)
     with pytest.raises(AbfmError, match="ended"):
-        related_fields.commuting(FlowState(flow.mesh, flow.velocity, flow.parameters, final=False), 0)
-    monkeypatch.setattr(related_fields, "_LARGEST", 100)
+        field_parts.commuting(FlowState(flow.mesh, flow.velocity, flow.parameters, final=False), 0)
+    monkeypatch.setattr(field_parts, "_LARGEST", 100)
     session.set_view("show", part="commuting")
     shown.quantities.field()
     until(lambda: not shown.quantities.busy, session)
