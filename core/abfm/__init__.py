@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from abfm.errors import ParameterError as ParameterError
     from abfm.errors import ResultError as ResultError
     from abfm.flow.advection import advect as advect
+    from abfm.flow.flow import Flow as Flow
     from abfm.functions import function as function
     from abfm.matching.energy.energy import MatchingEnergy as MatchingEnergy
     from abfm.matching.judging.verification import Verification as Verification
@@ -31,6 +32,7 @@ _MODULES = {
     "AbfmError": "errors",
     "AdvectionError": "errors",
     "Control": "matching.solving.control",
+    "Flow": "flow.flow",
     "FunctionError": "errors",
     "Iteration": "matching.solving.iteration",
     "Match": "matching.result",

@@ -45,7 +45,7 @@ class LinearizedFlow:
         return self.pattern.product(self.values, f[self.pattern.order])[self.pattern.rank]
 
 
-class Flow:
+class Advection:
     """Composition of the flows of N fields, each over ``tau / N``.
 
     Parameters

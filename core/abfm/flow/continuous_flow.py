@@ -87,7 +87,7 @@ def flow_map(
     sides = np.einsum("fcx,fkx->fck", corners[:, 1:] - corners[:, :1], face_frames(unit))
     places = np.einsum("pc,pck->pk", barycentric[:, 1:], sides[faces])
     sizes = np.sqrt(face_areas(unit))
-    for field in reversed(fields) if backwards else fields:
+    for field in fields[::-1] if backwards else fields:
         flow = smooth_flow(unit, field / mesh.length_scale)
         for begin in range(0, len(faces), _CHUNK):
             if between is not None:
@@ -97,7 +97,7 @@ def flow_map(
     return _points(mesh, faces, places)
 
 
-def _check_work(mesh: TriangleMesh, fields: list[FloatArray], duration: float) -> None:
+def _check_work(mesh: TriangleMesh, fields: FloatArray, duration: float) -> None:
     """Refuse fields along which the walks would not end."""
     sizes = np.sqrt(face_areas(mesh)) / mesh.length_scale
     with np.errstate(over="ignore", invalid="ignore"):

@@ -8,6 +8,7 @@ The derivative is that of the sum as computed, so it is exact whatever the trunc
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
@@ -72,9 +73,15 @@ class Workspace:
     ----------
     size : int
         Rows of ``D_v``.
+
+    Attributes
+    ----------
+    lock : Lock
+        For those that share it between threads.
     """
 
     def __init__(self, size: int) -> None:
+        self.lock = threading.Lock()
         rows = _MEMORY // size
         self.longest_segment = float(np.clip(2 * rows - _likely_terms(rows), _SHORT_SEGMENT, _LONG_SEGMENT))
         self.block = len(_bessel_coefficients(self.longest_segment))

@@ -114,7 +114,7 @@ def flow_lines(
     sign = -1 if duration < 0 else 1
     length = abs(float(duration))
     if sign < 0:
-        fields = [-fields[0]]
+        fields = -fields[:1]
     changes = np.arange(1, len(fields)) * (tau or 0.0) / len(fields)
     ends = [*changes[changes < length], length]
     flows = [face_flow(mesh, field) for field in fields[: len(ends)]]
@@ -151,8 +151,8 @@ class _Walk:
         return count + 1
 
 
-def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> list[FloatArray]:
-    """N fields (F, 3), given as (F, 3) or (N, F, 3).
+def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
+    """N fields (N, F, 3), of which one may come as (F, 3).
 
     Raises
     ------
@@ -165,7 +165,9 @@ def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> list[FloatArray]
     if array.ndim != 3 or not len(array):
         expected = (len(mesh.faces), 3)
         raise ParameterError(f"velocity has shape {np.shape(velocity)}; expected {expected}, or N of these in a row")
-    return [check_field(mesh, field, "velocity") for field in array]
+    for field in array:
+        check_field(mesh, field, "velocity")
+    return array
 
 
 def check_start(mesh: TriangleMesh, start: FacePoints) -> tuple[IntArray, FloatArray]:

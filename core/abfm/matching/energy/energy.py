@@ -14,7 +14,7 @@ from abfm.calculus.channels import channels
 from abfm.calculus.operators import function_norm_matrix, vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import AdvectionError, FunctionError, ParameterError
-from abfm.flow.advection import Flow
+from abfm.flow.advection import Advection
 from abfm.flow.derivative_pattern import clustered_pattern
 from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Workspace
 from abfm.matching.energy.bracket import BracketGradient
@@ -115,10 +115,11 @@ class MatchingEnergy:
         result = self.evaluate(to_frame(self.mesh, check_fields(velocity, self.shape)), self.parameters.sigma)
         return result.energy, to_ambient(self.mesh, result.gradient)
 
-    def flow(self, fields: FloatArray, tolerance: float = TOLERANCE) -> Flow:
+    def flow(self, fields: FloatArray, tolerance: float = TOLERANCE) -> Advection:
         """The flow of frame coefficients (N, F, 2)."""
-        linearised = self.parameters.method == "linearised"
-        return Flow(self.mesh, fields, self.parameters.tau, linearised, self._workspace, tolerance, self._clustered)
+        p = self.parameters
+        linearised = p.method == "linearised"
+        return Advection(self.mesh, fields, p.tau, linearised, self._workspace, tolerance, self._clustered)
 
     def evaluate(
         self,
@@ -217,7 +218,7 @@ class MatchingEnergy:
 
         return mismatch, advected, differentiate
 
-    def _bracket_gradient(self, fields: FloatArray, flow: Flow, residuals: FloatArray) -> FloatArray:
+    def _bracket_gradient(self, fields: FloatArray, flow: Advection, residuals: FloatArray) -> FloatArray:
         p = self.parameters
         starts = [[trajectory.segments[0].start for trajectory in flow.forward(f)] for f in self.source]
         gradient = np.empty(self.shape)

@@ -23,7 +23,7 @@ from abfm.calculus.channels import channels
 from abfm.calculus.operators import face_frames
 from abfm.calculus.vector_fields import to_frame
 from abfm.errors import AdvectionError, FunctionError, MeshError
-from abfm.flow.advection import Flow
+from abfm.flow.advection import Advection
 from abfm.flow.continuous_flow import flow_map
 from abfm.flow.exponential import Workspace
 from abfm.flow.flow_lines import fields_in_a_row
@@ -153,7 +153,7 @@ def verify(
     if len(f) != len(g):
         raise FunctionError(f"source has {len(f)} and target {len(g)} channels; give as many of each")
     of_vertices, of_channels = vertex_mask(mesh, mask), channel_weights(weights, len(f))
-    fields = np.stack(fields_in_a_row(mesh, velocity))
+    fields = fields_in_a_row(mesh, velocity)
     everywhere = np.arange(len(mesh.faces))
     lines, folded, overturned = _by_flow_lines(
         mesh, f, g, fields, tau, of_vertices, of_channels, everywhere, MOST, between
@@ -246,7 +246,7 @@ def _on_subdivided(
     for field in fields:
         coefficients = to_frame(fine, _on_children(mesh, fine, field))
         try:
-            flow = Flow(fine, coefficients[None], tau / len(fields), linearised, workspace)
+            flow = Advection(fine, coefficients[None], tau / len(fields), linearised, workspace)
             rows = []
             for row in carried:
                 if between is not None:
