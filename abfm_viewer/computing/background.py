@@ -8,6 +8,7 @@ from collections.abc import Callable, Hashable
 from typing import ClassVar, Generic, TypeVar
 
 from abfm import AbfmError
+from abfm.numerics.own_process import factoring_apart
 
 Value = TypeVar("Value")
 
@@ -78,6 +79,7 @@ class Latest(Generic[Value]):
         if self._thread is not None:
             self._thread.join(seconds)
 
+    @factoring_apart()
     def _work(self) -> None:
         while True:
             with self._condition:

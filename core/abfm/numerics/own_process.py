@@ -5,6 +5,7 @@ Both ends are ours: they speak pickle through pipes, one answer for every reques
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import signal
@@ -12,15 +13,31 @@ import subprocess
 import sys
 import weakref
 from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import IO, Any
 
-factor_from: int | None = None
-"""Unknowns from which linear systems are factored in such a process, fewer for such with long rows; None, the default,
-for never.
+_SMALLEST = 15_000  # unknowns; cholespy factors fewer within a few frames of a window
+_factored_apart: ContextVar[float] = ContextVar("unknowns of linear systems that are factored apart", default=math.inf)
 
-cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. A program with a window sets this;
-others have no use for it.
-"""
+
+@contextmanager
+def factoring_apart(unknowns: float = _SMALLEST) -> Iterator[None]:
+    """Factor linear systems of so many unknowns and more, or of fewer with long rows, in processes of their own.
+
+    cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. So what works beside a window
+    works inside this block; it holds for this thread alone, and what others do stays as it is.
+    """
+    before = _factored_apart.set(unknowns)
+    try:
+        yield
+    finally:
+        _factored_apart.reset(before)
+
+
+def is_factored_apart(unknowns: float) -> bool:
+    """Whether this thread has asked for it, for systems of this size."""
+    return unknowns >= _factored_apart.get()
 
 
 class ProcessEndedError(Exception):
