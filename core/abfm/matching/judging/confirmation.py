@@ -16,7 +16,7 @@ from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import flow_map
 from abfm.maps.surface_points import pull_back
 from abfm.matching.energy.energy import Evaluation, MatchingEnergy
-from abfm.matching.judging.resolution import resolution
+from abfm.matching.judging.resolution import narrowest
 from abfm.matching.judging.verdict import NEARLY
 from abfm.types import FloatArray
 
@@ -75,9 +75,7 @@ def is_walked(energy: MatchingEnergy) -> bool:
 
 def is_resolved(energy: MatchingEnergy) -> bool:
     """Whether the mesh carries the functions at all; where it does not, flow lines leave much in any case."""
-    counting = energy.weights > 0
-    functions = np.concatenate([energy.source[counting], energy.target[counting]])
-    return resolution(energy.mesh, functions.T) >= _EDGES
+    return narrowest(energy) >= _EDGES
 
 
 def by_flow_lines(energy: MatchingEnergy, x: FloatArray, between: Callable[[], None]) -> FloatArray:

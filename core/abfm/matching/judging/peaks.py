@@ -60,7 +60,7 @@ def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
     return _count(_both(mesh, f), share * float(np.ptp(f)))
 
 
-def different_peaks(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> tuple[Extrema, Extrema] | None:
+def peaks_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> tuple[Extrema, Extrema] | None:
     """Peaks and pits of two functions (V,) where they differ beyond doubt, else None.
 
     Beyond doubt: one has more that stand out by 0.3 of the larger range than the other has by 0.1 of it. Then every

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import edge_areas
+from abfm.matching.energy.problem import Problem
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -36,6 +37,12 @@ def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
         If ``f`` does not fit the mesh.
     """
     return min(_of_channel(mesh, channel) for channel in channels(mesh, f, "f"))
+
+
+def narrowest(problem: Problem) -> float:
+    """`resolution` of source and target, of the channels that count."""
+    counting = problem.weights > 0
+    return resolution(problem.mesh, np.concatenate([problem.source[counting], problem.target[counting]]).T)
 
 
 def _of_channel(mesh: TriangleMesh, f: FloatArray) -> float:

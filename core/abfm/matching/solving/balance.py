@@ -69,7 +69,7 @@ def balanced(
             best, least, away = known, score, advected - walked
             if gains_little:
                 break
-        if energy.relative_norm(away) < _GAP:
+        if energy.relative_mismatch(energy.target + away) < _GAP:
             break
         found = go_on(best.x, energy.target + share * away)
         if found is None:

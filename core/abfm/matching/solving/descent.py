@@ -9,7 +9,7 @@ import numpy as np
 from abfm.errors import FunctionError
 from abfm.matching.energy.energy import Evaluation, MatchingEnergy
 from abfm.matching.judging.confirmation import Best, is_walked
-from abfm.matching.judging.solvability import Problem, range_bound
+from abfm.matching.judging.solvability import range_bound
 from abfm.matching.schedule import Stage
 from abfm.matching.solving.balance import ROUND, balanced
 from abfm.matching.solving.calming import calmed
@@ -62,7 +62,7 @@ class Descent:
         self.progress = Progress()
         self.reason = "iteration limit"
         self._parameters, self._record, self._control = energy.parameters, record, control
-        self._least = range_bound(Problem(energy.mesh, energy.source, energy.target, energy.mask, energy.weights))
+        self._least = range_bound(energy)
 
     @property
     def best(self) -> Best:

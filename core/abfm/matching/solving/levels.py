@@ -16,7 +16,7 @@ import numpy as np
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.clusters import vertex_clusters
 from abfm.matching.energy.energy import MatchingEnergy
-from abfm.matching.judging.resolution import resolution
+from abfm.matching.judging.resolution import narrowest
 from abfm.matching.solving.transfer import Transfer
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
@@ -83,8 +83,7 @@ def levels(finest: list[Level], between: Callable[[], None]) -> list[Level]:
     size = len(energy.mesh.vertices)
     counts, edges = _vertex_counts(energy.mesh, energy.parameters), np.inf
     if counts and not energy.parameters.levels:
-        counting = energy.weights > 0
-        edges = resolution(energy.mesh, np.concatenate([energy.source[counting], energy.target[counting]]).T)
+        edges = narrowest(energy)
     for count in counts:
         between()
         if edges >= _EDGES > edges * np.sqrt(count / size):

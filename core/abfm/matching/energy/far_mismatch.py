@@ -13,13 +13,14 @@ import numpy as np
 from scipy import sparse
 
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
+from abfm.matching.energy.quadratic import QuadraticMismatch
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray
 
 
-class FarMetric:
-    """``c A_w (A + s L)^-1 A_w`` on vertex functions, with ``s = reach^2``; one Cholesky solve.
+class FarMismatch(QuadraticMismatch):
+    """With the matrix ``c A_w (A + s L)^-1 A_w`` on vertex functions, ``s = reach^2``: one Cholesky solve.
 
     Parameters
     ----------
