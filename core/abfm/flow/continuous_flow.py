@@ -44,10 +44,10 @@ def flow_map(
     start: FacePoints | None = None,
     between: Callable[[], None] | None = None,
 ) -> SurfacePoints:
-    """Carry points of the surface along a field, or along N fields in a row, each for ``tau / N``.
+    """Carry P points of the surface along a field, or along N fields in a row, each for ``tau / N``.
 
-    A point that comes to the boundary goes on along it with the part of the field that leads along it; where none does
-    it rests.
+    At the boundary a point goes on with the part of the field that leads along it; where none does it rests. The
+    points that come back have distances 0.
 
     Parameters
     ----------
@@ -62,11 +62,6 @@ def flow_map(
         For example `SurfacePoints`. All V vertices by default.
     between : callable, optional
         Called again and again in this thread; what it raises ends the work.
-
-    Returns
-    -------
-    SurfacePoints
-        P points with distances 0.
 
     Raises
     ------

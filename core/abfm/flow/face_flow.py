@@ -20,10 +20,9 @@ class FaceFlow(NamedTuple):
 
     Attributes
     ----------
-    rates : (F, 3) array
-        How fast each barycentric weight grows, per unit of time.
-    along : (F, 3) array
-        The vector's part along the edge opposite each corner, in edges per unit of time.
+    rates, along : (F, 3) arrays
+        How fast each barycentric weight grows, per unit of time; and the vector's part along the edge opposite each
+        corner, in edges per unit of time.
     areas : (F,) array
     neighbours : (F, 3) array of int
         The slot on the other side of each edge, -1 on the boundary.

@@ -27,10 +27,8 @@ class SmoothFlow(NamedTuple):
 
     Attributes
     ----------
-    vectors : (F, 3, 2) array
-        At the first corner, and how they change per unit of x and of y.
-    gradients : (F, 3, 2) array
-        Of the hat functions.
+    vectors, gradients : (F, 3, 2) arrays
+        Vectors at the first corner, and how they change per unit of x and of y; and gradients of the hat functions.
     unfolding : (F, 3, 4) array
         From each frame to that behind the edge opposite each corner: cosine and sine of the turn, and the shift.
     neighbours : (F, 3) array of int

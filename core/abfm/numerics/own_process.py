@@ -45,13 +45,7 @@ class ProcessEndedError(Exception):
 
 
 class OwnProcess:
-    """Runs ``python -m module``, which serves `Requests`, until it is closed or nothing refers to it any more.
-
-    Parameters
-    ----------
-    module : str
-        Its name, dotted.
-    """
+    """Runs ``python -m module``, which serves `Requests`, until it is closed or nothing refers to it any more."""
 
     def __init__(self, module: str) -> None:
         self._process = subprocess.Popen([sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE)

@@ -131,7 +131,7 @@ class Descent:
                 continue
             self.progress = Progress(Best(current.x, current.point), current, stage)
             energies.append(current.point.energy)
-            self._record.add(self.levels, stage, self.best, current)
+            self._record.add(self.levels, stage, self.best)
         self.reason = ended or "iteration limit"
         return self.best
 

@@ -30,10 +30,6 @@ class Iteration:
         Total and its terms, on the mesh of this level scaled to unit area.
     mismatch : float
         ``||f_tau - g|| / ||g||`` on the mesh of this level.
-    gradient_norm : float
-        Norm dual to the preconditioner's; NaN where a level begins.
-    step_length : float
-        Most that the latest step changed ``tau |v|``, as a fraction of sqrt(area).
     evaluations : int
         Evaluations of energy and gradient so far.
     """
@@ -50,8 +46,6 @@ class Iteration:
     regularity: float
     mismatch_energy: float
     mismatch: float
-    gradient_norm: float
-    step_length: float
     evaluations: int
     _velocity: Callable[[], FloatArray]
     _advected: Callable[[], FloatArray]

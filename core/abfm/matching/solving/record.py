@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-import numpy as np
-
 from abfm.calculus.vector_fields import to_ambient
-from abfm.matching.energy.energy import Evaluation
 from abfm.matching.judging.confirmation import Best
 from abfm.matching.schedule import Stage
 from abfm.matching.solving.iteration import Iteration
 from abfm.matching.solving.levels import Level
-from abfm.numerics.optimizer import State
 from abfm.types import FloatArray
 
 
@@ -44,8 +40,8 @@ class Record:
         """Whether the latest iterate is on this level."""
         return bool(self.history) and self._level == level
 
-    def add(self, levels: list[Level], stage: Stage, best: Best, step: State[Evaluation] | None = None) -> None:
-        """The next iterate, on one of these levels: where the level begins, or what a step led to."""
+    def add(self, levels: list[Level], stage: Stage, best: Best) -> None:
+        """The next iterate, on one of these levels."""
         point, self._level = best.point, stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
         self.stage_of.append(len(self.schedule) - 1)
@@ -66,8 +62,6 @@ class Record:
                 regularity=point.regularity,
                 mismatch_energy=point.mismatch,
                 mismatch=energy.relative_mismatch(point.advected),
-                gradient_norm=step.gradient_norm if step else np.nan,
-                step_length=step.length if step else 0.0,
                 evaluations=self.evaluations,
                 _velocity=partial(_velocity_on_the_mesh, levels[stage.level :], best.x),
                 _advected=partial(_functions_on_the_mesh, levels[stage.level :], point.advected),
