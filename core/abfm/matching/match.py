@@ -38,10 +38,8 @@ def match(
 
     Parameters
     ----------
-    mesh : TriangleMesh
     f, g : (V,) or (V, C) arrays
         Source and target, one or several channels.
-    parameters : Parameters, optional
     mask : (V,) array, optional
         Weight of the mismatch at each vertex, not negative.
     weights : (C,) array, optional
@@ -55,10 +53,6 @@ def match(
         Called after every iteration, in this thread.
     control : Control, optional
         To pause, resume or cancel from elsewhere.
-
-    Returns
-    -------
-    Match
 
     Raises
     ------

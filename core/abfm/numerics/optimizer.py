@@ -79,17 +79,15 @@ class LBFGS(Generic[Point]):
     Parameters
     ----------
     evaluate : callable
-        Array to evaluation with ``energy`` and ``gradient``; the energy may be infinite. The gradient is asked for only
-        where it is needed, at the latest before the next evaluation.
+        Array to evaluation; the energy may be infinite. The gradient is asked for only where it is needed, at the
+        latest before the next evaluation.
     precondition : callable, optional
         ``H_0``: applies a symmetric positive definite approximation of the inverse Hessian. Without it ``H_0`` is the
         usual multiple of the identity, ``<s, y> / <y, y>``.
     memory : int
         Number of pairs kept.
-    size : callable, optional
-        Length of a step as the user measures it.
-    longest : float
-        No step is longer than this in ``size``.
+    size, longest : callable, float
+        Length of a step as the user measures it, and the most that it may be.
     tolerance : float
         Converged when the gradient's norm is this fraction of the first one.
     """

@@ -26,16 +26,9 @@ from abfm.types import FloatArray
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The energy at one point.
+    """The energy at one point: total and two terms, infinite where the flow overflows, and the source carried, (C, V).
 
-    Attributes
-    ----------
-    energy, regularity, mismatch : float
-        Total and its two terms; infinite where the flow overflows.
-    advected : (C, V) array
-        Source carried to the end time.
-    differentiate : callable
-        Computes the gradient; faster before than after the next evaluation of the energy.
+    To differentiate is faster before than after the next evaluation of the energy.
     """
 
     energy: float
@@ -60,13 +53,8 @@ class MatchingEnergy(Problem):
 
     Parameters
     ----------
-    mesh : TriangleMesh
-    f, g : (V,) or (V, C) arrays
-        Source and target.
-    parameters : Parameters
-    mask : (V,) array, optional
-    weights : (C,) array, optional
-        See `Problem`.
+    f, g, mask, weights
+        As `abfm.match` takes them.
 
     Attributes
     ----------

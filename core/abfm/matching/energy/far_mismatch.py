@@ -24,15 +24,12 @@ class FarMismatch(QuadraticMismatch):
 
     Parameters
     ----------
-    mesh : TriangleMesh
     areas : (V,) array
         ``A_w``: vertex areas with the mask.
     reach : float
         In the mesh's length unit; positive.
-    residuals : (C, V) array
-        Mismatch that shall have the same energy in this norm and in L2, which fixes ``c``.
-    weights : (C,) array
-        Of the channels.
+    residuals, weights : (C, V), (C,) arrays
+        Mismatch, with weights of the channels, that shall have the same energy here and in L2, which fixes ``c``.
     """
 
     def __init__(

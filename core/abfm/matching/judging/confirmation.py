@@ -36,14 +36,7 @@ class Best(NamedTuple):
 class Confirmation(NamedTuple):
     """What flow lines say of fields; all inf for fields that are too fast.
 
-    Attributes
-    ----------
-    mismatch : float
-        Over the norm of g.
-    energy : float
-        With a sigma.
-    left : float
-        The mismatch in the unit of sigma.
+    The mismatch over the norm of g, the energy with a sigma, and the mismatch that is left in the unit of sigma.
     """
 
     mismatch: float

@@ -37,12 +37,10 @@ class Outcome:
     ----------
     advected : (C, V) array
         Source carried to tau.
-    mismatch : float
-        ``||f_tau - g|| / ||g||`` of the discrete flow.
+    mismatch, verified : float
+        ``||f_tau - g|| / ||g||`` of the discrete flow, and where flow lines carry the source; NaN if unknown.
     stop_reason : str
         "converged", "iteration limit", "line search failed" or "cancelled".
-    verified : float
-        The same mismatch where flow lines carry the source; NaN if unknown.
     folded : float
         Share of the faces, 0 to 1, that the flow's map turns over; NaN if unknown.
     energies : (n,) array or None
@@ -66,12 +64,11 @@ class Verdict:
 
     Attributes
     ----------
-    kind : "matched", "nearly", "not reached" or "impossible"
+    kind : str
         Impossible: no flow would do. Not reached: not by this flow, which may still be worth having.
-    reason : str
-        The first and the last mismatch, and what they mean: one line without a full stop.
-    advice : str
-        What to try, likewise; empty where nothing is needed.
+    reason, advice : str
+        The first and the last mismatch, and what they mean; and what to try, empty where nothing is needed. Each is one
+        line without a full stop.
     """
 
     kind: Kind

@@ -55,12 +55,10 @@ class Verification:
     subdivided : float
         The same by the matrix exponential of the continuous fields on the midpoint subdivision, with f and g
         interpolated; inf where it overflows or would take very long, NaN where it was not asked.
-    folded : float
-        Share of the faces, by number, that the inverse flow folds: see `folds.folds`. The flow of a continuous
-        field tears nothing, so this is small even for rough fields.
-    overturned : float
-        Share of the faces whose three carried vertices alone look turned over: what the vertex-to-vertex map does.
-        Several percent where a smooth flow stretches much, tens of percent where the field is noise.
+    folded, overturned : float
+        Shares of the faces that the inverse flow folds, and whose carried vertices alone look turned over, see
+        `folds.folds`. The first is small even for rough fields, as the flow of a continuous field tears nothing; the
+        second several percent where a smooth flow stretches much, tens of percent where the field is noise.
     resolution : float
         How many edges the narrow features of source and target span, mask or not (`resolution.resolution`).
     """
@@ -121,17 +119,11 @@ def verify(
 
     Parameters
     ----------
-    mesh : TriangleMesh
-    source, target : (V,) or (V, C) arrays
+    source, target, mask, weights
+        As `abfm.match` takes them.
     velocity : (N, F, 3) or (F, 3) array
         Tangent fields in a row, each for ``tau / N``, in the mesh's length unit per unit of time, such as
         ``match.velocity``.
-    tau : float
-        End time.
-    mask : (V,) array, optional
-        Weight of the mismatch at each vertex, not negative.
-    weights : (C,) array, optional
-        Weight of each channel's mismatch, not negative.
     linearised : bool
         On the subdivided mesh take the linearised steps ``id - tau / N D_v`` instead of the exponentials.
     subdivided : bool

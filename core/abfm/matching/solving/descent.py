@@ -24,16 +24,9 @@ _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradien
 
 @dataclass(frozen=True)
 class Progress:
-    """What a descent goes on from.
+    """What a descent goes on from: the best on the latest stage's level, and the latest stage that was minimised.
 
-    Attributes
-    ----------
-    best : Best, optional
-        On the level of the latest stage.
-    learned : State, optional
-        The iterate whose pairs tell how the energy bends there.
-    before : Stage, optional
-        The latest one that was minimised.
+    The pairs of the iterate ``learned`` tell how the energy bends there.
     """
 
     best: Best | None = None
@@ -46,10 +39,8 @@ class Descent:
 
     Attributes
     ----------
-    levels : list of Level
-        At first those with the mesh itself.
-    level : int
-        Where the latest stage was.
+    levels, level : list of Level, int
+        At first those with the mesh itself; and where the latest stage was.
     progress : Progress
         May be set to what it was before, on the same level, or to ``Progress()`` to begin anew.
     reason : str

@@ -15,10 +15,8 @@ class Iteration:
 
     Attributes
     ----------
-    iteration : int
-        Number of steps taken, all stages together; 0 is the start.
-    stage : int
-        Which stage, from 0; how many there will be shows on the way.
+    iteration, stage : int
+        Number of steps taken, all stages together, 0 at the start; and which stage, from 0.
     level, levels : int
         Which mesh, from 0, the coarsest, of how many; the last one is the mesh itself. Where that has thin triangles it
         is the last but one, too, with their vertices held together, see `abfm.flow.clusters`.
