@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from abfm.matching.result import Match as Match
     from abfm.matching.result import load_match as load_match
     from abfm.matching.solving.control import Control as Control
-    from abfm.matching.solving.iteration import Iteration as Iteration
+    from abfm.matching.solving.record import Iteration as Iteration
     from abfm.mesh import TriangleMesh as TriangleMesh
     from abfm.mesh import load_mesh as load_mesh
     from abfm.parameters import Parameters as Parameters
@@ -34,7 +34,7 @@ _MODULES = {
     "Control": "matching.solving.control",
     "Flow": "flow.flow",
     "FunctionError": "errors",
-    "Iteration": "matching.solving.iteration",
+    "Iteration": "matching.solving.record",
     "Match": "matching.result",
     "MatchingEnergy": "matching.energy.energy",
     "MeshError": "errors",

@@ -16,10 +16,7 @@ from abfm.types import FloatArray
 def check_field(mesh: TriangleMesh, field: ArrayLike, name: str) -> FloatArray:
     """A field (F, 3) as an array.
 
-    Raises
-    ------
-    ParameterError
-        If it has another shape or values that are not finite.
+    Raises a ParameterError if it has another shape or values that are not finite.
     """
     array = np.asarray(field, dtype=np.float64)
     if array.shape != (len(mesh.faces), 3):

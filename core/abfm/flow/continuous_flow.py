@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.errors import ParameterError
 from abfm.flow.flow_lines import FacePoints, check_start, fields_in_a_row
-from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
-from abfm.flow.walking import vector_at, walk_straight
+from abfm.flow.smooth_flow import SmoothFlow, smooth_flow, vector_at, walk_straight
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import kernel

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from abfm.calculus.vector_fields import check_field
 from abfm.errors import ParameterError
 from abfm.flow import tracing
-from abfm.flow.face_flow import FaceFlow, face_flow
+from abfm.flow.tracing import FaceFlow, face_flow
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
@@ -136,10 +136,7 @@ class _Walk:
 def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
     """N fields (N, F, 3), of which one may come as (F, 3).
 
-    Raises
-    ------
-    ParameterError
-        If they have another shape or values that are not finite.
+    Raises a ParameterError if they have another shape or values that are not finite.
     """
     array = np.asarray(velocity, dtype=np.float64)
     if array.ndim == 2:
@@ -155,10 +152,7 @@ def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
 def check_start(mesh: TriangleMesh, start: FacePoints) -> tuple[IntArray, FloatArray]:
     """Faces (P,) and barycentric weights (P, 3) of points.
 
-    Raises
-    ------
-    ParameterError
-        If they are not points of the mesh.
+    Raises a ParameterError if they are not points of the mesh.
     """
     faces, barycentric = np.asarray(start.faces), np.asarray(start.barycentric, dtype=np.float64)
     if faces.ndim != 1 or not np.issubdtype(faces.dtype, np.integer) or barycentric.shape != (len(faces), 3):

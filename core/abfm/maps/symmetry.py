@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError
 from abfm.maps.surface_points import map_vertices_to_nearest, project_onto_surface
-from abfm.mesh import TriangleMesh
+from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
 
 Kind = Literal["mirror", "rotation"]
@@ -92,10 +92,7 @@ def detect_symmetry(mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: f
         raise ParameterError(f"kind is {kind!r}; expected {' or '.join(map(repr, KINDS))}")
     if order not in (range(2, 3) if kind == "mirror" else range(2, 1001)):
         raise ParameterError(f"order is {order!r}; expected 2 for a mirror and 2 to 1000 for a rotation")
-    key = (__name__, kind, order)
-    if key not in mesh.cache:
-        mesh.cache[key] = _best(mesh, kind, order)
-    found: Symmetry = mesh.cache[key]
+    found = _best(mesh, kind, order)
     if not found.error <= tolerance:
         what = "mirror plane" if kind == "mirror" else f"axis of rotation by {360 / order:g} degrees"
         raise SymmetryError(
@@ -106,6 +103,7 @@ def detect_symmetry(mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: f
     return found
 
 
+@per_mesh
 def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
     """The symmetry to choose, whatever its error."""
     unit = mesh.normalized()

@@ -14,7 +14,7 @@ from abfm.matching.judging.verdict import Outcome, advice
 from abfm.matching.judging.verification import look
 from abfm.matching.result import Match
 from abfm.matching.solving.control import CancelledError, Control
-from abfm.matching.solving.iteration import Iteration
+from abfm.matching.solving.record import Iteration
 from abfm.matching.solving.solve import Solver
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters

@@ -54,10 +54,7 @@ class OwnProcess:
     def send(self, message: object) -> None:
         """Send one message.
 
-        Raises
-        ------
-        ProcessEndedError
-            If nobody is there to read it.
+        Raises a ProcessEndedError if nobody is there to read it.
         """
         assert self._process.stdin is not None
         try:
@@ -68,10 +65,7 @@ class OwnProcess:
     def receive(self) -> Any:
         """Wait, while other threads go on, for one message.
 
-        Raises
-        ------
-        ProcessEndedError
-            If none will come.
+        Raises a ProcessEndedError if none will come.
         """
         assert self._process.stdout is not None
         try:

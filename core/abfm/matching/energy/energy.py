@@ -58,9 +58,6 @@ class MatchingEnergy(Problem):
 
     Attributes
     ----------
-    function_size : float
-        The larger of the two functions' deviations from their means, in L2 with mask and weights, all channels
-        together; 1 where both are constant.
     vertex_count : int
         Values of a function that is advected: vertices, or clusters of them.
     """
@@ -77,7 +74,6 @@ class MatchingEnergy(Problem):
         super().__init__(mesh.normalized(), f, g, mask, weights)
         self.length_scale = mesh.length_scale
         self.parameters = parameters
-        self.function_size = max(self.deviation(self.source), self.deviation(self.target)) or 1.0
         self.shape = (parameters.segments, len(mesh.faces), 2)
         self.step = parameters.tau / parameters.segments
         self.vertex_count = len(mesh.vertices)
@@ -218,10 +214,7 @@ class MatchingEnergy(Problem):
 def check_fields(velocity: ArrayLike, shape: tuple[int, int, int], name: str = "velocity") -> FloatArray:
     """Fields as (N, F, 3), for the shape (N, F, 2) of the unknowns; one field may come as (F, 3).
 
-    Raises
-    ------
-    ParameterError
-        If the shape is another one or a value is not finite.
+    Raises a ParameterError if the shape is another one or a value is not finite.
     """
     field = np.asarray(velocity, dtype=np.float64)
     expected = (*shape[:2], 3)

@@ -33,6 +33,8 @@ class Problem:
     weights : (C,) array
     areas : (V,) array
         Vertex areas times the mask.
+    function_size : float
+        The larger of the functions' deviations; 1 where both are constant.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class Problem:
             self.mask = _weights(of_vertices, len(mesh.vertices), "mask")
         self.weights = np.ones(count) if weights is None else _weights(weights, count, "weights")
         self.areas = vertex_areas(mesh) if self.mask is None else vertex_areas(mesh) * self.mask
+        self.function_size = max(self.deviation(self.source), self.deviation(self.target)) or 1.0
 
     def relative_mismatch(self, advected: FloatArray) -> float:
         """``||f_tau - g|| / ||g||`` in L2 over all channels (C, V), with mask and weights; ``||f||``, or 1, for 0."""

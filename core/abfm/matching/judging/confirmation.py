@@ -74,10 +74,7 @@ def is_resolved(energy: MatchingEnergy) -> bool:
 def by_flow_lines(energy: MatchingEnergy, x: FloatArray, between: Callable[[], None]) -> FloatArray:
     """The source carried along the continuous fields, (C, V).
 
-    Raises
-    ------
-    ParameterError
-        If the fields lead over too many faces.
+    Raises a ParameterError if the fields lead over too many faces.
     """
     fields = to_ambient(energy.mesh, x)
     points = flow_map(energy.mesh, fields, energy.parameters.tau, backwards=True, between=between)

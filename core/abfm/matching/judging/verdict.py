@@ -103,13 +103,13 @@ class _Case:
 
     def impossible(self) -> Verdict | None:
         """Values that the source lacks, or cannot lose; functions that were alike from the start are no such case."""
-        problem = self.problem
         if max(self.first, self.outcome.mismatch) <= MATCHED:
             return None
-        if solvability.source_is_constant(problem) and not solvability.target_is_constant(problem):
+        flat, to_flat = solvability.source_is_constant(self.problem), solvability.target_is_constant(self.problem)
+        if flat and not to_flat:
             why = "the source is constant, and no flow changes that"
             return self._verdict("impossible", why, "take a source that has the target's values")
-        if solvability.target_is_constant(problem) and not solvability.source_is_constant(problem):
+        if to_flat and not flat:
             why = "the target is constant and the source is not, and a flow keeps every value of the source"
             return self._verdict("impossible", why, "take a target that has the source's values in other places")
         if self.bound > NEARLY:
@@ -171,16 +171,13 @@ class _Case:
 
     def _verdict(self, kind: Kind, why: str, advised: str) -> Verdict:
         before, after = f"{self.first:.2g}", f"{self.outcome.mismatch:.2g}"
-        if before == after:
-            change = f"the mismatch stayed at {after}"
-        else:
-            change = f"the mismatch {'fell' if self.outcome.mismatch < self.first else 'rose'} from {before} to {after}"
+        moved = f"{'fell' if self.outcome.mismatch < self.first else 'rose'} from {before} to"
+        change = f"the mismatch {'stayed at' if before == after else moved} {after}"
         if self.known:
             change += f" ({self.outcome.verified:.2g} by flow lines)"
         if self.raised:
-            change += (
-                f" with sigma raised to {self.outcome.unmatched:.2g}, which is what smooth flows leave of the functions"
-            )
+            unmatched = f"{self.outcome.unmatched:.2g}"
+            change += f" with sigma raised to {unmatched}, which is what smooth flows leave of the functions"
         return Verdict(kind, f"{change}: {why}" if why else change, advised)
 
     def _of_peaks(self, kind: Kind = "not reached") -> Verdict:
@@ -228,19 +225,18 @@ class _Case:
         alpha = f", or {self._smaller('alpha')}" if self.parameters.alpha else ""
         sigma = self._smaller("sigma")
         if self.raised:
-            size = max(self.problem.deviation(self.problem.source), self.problem.deviation(self.problem.target))
-            sigma = f"an absolute sigma, which is never raised, such as {self._sigma / _FURTHER * size:.2g}"
+            size = self.outcome.unmatched / _FURTHER * self.problem.function_size
+            sigma = f"an absolute sigma, which is never raised, such as {size:.2g}"
         return f"to come closer with a rougher field, {sigma}{alpha}"
 
     def _larger(self, name: Literal["alpha", "sigma"]) -> str:
-        value = self._sigma if name == "sigma" else self.parameters.alpha
-        return f"a larger {name}, such as {_FURTHER * value or _USUAL_ALPHA:.2g}"
+        return f"a larger {name}, such as {_FURTHER * self._last(name) or _USUAL_ALPHA:.2g}"
 
     def _smaller(self, name: Literal["alpha", "sigma"]) -> str:
-        value = self._sigma if name == "sigma" else self.parameters.alpha
-        return f"a smaller {name}, such as {value / _FURTHER:.2g}"
+        return f"a smaller {name}, such as {self._last(name) / _FURTHER:.2g}"
 
-    @property
-    def _sigma(self) -> float:
-        """The last one that the match had."""
+    def _last(self, name: Literal["alpha", "sigma"]) -> float:
+        """What the match had in the end."""
+        if name == "alpha":
+            return self.parameters.alpha
         return self.outcome.unmatched if self.raised else self.parameters.sigma

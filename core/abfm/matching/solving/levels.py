@@ -151,10 +151,6 @@ def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
     return [int(count * (COARSEST / count) ** (step / steps)) for step in range(1, steps + 1)]
 
 
+@per_mesh
 def _transfer(fine: TriangleMesh, coarse: TriangleMesh) -> Transfer:
-    """Made once for two meshes, and kept with the fine one."""
-    key = (__name__, coarse)
-    if key not in fine.cache:
-        fine.cache[key] = Transfer(coarse, fine)
-    transfer: Transfer = fine.cache[key]
-    return transfer
+    return Transfer(coarse, fine)
