@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
 from abfm import AbfmError
+from abfm.numerics.own_process import factoring_apart
 from abfm_viewer.computing.memo import same
 
 Value = TypeVar("Value")
@@ -97,6 +98,7 @@ class Latest(Generic[Value]):
             self._thread.start()
         self._condition.notify()
 
+    @factoring_apart()
     def _work(self) -> None:
         while True:
             with self._condition:

@@ -51,10 +51,9 @@ class FlowState:
         AdvectionError
             If the flow is too long, or overflows the single precision of what can be shown.
         """
-        from abfm import AdvectionError
-        from abfm.matching.result import push  # not before: it loads what the first frame does without
+        from abfm import AdvectionError, Flow  # not before: it loads what the first frame does without
 
-        carried = push(self.mesh, self.velocity, self.parameters, function, times)
+        carried = Flow(self.mesh, self.velocity, self.parameters.tau, self.parameters.method).push(function, times)
         if np.abs(carried).max() > _LARGEST:
             raise AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
         return carried

@@ -16,7 +16,6 @@ import polyscope.imgui as imgui
 from PIL import Image
 
 from abfm.io import write_atomically
-from abfm.numerics import own_process
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
@@ -47,7 +46,6 @@ if TYPE_CHECKING:
 
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
 _IDLE_AFTER = 1.0  # seconds without anything that moves
-_FACTOR_APART_FROM = 15_000  # unknowns; smaller systems take a few frames
 _PANEL_WIDTH, _WIDEST_PANEL = 380, 0.5
 _STATUS_HEIGHT = 28
 
@@ -114,7 +112,6 @@ class Window:
         self._panel_seconds = self._moved_at = self._last_redraw = 0.0
         self._document: object = None
         self._style: tuple[Theme, float] | None = None
-        own_process.factor_from = _FACTOR_APART_FROM
         opengl.spare_a_core()
         opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)

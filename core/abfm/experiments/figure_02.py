@@ -14,10 +14,10 @@ from abfm.experiments.given_flow import carried, feet, stream_field
 from abfm.experiments.meshes import bundled, smoothed, sphere
 from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.flow.advection import advect
+from abfm.flow.flow import Flow
 from abfm.flow.flow_lines import flow_lines
 from abfm.functions import function
 from abfm.maps.surface_points import project_onto_surface
-from abfm.matching.result import push
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray, IntArray
@@ -85,7 +85,7 @@ def run(setup: FlowSetup, report: Report) -> Findings:
 
     starts = _spread(mesh, _LINES)
     lines = flow_lines(mesh, field, project_onto_surface(mesh, mesh.vertices[starts]), tau)
-    halfway, end = push(mesh, setup.velocity, setup.parameters, f, [tau / 2, tau])
+    halfway, end = Flow(mesh, setup.velocity, tau).push(f, [tau / 2, tau])
     panels = (
         Panel(mesh, Streaks(field), "field", "field"),
         Panel(mesh, Values(f), "function", "source"),
@@ -110,11 +110,11 @@ def compare(mesh: TriangleMesh, velocity: FloatArray, f: FloatArray, times: Floa
     f : (V,) array
     times : (T,) array
     """
-    parameters = Parameters(tau=float(times.max()))
+    flow = Flow(mesh, velocity, float(times.max()))
     places = feet(mesh, velocity, times)
     walked = carried(mesh, places, f)
-    advected = push(mesh, velocity[None], parameters, f, times)
-    coordinates = push(mesh, velocity[None], parameters, mesh.vertices, times)
+    advected = flow.push(f, times)
+    coordinates = flow.push(mesh.vertices, times)
     functions = [l2_norm(mesh, a - b) / l2_norm(mesh, b) for a, b in zip(advected, walked, strict=True)]
     maps = [
         l2_norm(mesh, project_onto_surface(mesh, a).positions - b) / mesh.length_scale**2  # root mean square

@@ -13,8 +13,8 @@ from abfm.experiments.given_flow import carried, feet, stream_field
 from abfm.experiments.meshes import five_limbs
 from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Values
 from abfm.flow.advection import advect
+from abfm.flow.flow import Flow
 from abfm.functions import function
-from abfm.matching.result import push
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
@@ -68,7 +68,7 @@ def run(setup: Setup, report: Report) -> Findings:
         _LINEAR: _linear_steps(derivative, f, tau / steps, each),
         _FINER: _linear_steps(derivative, f, tau / steps / _REFINED, each * _REFINED),
         _ONE_STEP: f - times[:, None] * (derivative @ f),
-        _NONLINEAR: push(mesh, setup.velocity, setup.parameters, f, times),
+        _NONLINEAR: Flow(mesh, setup.velocity, tau).push(f, times),
         _FLOW_LINES: carried(mesh, feet(mesh, setup.velocity[0], times), f),
     }
     report("variation", 0.9)

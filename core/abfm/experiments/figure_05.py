@@ -14,9 +14,8 @@ from abfm.experiments.experiment import Experiment, Findings, Measure, Report, S
 from abfm.experiments.given_fields import carried_bump, centres, relative_error, stirring, tangent, with_speed
 from abfm.experiments.meshes import gourd, gourd_radius, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
-from abfm.matching.result import push
+from abfm.flow.flow import Flow
 from abfm.mesh import TriangleMesh
-from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
 _SPEED = 0.25  # of v, in sqrt(area) per unit of time
@@ -190,7 +189,7 @@ def _exchanged(mesh: TriangleMesh, v: FloatArray, u: FloatArray) -> float:
     """Root mean square distance between first v then u and first u then v, over that from the start."""
 
     def carried(field: FloatArray, places: FloatArray) -> FloatArray:
-        return push(mesh, field[None], Parameters(tau=1.0), places, 1.0)
+        return Flow(mesh, field).push(places, 1.0)
 
     one, other = carried(u, carried(v, mesh.vertices)), carried(v, carried(u, mesh.vertices))
     return float(np.linalg.norm(one - other) / np.linalg.norm(one - mesh.vertices))

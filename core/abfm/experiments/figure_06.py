@@ -25,9 +25,8 @@ from abfm.experiments.given_fields import (
 )
 from abfm.experiments.meshes import geodesic_sphere, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
-from abfm.matching.result import push
+from abfm.flow.flow import Flow
 from abfm.mesh import TriangleMesh
-from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
 _TURN = np.pi  # radians per unit of time
@@ -224,7 +223,7 @@ def _derivative_error(case: _Case, time: float, field: FloatArray) -> float:
     mesh, places = case.mesh, case.mesh.vertices
 
     def carried(functions: FloatArray) -> FloatArray:
-        return push(mesh, case.v[None], Parameters(tau=1.0), functions, time)
+        return Flow(mesh, case.v).push(functions, time)
 
     derived = directional_derivative(mesh, to_frame(mesh, field)) @ carried(places)
     expected = carried(directional_derivative(mesh, to_frame(mesh, case.u)) @ places)

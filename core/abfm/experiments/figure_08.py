@@ -15,9 +15,9 @@ from abfm.experiments.sheet import Panel, Sheet, Streaks, Values
 from abfm.experiments.table_1 import TABLE_1
 from abfm.experiments.witnesses import witnessed
 from abfm.flow.advection import advect
+from abfm.flow.flow import Flow
 from abfm.functions import function
 from abfm.matching.match import match
-from abfm.matching.result import push
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -73,7 +73,7 @@ def run(setup: OpticalFlowSetup, report: Report) -> Findings:
         mesh, (given * directions).sum(axis=1)
     )
     share = root_mean_square(mesh, significant.astype(float)) ** 2
-    way = push(mesh, given[None], p, f, np.linspace(0, p.tau, 21))
+    way = Flow(mesh, given, p.tau).push(f, np.linspace(0, p.tau, 21))
     seen = _rate(mesh, error, way) / _rate(mesh, given, way)
     whole = root_mean_square(mesh, error) / root_mean_square(mesh, given)
     where = f"where |grad f| exceeds {_SIGNIFICANT:.0%} of its maximum"

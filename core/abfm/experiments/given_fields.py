@@ -11,8 +11,8 @@ from abfm.calculus.helmholtz_hodge import helmholtz_hodge
 from abfm.calculus.operators import averaging, face_areas, gradient, rotation
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import MeshError
+from abfm.flow.flow import Flow
 from abfm.functions import function
-from abfm.matching.result import push
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
@@ -32,14 +32,13 @@ def carried_bump(mesh: TriangleMesh, field: FloatArray) -> Carried:
     """A Gaussian where a field (F, 3) is fastest, and what the field makes of it in a unit of time."""
     fastest = int(np.argmax(averaging(mesh) @ np.linalg.norm(field, axis=1)))
     source, parameters = f"gaussian:vertex={mesh.vertex_ids[fastest]},width=0.1", Parameters(tau=1.0)
-    velocity = field[None]
-    target = push(mesh, velocity, parameters, function(mesh, source), 1.0)
+    target = Flow(mesh, field).push(function(mesh, source), 1.0)
     return Carried(
         sources=(source,),
         targets=("file:carried.npy",),
         values={"file:carried.npy": target},
         parameters=parameters,
-        velocity=velocity,
+        velocity=field[None],
     )
 
 

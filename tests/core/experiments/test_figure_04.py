@@ -10,9 +10,8 @@ from abfm.experiments import figure_04
 from abfm.experiments.figure_04 import EXPERIMENT
 from abfm.experiments.given_flow import stream_field
 from abfm.flow.advection import advect
+from abfm.flow.flow import Flow
 from abfm.functions import function
-from abfm.matching.result import push
-from abfm.parameters import Parameters
 from tests.shapes import ellipsoid, open_cylinder
 
 
@@ -40,8 +39,8 @@ def test_linear_steps_are_those_of_the_library() -> None:
     derivative = directional_derivative(mesh, to_frame(mesh, field))
     steps = len(figure_04._TIMES) - 1
     last = figure_04._linear_steps(derivative, f, 1 / steps, 1)[-1]
-    parameters = Parameters(tau=1.0, method="linearised", segments=steps)
-    np.testing.assert_allclose(last, push(mesh, np.repeat(field[None], steps, axis=0), parameters, f, 1.0), atol=1e-12)
+    flow = Flow(mesh, np.repeat(field[None], steps, axis=0), method="linearised")
+    np.testing.assert_allclose(last, flow.push(f, 1.0), atol=1e-12)
 
 
 def test_one_step_errs_by_the_square_of_the_time() -> None:

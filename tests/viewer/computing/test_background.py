@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from abfm import FunctionError
+from abfm.numerics.own_process import is_factored_apart
 from abfm_viewer.computing.background import Jobs, Latest
 from tests.viewer.sessions import until
 
@@ -33,6 +34,15 @@ def test_only_the_newest_of_several_requests_is_computed():
     until(lambda: latest.ask("third", job("third")) == "third")
     assert computed == ["first", "third"]
     assert not latest.busy
+    latest.close()
+
+
+def test_large_systems_are_factored_apart_beside_the_frame_loop_and_small_ones_and_others_here():
+    latest = Latest[list[bool]]("test")
+    latest.ask("sizes", lambda: [is_factored_apart(size) for size in (14_000, 15_000)])
+    until(lambda: latest.key == "sizes")
+    assert latest.value == [False, True]
+    assert not is_factored_apart(10**9)
     latest.close()
 
 

@@ -13,8 +13,9 @@ from abfm.benchmark.watched import LEVEL
 from abfm.calculus.geodesics import geodesic_distance
 from abfm.functions import function
 from abfm.maps.symmetry import SymmetryError, detect_symmetry
+from abfm.matching.energy.problem import Problem
 from abfm.matching.judging.resolution import RESOLVED, resolution
-from abfm.matching.judging.solvability import Problem, range_bound
+from abfm.matching.judging.solvability import different_peaks, range_bound
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -82,7 +83,7 @@ class SuccessProblem:
         """All that tells it from others, whether the mesh resolves it, and what is known to be in any flow's way."""
         edges = self.resolution()
         f, g = self.functions()
-        problem = Problem(self.mesh, f[None], g[None])
+        problem = Problem(self.mesh, f, g)
         least = range_bound(problem)
         return {
             "mesh": self.mesh_name,
@@ -96,7 +97,7 @@ class SuccessProblem:
             "edges_per_width": edges,
             "resolved": edges >= RESOLVED,
             "least": least,
-            "solvable": least <= LEVEL and problem.different_peaks() is None,
+            "solvable": least <= LEVEL and different_peaks(problem) is None,
         }
 
 
