@@ -12,6 +12,7 @@ import numpy as np
 from abfm.errors import MeshError
 from abfm.experiments import TITLES
 from abfm.experiments.sheet import Sheet
+from abfm.flow.flow import Flow
 from abfm.functions import function
 from abfm.matching.match import match
 from abfm.matching.result import Match
@@ -85,8 +86,8 @@ class Setup:
     values : mapping of str to (V,) array
         Functions that no text describes, by the spec of a file, ``file:name.npy``, that need not exist.
     parameters : Parameters
-    velocity : (N, F, 3) array or None
-        The field that the experiment is about, where it is given and not sought.
+    flow : Flow or None
+        What the experiment is about, where it is given and not sought.
     """
 
     mesh: TriangleMesh
@@ -95,7 +96,7 @@ class Setup:
     targets: tuple[str, ...]
     values: Mapping[str, FloatArray] = field(default_factory=dict)
     parameters: Parameters
-    velocity: FloatArray | None = None
+    flow: Flow | None = None
 
     @property
     def source(self) -> FloatArray:

@@ -113,8 +113,8 @@ def run(setup: GivenFields[Commuting], report: Report) -> Findings:
         found = [(case, commuting_fields(case.mesh, case.v)[0]) for case in levels]
         measures += _measures(setup.title(found[0][0]), found)
         case, u = found[-1]
-        fields = ((case.v, "v", "field"), (u, "u", "result"))
-        rows.append(tuple(Panel(case.mesh, _streaks(case, field), *what) for field, *what in fields))
+        v_panel = Panel(case.mesh, _streaks(case, case.v), "v", "field")
+        rows.append((v_panel, Panel(case.mesh, _streaks(case, u), "u", "result")))
     known = setup.cases[0][0].u is not None
     kind = "the rotation about the axis" if known else "the turned gradient of eigenfunction 1"
     setting = (

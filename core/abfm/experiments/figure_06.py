@@ -121,11 +121,11 @@ def _on_any(mesh: TriangleMesh) -> Carrying:
         If it grows without bounds for all fields and speeds that are tried.
     """
     fields = [with_speed(mesh, stirring(mesh, index), 1.0) for index in (1, 2, 3)]
-    for speed in _SPEEDS:
+    for fast in _SPEEDS:
         for v, u in pairwise(fields):
             with suppress(AdvectionError), np.errstate(over="ignore"):
-                if relative_norm(mesh, pushforward(mesh, speed * v, u, _SHOWN[-1]), u) < _MOST_STRETCHED:
-                    return Carrying(f"|v| = {speed:g} sqrt(area)", mesh, speed * v, u)
+                if relative_norm(mesh, pushforward(mesh, fast * v, u, _SHOWN[-1]), u) < _MOST_STRETCHED:
+                    return Carrying(f"|v| = {fast:g} sqrt(area)", mesh, fast * v, u)
     raise MeshError("the discrete pushforward grows without bounds on this mesh: remesh its thin and folded faces")
 
 
@@ -146,14 +146,14 @@ def run(setup: GivenFields[Carrying], report: Report) -> Findings:
         else:
             measures += _against_functions(name, case, carried)
         seen = seen or (speed(mesh, case.u), speed(mesh, carried[-1]))
-        fields = [
-            (case.u, "u", "source"),
-            *((w, f"u, carried to t = {t:g}", "result") for t, w in zip(_SHOWN, carried, strict=True)),
-        ]
         rows.append(
             (
                 Panel(mesh, Streaks(case.v), "v", "field"),
-                *(Panel(mesh, Streaks(w, speed(mesh, w), "speed"), *what) for w, *what in fields),
+                Panel(mesh, _streaks(mesh, case.u), "u", "source"),
+                *(
+                    Panel(mesh, _streaks(mesh, w), f"u, carried to t = {t:g}", "result")
+                    for t, w in zip(_SHOWN, carried, strict=True)
+                ),
             )
         )
     turns = (
@@ -163,6 +163,10 @@ def run(setup: GivenFields[Carrying], report: Report) -> Findings:
     )
     setting = f"{setup.sizes}. {turns}. The pushforward is exp(-t ad_v) u."
     return Findings(measures, Sheet(tuple(rows), seen=seen), setting)
+
+
+def _streaks(mesh: TriangleMesh, field: FloatArray) -> Streaks:
+    return Streaks(field, speed(mesh, field), "speed")
 
 
 def _error(case: Carrying, exact: Callable[[float], FloatArray], time: float, sign: int = 1) -> float:
