@@ -143,7 +143,7 @@ def stirring(mesh: TriangleMesh, index: int) -> FloatArray:
 
 
 def _turned_gradient(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
-    return to_ambient(mesh, (rotation(mesh) @ (gradient(mesh) @ f)).reshape(-1, 2))
+    return to_ambient(mesh, (rotation(mesh) @ gradient(mesh) @ f).reshape(-1, 2))
 
 
 def with_speed(mesh: TriangleMesh, field: FloatArray, speed: float) -> FloatArray:
