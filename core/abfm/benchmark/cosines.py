@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from abfm.baselines.paper import PaperEnergy
-from abfm.benchmark.convergence import converge
 from abfm.benchmark.problem import PARAMETERS, Problem, sphere_problem
+from abfm.benchmark.tables import markdown
+from abfm.benchmark.watched import watched_match
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.energy.energy import MatchingEnergy
 from abfm.types import FloatArray
@@ -68,10 +69,9 @@ def cosines(problem: Problem, velocity: FloatArray, substeps: Sequence[int] = SU
 def cosine_table(subdivision: int = 5, iterations: int = 300, substeps: Sequence[int] = SUBSTEPS) -> str:
     """The rows of `cosines` at the field after some iterations of the solver, as a table in Markdown."""
     problem = sphere_problem(subdivision)
-    rows = cosines(problem, converge(problem, replace(PARAMETERS, iterations=iterations)).velocity, substeps)
-    lines = [" | ".join(COLUMNS.values()), " | ".join("---" for _ in COLUMNS)]
-    lines += [" | ".join(f"{row[key]:.3g}" for key in COLUMNS) for row in rows]
-    return "\n".join(f"| {line} |" for line in lines)
+    found = watched_match(problem, replace(PARAMETERS, iterations=iterations)).found
+    rows = [[f"{row[key]:.3g}" for key in COLUMNS] for row in cosines(problem, found.velocity[0], substeps)]
+    return "\n".join(markdown([list(COLUMNS.values()), *rows]))
 
 
 def _cosine(a: FloatArray, b: FloatArray) -> float:

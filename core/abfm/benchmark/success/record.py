@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
 
+from abfm.benchmark.problem import Problem
 from abfm.benchmark.success.problems import SuccessProblem
 from abfm.benchmark.watched import LEVEL, watched_match
 from abfm.errors import AbfmError
@@ -85,30 +87,20 @@ class Record:
 
 
 def run_problem(problem: SuccessProblem, parameters: Parameters, limit: float = 120.0) -> Record:
-    """Match and verify.
-
-    Parameters
-    ----------
-    problem : SuccessProblem
-    parameters : Parameters
-    limit : float
-        Seconds after which the match ends with what it has.
-    """
+    """Match and verify; after some seconds the match ends with what it has."""
     source, target = problem.functions()
     mesh = TriangleMesh(problem.mesh.vertices, problem.mesh.faces)  # nothing computed yet
     start = perf_counter()
     with counted_row_products() as products:
         try:
-            watched = watched_match(mesh, source, target, parameters, limit)
+            watched = watched_match(Problem(mesh, source, target), parameters, limit)
         except AbfmError as error:
             return Record(stop_reason=str(error), seconds=perf_counter() - start, row_products=products.count)
     found, last = watched.found, watched.last
     verified, folded, overturned = math.nan, math.nan, math.nan
-    try:
+    with suppress(AbfmError):  # of fields along which flow lines do not end
         witness = verify(problem.mesh, source, target, found.velocity, parameters.tau, subdivided=False)
         verified, folded, overturned = witness.mismatch, witness.folded, witness.overturned
-    except AbfmError:  # fields along which flow lines do not end
-        pass
     return Record(
         mismatch=found.mismatch,
         verified=verified,
