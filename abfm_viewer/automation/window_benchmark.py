@@ -54,18 +54,9 @@ window.close()
 
 
 def run(tell: Callable[[str], None], subdivision: int = 5, iterations: int = 60, repeats: int = 5) -> dict[str, Any]:
-    """Measure all three; ratios are of medians of runs that take turns.
+    """Measure all three; ratios are of medians of as many runs as `repeats` says, which take turns.
 
-    Parameters
-    ----------
-    tell : callable
-        Told a line before every part.
-    subdivision : int
-        Of the icosphere that is solved on; 5 has 10,242 vertices.
-    iterations : int
-        Of every solve.
-    repeats : int
-        Runs of every kind.
+    The solver's meshes are icospheres of ``10 * 4**subdivision + 2`` vertices.
     """
     backend: Backend = opengl.WINDOW if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() else opengl.OFFSCREEN
     tell("launch to the first frame, the app and bare polyscope in turns")

@@ -36,18 +36,14 @@ def run(
         Told in one line what is measured next.
     seconds : float
         What the paper's algorithm and plain L-BFGS get.
-    subdivision : int
-        Icosphere of the race and of the cosines: ``10 * 4**subdivision + 2`` vertices.
-    subdivisions : sequence of int
-        Icospheres of everything that is measured against the mesh size, coarse to fine.
+    subdivision, subdivisions : int, sequence of int
+        Icospheres of the race and the cosines, and of what is measured against the mesh size, coarse to fine.
     iterations : int
-        Iterations at constant sigma on each mesh, and to the field at which the gradient is timed; at least 20.
+        At constant sigma on each mesh, and to the field at which the gradient is timed; at least 20.
     cosine_iterations : int
-        Iterations to the field at which gradients are compared.
-    repeats : int
-        Runs of the solver in the race; their median counts.
-    timings : int
-        Timed evaluations for the cost of the gradient; their median counts.
+        To the field at which gradients are compared.
+    repeats, timings : int
+        Runs of the solver in the race, and timed evaluations of the gradient: their medians count.
 
     Returns
     -------

@@ -22,15 +22,8 @@ PLAIN = replace(PARAMETERS, iterations=10**9, preconditioner="none")
 class Race:
     """Histories of the contestants, all from ``v = 0`` on new meshes, set-up and factorisation included.
 
-    Attributes
-    ----------
-    paper : PaperDescent
-        Plain L-BFGS with the paper's gradient.
-    plain : (rows, 3) array
-        `Watched.history` of plain L-BFGS with the exact gradient.
-    solver : list of (rows, 3) arrays
-        The same of the preconditioned solver, once per repeat; each ends below the lowest energy of both others, or
-        when time is up.
+    `plain` is `Watched.history` of plain L-BFGS with the exact gradient; `solver` has one of the preconditioned solver
+    per repeat, each of which ends below the lowest energy of both others, or when time is up.
     """
 
     paper: PaperDescent

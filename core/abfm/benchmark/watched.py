@@ -23,15 +23,8 @@ LEVEL = MATCHED
 class Watched:
     """What happened.
 
-    Attributes
-    ----------
-    found : Match
-    last : Iteration or None
-        The latest iterate.
-    history : (rows, 3) array
-        Seconds, energy and relative mismatch of each iterate on the mesh itself.
-    to_end : float
-        Seconds of all of `abfm.match`.
+    `last` is the latest iterate; `history` (rows, 3) has seconds, energy and relative mismatch of each iterate on the
+    mesh itself; `to_end` are the seconds of all of `abfm.match`.
     """
 
     found: Match

@@ -78,14 +78,12 @@ class Setup:
 
     Attributes
     ----------
-    mesh : TriangleMesh
     name : str
         What the mesh is called.
     sources, targets : tuple of str
         One spec of `abfm.functions` per channel; a spec that `values` names has these values.
     values : mapping of str to (V,) array
         Functions that no text describes, by the spec of a file, ``file:name.npy``, that need not exist.
-    parameters : Parameters
     flow : Flow or None
         What the experiment is about, where it is given and not sought.
     """
@@ -159,14 +157,10 @@ S = TypeVar("S", bound=Setup)
 
 @dataclass(frozen=True, eq=False)
 class Experiment(Generic[S]):
-    """A figure of the paper as a set-up that can be run again.
+    """A figure of the paper as a set-up that can be run again, and what the paper shows with it.
 
     Attributes
     ----------
-    number : int
-        The figure's number in the paper.
-    claim : str
-        What the paper shows with it.
     set_up : callable
         Given a mesh, or None for the experiment's own, and whether to be small (for tests: a few seconds, coarse
         meshes), makes the set-up; `MeshError` says why a mesh will not do.

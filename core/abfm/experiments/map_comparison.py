@@ -36,20 +36,9 @@ _ALL_UP_TO, _MEASURED = 1500, 500
 class Comparison:
     """Matches, and the accuracy of their maps.
 
-    Attributes
-    ----------
-    one, three : Match
-        Of the coordinate with the largest extent, and of all three.
-    one_carries : (V, 3) array
-        All three coordinates, carried by the flow of the first.
-    reduced : ReducedMatch
-    reduced_functions : (V, 3) array
-        The three coordinates, carried by the flow of the reduced basis' field.
-    accuracies : dict of name to MapAccuracy
-        Of the maps, and of those that need no flow (see `abfm.experiments.read_outs`).
-    qualities : dict of name to MapQuality
-        Of the same maps.
-    setting : str
+    `one` and `three` are of the coordinate with the largest extent, and of all three; `one_carries` and
+    `reduced_functions` (V, 3) are all three coordinates, carried by the first flow and by that of the reduced basis.
+    Accuracies and qualities are of the maps by name, and of those that need no flow (see `abfm.experiments.read_outs`).
     """
 
     one: Match

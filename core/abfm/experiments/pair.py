@@ -47,7 +47,6 @@ class PairSetup(Setup):
         Where on A the start map takes each vertex of B.
     wanted : (k, k) array
         The true functional map, cut off.
-    setting : str
     """
 
     other: TriangleMesh

@@ -44,21 +44,15 @@ class Record:
 
     Attributes
     ----------
-    mismatch : float
-        ``||f_tau - g|| / ||g||`` by the solver's own flow.
-    verified : float
-        The same by flow lines of the continuous field, see `abfm.verify`.
-    folded, overturned : float
-        Shares of the faces, likewise.
+    verified, folded, overturned : float
+        Mismatch by flow lines of the continuous field, and shares of the faces, see `abfm.verify`.
     iterations, evaluations : int
         Up to the last iterate, on all meshes together.
     row_products : int
         Rows of ``D_v`` multiplied by all advections and adjoints, see `abfm.flow.exponential.counted_row_products`:
         factorisations, flow lines and what else the solver does come on top.
-    seconds : float
-        Of the match on a mesh of which nothing was known; the verification here, by every vertex, is not included.
-    seconds_to_level : float
-        Until the mismatch on the mesh itself was at most `LEVEL`; inf if it never was.
+    seconds, seconds_to_level : float
+        As `Watched` has them, on a mesh of which nothing was known; the verification here is not included.
     stop_reason : str
         As `abfm.Match.stop_reason`, or "time limit", or the error.
     verdict : str
