@@ -10,18 +10,8 @@ from scipy.linalg import eigh_tridiagonal
 from abfm.calculus.commuting_fields import commuting_fields, relative_bracket
 from abfm.calculus.operators import face_areas, hodge_laplacian
 from abfm.calculus.vector_fields import to_frame
+from abfm.experiments import given_flow as given
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
-from abfm.experiments.given_flow import (
-    Case,
-    GivenFields,
-    carried_bump,
-    centres,
-    relative_norm,
-    speed,
-    stirring,
-    tangent,
-    with_speed,
-)
 from abfm.experiments.meshes import gourd, gourd_radius, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
 from abfm.flow.flow import Flow
@@ -33,47 +23,49 @@ _OTHERS = 8  # smooth fields to compare the bracket with
 
 
 @dataclass(frozen=True, eq=False)
-class Commuting(Case):
+class Commuting(given.Case):
     """A field, and where it is known the field ``u`` that commutes with it and its roughness."""
 
     u: FloatArray | None = None
     roughness: float = np.nan
 
 
-def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> GivenFields[Commuting]:
+def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> given.GivenFields[Commuting]:
     """Rotations of two surfaces of revolution; on another mesh, a field that stirs it."""
     cases: tuple[tuple[Commuting, ...], ...]
     if mesh is None:
         sizes = (1, 2) if small else (1, 2, 4)
         cases = (tuple(_on_gourd(6 * k) for k in sizes), tuple(_on_torus(24 * k) for k in sizes))
     else:
-        cases = ((Commuting("", mesh, with_speed(mesh, stirring(mesh, 1), _SPEED)),),)
+        cases = ((Commuting("", mesh, given.with_speed(mesh, given.stirring(mesh, 1), _SPEED)),),)
     first = cases[0][-1]
-    return GivenFields(mesh=first.mesh, name=first.name or "mesh", cases=cases, **carried_bump(first.mesh, first.v))
+    return given.GivenFields(
+        mesh=first.mesh, name=first.name or "mesh", cases=cases, **given.carried_bump(first.mesh, first.v)
+    )
 
 
 def _rotation(mesh: TriangleMesh) -> FloatArray:
-    return with_speed(mesh, tangent(mesh, np.cross([0.0, 1.0, 0.0], centres(mesh))), _SPEED)
+    return given.with_speed(mesh, given.tangent(mesh, np.cross([0.0, 1.0, 0.0], given.centres(mesh))), _SPEED)
 
 
 def _on_torus(n: int) -> Commuting:
     """The rotation commutes with the harmonic field around the tube, the smoothest of all that are orthogonal to it."""
     mesh = torus(n, n // 2)
-    x, y, z = centres(mesh).T
+    x, y, z = given.centres(mesh).T
     ring = np.hypot(x, z)
     around = np.stack([-y * x / ring, ring - 1, -y * z / ring], axis=1)
     around /= np.linalg.norm(around, axis=1)[:, None] * ring[:, None]
-    return Commuting("torus", mesh, _rotation(mesh), tangent(mesh, around), 0.0)
+    return Commuting("torus", mesh, _rotation(mesh), given.tangent(mesh, around), 0.0)
 
 
 def _on_gourd(frequency: int) -> Commuting:
     """The rotation commutes with the gradient of the first eigenfunction that is constant along the circles."""
     mesh = gourd(frequency)
     polar, slope, roughness = _first_on_meridian()
-    points = centres(mesh)
+    points = given.centres(mesh)
     angle = np.arccos(points[:, 1] / np.linalg.norm(points, axis=1))
     u = _along_meridian(points, angle) * np.interp(angle, polar, slope)[:, None]
-    return Commuting("surface of revolution", mesh, _rotation(mesh), tangent(mesh, u), roughness)
+    return Commuting("surface of revolution", mesh, _rotation(mesh), given.tangent(mesh, u), roughness)
 
 
 def _along_meridian(points: FloatArray, angle: FloatArray) -> FloatArray:
@@ -105,7 +97,7 @@ def _first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float
     return polar[::2], np.concatenate([[0.0], slopes, [0.0]]), float(values[0] * 2 * np.pi * cells.sum())
 
 
-def run(setup: GivenFields[Commuting], report: Report) -> Findings:
+def run(setup: given.GivenFields[Commuting], report: Report) -> Findings:
     """Find the smoothest commuting fields, and compare them with the known ones."""
     measures: list[Measure] = []
     rows = []
@@ -127,7 +119,7 @@ def run(setup: GivenFields[Commuting], report: Report) -> Findings:
 
 def _streaks(case: Commuting, field: FloatArray) -> Streaks:
     """Where ``u`` may be a multiple of ``v`` from place to place, streaks differ only by the speed."""
-    return Streaks(field) if case.u is not None else Streaks(field, speed(case.mesh, field), "speed")
+    return Streaks(field) if case.u is not None else Streaks(field, given.speed(case.mesh, field), "speed")
 
 
 def _measures(name: str, levels: list[tuple[Commuting, FloatArray]]) -> list[Measure]:
@@ -159,8 +151,8 @@ def _measures(name: str, levels: list[tuple[Commuting, FloatArray]]) -> list[Mea
 
 def _distance(mesh: TriangleMesh, u: FloatArray, exact: FloatArray) -> float:
     """Relative L2 error of a field that is determined up to a factor."""
-    scaled, found = (with_speed(mesh, field, _SPEED) for field in (exact, u))
-    return min(relative_norm(mesh, found - signed, signed) for signed in (scaled, -scaled))
+    scaled, found = (given.with_speed(mesh, field, _SPEED) for field in (exact, u))
+    return min(given.relative_norm(mesh, found - signed, signed) for signed in (scaled, -scaled))
 
 
 def _roughness(mesh: TriangleMesh, u: FloatArray) -> float:

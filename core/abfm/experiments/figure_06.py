@@ -13,18 +13,8 @@ from scipy.spatial.transform import Rotation
 from abfm.calculus.operators import l2_norm
 from abfm.calculus.vector_fields import directional_derivative, pushforward, to_frame
 from abfm.errors import AdvectionError, MeshError
+from abfm.experiments import given_flow as given
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
-from abfm.experiments.given_flow import (
-    Case,
-    GivenFields,
-    carried_bump,
-    centres,
-    relative_norm,
-    speed,
-    stirring,
-    tangent,
-    with_speed,
-)
 from abfm.experiments.meshes import geodesic_sphere, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
 from abfm.flow.flow import Flow
@@ -41,7 +31,7 @@ _PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
 
 
 @dataclass(frozen=True, eq=False)
-class Carrying(Case):
+class Carrying(given.Case):
     """A field ``v`` and another, and where it is known what the flow of ``v`` makes of ``u`` in a time."""
 
     u: FloatArray
@@ -52,7 +42,7 @@ class Carrying(Case):
         return pushforward(self.mesh, self.v, self.u, t)
 
 
-def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> GivenFields[Carrying]:
+def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> given.GivenFields[Carrying]:
     """Rotations of a sphere and of a torus, about its axis and around its tube."""
     cases: tuple[tuple[Carrying, ...], ...]
     if mesh is None:
@@ -66,19 +56,19 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> GivenFields
         cases = ((_on_any(mesh),),)
     first = cases[0][-1]
     name = "mesh" if mesh else first.name
-    return GivenFields(mesh=first.mesh, name=name, cases=cases, **carried_bump(first.mesh, first.v))
+    return given.GivenFields(mesh=first.mesh, name=name, cases=cases, **given.carried_bump(first.mesh, first.v))
 
 
 def _on_sphere(frequency: int) -> Carrying:
     """The rotation about the y axis carries a field by turning it."""
     mesh = geodesic_sphere(frequency)
-    points = centres(mesh)
+    points = given.centres(mesh)
 
     def turned(time: float) -> FloatArray:
         turn = Rotation.from_rotvec([0.0, _TURN * time, 0.0])
-        return tangent(mesh, turn.apply(_swirls(turn.inv().apply(points))))
+        return given.tangent(mesh, turn.apply(_swirls(turn.inv().apply(points))))
 
-    v = tangent(mesh, _TURN * np.cross([0.0, 1.0, 0.0], points))
+    v = given.tangent(mesh, _TURN * np.cross([0.0, 1.0, 0.0], points))
     return Carrying("sphere", mesh, v, turned(0.0), turned)
 
 
@@ -95,7 +85,7 @@ def _swirls(points: FloatArray) -> FloatArray:
 def _on_torus(n: int, around_tube: bool) -> Carrying:
     """Turning about the axis, an isometry, or around the tube, none: in the angles both move the components along."""
     mesh = torus(n, n // 2, 1.0, _MINOR)
-    x, y, z = centres(mesh).T
+    x, y, z = given.centres(mesh).T
     ring = np.hypot(x, z)
     about, around = np.arctan2(x, z), np.arctan2(y, ring - 1)
     # the coordinate fields of both angles, at the face centres
@@ -106,9 +96,9 @@ def _on_torus(n: int, around_tube: bool) -> Carrying:
         p, q = (about, around - _TURN * time) if around_tube else (about - _TURN * time, around)
         bell = np.exp((np.cos(p) + np.cos(q - 0.9) - 2) / 0.6)
         a, b = -bell * np.sin(q - 0.9), bell * np.sin(p)
-        return tangent(mesh, a[:, None] * by_about + b[:, None] * by_around)
+        return given.tangent(mesh, a[:, None] * by_about + b[:, None] * by_around)
 
-    v = tangent(mesh, _TURN * (by_around if around_tube else by_about))
+    v = given.tangent(mesh, _TURN * (by_around if around_tube else by_about))
     return Carrying(f"torus, {'around the tube' if around_tube else 'about the axis'}", mesh, v, moved(0.0), moved)
 
 
@@ -120,16 +110,16 @@ def _on_any(mesh: TriangleMesh) -> Carrying:
     MeshError
         If it grows without bounds for all fields and speeds that are tried.
     """
-    fields = [with_speed(mesh, stirring(mesh, index), 1.0) for index in (1, 2, 3)]
+    fields = [given.with_speed(mesh, given.stirring(mesh, index), 1.0) for index in (1, 2, 3)]
     for fast in _SPEEDS:
         for v, u in pairwise(fields):
             with suppress(AdvectionError), np.errstate(over="ignore"):
-                if relative_norm(mesh, pushforward(mesh, fast * v, u, _SHOWN[-1]), u) < _MOST_STRETCHED:
+                if given.relative_norm(mesh, pushforward(mesh, fast * v, u, _SHOWN[-1]), u) < _MOST_STRETCHED:
                     return Carrying(f"|v| = {fast:g} sqrt(area)", mesh, fast * v, u)
     raise MeshError("the discrete pushforward grows without bounds on this mesh: remesh its thin and folded faces")
 
 
-def run(setup: GivenFields[Carrying], report: Report) -> Findings:
+def run(setup: given.GivenFields[Carrying], report: Report) -> Findings:
     """Carry the fields, and compare them with the exact answers."""
     measures: list[Measure] = []
     rows = []
@@ -145,7 +135,7 @@ def run(setup: GivenFields[Carrying], report: Report) -> Findings:
             measures += _against_exact(name, case, case.exact, errors)
         else:
             measures += _against_functions(name, case, carried)
-        seen = seen or (speed(mesh, case.u), speed(mesh, carried[-1]))
+        seen = seen or (given.speed(mesh, case.u), given.speed(mesh, carried[-1]))
         rows.append(
             (
                 Panel(mesh, Streaks(case.v), "v", "field"),
@@ -166,12 +156,12 @@ def run(setup: GivenFields[Carrying], report: Report) -> Findings:
 
 
 def _streaks(mesh: TriangleMesh, field: FloatArray) -> Streaks:
-    return Streaks(field, speed(mesh, field), "speed")
+    return Streaks(field, given.speed(mesh, field), "speed")
 
 
 def _error(case: Carrying, exact: Callable[[float], FloatArray], time: float, sign: int = 1) -> float:
     expected = exact(time)
-    return relative_norm(case.mesh, case.carried(sign * time) - expected, expected)
+    return given.relative_norm(case.mesh, case.carried(sign * time) - expected, expected)
 
 
 def _against_exact(
@@ -203,7 +193,7 @@ def _against_functions(name: str, case: Carrying, carried: list[FloatArray]) -> 
             Measure(f"{text}, with the printed sign", printed, _PUSHFORWARD, printed < 2 * ours),
             Measure(
                 f"{name}: relative L2 error of v carried along itself at t = {t:g}",
-                relative_norm(case.mesh, same - case.v, case.v),
+                given.relative_norm(case.mesh, same - case.v, case.v),
             ),
         ]
     return found
