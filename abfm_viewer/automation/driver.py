@@ -37,7 +37,8 @@ class Driver:
     """The app with a mouse and a keyboard of ours; a context manager.
 
     It starts with an empty state folder, so without recent files or a question about unsaved work, and closes without
-    asking, also after an exception.
+    asking, also after an exception. Its `session` is the document and the solver, `input` the mouse and the keyboard;
+    `search.found` lists the widgets that were used.
 
     Parameters
     ----------
@@ -48,16 +49,6 @@ class Driver:
         is picked though it is hidden). A process can have only one, any number of times.
     size : (int, int)
         Of the window, in pixels.
-
-    Attributes
-    ----------
-    session : Session
-        The document and the solver.
-    window : Window
-    input : InputEvents
-        The mouse and the keyboard.
-    search : WidgetSearch
-        Finds widgets; `search.found` lists those that were used.
 
     Raises
     ------
@@ -175,12 +166,7 @@ class Driver:
     def click(self, label: str, within: str = "") -> None:
         """Click on a widget, or on an entry of a menu, which is opened before.
 
-        Parameters
-        ----------
-        label
-            What the user reads.
-        within
-            The section, group, menu or dialog, where a label is there twice.
+        The label is what the user reads; `within` names the section, group, menu or dialog, where it is there twice.
 
         Raises
         ------

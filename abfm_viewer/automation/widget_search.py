@@ -19,18 +19,7 @@ _SECONDS_TO_READ_A_FOLDER = 1.0
 
 
 class WidgetSearch:
-    """Looks for widgets in a window.
-
-    Parameters
-    ----------
-    window : Window
-    input : InputEvents
-
-    Attributes
-    ----------
-    found : list of Widget
-        All that were asked for, as they were then.
-    """
+    """Looks for widgets in a window; `found` are all that were asked for, as they were then."""
 
     def __init__(self, window: Window, input: InputEvents) -> None:
         self._window = window
@@ -40,16 +29,7 @@ class WidgetSearch:
     def find(
         self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None, must_be_enabled: bool = True
     ) -> Widget:
-        """A widget in view.
-
-        Parameters
-        ----------
-        label
-            What the user reads.
-        within
-            The section, group, menu or dialog, where a label is there twice.
-        kinds
-            What it may be; by default anything.
+        """A widget in view, of the kinds that it may be; by default of any.
 
         Raises
         ------
