@@ -46,7 +46,7 @@ def act_on(
             input.hold(modifier, False)
     finally:
         if camera is not None:
-            window.scene.frame(window.session, window.parts.scene, camera)
+            window.scene.frame(window.parts.scene, camera)
     window.tick()
 
 
@@ -60,8 +60,8 @@ def _turn_to(window: Window, vertex: int, surface: str) -> Camera | None:
     """Turn the camera so that a vertex can be clicked on; the camera before, or None if it could stay."""
     if _sees(window, vertex, surface):
         return None
-    scene, session, rect = window.scene, window.session, window.parts.scene
-    before, mesh = scene.camera(), session.mesh
+    scene, rect = window.scene, window.parts.scene
+    before, mesh = scene.camera(), window.session.mesh
     target = _position(window, vertex, surface)
     for direction in _directions(mesh, mesh.local_vertex(vertex)):
         axis = np.eye(3)[1] if abs(direction[1]) < 0.9 else np.eye(3)[2]
@@ -69,11 +69,11 @@ def _turn_to(window: Window, vertex: int, surface: str) -> Camera | None:
         up /= np.linalg.norm(up)
         for distance in _DISTANCES:
             position = target + distance * mesh.length_scale * direction
-            scene.frame(session, rect, Camera(triple(position), triple(target), triple(up), before.angle))
+            scene.frame(rect, Camera(triple(position), triple(target), triple(up), before.angle))
             window.tick()
             if _sees(window, vertex, surface):
                 return before
-    scene.frame(session, rect, before)
+    scene.frame(rect, before)
     raise DriverError(f"vertex {vertex} of the {surface} cannot be seen from any side: pick another")
 
 

@@ -13,7 +13,6 @@ from abfm.types import FloatArray, IntArray
 if TYPE_CHECKING:
     from abfm import Match
 
-Triple = tuple[float, float, float]
 Side = Literal["source", "target"]
 Theme = Literal["light", "dark"]
 Layout = Literal["row", "column", "advected only"]
@@ -31,17 +30,19 @@ FieldPart = Literal["whole", "curl-free", "divergence-free", "harmonic", "commut
 ClickTool = Literal["nothing", "flow line", "follow a point"]
 
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
+SIDES: tuple[Side, ...] = ("source", "target")
 THEMES: tuple[Theme, ...] = ("light", "dark")
 LAYOUTS: tuple[Layout, ...] = ("row", "column", "advected only")
 HODGE_PARTS: tuple[FieldPart, ...] = ("curl-free", "divergence-free", "harmonic")
 FIELD_PARTS: tuple[FieldPart, ...] = ("whole", *HODGE_PARTS, "commuting", "carried gradient")
 CLICK_TOOLS: tuple[ClickTool, ...] = ("nothing", "flow line", "follow a point")
+Triple = tuple[float, float, float]
 EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
 
 
 def triple(values: FloatArray) -> Triple:
-    """An array (3,) as documents keep it."""
+    """A vector (3,) as documents hold it: immutable."""
     x, y, z = map(float, values)
     return x, y, z
 
