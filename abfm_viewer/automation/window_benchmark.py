@@ -18,7 +18,7 @@ from abfm import Parameters, TriangleMesh
 from abfm.assets import asset_path
 from abfm.benchmark.problem import sphere_problem
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.worker import Problem, Worker
+from abfm_viewer.computing.solver import Problem, Solver
 from abfm_viewer.document.defaults import default_functions
 from abfm_viewer.document.document import Channel
 from abfm_viewer.scene import opengl
@@ -122,13 +122,15 @@ def _throughput(mesh: TriangleMesh, parameters: Parameters, window: Window, repe
     for repeat in range(repeats + 1):
         for name in rates:
             start = time.perf_counter()
-            worker = Worker(problem, functions)
-            while worker.running:
+            solver = Solver()
+            solver.start(problem, functions)
+            while (ended := solver.collect()) is None:
                 if name == "with window":
                     window.frame()
                 else:
-                    worker.wait()
-            rate = worker.rows / (time.perf_counter() - start)
+                    solver.wait()
+            run = ended[1]
+            rate = (len(run.stages) if run else 0) / (time.perf_counter() - start)
             if repeat:  # the first ones compile and factor
                 rates[name].append(rate)
     medians = {name: statistics.median(values) for name, values in rates.items()}

@@ -78,7 +78,7 @@ class Scene:
         self._turntable: Turntable
         self._extent: FloatArray = np.zeros((0, 3))
         self._frames_behind = 0
-        self._run: object = None
+        self._run = 0
         self._pictures_of_run = 0
         self._layout: Layout = "row"
         self._rect: Rect = (0, 0, 1, 1)
@@ -129,7 +129,7 @@ class Scene:
             return clock.perf_counter() < self._textured_at + _SLOW_REDRAWS_APART * self.redraw_seconds
         if not session.solver.running or self.redraw_seconds <= _SLOW_REDRAW or name not in self._drawn:
             return False
-        if session.solver.worker is not self._run or self._pictures_of_run < _AT_ONCE:
+        if session.solver.started != self._run or self._pictures_of_run < _AT_ONCE:
             return False
         if name == self.names[0]:
             frames = max(_FRAMES_PER_SLOW_REDRAW, round(_FRAMES_PER_SECOND_OF_REDRAW * self.redraw_seconds))
@@ -138,8 +138,8 @@ class Scene:
 
     def _count(self, session: Session, name: str, paint: Paint) -> None:
         """Count the pictures of a run."""
-        run = session.solver.worker
-        if run is not self._run:
+        run = session.solver.started
+        if run != self._run:
             self._run, self._pictures_of_run = run, 0
         if name == "advected" and paint is not self.paints.get(name):
             self._pictures_of_run += 1

@@ -14,8 +14,7 @@ from abfm.types import FloatArray
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.coarse_meshes import CoarseMeshes
 from abfm_viewer.computing.evaluation import Evaluated, Functions
-from abfm_viewer.computing.solver import Solver
-from abfm_viewer.computing.worker import Problem
+from abfm_viewer.computing.solver import Problem, Solver
 from abfm_viewer.document.document import Channel, Document, Run, Side
 from abfm_viewer.document.history import History
 from abfm_viewer.session.comparison import Comparison
@@ -224,10 +223,9 @@ class Session(Editing):
 
     def end_run(self) -> None:
         """End the run, if there is one, and take its best field; the evaluation under way is waited for."""
-        if self.solver.worker is not None:
-            self.solver.cancel()
-            self.solver.worker.wait(_SECONDS_TO_END)
-            self._collect()
+        self.solver.cancel()
+        self.solver.wait(_SECONDS_TO_END)
+        self._collect()
 
     @property
     def outdated(self) -> bool:
