@@ -17,7 +17,7 @@ from abfm.mesh.files import READERS
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.document.document import Channel, Document
+from abfm_viewer.document.document import Channel, Document, Run
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
@@ -47,24 +47,38 @@ def open_session(path: Path, largest_component: bool = False) -> Session:
     AbfmError
         If it cannot be read.
     """
-    name = path.name.lower()
-    if name.endswith(PROJECT):
-        from abfm_viewer.files.project import load_project
-
-        document, known = load_project(path)
-        session = Session(document.mesh, document.name)
-        session.restore(document, known, path.absolute())
-    elif name.endswith(RESULT):
-        from abfm import load_match
-
-        match = load_match(path)
-        session = Session(match.mesh, path.name)
-        channels, mask, known = functions_of_result(match, path)
-        session.set_result(match, path.name, channels, known, mask)
-    else:
+    if not _is_document(path):
         return Session(load_mesh(path, largest_component=largest_component), path.name)
+    document, known = read_document(path)
+    session = Session(document.mesh, document.name)
+    session.restore(document, known, path.absolute() if _is_project(path) else None)
     session.reset_history()
     return session
+
+
+def read_document(path: Path) -> tuple[Document, dict[str, FloatArray]]:
+    """The document of a project or a result, and the values of its functions from files.
+
+    Raises
+    ------
+    AbfmError
+        If it cannot be read.
+    """
+    if _is_project(path):
+        from abfm_viewer.files.project import load_project
+
+        return load_project(path)
+    from abfm import load_match
+
+    return document_of_result(load_match(path), path)
+
+
+def _is_project(path: Path) -> bool:
+    return path.name.lower().endswith(PROJECT)
+
+
+def _is_document(path: Path) -> bool:
+    return path.name.lower().endswith((PROJECT, RESULT))
 
 
 class Documents:
@@ -94,12 +108,12 @@ class Documents:
     def open(self, path: Path) -> None:
         """Open a file in the background; what is open now stays in the history."""
         path = path.expanduser().absolute()
-        reader = self._reader(path)
-        if reader is None:
+        if _is_document(path) or path.name.lower().endswith(MESHES):
+            read = self._read_document if _is_document(path) else self._read_mesh
+            self._session.load(f"opening {path.name}", partial(read, path))
+        else:
             known = ", ".join((*MESHES, PROJECT, RESULT))
             self._session.say(f"{path.name} cannot be opened: expected a file that ends in {known}", is_error=True)
-        else:
-            self._session.load(f"opening {path.name}", partial(reader, path))
 
     def open_first(self, paths: list[Path]) -> None:
         """Open the first of several files that were dropped on the window."""
@@ -152,14 +166,6 @@ class Documents:
         """Finish writing."""
         self._writer.shutdown()
 
-    def _reader(self, path: Path) -> Callable[[Path], Callable[[], None]] | None:
-        name = path.name.lower()
-        if name.endswith(PROJECT):
-            return self._read_project
-        if name.endswith(RESULT):
-            return self._read_result
-        return self._read_mesh if name.endswith(MESHES) else None
-
     def _read_mesh(self, path: Path) -> Callable[[], None]:
         try:
             return partial(self._show_mesh, path, load_mesh(path))
@@ -179,18 +185,18 @@ class Documents:
     def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
         self._show(path, partial(self._session.set_mesh, mesh, path.name), " ".join(mesh.messages))
 
-    def _read_project(self, path: Path) -> Callable[[], None]:
-        from abfm_viewer.files.project import load_project
+    def _read_document(self, path: Path) -> Callable[[], None]:
+        return partial(self._show, path, partial(self._show_document, path, *read_document(path)))
 
-        document, known = load_project(path)
-        return lambda: self._show(path, lambda: self._session.restore(self._as_here(document), known, path))
-
-    def _read_result(self, path: Path) -> Callable[[], None]:
-        from abfm import load_match
-
-        match = load_match(path)
-        channels, mask, known = functions_of_result(match, path)
-        return partial(self._show, path, partial(self._session.set_result, match, path.name, channels, known, mask))
+    def _show_document(self, path: Path, document: Document, known: dict[str, FloatArray]) -> None:
+        """A project comes with its own view, at the size that the user needs on this screen; a result with none."""
+        view = self._session.view
+        if _is_project(path):
+            shown = replace(document, view=replace(document.view, ui_scale=view.ui_scale))
+            self._session.restore(shown, known, path)
+        else:
+            shown = replace(document, view=replace(view, camera=None, front=None))
+            self._session.restore(shown, known, None)
 
     def _read_figure(self, figure: int) -> Callable[[], None]:
         from abfm_viewer.document.presets import figure_document
@@ -202,10 +208,6 @@ class Documents:
     def _show_figure(self, document: Document, known: dict[str, FloatArray], text: str) -> None:
         self._session.restore(document, known, None)
         self._session.say(text)
-
-    def _as_here(self, document: Document) -> Document:
-        """A project at the size that the user needs on this screen."""
-        return replace(document, view=replace(document.view, ui_scale=self._session.view.ui_scale))
 
     def _show(self, path: Path, show: Callable[[], None], messages: str = "") -> None:
         left, unsaved = self._session.document.name, self._session.unsaved
@@ -240,8 +242,11 @@ def known_values(document: Document, functions: Functions) -> dict[str, FloatArr
     return known
 
 
-def functions_of_result(match: Match, path: Path) -> tuple[tuple[Channel, ...], str, dict[str, FloatArray]]:
-    """Channels and mask as specs that name the result's file, and the values (V,) that they stand for."""
+def document_of_result(match: Match, path: Path) -> tuple[Document, dict[str, FloatArray]]:
+    """A document that shows a result at tau, and the values (V,) of its functions, whose specs name the result's file.
+
+    The run is that which led to the result.
+    """
     from abfm.functions.values_file import ValuesFile
 
     known: dict[str, FloatArray] = {}
@@ -251,19 +256,17 @@ def functions_of_result(match: Match, path: Path) -> tuple[tuple[Channel, ...], 
         known[text] = np.array(values)
         return text
 
-    channels = tuple(
-        Channel(spec(f"source {i}", match.source[:, i]), spec(f"target {i}", match.target[:, i]), float(weight))
-        for i, weight in enumerate(match.weights)
-    )
-    mask = "" if match.mask is None else spec("mask", match.mask)
-    return channels, mask, known
-
-
-def document_of_result(match: Match, path: Path) -> tuple[Document, dict[str, FloatArray]]:
-    """A document that shows a result at tau, and the values of its functions."""
-    channels, mask, known = functions_of_result(match, path)
-    parameters = match.parameters
     document = Document(
-        match.mesh, path.name, channels, parameters=parameters, mask=mask, result=match, time=parameters.tau
+        mesh=match.mesh,
+        name=path.name,
+        channels=tuple(
+            Channel(spec(f"source {i}", match.source[:, i]), spec(f"target {i}", match.target[:, i]), float(weight))
+            for i, weight in enumerate(match.weights)
+        ),
+        parameters=match.parameters,
+        mask="" if match.mask is None else spec("mask", match.mask),
+        result=match,
+        runs=(Run(match.energy_history, match.stages, (), match.mismatch, path.name),),
+        time=match.parameters.tau,
     )
     return document, known

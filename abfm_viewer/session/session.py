@@ -128,28 +128,6 @@ class Session(Editing):
         if pristine:
             self._saved.keep(fresh, None)
 
-    def set_result(
-        self,
-        match: Match,
-        name: str,
-        channels: tuple[Channel, ...],
-        known: dict[str, FloatArray] | None = None,
-        mask: str = "",
-    ) -> None:
-        """Show a result with the channels and the mask that it was found for; `known` as for `restore`."""
-        parameters = match.parameters
-        document = Document(
-            mesh=match.mesh,
-            name=name,
-            channels=channels,
-            parameters=parameters,
-            mask=mask,
-            result=match,
-            runs=(Run(match.energy_history, match.stages, (), match.mismatch, name),),
-            time=parameters.tau,
-        )
-        self.restore(replace(document, view=replace(self.view, camera=None, front=None)), known or {}, None)
-
     def load(self, what: str, read: Callable[[], Callable[[], None]]) -> None:
         """Read something in the background; what it returns is called by `update`. Errors go to the status line."""
         self._load_count += 1
