@@ -65,15 +65,13 @@ class Evaluator:
             try:
                 process = self._process or self._start()
                 process.send((request, spec))
-                answer, value = process.receive()
+                answer = process.receive()
             except (OSError, ProcessEndedError) as error:
                 self._process = None
                 raise FunctionError("the process that computes functions has ended; try again") from error
-        if answer == "error":
-            raise FunctionError(value)
-        if answer == "memory":
-            raise MemoryError(value)
-        return value
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
     def _start(self) -> OwnProcess:
         if self._closed:
@@ -101,13 +99,11 @@ def _serve() -> None:
     mesh = next(queue)
     for request, spec in queue:
         try:
-            answer: tuple[str, Any] = ("value", _compute(mesh, request, spec))
+            answer = _compute(mesh, request, spec)
         except MemoryError as error:
-            answer = ("memory", str(error))
-        except AbfmError as error:
-            answer = ("error", str(error))
+            answer = MemoryError(str(error))
         except Exception as error:
-            answer = ("error", f"{type(error).__name__}: {error}")
+            answer = FunctionError(str(error) if isinstance(error, AbfmError) else f"{type(error).__name__}: {error}")
         requests.answer(answer)
 
 
