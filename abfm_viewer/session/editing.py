@@ -90,14 +90,6 @@ class Editing:
         """Other values without a step of undo: what the user did not do."""
         self.history.document = replace(self.document, **values)
 
-    def undo(self) -> None:
-        """Take back the last step."""
-        self.history.undo()
-
-    def redo(self) -> None:
-        """Do again what was taken back."""
-        self.history.redo()
-
     # Channels
 
     def set_spec(self, side: Side, spec: str, merge: str = "", bump: int | None = None) -> None:

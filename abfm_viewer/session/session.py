@@ -97,12 +97,12 @@ class Session(Editing):
     def undo(self) -> None:
         """Take back the last step; what plays stops."""
         self.player.playing = False
-        super().undo()
+        self.history.undo()
 
     def redo(self) -> None:
         """Do again what was taken back; what plays stops."""
         self.player.playing = False
-        super().redo()
+        self.history.redo()
 
     # Meshes and results
 
