@@ -33,7 +33,7 @@ _RUN = {
     "stages": Entry("integer", ("n",), may_be_empty=True),
     "energies": Entry("real", ("n", 3), may_be_empty=True),
 }
-_COURSE = {"vertices": Entry("integer", ("n",)), "reaches": Entry("real", ("n",))}
+_COURSE = _RUN | {"vertices": Entry("integer", ("n",)), "reaches": Entry("real", ("n",))}
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in ("parameters", "verdict")}
 
 
@@ -68,7 +68,7 @@ def save_project(path: str | os.PathLike[str], document: Document, known: Mappin
     mesh, result = mesh_arrays(document.mesh), document.result
     arrays = {f"mesh/{name}": mesh[name] for name in _MESH}
     for number, run in enumerate(document.runs):
-        arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in _run_entries(run.has_course)}
+        arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in (_COURSE if run.has_course else _RUN)}
     plain_result = None
     if result is not None:
         from abfm.matching.result import match_arrays
@@ -80,7 +80,7 @@ def save_project(path: str | os.PathLike[str], document: Document, known: Mappin
     content = {
         "file_vertex_count": document.mesh.file_vertex_count,
         "document": to_plain(document, ("mesh", "result", "runs")),
-        "runs": [to_plain(run, (*_RUN, *_COURSE)) | {"has_course": run.has_course} for run in document.runs],
+        "runs": [to_plain(run, tuple(_COURSE)) | {"has_course": run.has_course} for run in document.runs],
         "result": plain_result,
         "result_has_mask": "result/mask" in arrays,
         "known": sorted(known),
@@ -138,13 +138,9 @@ def _document(
     return document, known
 
 
-def _run_entries(has_course: bool) -> dict[str, Entry]:
-    return _RUN | _COURSE if has_course else _RUN
-
-
 def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
     plain = {name: value for name, value in state.items() if name != "has_course"}
-    parts = check_arrays(arrays, _run_entries(state.get("has_course", False)), f"runs/{number}/")
+    parts = check_arrays(arrays, _COURSE if state.get("has_course") else _RUN, f"runs/{number}/")
     run: Run = from_plain(Run, plain, f"project.runs[{number}]", **parts)
     return run
 

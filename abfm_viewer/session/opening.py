@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 MESHES = tuple(READERS)
 PROJECT, RESULT = ".abfm", ".npz"
-Ask = Callable[[str, str, dict[str, Callable[[], None] | None]], None]
+Ask = Callable[[str, str, Mapping[str, Callable[[], None] | None]], None]
 
 
 @dataclass
@@ -108,12 +108,12 @@ class Documents:
     def open(self, path: Path) -> None:
         """Open a file in the background; what is open now stays in the history."""
         path = path.expanduser().absolute()
-        if _is_document(path) or path.name.lower().endswith(MESHES):
-            read = self._read_document if _is_document(path) else self._read_mesh
-            self._session.load(f"opening {path.name}", partial(read, path))
-        else:
+        if not path.name.lower().endswith((*MESHES, PROJECT, RESULT)):
             known = ", ".join((*MESHES, PROJECT, RESULT))
             self._session.say(f"{path.name} cannot be opened: expected a file that ends in {known}", is_error=True)
+            return
+        read = self._read_document if _is_document(path) else self._read_mesh
+        self._session.load(f"opening {path.name}", partial(read, path))
 
     def open_first(self, paths: list[Path]) -> None:
         """Open the first of several files that were dropped on the window."""
@@ -175,39 +175,37 @@ class Documents:
             largest = load_mesh(path, largest_component=True)
         except MeshError:
             raise MeshError(reason) from None
-        return partial(self._offer_largest, path, largest)
-
-    def _offer_largest(self, path: Path, mesh: TriangleMesh) -> None:
-        text = f"{path.name} has several components, and one is needed: {' '.join(mesh.messages)}"
-        open_it = partial(self._show_mesh, path, mesh)
-        self._ask("Open the largest component?", text, {"Open the largest": open_it, "Do not open": None})
+        text = f"{path.name} has several components, and one is needed: {' '.join(largest.messages)}"
+        answers = {"Open the largest": partial(self._show_mesh, path, largest), "Do not open": None}
+        return partial(self._ask, "Open the largest component?", text, answers)
 
     def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
         self._show(path, partial(self._session.set_mesh, mesh, path.name), " ".join(mesh.messages))
 
     def _read_document(self, path: Path) -> Callable[[], None]:
-        return partial(self._show, path, partial(self._show_document, path, *read_document(path)))
+        document, known = read_document(path)
 
-    def _show_document(self, path: Path, document: Document, known: dict[str, FloatArray]) -> None:
-        """A project comes with its own view, at the size that the user needs on this screen; a result with none."""
-        view = self._session.view
-        if _is_project(path):
-            shown = replace(document, view=replace(document.view, ui_scale=view.ui_scale))
-            self._session.restore(shown, known, path)
-        else:
-            shown = replace(document, view=replace(view, camera=None, front=None))
-            self._session.restore(shown, known, None)
+        def show() -> None:
+            ours = self._session.view
+            if _is_project(path):  # it looks as it was saved, at the size that the user needs on this screen
+                view, place = replace(document.view, ui_scale=ours.ui_scale), path
+            else:
+                view, place = replace(ours, camera=None, front=None), None
+            self._session.restore(replace(document, view=view), known, place)
+
+        return partial(self._show, path, show)
 
     def _read_figure(self, figure: int) -> Callable[[], None]:
         from abfm_viewer.document.presets import figure_document
 
         document, known = figure_document(figure, self._session.view)
         ready = "press Play, its field is given" if document.result else "press Match"
-        return partial(self._show_figure, document, known, f"figure {figure} is ready: {ready}")
 
-    def _show_figure(self, document: Document, known: dict[str, FloatArray], text: str) -> None:
-        self._session.restore(document, known, None)
-        self._session.say(text)
+        def show() -> None:
+            self._session.restore(document, known, None)
+            self._session.say(f"figure {figure} is ready: {ready}")
+
+        return show
 
     def _show(self, path: Path, show: Callable[[], None], messages: str = "") -> None:
         left, unsaved = self._session.document.name, self._session.unsaved
