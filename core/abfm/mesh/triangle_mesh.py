@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterable
 from functools import cached_property, wraps
-from typing import Any, NoReturn, TypeVar
+from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,18 +16,22 @@ from abfm.mesh.topology import connected, next_corner
 from abfm.types import BoolArray, FloatArray, IntArray
 
 Result = TypeVar("Result")
+Others = ParamSpec("Others")
 Array = TypeVar("Array", bound=np.ndarray[Any, Any])
 
 
-def per_mesh(build: Callable[[TriangleMesh], Result]) -> Callable[[TriangleMesh], Result]:
-    """Decorate ``build(mesh)`` so that its result is made once per mesh and kept with it."""
+def per_mesh(
+    build: Callable[Concatenate[TriangleMesh, Others], Result],
+) -> Callable[Concatenate[TriangleMesh, Others], Result]:
+    """Decorate ``build(mesh, ...)`` so that its result for these arguments is made once per mesh and kept with it."""
 
     @wraps(build)
-    def cached(mesh: TriangleMesh) -> Result:
-        key = (build.__module__, build.__qualname__)
-        if key not in mesh.cache:
-            mesh.cache.setdefault(key, build(mesh))  # another thread may have built it meanwhile: there is only one
-        return mesh.cache[key]  # type: ignore[no-any-return]
+    def cached(mesh: TriangleMesh, /, *others: Others.args, **named: Others.kwargs) -> Result:
+        key = (build.__module__, build.__qualname__, *others, *named.items())
+        if key not in mesh.cache:  # another thread may build it meanwhile: there is only one
+            mesh.cache.setdefault(key, build(mesh, *others, **named))
+        found: Result = mesh.cache[key]
+        return found
 
     return cached
 

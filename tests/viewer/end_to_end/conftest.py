@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from abfm_viewer.automation.driver import Driver
+from abfm_viewer.automation import Driver
 from abfm_viewer.automation.widget_search import WidgetSearch
 from abfm_viewer.widgets.toolkit import Ui
 from tests.shapes import ellipsoid

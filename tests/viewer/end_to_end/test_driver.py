@@ -84,7 +84,8 @@ def test_what_is_not_there_is_named_with_what_is_near(gui):
 def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
     pressed = []
 
-    def draw(ui, session):
+    def draw(context):
+        ui = context.ui
         for side in ("source", "target"):
             with ui.group(side), ui.disabled(side in disabled):
                 if ui.button("bump"):
@@ -163,7 +164,7 @@ def test_a_process_has_one_backend():
 def test_without_pictures_everything_but_pictures_works():
     """In a process of its own."""
     code = """
-from abfm_viewer.automation.driver import Driver
+from abfm_viewer.automation import Driver
 from tests.shapes import icosphere
 for size in ((1280, 800), (1000, 640)):
     with Driver(icosphere(2), backend="openGL_mock", size=size) as gui:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from abfm_viewer.automation.driver import Driver
+from abfm_viewer.automation import Driver
 from tests.viewer.end_to_end.conftest import EGG
 from tests.viewer.end_to_end.likeness import difference
 
@@ -28,7 +28,7 @@ def check(matched, tmp_path, request):
     """Compares the window with a snapshot, or writes it."""
 
     def compare(name):
-        matched.wait(lambda s: not s.busy and not s.notice.text)
+        matched.wait(lambda s: not matched.window.shown.busy and not s.notice.text)
         matched.frames(5)
         actual, expected = tmp_path / name, SNAPSHOTS / name
         matched.screenshot(actual)

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from abfm_viewer.automation import aim
-from abfm_viewer.automation.driver import Driver
+from abfm_viewer.automation import Driver, aim
 from abfm_viewer.document.document import Channel
 from abfm_viewer.document.gaussians import gaussians
 from abfm_viewer.session import active_gaussian

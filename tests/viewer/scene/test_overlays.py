@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abfm.calculus.operators import face_areas
-from abfm_viewer.automation.driver import Driver
+from abfm_viewer.automation import Driver
 from abfm_viewer.scene import marks
 from abfm_viewer.scene.opengl import ps
 from tests.shapes import icosphere
