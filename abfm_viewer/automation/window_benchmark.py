@@ -19,7 +19,7 @@ from abfm import Parameters, TriangleMesh
 from abfm.assets import asset_path
 from abfm.benchmark.problem import sphere_problem
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.worker import Problem, Worker
+from abfm_viewer.computing.solver import Problem, Solver
 from abfm_viewer.document.defaults import default_functions
 from abfm_viewer.document.document import Channel
 from abfm_viewer.scene import opengl
@@ -118,20 +118,22 @@ def _throughput(mesh: TriangleMesh, parameters: Parameters, window: Window, repe
     functions = Functions(mesh)
     problem = Problem(mesh, (Channel(*default_functions(mesh)),), parameters, "")
 
-    def rate(meanwhile: Callable[[Worker], None]) -> float:
+    def rate(meanwhile: Callable[[Solver], None]) -> float:
         start = time.perf_counter()
-        worker = Worker(problem, functions)
-        while worker.running:
-            meanwhile(worker)
-        return worker.rows / (time.perf_counter() - start)
+        solver = Solver()
+        solver.start(problem, functions)
+        while (ended := solver.collect()) is None:
+            meanwhile(solver)
+        _, run, _ = ended
+        return (len(run.stages) if run else 0) / (time.perf_counter() - start)
 
     for _ in range(30):
         window.frame()
     rates, ratio = _in_turns(
         repeats,
         {
-            "with window": lambda: rate(lambda worker: window.frame()),
-            "without": lambda: rate(lambda worker: worker.wait()),
+            "with window": lambda: rate(lambda solver: window.frame()),
+            "without": lambda: rate(lambda solver: solver.wait()),
         },
     )
     return {"iterations_per_second": rates, "ratio": ratio, "at_least": LEAST_THROUGHPUT}

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
+from abfm.errors import did_you_mean
 from abfm_viewer.cli import bench, demo, figure, info, map, match, render
-from abfm_viewer.cli.parser import Parser, did_you_mean
+from abfm_viewer.cli.parser import Parser
 
 _COMMANDS = {"match": match, "demo": demo, "figure": figure, "map": map, "render": render, "info": info, "bench": bench}
 _DESCRIPTION = """\

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import NoReturn
 
+from abfm.errors import did_you_mean
 from abfm_viewer.cli.exit_status import UsageError
 
 
@@ -30,9 +29,3 @@ class Parser(argparse.ArgumentParser):
             name = unknown[0].partition("=")[0]
             command.error(f"{unknown[0]!r} is not understood{did_you_mean(name, command._option_string_actions)}")
         return arguments
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """A question with the nearest known word, or nothing."""
-    nearest = get_close_matches(word, list(known), n=1)
-    return f" (did you mean {nearest[0]!r}?)" if nearest else ""

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from abfm import ParameterError, load_match
+from abfm import ParameterError
 from abfm.types import FloatArray
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
@@ -88,14 +88,9 @@ def run(arguments: argparse.Namespace) -> int:
     style = arguments.style or ("window" if of_project or is_movie else "sheet")
     _check_options(arguments, style, is_movie)
     with interrupted_by_sigterm():
-        if of_project:
-            from abfm_viewer.files.project import load_project
+        from abfm_viewer.session.opening import read_project, read_result
 
-            document, known = load_project(path)
-        else:
-            from abfm_viewer.session.opening import document_of_result
-
-            document, known = document_of_result(load_match(path), path)
+        document, known = read_project(path) if of_project else read_result(path)
         document = _chosen(arguments, document)
         if is_movie:
             _movie(arguments, document, known)

@@ -45,7 +45,7 @@ class Functions:
         self.known = dict(known or {})
         self.evaluator = Evaluator(mesh)
         self._cache: OrderedDict[str, FloatArray] = OrderedDict()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._latest: Latest[Evaluated] = Latest("functions", at_once)
 
     @property
@@ -68,8 +68,29 @@ class Functions:
         FunctionError
             As `abfm.function` does.
         """
+        from abfm.functions import Sum, parse  # not before: they load what the first frame does without
+        from abfm.functions.family import shown
+
         with self._lock:
-            return self._evaluate(spec)
+            if spec in self._cache:
+                self._cache.move_to_end(spec)
+                return self._cache[spec]
+            if spec in self.known:
+                values = self.known[spec]
+            else:
+                tree = parse(spec)
+                if str(tree) != spec:  # values are kept by the one text form of a function
+                    return self.evaluate(str(tree))
+                if isinstance(tree, Sum):
+                    values = np.sum([self.evaluate(str(term)) for term in tree.terms], axis=0)
+                else:
+                    values = self.evaluator.values(spec)
+            _check_size(shown(spec), values)
+            values.flags.writeable = False
+            self._cache[spec] = values
+            if len(self._cache) > _KEPT:
+                self._cache.popitem(last=False)
+            return values
 
     def close(self) -> None:
         """Stop the thread."""
@@ -84,30 +105,6 @@ class Functions:
             except (AbfmError, MemoryError) as error:
                 found.errors[spec] = one_line(error)
         return found
-
-    def _evaluate(self, spec: str) -> FloatArray:
-        from abfm.functions import Sum, parse  # not before: they load what the first frame does without
-        from abfm.functions.family import shown
-
-        if spec in self._cache:
-            self._cache.move_to_end(spec)
-            return self._cache[spec]
-        if spec in self.known:
-            values = self.known[spec]
-        else:
-            tree = parse(spec)
-            if str(tree) != spec:  # values are kept by the one text form of a function
-                return self._evaluate(str(tree))
-            if isinstance(tree, Sum):
-                values = np.sum([self._evaluate(str(term)) for term in tree.terms], axis=0)
-            else:
-                values = self.evaluator.values(spec)
-        _check_size(shown(spec), values)
-        values.flags.writeable = False
-        self._cache[spec] = values
-        while len(self._cache) > _KEPT:
-            self._cache.popitem(last=False)
-        return values
 
 
 def _check_size(name: str, values: FloatArray) -> None:

@@ -45,11 +45,11 @@ class Evaluator:
         FunctionError
             As `abfm.function` does, or if the process that computes was ended from outside.
         """
-        return np.asarray(self._answer("values", spec))
+        return np.asarray(self._answer(spec))
 
     def defaults(self) -> tuple[str, str]:
         """Specs of a default source and target."""
-        source, target = self._answer("defaults", "")
+        source, target = self._answer(None)
         return source, target
 
     def close(self) -> None:
@@ -58,22 +58,21 @@ class Evaluator:
         if self._process is not None:
             self._process.close()
 
-    def _answer(self, request: str, spec: str) -> Any:
+    def _answer(self, spec: str | None) -> Any:
+        """What `_compute` says, here or in the other process."""
         if not self._apart:
-            return _compute(self._mesh, request, spec)
+            return _compute(self._mesh, spec)
         with self._lock:
             try:
                 process = self._process or self._start()
-                process.send((request, spec))
-                answer, value = process.receive()
+                process.send(spec)
+                answer = process.receive()
             except (OSError, ProcessEndedError) as error:
                 self._process = None
                 raise FunctionError("the process that computes functions has ended; try again") from error
-        if answer == "error":
-            raise FunctionError(value)
-        if answer == "memory":
-            raise MemoryError(value)
-        return value
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
     def _start(self) -> OwnProcess:
         if self._closed:
@@ -85,8 +84,9 @@ class Evaluator:
         return self._process
 
 
-def _compute(mesh: TriangleMesh, request: str, spec: str) -> Any:
-    if request == "defaults":
+def _compute(mesh: TriangleMesh, spec: str | None) -> Any:
+    """The values of a function, or the default functions."""
+    if spec is None:
         from abfm_viewer.document.defaults import default_functions
 
         return default_functions(mesh)
@@ -99,15 +99,13 @@ def _serve() -> None:
     requests = Requests()
     queue = iter(requests)
     mesh = next(queue)
-    for request, spec in queue:
+    for spec in queue:
         try:
-            answer: tuple[str, Any] = ("value", _compute(mesh, request, spec))
+            answer = _compute(mesh, spec)
         except MemoryError as error:
-            answer = ("memory", str(error))
-        except AbfmError as error:
-            answer = ("error", str(error))
+            answer = MemoryError(str(error))
         except Exception as error:
-            answer = ("error", f"{type(error).__name__}: {error}")
+            answer = FunctionError(str(error) if isinstance(error, AbfmError) else f"{type(error).__name__}: {error}")
         requests.answer(answer)
 
 

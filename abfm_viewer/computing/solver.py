@@ -1,21 +1,73 @@
-"""The solver as the session knows it: one run at a time, restarted when the document changes."""
+"""The solver: one run at a time in a thread that takes immutable problems, posts snapshots and never draws."""
 
 from __future__ import annotations
 
+import threading
+import time as clock
+import traceback
+from dataclasses import dataclass
+from enum import Enum
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+import abfm
+from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
 from abfm.types import FloatArray
+from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.memo import Memo
-from abfm_viewer.computing.worker import Problem, Snapshot, Worker
-from abfm_viewer.document.document import Run
+from abfm_viewer.document.document import Channel, Run
 
 if TYPE_CHECKING:
-    from abfm import Match
+    from abfm import Iteration, Match
+
+_ITERATIONS_BETWEEN_RESTARTS = 3
+_TIMES_A_PICTURE, _LONGEST_WAIT = 9, 0.2
+"""How long no picture is made after one, times what it took, and at most, in seconds."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is solved; problems that are equal have the same solution."""
+
+    mesh: TriangleMesh
+    channels: tuple[Channel, ...]
+    parameters: Parameters
+    mask: str
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """What is known of a run at some moment.
+
+    Attributes
+    ----------
+    problem : Problem
+        That the newest iterate belongs to.
+    iteration : Iteration
+        The newest iterate.
+    shown : Iteration
+        The newest one that is worth a picture: its ``advected`` has been computed.
+    """
+
+    problem: Problem
+    iteration: Iteration
+    shown: Iteration
+
+
+class State(Enum):
+    """Where a run is in its life; it has ended when `Solver.collect` has seen that."""
+
+    IDLE = "idle"
+    RUNNING = "running"
+    PAUSED = "paused"
+    ENDING = "ending"  # cancelled, and the evaluation under way is still to end
+    ENDED = "ended"
+    FAILED = "failed"
 
 
 class Solver:
-    """At most one run.
+    """At most one run: a problem, and those that take its place on the way.
 
     Attributes
     ----------
@@ -23,100 +75,218 @@ class Solver:
         Whether a change of the problem during a run restarts it from the current field.
     warm : bool
         Whether a new run starts from the current field instead of zero.
+    state : State
     reason : str
-        Why the last run ended.
-    failed : bool
-        Whether it ended with an error, which `reason` is then.
+        Why the last run ended; an error in one line if it failed.
+    problem : Problem or None
+        The newest one given.
+    snapshot : Snapshot or None
+        The newest iterate of the run; may be read at any time.
+    started : int
+        How many runs there were.
     """
 
     def __init__(self) -> None:
         self.follow = True
         self.warm = False
-        self.worker: Worker | None = None
+        self.state = State.IDLE
         self.reason = ""
-        self.failed = False
-        self._run = Memo[Run]()
+        self.problem: Problem | None = None
+        self.snapshot: Snapshot | None = None
+        self.started = 0
+        self._rows: list[tuple[float, float, float, int, int, float]] = []
+        self._lock = threading.Lock()
 
     @property
     def running(self) -> bool:
         """Whether a run has begun and not ended; also while it is paused."""
-        return self.worker is not None
+        return self.state in (State.RUNNING, State.PAUSED, State.ENDING)
 
     @property
     def paused(self) -> bool:
         """Whether the run waits."""
-        return self.worker is not None and self.worker.paused
+        return self.state is State.PAUSED
 
     @property
     def finished(self) -> bool:
         """Whether there was a run and it ended, well or not."""
-        return self.worker is None and self.reason != ""
+        return self.state in (State.ENDED, State.FAILED)
 
     @property
-    def snapshot(self) -> Snapshot | None:
-        """The newest iterate of the run."""
-        return self.worker.snapshot if self.worker else None
+    def failed(self) -> bool:
+        """Whether it ended with an error."""
+        return self.state is State.FAILED
 
     @property
     def run(self) -> Run | None:
         """The energies of the run so far."""
-        if self.worker is None or self.worker.rows == 0:
+        if not self.running or not self._rows or self.snapshot is None or self.problem is None:
             return None
-        return self._run.get((self.worker, self.worker.rows), self.worker.run)
+        table, parameters = np.array(self._rows[:]), self.problem.parameters
+        return Run(
+            energies=table[:, :3],
+            stages=table[:, 3].astype(np.int64),
+            restarts=tuple(self._restarts),
+            mismatch=self.snapshot.iteration.mismatch,
+            label=f"alpha {parameters.alpha:g}, beta {parameters.beta:g}, sigma {parameters.sigma:g}",
+            vertices=table[:, 4].astype(np.int64),
+            reaches=table[:, 5],
+        )
 
-    def start(self, problem: Problem, functions: Functions, field: FloatArray | None) -> None:
-        """Begin a run."""
-        self.forget()
-        self.worker = Worker(problem, functions, field)
+    def start(self, problem: Problem, functions: Functions, field: FloatArray | None = None) -> None:
+        """Begin a run, from a field (N, F, 3) if there is one."""
+        self.state, self.reason, self.snapshot = State.RUNNING, "", None
+        self.started += 1
+        self.problem = problem
+        self._next: Problem | None = problem
+        self._result: Match | None = None
+        self._error = ""
+        self._rows = []
+        self._restarts: list[int] = []
+        self._control = abfm.Control()
+        self._since_restart = 0
+        self._next_picture = 0.0
+        self._thread = threading.Thread(target=self._work, args=(functions, field), name="solver", daemon=True)
+        self._thread.start()
 
     def pause(self) -> None:
         """Hold the run."""
-        if self.worker:
-            self.worker.pause()
+        with self._lock:
+            if self.state is State.RUNNING:
+                self.state = State.PAUSED
+                self._control.pause()
 
     def resume(self) -> None:
         """Go on."""
-        if self.worker:
-            self.worker.resume()
+        with self._lock:
+            if self.state is State.PAUSED:
+                self.state = State.RUNNING
+                self._control.resume()
 
     def cancel(self) -> None:
-        """End the run and keep its best field."""
-        if self.worker:
-            self.worker.cancel()
+        """Ask for the best field so far; returns at once."""
+        with self._lock:
+            if self.running:
+                self.state = State.ENDING
+                self._control.cancel()
 
-    def follow_problem(self, problem: Problem, dragging: bool) -> None:
+    def follow_problem(self, problem: Problem, dragging: bool = False) -> None:
         """Restart with a changed problem; another alpha, which must be factored, only when the mouse lets go."""
-        worker = self.worker
-        if worker is None or problem == worker.problem:
+        if not self.running or self.problem is None or problem == self.problem:
             return
-        if problem.mesh is not worker.problem.mesh:
-            worker.cancel()
+        if problem.mesh is not self.problem.mesh:
+            self.cancel()
             return
         if not self.follow or not problem.channels:
             return
-        if dragging and problem.parameters.alpha != worker.problem.parameters.alpha:
+        if dragging and problem.parameters.alpha != self.problem.parameters.alpha:
             return
-        worker.restart(problem)
+        with self._lock:
+            if self.state is not State.ENDING:
+                self.problem = self._next = problem
+                self._yield_to_next()
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Return when the run is over, or the time is."""
+        if self.running:
+            self._thread.join(seconds)
 
     def collect(self) -> tuple[Match | None, Run | None, Problem] | None:
         """What a run that has ended leaves; None unless one has ended since the last call."""
-        worker = self.worker
-        if worker is None or worker.running:
+        if not self.running or self.problem is None or self._thread.is_alive():
             return None
-        worker.wait()
-        run = self.run
-        self.worker = None
-        self.failed = bool(worker.error)
-        self.reason = worker.error or (worker.result.stop_reason if worker.result else "cancelled")
-        return worker.result, run, worker.problem
+        left = (self._result, self.run, self.problem)
+        self.state = State.FAILED if self._error else State.ENDED
+        self.reason = self._error or (self._result.stop_reason if self._result else "cancelled")
+        self.snapshot = None
+        return left
 
     def forget(self) -> None:
         """Let the last run be as if it had not been."""
-        self.reason, self.failed = "", False
+        self.state, self.reason = State.IDLE, ""
 
     def close(self, seconds: float = 1) -> None:
         """End the thread; it ends between two evaluations, which is not waited for long."""
-        if self.worker:
-            self.worker.cancel()
-            self.worker.wait(seconds)
-            self.worker = None
+        self.cancel()
+        self.wait(seconds)
+        self.forget()
+
+    # In the thread
+
+    def _work(self, functions: Functions, start: FloatArray | None) -> None:
+        try:
+            while (problem := self._take()) is not None:
+                if self._result is not None:
+                    start = self._result.start_for(problem.parameters)
+                    self._restarts.append(len(self._rows))
+                self._result = self._solve(problem, functions, start)
+        except Exception as error:
+            if not isinstance(error, AbfmError | MemoryError):
+                traceback.print_exc()
+            self._error = one_line(error)
+
+    def _take(self) -> Problem | None:
+        """The problem to solve now, with a control of its own."""
+        with self._lock:
+            problem, self._next = self._next, None
+            self._control = abfm.Control()
+            self._since_restart = 0
+            if self.state is State.PAUSED:
+                self._control.pause()
+            return None if self.state is State.ENDING and self._result is not None else problem
+
+    def _solve(self, problem: Problem, functions: Functions, start: FloatArray | None) -> Match:
+        sources, targets = (
+            np.stack([functions.evaluate(channel.spec(side)) for channel in problem.channels], axis=1)
+            for side in ("source", "target")
+        )
+        mask = functions.evaluate(problem.mask) if problem.mask else None
+        with self._lock:
+            if self.state is State.ENDING:
+                self._control.cancel()
+
+        def solve(from_field: FloatArray | None) -> Match:
+            return abfm.match(
+                problem.mesh,
+                sources,
+                targets,
+                problem.parameters,
+                mask=mask,
+                weights=[channel.weight for channel in problem.channels],
+                start=from_field,
+                on_iteration=lambda iteration: self._post(problem, iteration),
+                control=self._control,
+            )
+
+        try:
+            return solve(start)
+        except ParameterError as error:
+            if start is None or not str(error).startswith("start"):
+                raise
+            return solve(None)  # a field for other parameters may be too fast for these
+
+    def _post(self, problem: Problem, now: Iteration) -> None:
+        self.snapshot = Snapshot(problem, now, self._pictured(problem, now))
+        energies = (now.energy, now.regularity, now.mismatch_energy)
+        self._rows.append((*energies, now.stage, now.vertices, now.reach))
+        self._since_restart += 1
+        with self._lock:
+            self._yield_to_next()
+
+    def _pictured(self, problem: Problem, iteration: Iteration) -> Iteration:
+        """The iterate to show: the new one, or an earlier one, so that pictures take a tenth of the time.
+
+        An iterate on a coarse mesh may take less time than its picture on a fine one.
+        """
+        before, now = self.snapshot, clock.perf_counter()
+        if before is not None and before.problem is problem and now < self._next_picture:
+            return before.shown
+        _ = iteration.advected  # computed here and kept: not in the frame loop
+        done = clock.perf_counter()
+        self._next_picture = done + min(_TIMES_A_PICTURE * (done - now), _LONGEST_WAIT)
+        return iteration
+
+    def _yield_to_next(self) -> None:
+        """End the present solve for the next problem, but not so soon that a drag would keep it from moving."""
+        if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
+            self._control.cancel(briefly=True)

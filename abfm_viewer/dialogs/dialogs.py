@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from abfm_viewer.dialogs.file_choice import FileChoice
-from abfm_viewer.dialogs.file_dialog import FileDialog
+from abfm_viewer.dialogs.file_dialog import Answer, FileDialog
 from abfm_viewer.dialogs.folder import shown
 from abfm_viewer.dialogs.message import Line, Message
 from abfm_viewer.dialogs.question import Question
@@ -17,15 +19,10 @@ OnPath = Callable[[Path], None]
 
 
 @dataclass(frozen=True)
-class _Asking:
-    question: Question
-    buttons: Mapping[str, Callable[[], None] | None]
-
-
-@dataclass(frozen=True)
-class _Choosing:
-    dialog: FileDialog
-    on_path: OnPath
+class _Open:
+    dialog: Question | FileDialog | Message
+    answered: Callable[[Any], None]
+    """Called with what drawing it gave, unless that was nothing."""
 
 
 class Dialogs:
@@ -39,7 +36,7 @@ class Dialogs:
 
     def __init__(self) -> None:
         self.folder = Path()
-        self._open: list[_Asking | _Choosing | Message] = []
+        self._open: list[_Open] = []
 
     @property
     def is_open(self) -> bool:
@@ -48,7 +45,7 @@ class Dialogs:
 
     def is_asking(self, title: str) -> bool:
         """Whether a question of this title is to be answered."""
-        return any(isinstance(one, _Asking) and one.question.title == title for one in self._open)
+        return any(isinstance(one.dialog, Question) and one.dialog.title == title for one in self._open)
 
     def open(self, title: str, suffixes: tuple[str, ...], on_path: OnPath, folder: Path | None = None) -> None:
         """Let the user choose a file that exists."""
@@ -60,11 +57,18 @@ class Dialogs:
 
     def ask(self, title: str, text: str, buttons: Mapping[str, Callable[[], None] | None]) -> None:
         """Ask a question: Enter presses the first button, Esc the last; a button without a function does nothing."""
-        self._open.append(_Asking(Question(title, text, tuple(buttons)), buttons))
+
+        def answered(label: str) -> None:
+            self._close()
+            act = buttons[label]
+            if act is not None:
+                act()
+
+        self._open.append(_Open(Question(title, text, tuple(buttons)), answered))
 
     def show(self, title: str, lines: Sequence[Line]) -> None:
         """Show paragraphs, and rows of two columns; a row with an empty second column is a heading."""
-        self._open.append(Message(title, lines))
+        self._open.append(_Open(Message(title, lines), lambda _: self._close()))
 
     def draw(self, ui: Ui) -> None:
         """Draw the dialog in front, and do what its answer asks for."""
@@ -73,12 +77,12 @@ class Dialogs:
         front = self._open[-1]
         try:
             ui.backdrop()
-            act = self._drawn(ui, front)
+            answer = front.dialog.draw(ui)
         except Exception:  # a dialog that cannot be drawn must not hold the window
-            self._close(front)
+            self._close()
             raise
-        if act is not None:
-            act()
+        if answer:
+            front.answered(answer)
 
     def _begin(self) -> Path:
         """The last folder, if it is still there."""
@@ -88,41 +92,25 @@ class Dialogs:
             return Path.home()
 
     def _choose(self, title: str, choice: FileChoice, on_path: OnPath) -> None:
-        self._open.append(_Choosing(FileDialog(title, choice), on_path))
+        def answered(answer: Answer) -> None:
+            path = answer.path
+            if path is None:
+                self._close()
+            elif choice.saving and path.exists():
+                text = f"{shown(path.name)} is already there. Its contents will be lost."
+                self.ask("Replace the file?", text, {"Replace": partial(take, path), "Go back": None})
+            else:
+                take(path)
 
-    def _close(self, dialog: _Asking | _Choosing | Message) -> None:
-        if isinstance(dialog, _Choosing):
-            dialog.dialog.choice.close()
-        self._open.remove(dialog)
-
-    def _drawn(self, ui: Ui, front: _Asking | _Choosing | Message) -> Callable[[], None] | None:
-        """Draw one dialog; what is to be done now that it was answered."""
-        if isinstance(front, Message):
-            if front.draw(ui):
-                self._close(front)
-            return None
-        if isinstance(front, _Asking):
-            answer = front.question.draw(ui)
-            if answer is None:
-                return None
-            self._close(front)
-            return front.buttons[answer]
-        file = front.dialog.draw(ui)
-        if file is None:
-            return None
-        if file.path is None:
-            self._close(front)
-            return None
-        return self._chosen(front, file.path)
-
-    def _chosen(self, front: _Choosing, path: Path) -> Callable[[], None] | None:
-        def take() -> None:
+        def take(path: Path) -> None:
             self.folder = path.parent
-            self._close(front)
-            front.on_path(path)
+            self._close()
+            on_path(path)
 
-        if not front.dialog.choice.saving or not path.exists():
-            return take
-        text = f"{shown(path.name)} is already there. Its contents will be lost."
-        self.ask("Replace the file?", text, {"Replace": take, "Go back": None})
-        return None
+        self._open.append(_Open(FileDialog(title, choice), answered))
+
+    def _close(self) -> None:
+        """Take away the dialog in front."""
+        dialog = self._open.pop().dialog
+        if isinstance(dialog, FileDialog):
+            dialog.choice.close()

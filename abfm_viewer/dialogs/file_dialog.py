@@ -17,10 +17,9 @@ _ROWS_AROUND = 200  # rows above and below the visible ones that are drawn too
 
 @dataclass
 class Answer:
-    """What became of a dialog: still open (None), given up, or a file."""
+    """The file that was chosen; None if the dialog was given up."""
 
-    path: Path | None = None
-    cancelled: bool = False
+    path: Path | None
 
 
 @dataclass
@@ -40,7 +39,8 @@ class FileDialog:
             line = imgui.GetFrameHeightWithSpacing()
             with ui.child("files", -(below * line + self._note_height(ui))):
                 taken = self._draw_list(ui) or taken
-            self._draw_note(ui)
+            note, is_error = self._note()
+            ui.note(note, "error" if is_error else "muted")
             if self.choice.saving:
                 self._draw_name(ui)
             word = "Save" if self.choice.saving else "Open"
@@ -53,7 +53,7 @@ class FileDialog:
             if not imgui.GetIO().WantTextInput:
                 self._move_by_keys()
             if given_up:
-                return Answer(cancelled=True)
+                return Answer(None)
             if pressed and taken is None:
                 taken = self.choice.confirm()
         return None if taken is None else Answer(taken)
@@ -77,7 +77,8 @@ class FileDialog:
             ui.note("reading ...")
             return None
         if listing.error or not listing.entries:
-            ui.note(listing.error or self._nothing(), "error" if listing.error else "muted")
+            nothing = f"no folders, and no files that end in {', '.join(self.choice.suffixes)}"
+            ui.note(listing.error or nothing, "error" if listing.error else "muted")
             return None
         return self._draw_entries(ui, listing)
 
@@ -113,15 +114,8 @@ class FileDialog:
         if typed != self.choice.name:
             self.choice.name, self.choice.error = typed, ""
 
-    def _draw_note(self, ui: Ui) -> None:
-        text, is_error = self._note()
-        if text:
-            ui.note(text, "error" if is_error else "muted")
-
     def _note_height(self, ui: Ui) -> float:
         text = self._note()[0]
-        if not text:
-            return 0
         width = imgui.GetContentRegionAvail()[0]
         return float(imgui.CalcTextSize(text, wrap_width=width)[1] + imgui.GetStyle().ItemSpacing[1])
 
@@ -136,9 +130,6 @@ class FileDialog:
         if choice.saving and choice.final_name != choice.name.strip():
             return f"will be saved as {choice.final_name}", False
         return f"files that end in {', '.join(choice.suffixes)}", False
-
-    def _nothing(self) -> str:
-        return f"no folders, and no files that end in {', '.join(self.choice.suffixes)}"
 
     def _move_by_keys(self) -> None:
         if imgui.IsKeyPressed(imgui.ImGuiKey_UpArrow):
@@ -157,13 +148,11 @@ class FileDialog:
 
     def _scroll(self, listing: Listing, row: float) -> None:
         """Bring the entry that the keyboard marked into sight."""
-        if not self._scroll_to:
-            return
-        for number, entry in enumerate(listing.entries):
-            if entry.name == self._scroll_to:
-                if not imgui.GetScrollY() <= number * row <= imgui.GetScrollY() + imgui.GetWindowHeight() - 2 * row:
-                    imgui.SetScrollY(max(number * row - imgui.GetWindowHeight() / 2, 0))
-                break
+        names = [entry.name for entry in listing.entries] if self._scroll_to else []
+        if self._scroll_to in names:
+            top = names.index(self._scroll_to) * row
+            if not imgui.GetScrollY() <= top <= imgui.GetScrollY() + imgui.GetWindowHeight() - 2 * row:
+                imgui.SetScrollY(max(top - imgui.GetWindowHeight() / 2, 0))
         self._scroll_to = ""
 
 

@@ -26,17 +26,14 @@ class Question:
             ui.note(self.text, "ink")
             imgui.Dummy((0, ui.px(4)))
             chosen = None
+            width = max(float(imgui.CalcTextSize(answer)[0]) for answer in self.answers) + ui.px(32)
             for number, answer in enumerate(self.answers):
                 if number:
                     ui.beside()
-                if ui.button(answer, primary=number == 0, width=self._button_width(ui)):
+                if ui.button(answer, primary=number == 0, width=width):
                     chosen = answer
             if imgui.IsKeyPressed(imgui.ImGuiKey_Enter, False):
                 chosen = self.answers[0]
             elif imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
                 chosen = self.answers[-1]
         return chosen
-
-    def _button_width(self, ui: Ui) -> float:
-        """Room for the longest label, the same for all."""
-        return max(float(imgui.CalcTextSize(answer)[0]) for answer in self.answers) + ui.px(32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from abfm_viewer.document.document import Document
 
@@ -24,7 +24,7 @@ class History:
     Attributes
     ----------
     document : Document
-        The present state.
+        The present state; what the user did not do changes it without a step.
     moves : int
         Counts what the user did: changes, undo and redo.
     """
@@ -54,28 +54,22 @@ class History:
         self.document = document
         self.moves += 1
 
-    def amend(self, document: Document) -> None:
-        """Replace the present state without a step: what the user did not do."""
-        self.document = document
-
     def seal(self) -> None:
         """Let the next change be a step of its own, whatever its merge key."""
         if self._past:
-            last = self._past[-1]
-            self._past[-1] = Step(last.document, last.label, "")
+            self._past[-1] = replace(self._past[-1], merge="")
 
     def undo(self) -> None:
         """Go back one step, if there is one."""
-        if self._past:
-            step = self._past.pop()
-            self._future.append(Step(self.document, step.label, ""))
-            self.document = step.document
-            self.moves += 1
+        self._move(self._past, self._future)
 
     def redo(self) -> None:
         """Go forward one step, if there is one."""
-        if self._future:
-            step = self._future.pop()
-            self._past.append(Step(self.document, step.label, ""))
+        self._move(self._future, self._past)
+
+    def _move(self, taken: list[Step], left: list[Step]) -> None:
+        if taken:
+            step = taken.pop()
+            left.append(Step(self.document, step.label, ""))
             self.document = step.document
             self.moves += 1

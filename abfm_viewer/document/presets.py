@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Document, View
 
-_PLAIN: dict[str, Any] = {
-    "camera": None,
-    "front": None,
-    "coloring": "function",
-    "blend": False,
-    "transport": False,
-    "error": False,
-    "arrows": False,
-    "part": "whole",
-    "streaks": False,
-    "fade": False,
-    "animate": False,
-    "tool": "nothing",
-}
+_KEPT = (
+    *("theme", "ui_scale", "layout", "colormap", "isolines", "isoline_count", "color_bar"),
+    *("arrow_length", "arrow_density", "previous_runs"),
+)
+"""What a figure leaves as the user's view has it."""
 _SHOWN: dict[int, dict[str, Any]] = {
     1: {"blend": True},
     2: {"streaks": True},
@@ -52,6 +42,6 @@ def figure_document(figure: int, view: View) -> tuple[Document, dict[str, FloatA
         parameters=setup.parameters,
         result=given,
         time=setup.parameters.tau if given else 0.0,
-        view=replace(view, **{**_PLAIN, **_SHOWN.get(figure, {})}),
+        view=View(**{name: getattr(view, name) for name in _KEPT}, **_SHOWN.get(figure, {})),
     )
     return document, dict(setup.values)

@@ -148,12 +148,11 @@ def _make_room(path: Path) -> None:
 
 def _is_alive(process: int) -> bool:
     """Whether a process runs; Windows, where asking by signal would end it, tells by the heartbeat alone."""
-    if os.name != "posix":
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
+    if os.name == "posix":
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return False
+        except PermissionError:  # it is another user's
+            pass
     return True

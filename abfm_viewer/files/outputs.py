@@ -45,23 +45,11 @@ def check(path: Path, suffixes: Collection[str]) -> None:
         raise ResultError(f"cannot write {path}: {error.strerror or error}; choose another place") from None
 
 
-def _ply(path: Path, match: Match) -> None:
-    export_ply(path, match.mesh, _point_data(match), _cell_data(match))
-
-
-def _vtu(path: Path, match: Match) -> None:
-    export_vtu(path, match.mesh, _point_data(match), _cell_data(match))
-
-
-def _csv(path: Path, match: Match) -> None:
-    export_energy_csv(path, match.energy_history, match.stages)
-
-
 WRITERS: dict[str, Callable[[Path, Match], None]] = {
     ".npz": lambda path, match: match.save(path),
-    ".ply": _ply,
-    ".vtu": _vtu,
-    ".csv": _csv,
+    ".ply": lambda path, match: export_ply(path, match.mesh, _point_data(match), _cell_data(match)),
+    ".vtu": lambda path, match: export_vtu(path, match.mesh, _point_data(match), _cell_data(match)),
+    ".csv": lambda path, match: export_energy_csv(path, match.energy_history, match.stages),
 }
 
 

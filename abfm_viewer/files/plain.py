@@ -12,17 +12,20 @@ class PlainError(ValueError):
     """A value that does not fit its type hint; the text says where."""
 
 
-def to_plain(value: Any) -> Any:
-    """Dataclasses as dictionaries and tuples as lists, all the way down."""
+def to_plain(value: Any, without: tuple[str, ...] = ()) -> Any:
+    """Dataclasses as dictionaries, the outermost without some fields, and tuples as lists, all the way down."""
     if is_dataclass(value):
-        return {entry.name: to_plain(getattr(value, entry.name)) for entry in fields(value)}
+        return {
+            entry.name: to_plain(getattr(value, entry.name)) for entry in fields(value) if entry.name not in without
+        }
     return [to_plain(part) for part in value] if isinstance(value, tuple | list) else value
 
 
-def from_plain(hint: Any, value: Any, where: str) -> Any:
+def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
     """What `to_plain` was given, for a type hint; missing fields take their defaults.
 
-    A dataclass that has a `from_dict` of its own is made by that, which knows what older versions left out.
+    Fields that are given are not looked for in the value. A dataclass that has a `from_dict` of its own is made by
+    that, which knows what older versions left out.
 
     Raises
     ------
@@ -44,7 +47,10 @@ def from_plain(hint: Any, value: Any, where: str) -> Any:
             from_plain(kind, part, f"{where}[{i}]") for i, (kind, part) in enumerate(zip(kinds, value, strict=True))
         )
     if is_dataclass(hint):
-        return _dataclass(hint, value, where)
+        return _dataclass(hint, value, where, given)
+    if origin is dict:
+        _check(isinstance(value, dict), where, value, "an object")
+        return value
     if hint is float:
         is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
         _check(is_number, where, value, "a finite number")
@@ -53,17 +59,17 @@ def from_plain(hint: Any, value: Any, where: str) -> Any:
     return value
 
 
-def _dataclass(hint: Any, value: Any, where: str) -> Any:
+def _dataclass(hint: Any, value: Any, where: str, given: dict[str, Any]) -> Any:
     _check(isinstance(value, dict), where, value, "an object")
-    hints = get_type_hints(hint)
-    known = {entry.name: entry for entry in fields(hint)}
+    hints = get_type_hints(hint, localns={"Match": Any})  # a document without a result does not load its type
+    known = {entry.name: entry for entry in fields(hint) if entry.name not in given}
     unknown = sorted(value.keys() - known.keys())
     _check(not unknown, where, unknown, f"only {', '.join(known)}")
     required = {name for name, e in known.items() if e.default is MISSING and e.default_factory is MISSING}
     missing = sorted(required - value.keys())
     _check(not missing, where, value, f"also {', '.join(missing)}")
     parts = {name: from_plain(hints[name], part, f"{where}.{name}") for name, part in value.items()}
-    return hint.from_dict(parts) if hasattr(hint, "from_dict") else hint(**parts)
+    return hint.from_dict(parts) if hasattr(hint, "from_dict") else hint(**parts, **given)
 
 
 def _check(fits: bool, where: str, value: Any, expected: str) -> None:

@@ -1,96 +1,40 @@
 """Project files (``.abfm``): a zip of JSON and arrays with everything that is needed to go on elsewhere.
 
 ``project.json`` holds all that is small; ``mesh/*.npy``, ``result/*.npy`` and ``runs/*/*.npy`` the arrays of the
-document, and ``known/*.npy`` the values of functions that come from other files.
+document, and ``known/*.npy`` the values of functions that come from other files. Those of mesh and result are what
+result files hold.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import os
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from abfm import Parameters, ResultError, TriangleMesh
 from abfm.io import write_atomically
+from abfm.io.arrays import FORMAT_VERSION, Entry, check_arrays, check_version, open_archive, read_arrays, write_arrays
+from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, mesh_arrays, mesh_of
 from abfm.types import FloatArray
-from abfm_viewer.document.document import Channel, Document, Point, Run, Side, View
-from abfm_viewer.files.array_zip import read_array, read_arrays, read_bytes, write_array, write_arrays, write_text
+from abfm_viewer.document.document import Document, Run
 from abfm_viewer.files.plain import from_plain, to_plain
-from abfm_viewer.files.project_checks import check, check_array, require, terms_from_files
+from abfm_viewer.files.project_checks import check
 
 if TYPE_CHECKING:
     from abfm import Match
 
-__all__ = ["FORMAT_VERSION", "ProjectError", "load_project", "save_project", "terms_from_files"]
-
-FORMAT_VERSION = 1
-_MOST_DROPPED = 10_000_000  # vertices of the mesh file that no face uses: opening makes room for them again
-
-_MESH = ("vertices", "faces", "vertex_ids")
-_RUN, _COURSE = ("energies", "stages"), ("vertices", "reaches")
-_RESULT = ("source", "target", "velocity", "advected", "energy_history", "stages", "weights")
-
-Plain = TypeVar("Plain")
-
-
-class ProjectError(ResultError):
-    """A project file that cannot be written or read."""
-
-
-@dataclass(frozen=True)
-class _State:
-    """The fields of `Document` that hold no arrays, by the same names."""
-
-    name: str
-    channels: tuple[Channel, ...]
-    channel: int
-    side: Side
-    bump: int
-    parameters: Parameters
-    mask: str
-    time: float
-    lines: tuple[Point, ...]
-    points: tuple[Point, ...]
-    view: View
-
-
-@dataclass(frozen=True)
-class _RunState:
-    """The same of `Run`."""
-
-    restarts: tuple[int, ...]
-    mismatch: float
-    label: str
-    has_course: bool = False
-
-
-@dataclass(frozen=True)
-class _VerdictState:
-    """The same of `Verdict`."""
-
-    kind: Literal["matched", "nearly", "not reached", "impossible"]
-    reason: str
-    advice: str
-
-
-@dataclass(frozen=True)
-class _ResultState:
-    """The same of `Match`; None is what is not known, and what older versions did not tell."""
-
-    parameters: Parameters
-    mismatch: float
-    stop_reason: str
-    channels_given: bool
-    verified_mismatch: float | None = None
-    folded: float | None = None
-    verdict: _VerdictState | None = None
+_MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
+_RUN = {
+    "stages": Entry("integer", ("n",), may_be_empty=True),
+    "energies": Entry("real", ("n", 3), may_be_empty=True),
+}
+_COURSE = _RUN | {"vertices": Entry("integer", ("n",)), "reaches": Entry("real", ("n",))}
+_RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in ("parameters", "verdict")}
 
 
 @dataclass(frozen=True)
@@ -98,9 +42,9 @@ class _Header:
     """What `project.json` holds; `known` are the functions with values, in the order of their members."""
 
     file_vertex_count: int
-    document: _State
-    runs: tuple[_RunState, ...]
-    result: _ResultState | None
+    document: dict[str, Any]
+    runs: tuple[dict[str, Any], ...]
+    result: dict[str, Any] | None
     result_has_mask: bool
     known: tuple[str, ...]
 
@@ -121,30 +65,35 @@ def save_project(path: str | os.PathLike[str], document: Document, known: Mappin
     ResultError
         If it would not open again, or cannot be written.
     """
-    result = document.result
-    header = _Header(
-        file_vertex_count=document.mesh.file_vertex_count,
-        document=_part(_State, document),
-        runs=tuple(_part(_RunState, run) for run in document.runs),
-        result=None if result is None else _result_state(result),
-        result_has_mask=result is not None and result.mask is not None,
-        known=tuple(sorted(known)),
-    )
-    text = json.dumps({"format_version": FORMAT_VERSION, **to_plain(header)}, indent=1)
+    mesh, result = mesh_arrays(document.mesh), document.result
+    arrays = {f"mesh/{name}": mesh[name] for name in _MESH}
+    for number, run in enumerate(document.runs):
+        arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in (_COURSE if run.has_course else _RUN)}
+    plain_result = None
+    if result is not None:
+        from abfm.matching.result import match_arrays
+
+        parts = match_arrays(result)
+        plain_result = {name: part for name, part in parts.items() if not isinstance(part, np.ndarray)}
+        plain_result |= {"parameters": to_plain(result.parameters), "verdict": to_plain(result.verdict)}
+        arrays |= {f"result/{name}": part for name, part in parts.items() if isinstance(part, np.ndarray)}
+    content = {
+        "file_vertex_count": document.mesh.file_vertex_count,
+        "document": to_plain(document, ("mesh", "result", "runs")),
+        "runs": [to_plain(run, tuple(_COURSE)) | {"has_course": run.has_course} for run in document.runs],
+        "result": plain_result,
+        "result_has_mask": "result/mask" in arrays,
+        "known": sorted(known),
+    }
+    arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
     try:
-        _header(text)
-        check(document, known)
+        _document(content, arrays, document.mesh)
     except ValueError as error:
-        raise ProjectError(f"{path} not written: {error}") from error
+        raise ResultError(f"{path} not written: {error}") from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        write_text(archive, "project.json", text)
-        write_arrays(archive, "mesh", _MESH, document.mesh)
-        for number, run in enumerate(document.runs):
-            write_arrays(archive, f"runs/{number}", (*_RUN, *_COURSE) if run.has_course else _RUN, run)
-        if result is not None:
-            write_arrays(archive, "result", _RESULT if result.mask is None else (*_RESULT, "mask"), result)
-        for number, spec in enumerate(header.known):
-            write_array(archive, f"known/{number}", known[spec])
+        text = json.dumps({"format_version": FORMAT_VERSION, **content}, indent=1)
+        archive.writestr(zipfile.ZipInfo("project.json"), text)
+        write_arrays(archive, arrays)
 
 
 def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, FloatArray]]:
@@ -152,105 +101,58 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
 
     Raises
     ------
-    ProjectError
+    ResultError
         If the file is missing, damaged, no project, or from a newer version.
     """
-    with _explained(path), zipfile.ZipFile(path) as archive:
+    with open_archive(path, "project", "take another copy of the file") as archive:
         if "velocity.npy" in archive.namelist():
-            raise ProjectError("a result file, not a project; open it as a result, under a name that ends in .npz")
-        header = _header(read_bytes(archive, "project.json"))
-        mesh = _mesh(archive, header.file_vertex_count)
-        document = Document(
-            mesh=mesh,
-            result=None if header.result is None else _result(archive, mesh, header.result, header.result_has_mask),
-            runs=tuple(_run(archive, number, run) for number, run in enumerate(header.runs)),
-            **vars(header.document),
-        )
-        known = {spec: read_array(archive, f"known/{number}") for number, spec in enumerate(header.known)}
-        check(document, known)
-        return document, known
+            raise ResultError("a result file, not a project; open it as a result, under a name that ends in .npz")
+        packed = [member.filename for member in archive.infolist() if member.compress_type != zipfile.ZIP_STORED]
+        if packed:  # could be larger than memory
+            raise ValueError(f"{packed[0]} is compressed; expected a zip without compression")
+        content = json.loads(archive.read("project.json"))
+        check_version(content.pop("format_version", None) if isinstance(content, dict) else None)
+        return _document(content, read_arrays(archive))
 
 
-@contextmanager
-def _explained(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turn whatever damage does into one line that names the file."""
-    try:
-        yield
-    except ProjectError as error:
-        raise ProjectError(f"{path}: {error}") from error
-    except OSError as error:
-        reason = error.strerror or error
-        raise ProjectError(f"cannot read {path}: {reason}; check the path and its permissions") from error
-    except (ValueError, KeyError, EOFError, RuntimeError, OverflowError, zipfile.BadZipFile) as error:
-        reason = " ".join(str(error).split())
-        raise ProjectError(
-            f"{path}: no project of abfm, or damaged ({reason}); take another copy of the file"
-        ) from error
+def _document(
+    content: object, arrays: Mapping[str, Any], mesh: TriangleMesh | None = None
+) -> tuple[Document, dict[str, FloatArray]]:
+    """Document and known values from what a file holds; the mesh is made unless it is given.
 
-
-def _part(kind: type[Plain], whole: object) -> Plain:
-    """The fields of a dataclass, taken from something that has them too."""
-    return kind(**{entry.name: getattr(whole, entry.name) for entry in fields(kind)})  # type: ignore[arg-type]
-
-
-def _header(text: str | bytes) -> _Header:
-    content = json.loads(text)
-    version = content.pop("format_version", None) if isinstance(content, dict) else None
-    if isinstance(version, int) and version > FORMAT_VERSION:
-        raise ProjectError(f"written in format {version}, and this abfm reads up to {FORMAT_VERSION}; upgrade abfm")
-    require(version == FORMAT_VERSION, f"format_version is {version!r}; expected {FORMAT_VERSION}")
+    Raises
+    ------
+    ValueError
+        If anything does not fit.
+    """
     header: _Header = from_plain(_Header, content, "project")
-    return header
+    mesh_parts = check_arrays(arrays, _MESH, "mesh/")
+    mesh = mesh or mesh_of({**mesh_parts, "file_vertex_count": np.array(header.file_vertex_count)})
+    runs = tuple(_run(number, state, arrays) for number, state in enumerate(header.runs))
+    result = None if header.result is None else _result(header.result, header.result_has_mask, arrays, mesh)
+    document = from_plain(Document, header.document, "project.document", mesh=mesh, result=result, runs=runs)
+    values = {f"the values of {spec}": arrays[f"known/{number}"] for number, spec in enumerate(header.known)}
+    entries = dict.fromkeys(header.known, Entry("real", ("V",)))
+    known = check_arrays(values, entries, "the values of ", V=len(mesh.vertices))
+    check(document)
+    return document, known
 
 
-def _mesh(archive: zipfile.ZipFile, file_vertex_count: int) -> TriangleMesh:
-    """The mesh, with its vertices at the places that they have in the mesh file, so that they keep their numbers."""
-    vertices, faces, ids = read_arrays(archive, "mesh", _MESH).values()
-    check_array("mesh/vertex_ids", ids, (ids.size,), "i")
-    check_array("mesh/vertices", vertices, (ids.size, 3), "f")
-    check_array("mesh/faces", faces, (faces.size // 3, 3), "i")
-    ascend = len(ids) > 0 and ids[0] >= 0 and bool((np.diff(ids) > 0).all())
-    require(ascend and ids[-1] < file_vertex_count, f"vertex_ids do not ascend from 0 to below {file_vertex_count}")
-    require(file_vertex_count - len(ids) <= _MOST_DROPPED, f"{file_vertex_count} vertices, and {len(ids)} are used")
-    require(bool(((faces >= 0) & (faces < len(ids))).all()), f"mesh/faces has an index outside 0 to {len(ids) - 1}")
-    placed = np.full((file_vertex_count, 3), np.nan)
-    placed[ids] = vertices
-    mesh = TriangleMesh(placed, ids[faces])
-    intact = np.array_equal(mesh.vertex_ids, ids) and np.array_equal(mesh.faces, faces)
-    require(intact, f"the mesh needs repairs: {' '.join(mesh.messages)}")
-    return mesh
+def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
+    plain = {name: value for name, value in state.items() if name != "has_course"}
+    parts = check_arrays(arrays, _COURSE if state.get("has_course") else _RUN, f"runs/{number}/")
+    run: Run = from_plain(Run, plain, f"project.runs[{number}]", **parts)
+    return run
 
 
-def _run(archive: zipfile.ZipFile, number: int, state: _RunState) -> Run:
-    names = (*_RUN, *_COURSE) if state.has_course else _RUN
-    arrays = read_arrays(archive, f"runs/{number}", names)
-    return Run(**arrays, restarts=state.restarts, mismatch=state.mismatch, label=state.label)
+def _result(state: dict[str, Any], has_mask: bool, arrays: Mapping[str, Any], mesh: TriangleMesh) -> Match:
+    from abfm.matching.judging.verdict import Verdict  # not before: these take long, and are for solved projects only
+    from abfm.matching.result import match_of
 
-
-def _result_state(result: Match) -> _ResultState:
-    def known(value: float) -> float | None:
-        return None if math.isnan(value) else value
-
-    state = _part(_ResultState, result)
-    return replace(
-        state,
-        verified_mismatch=known(result.verified_mismatch),
-        folded=known(result.folded),
-        verdict=_part(_VerdictState, result.verdict),
-    )
-
-
-def _result(archive: zipfile.ZipFile, mesh: TriangleMesh, state: _ResultState, has_mask: bool) -> Match:
-    from abfm import Match  # not before: these take long, and are for solved projects only
-    from abfm.matching.judging.verdict import Verdict
-    from abfm.matching.result import former_verdict
-
-    told = state.verdict
-    state_of_match: dict[str, Any] = {
-        **vars(state),
-        "verified_mismatch": math.nan if state.verified_mismatch is None else state.verified_mismatch,
-        "folded": math.nan if state.folded is None else state.folded,
-        "verdict": Verdict(**vars(told)) if told else former_verdict(state.mismatch, state.stop_reason),
-    }
-    mask = read_array(archive, "result/mask") if has_mask else None
-    return Match(mesh=mesh, mask=mask, **read_arrays(archive, "result", _RESULT), **state_of_match)
+    known = {name: value for name, value in state.items() if value is not None}
+    entries = _RESULT | {"mask": _RESULT["mask"]._replace(required=has_mask)}
+    given = {**arrays, **{f"result/{name}": value for name, value in known.items()}}
+    parts = check_arrays(given, entries, "result/", V=len(mesh.vertices), F=len(mesh.faces))
+    parameters = from_plain(Parameters, known.get("parameters"), "project.result.parameters")
+    verdict = from_plain(Verdict, known["verdict"], "project.result.verdict") if "verdict" in known else None
+    return match_of(mesh, parts, parameters, verdict)

@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document.document import EXTRAPOLATION, Document
-
-if TYPE_CHECKING:
-    from abfm import Match
 
 
 def terms_from_files(spec: str) -> list[str]:
@@ -38,71 +30,47 @@ def terms_from_files(spec: str) -> list[str]:
     return [str(term) for term in terms if reads_files(term)]
 
 
-def check(document: Document, known: Mapping[str, FloatArray]) -> None:
-    """Refuse a document that does not fit together or could not be drawn."""
-    V, F = len(document.mesh.vertices), len(document.mesh.faces)
-    for spec, values in known.items():
-        check_array(f"the values of {spec}", values, (V,), "f")
+def check(document: Document) -> None:
+    """Refuse a document that does not fit together or could not be drawn.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range, or a text no function.
+    """
     for number, run in enumerate(document.runs):
         rows = run.stages.size
-        check_array(f"runs/{number}/energies", run.energies, (rows, 3), "f")
-        check_array(f"runs/{number}/stages", run.stages, (rows,), "i")
-        if run.has_course:
-            check_array(f"runs/{number}/vertices", run.vertices, (rows,), "i")
-            check_array(f"runs/{number}/reaches", run.reaches, (rows,), "f")
-        require(all(0 <= row <= rows for row in run.restarts), f"run {number} of {rows} rows restarts outside them")
-    if document.result is not None:
-        _check_result(document.result, V, F)
+        _require(all(0 <= row <= rows for row in run.restarts), f"run {number} of {rows} rows restarts outside them")
     for spec in [spec for channel in document.channels for spec in (channel.source, channel.target)]:
         terms_from_files(spec)
     for channel in document.channels:
-        require(0 <= channel.weight < np.inf, f"a channel has the weight {channel.weight}; expected 0 or more")
+        _require(0 <= channel.weight < np.inf, f"a channel has the weight {channel.weight}; expected 0 or more")
     if document.mask:
         terms_from_files(document.mask)
     count, end = max(len(document.channels), 1), EXTRAPOLATION * document.parameters.tau
-    require(0 <= document.channel < count, f"channel is {document.channel}; expected 0 to {count - 1}")
-    require(document.bump >= 0, f"bump is {document.bump}; expected 0 or more")
-    require(0 <= document.time <= end, f"time is {document.time}; expected 0 to {end}")
+    _require(0 <= document.channel < count, f"channel is {document.channel}; expected 0 to {count - 1}")
+    _require(document.bump >= 0, f"bump is {document.bump}; expected 0 or more")
+    _require(0 <= document.time <= end, f"time is {document.time}; expected 0 to {end}")
+    F = len(document.mesh.faces)
     for point in document.lines + document.points:
         inside = min(point.barycentric) >= -1e-9 and abs(sum(point.barycentric) - 1) <= 1e-9
-        require(0 <= point.face < F, f"a point lies on face {point.face}; expected 0 to {F - 1}")
-        require(inside, f"a point has weights {point.barycentric}; expected 0 or more, with sum 1")
+        _require(0 <= point.face < F, f"a point lies on face {point.face}; expected 0 to {F - 1}")
+        _require(inside, f"a point has weights {point.barycentric}; expected 0 or more, with sum 1")
     view, camera, colormaps = document.view, document.view.camera, ("automatic", *NAMES)
-    require(view.colormap in colormaps, f"colormap is {view.colormap!r}; expected {' or '.join(colormaps)}")
-    require(0 < view.ui_scale <= 10, f"ui_scale is {view.ui_scale}; expected above 0 to 10")
-    require(0 < view.arrow_length <= 10, f"arrow_length is {view.arrow_length}; expected above 0 to 10")
-    require(0 <= view.arrow_density <= 1, f"arrow_density is {view.arrow_density}; expected 0 to 1")
-    require(0 < view.isoline_count <= 1000, f"isoline_count is {view.isoline_count}; expected 1 to 1000")
+    _require(view.colormap in colormaps, f"colormap is {view.colormap!r}; expected {' or '.join(colormaps)}")
+    _require(0 < view.ui_scale <= 10, f"ui_scale is {view.ui_scale}; expected above 0 to 10")
+    _require(0 < view.arrow_length <= 10, f"arrow_length is {view.arrow_length}; expected above 0 to 10")
+    _require(0 <= view.arrow_density <= 1, f"arrow_density is {view.arrow_density}; expected 0 to 1")
+    _require(0 < view.isoline_count <= 1000, f"isoline_count is {view.isoline_count}; expected 1 to 1000")
     if view.front is not None:
         axes = np.array([view.front.direction, view.front.up])
         upright = bool(np.allclose(axes @ axes.T, np.eye(2), atol=1e-6))
-        require(upright, f"front is {view.front}; expected two unit vectors at a right angle")
+        _require(upright, f"front is {view.front}; expected two unit vectors at a right angle")
     if camera is not None:
-        require(camera.position != camera.target, f"the camera looks from {camera.position} at itself")
-        require(0 < camera.angle < 180, f"the camera's angle is {camera.angle}; expected between 0 and 180")
+        _require(camera.position != camera.target, f"the camera looks from {camera.position} at itself")
+        _require(0 < camera.angle < 180, f"the camera's angle is {camera.angle}; expected between 0 and 180")
 
 
-def _check_result(result: Match, V: int, F: int) -> None:
-    rows, channels = result.stages.size, result.weights.size
-    shapes: dict[str, tuple[int, ...]] = {
-        **dict.fromkeys(("source", "target", "advected"), (V, channels)),
-        "velocity": (result.parameters.segments, F, 3),
-        "energy_history": (rows, 3),
-        "weights": (channels,),
-        **({} if result.mask is None else {"mask": (V,)}),
-    }
-    for name, shape in shapes.items():
-        check_array(f"result/{name}", getattr(result, name), shape, "f")
-    check_array("result/stages", result.stages, (rows,), "i")
-
-
-def check_array(name: str, array: NDArray[Any], shape: tuple[int, ...], kind: str) -> None:
-    numbers = "reals" if kind == "f" else "integers"
-    fits = array.shape == shape and array.dtype.kind == kind
-    require(fits, f"{name} is {array.dtype} of shape {array.shape}; expected {numbers} of shape {shape}")
-    require(kind == "i" or bool(np.isfinite(array).all()), f"{name} has values that are not finite")
-
-
-def require(fits: bool, problem: str) -> None:
+def _require(fits: bool, problem: str) -> None:
     if not fits:
         raise ValueError(problem)

@@ -32,11 +32,10 @@ class StateFolder:
     def recent(self) -> list[Path]:
         """Files that were opened or saved and still exist, the latest first."""
         names = self._read("recent.json", [])
-        paths = [Path(name) for name in names if isinstance(name, str)] if isinstance(names, list) else []
         found = []
-        for path in paths:
-            with suppress(OSError, ValueError):
-                if path.is_file():
+        for name in names if isinstance(names, list) else []:
+            with suppress(OSError, ValueError, TypeError):
+                if (path := Path(name)).is_file():
                     found.append(path)
         return found[:_MOST_RECENT]
 

@@ -28,7 +28,7 @@ class Pacing:
         self.redraw_seconds = 0.0
         self._session = session
         self._frames_behind = 0
-        self._run: object = None
+        self._run = 0
         self._pictures_of_run = 0
         self._textured_at = 0.0
 
@@ -39,8 +39,8 @@ class Pacing:
             return False
         if session.view.animate and name == "advected":
             return clock.perf_counter() < self._textured_at + _SLOW_REDRAWS_APART * self.redraw_seconds
-        worker = session.solver.worker
-        if worker is None or worker is not self._run or self._pictures_of_run < _AT_ONCE:
+        solver = session.solver
+        if not solver.running or solver.started != self._run or self._pictures_of_run < _AT_ONCE:
             return False
         if is_first:
             frames = max(_FRAMES_PER_SLOW_REDRAW, round(_FRAMES_PER_SECOND_OF_REDRAW * self.redraw_seconds))
@@ -51,7 +51,7 @@ class Pacing:
         """Take in that the advected surface was drawn, with other colours than before or the same."""
         if is_new and is_texture:
             self._textured_at = clock.perf_counter()
-        worker = self._session.solver.worker
-        if worker is not self._run:
-            self._run, self._pictures_of_run = worker, 0
+        started = self._session.solver.started
+        if started != self._run:
+            self._run, self._pictures_of_run = started, 0
         self._pictures_of_run += is_new

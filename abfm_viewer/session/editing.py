@@ -81,15 +81,7 @@ class Editing:
 
     def amend(self, **values: Any) -> None:
         """Other values without a step of undo: what the user did not do."""
-        self.history.amend(replace(self.document, **values))
-
-    def undo(self) -> None:
-        """Take back the last step."""
-        self.history.undo()
-
-    def redo(self) -> None:
-        """Do again what was taken back."""
-        self.history.redo()
+        self.history.document = replace(self.document, **values)
 
     # Channels
 

@@ -41,7 +41,7 @@ class PictureSettings:
 
     def words(self) -> list[str]:
         """As options of `abfm render`, but for the ground."""
-        return ["--size", f"{self.width}x{self.height}", *([] if self.color_bar else ["--no-color-bar"])]
+        return [f"--size={self.width}x{self.height}", *([] if self.color_bar else ["--no-color-bar"])]
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ class MovieSettings:
 
     def words(self, tau: float) -> list[str]:
         """As options of `abfm render`."""
-        words = ["--seconds", self.seconds, "--fps", self.fps, "--from", self.start * tau, "--to", self.end * tau]
-        return [str(word) for word in [*words, "--turntable", self.turntable]]
+        rate, times = [f"--fps={self.fps}"], [f"--from={self.start * tau}", f"--to={self.end * tau}"]
+        return [f"--seconds={self.seconds}", *rate, *times, f"--turntable={self.turntable}"]
 
 
 class Exporter:
@@ -105,17 +105,22 @@ class Exporter:
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
         """Draw the document over time."""
         words = [*self.picture.words(), *self.movie.words(document.parameters.tau)]
-        self._start(self._render_movie, path, self.movie.fps, document, known, words)
+        self._start(self._render, path, MOVIES, document, known, words)
 
     def save_result(self, path: Path, match: Match) -> None:
         """Write a result in the format of the file's suffix."""
-        self._start(self._write, path, match)
+
+        def write() -> str:
+            outputs.check(path, DATA)
+            outputs.write(path, match)
+            return f"saved {path}"
+
+        self._start(write)
 
     def cancel(self) -> None:
         """End the export; nothing is written, and an older file stays."""
         self._cancelled = True
-        process = self._process
-        if process is not None:
+        if (process := self._process) is not None:
             process.kill()  # all that it has written is in the folder that is removed with it
 
     def wait(self) -> None:
@@ -145,22 +150,14 @@ class Exporter:
         self._thread = threading.Thread(target=work, name="export", daemon=True)
         self._thread.start()
 
-    def _write(self, path: Path, match: Match) -> str:
-        outputs.check(path, DATA)
-        outputs.write(path, match)
-        return f"saved {path}"
-
-    def _render_movie(self, path: Path, fps: float, document: Document, known: Known, words: list[str]) -> str:
-        fastest = outputs.FASTEST.get(path.suffix, fps)
-        if fps > fastest:
-            raise AbfmError(f"fps is {fps:g}; a {path.suffix} file takes at most {fastest:g}")
-        return self._render(path, MOVIES, document, known, words)
-
     def _render(self, path: Path, suffixes: tuple[str, ...], document: Document, known: Known, words: list[str]) -> str:
         """Draw a copy of the document in a process of its own, and put the file in its place when it is whole."""
         from abfm_viewer.files.project import save_project
 
         outputs.check(path, suffixes)
+        if path.suffix in outputs.FASTEST and self.movie.fps > outputs.FASTEST[path.suffix]:
+            fastest = outputs.FASTEST[path.suffix]
+            raise AbfmError(f"fps is {self.movie.fps:g}; a {path.suffix} file takes at most {fastest:g}")
         with tempfile.TemporaryDirectory(prefix="abfm-export-") as name:
             folder = Path(name)
             project, drawn, errors = folder / "export.abfm", folder / f"drawn{path.suffix}", folder / "errors.txt"
@@ -174,7 +171,10 @@ class Exporter:
             with self._process as process:
                 if self._cancelled:
                     process.kill()
-                self._follow(process)
+                for line in process.stdout or ():
+                    if line.startswith("{"):
+                        told = json.loads(line)
+                        self.progress = told["frame"] / told["count"]
             self._process = None
             if process.returncode != 0 or self._cancelled:
                 lines = errors.read_text().strip().splitlines()
@@ -184,11 +184,3 @@ class Exporter:
                 shutil.copyfile(drawn, temporary)
         self.progress = 1.0
         return f"saved {path}"
-
-    def _follow(self, process: subprocess.Popen[str]) -> None:
-        """Take in the lines that tell of frames."""
-        assert process.stdout is not None
-        for line in process.stdout:
-            if line.startswith("{"):
-                told = json.loads(line)
-                self.progress = told["frame"] / told["count"]

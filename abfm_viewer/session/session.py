@@ -13,8 +13,7 @@ from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Evaluated, Functions
-from abfm_viewer.computing.solver import Solver
-from abfm_viewer.computing.worker import Problem
+from abfm_viewer.computing.solver import Problem, Solver
 from abfm_viewer.document.document import Channel, Document, Side
 from abfm_viewer.document.history import History
 from abfm_viewer.session.editing import Editing
@@ -89,12 +88,12 @@ class Session(Editing):
     def undo(self) -> None:
         """Take back the last step; what plays stops."""
         self.player.playing = False
-        super().undo()
+        self.history.undo()
 
     def redo(self) -> None:
         """Do again what was taken back; what plays stops."""
         self.player.playing = False
-        super().redo()
+        self.history.redo()
 
     # Meshes and results
 
@@ -177,10 +176,9 @@ class Session(Editing):
 
     def end_run(self) -> None:
         """End the run, if there is one, and take its best field; the evaluation under way is waited for."""
-        if self.solver.worker is not None:
-            self.solver.cancel()
-            self.solver.worker.wait(_SECONDS_TO_END)
-            self._collect()
+        self.solver.cancel()
+        self.solver.wait(_SECONDS_TO_END)
+        self._collect()
 
     @property
     def outdated(self) -> bool:

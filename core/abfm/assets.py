@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from pathlib import Path
 
-from abfm.errors import MeshError
+from abfm.errors import MeshError, did_you_mean
 
 
 def asset_names() -> list[str]:
@@ -24,9 +23,8 @@ def asset_path(name: str) -> Path:
     """
     names = asset_names()
     if name not in names:
-        nearest = get_close_matches(name, names, n=1, cutoff=0.4)
-        suggestion = f"did you mean {nearest[0]}? " if nearest else ""
-        raise MeshError(f"no mesh called {name} is shipped: {suggestion}known are {', '.join(names) or 'none'}")
+        known = ", ".join(names) or "none"
+        raise MeshError(f"no mesh called {name} is shipped{did_you_mean(name, names)}: known are {known}")
     return _folder() / name
 
 

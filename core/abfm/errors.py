@@ -1,5 +1,10 @@
 """Errors that a user can cause and mend: each says what was given, what was expected and what to do."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class AbfmError(ValueError):
     """Base of every error raised for bad input; the command line prints it as one line and exits with 2."""
@@ -23,3 +28,9 @@ class ResultError(AbfmError):
 
 class AdvectionError(AbfmError):
     """A field so fast, or a time so long, that the advection cannot be computed in reasonable time or range."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """``" (did you mean ...?)"``, or nothing where no known word is near."""
+    close = get_close_matches(word.strip().lower(), list(known), n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""

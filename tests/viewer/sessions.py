@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from abfm import Parameters
 from abfm.parameters import PAPER
-from abfm_viewer.computing.worker import Problem
+from abfm_viewer.computing.solver import Problem
 from abfm_viewer.document.document import Channel
 from abfm_viewer.session.session import Session
 from tests.shapes import icosphere

@@ -18,8 +18,8 @@ from simpleeval import (
     SimpleEval,
 )
 
-from abfm.errors import FunctionError
-from abfm.functions.family import Family, Kind, did_you_mean, parameter, shown
+from abfm.errors import FunctionError, did_you_mean
+from abfm.functions.family import Family, Kind, parameter, shown
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 

@@ -6,13 +6,12 @@ import inspect
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, field, fields
-from difflib import get_close_matches
 from functools import cache
 from typing import Any, ClassVar
 
-from abfm.errors import FunctionError
+from abfm.errors import FunctionError, did_you_mean
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -120,12 +119,6 @@ def quoted(text: str) -> str:
 def shown(text: str) -> str:
     """Text as an error message shows it: on one line, in quotes, not too long."""
     return repr(text if len(text) <= 60 else f"{text[:45]}...{text[-10:]}")
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """``" (did you mean ...?)"``, or nothing where no known word is near."""
-    close = get_close_matches(word.strip().lower(), list(known), n=1)
-    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 def _number(text: str) -> float:

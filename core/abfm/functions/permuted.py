@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from abfm.errors import FunctionError
-from abfm.functions.family import PATH, Family, Spec, did_you_mean, parameter, quoted, shown
+from abfm.errors import FunctionError, did_you_mean
+from abfm.functions.family import PATH, Family, Spec, parameter, quoted, shown
 from abfm.functions.vertex_map_file import read_vertex_map
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh

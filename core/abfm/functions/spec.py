@@ -21,12 +21,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NoReturn
 
-from abfm.errors import FunctionError
+from abfm.errors import FunctionError, did_you_mean
 from abfm.functions.coordinate import Coordinate
 from abfm.functions.curvature import Curvature
 from abfm.functions.eigenfunction import Eigenfunction
 from abfm.functions.expression import Expression
-from abfm.functions.family import Family, Spec, did_you_mean, shown
+from abfm.functions.family import Family, Spec, shown
 from abfm.functions.gaussian import Gaussian
 from abfm.functions.geodesic import Geodesic
 from abfm.functions.heat_kernel_signature import HeatKernelSignature

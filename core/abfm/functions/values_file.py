@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from abfm.errors import FunctionError
-from abfm.functions.family import PATH, WORD, Family, did_you_mean, parameter, shown
+from abfm.errors import FunctionError, did_you_mean
+from abfm.functions.family import PATH, WORD, Family, parameter, shown
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 

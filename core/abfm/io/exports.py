@@ -136,7 +136,4 @@ def _columns(data: Data, count: int, taken: Sequence[str] = (), vectors: bool = 
 def _records(columns: Mapping[str, NDArray[Any]]) -> bytes:
     """Columns (n,) or (n, k) row by row, packed, little endian."""
     dtype = [(name, column.dtype.newbyteorder("<"), column.shape[1:]) for name, column in columns.items()]
-    records = np.empty(len(next(iter(columns.values()))), dtype)
-    for name, column in columns.items():
-        records[name] = column
-    return records.tobytes()
+    return np.rec.fromarrays(list(columns.values()), dtype).tobytes()

@@ -5,31 +5,27 @@ from __future__ import annotations
 import json
 import os
 import zipfile
-import zlib
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import ResultError
+from abfm.io.arrays import FORMAT_VERSION, Entry, check_arrays, check_version, open_archive, read_arrays, write_arrays
 from abfm.io.atomic import write_atomically
+from abfm.mesh import TriangleMesh
 
-FORMAT_VERSION = 1
 MEND = "match again and save, or take another copy of the file"
+_MOST_DROPPED = 10_000_000  # vertices of the mesh file that no face uses: opening makes room for them again
 
-
-class Entry(NamedTuple):
-    """What an array of a result file must be; a letter stands for a size that all arrays agree on."""
-
-    kind: str
-    shape: tuple[str | int, ...]
-    required: bool = True
-
-
-ENTRIES = {
+MESH_ENTRIES = {
     "vertices": Entry("real", ("V", 3)),
     "faces": Entry("integer", ("F", 3)),
+    "vertex_ids": Entry("integer", ("V",)),
+    "file_vertex_count": Entry("integer", ()),
+}
+MATCH_ENTRIES = {
     "source": Entry("real", ("V", "C")),
     "target": Entry("real", ("V", "C")),
     "advected": Entry("real", ("V", "C")),
@@ -39,8 +35,6 @@ ENTRIES = {
     "mismatch": Entry("real", ()),
     "stop_reason": Entry("text", ()),
     "parameters": Entry("text", ()),
-    "vertex_ids": Entry("integer", ("V",)),
-    "file_vertex_count": Entry("integer", ()),
     "channels_given": Entry("boolean", ()),  # False: f and g were (V,), and come back so
     "mask": Entry("real", ("V",), required=False),
     "verified_mismatch": Entry("real", (), required=False),
@@ -48,12 +42,7 @@ ENTRIES = {
     "verdict": Entry("text", (3,), required=False),
     "weights": Entry("real", ("C",)),  # the last one is required: damage to a zip's directory can hide the last entry
 }
-KINDS: dict[str, tuple[str, Any]] = {
-    "real": ("fiu", np.float64),
-    "integer": ("iu", np.int64),
-    "boolean": ("b", np.bool_),
-    "text": ("U", np.str_),
-}
+ENTRIES = MESH_ENTRIES | MATCH_ENTRIES
 
 
 def save_arrays(path: str | os.PathLike[str], arrays: Mapping[str, Any]) -> None:
@@ -70,11 +59,11 @@ def save_arrays(path: str | os.PathLike[str], arrays: Mapping[str, Any]) -> None
     if unknown:
         raise ResultError(f"{path}: no place for {', '.join(unknown)} in a result file; expected {', '.join(ENTRIES)}")
     try:
-        checked: dict[str, Any] = _checked({name: np.asarray(value) for name, value in arrays.items()})
-    except ResultError as error:
-        raise ResultError(f"{path} not written: {error}") from error
-    with write_atomically(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, format_version=np.int64(FORMAT_VERSION), **checked)
+        checked = _checked(arrays)
+    except ValueError as error:
+        raise ResultError(f"{path} not written: {error}; {MEND}") from error
+    with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        write_arrays(archive, {"format_version": np.array(FORMAT_VERSION), **checked})
 
 
 def load_arrays(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
@@ -88,76 +77,59 @@ def load_arrays(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
         If the file is missing, damaged, no result, or from a newer version, or if an array is missing, has the wrong
         shape or kind, or holds values that make no sense.
     """
-    try:
-        with open(path, "rb") as file:
-            if not zipfile.is_zipfile(file):
-                raise ResultError(f"not a result file of abfm, or cut short; {MEND}")
-            file.seek(0)
-            with np.load(file, allow_pickle=False) as archive:
-                _check_version(archive)
-                return _checked({name: np.asarray(archive[name]) for name in archive.files})
-    except ResultError as error:
-        raise ResultError(f"{path}: {error}") from error
-    except OSError as error:
-        reason = error.strerror or error
-        raise ResultError(f"cannot read {path}: {reason}; check the path and its permissions") from error
-    except (ValueError, EOFError, KeyError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
-        reason = " ".join(str(error).split())
-        raise ResultError(f"{path}: the file is damaged ({reason}); {MEND}") from error
+    with open_archive(path, "result file", MEND) as archive:
+        arrays = read_arrays(archive)
+        check_version(arrays["format_version"].tolist() if "format_version" in arrays else None)
+        return _checked(arrays)
 
 
-def _check_version(archive: Mapping[str, Any]) -> None:
-    if "format_version" not in archive:
-        raise ResultError(f"no array 'format_version', so not a result file of abfm; {MEND}")
-    version = np.asarray(archive["format_version"])
-    if version.shape != () or version.dtype.kind not in "iu" or version < 1:
-        raise ResultError(f"format_version is {version}; expected a number from 1 to {FORMAT_VERSION}; {MEND}")
-    if version > FORMAT_VERSION:
-        raise ResultError(f"written in format {version}, and this abfm reads up to {FORMAT_VERSION}; upgrade abfm")
-
-
-def _checked(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The arrays in their own types, after every check."""
-    missing = [name for name, entry in ENTRIES.items() if entry.required and name not in arrays]
-    if missing:
-        raise ResultError(f"the result lacks {', '.join(missing)}; {MEND}")
-    sizes: dict[str, int] = {}
-    checked = {name: _array(name, arrays[name], entry, sizes) for name, entry in ENTRIES.items() if name in arrays}
-    for name, limit in (("faces", sizes["V"]), ("vertex_ids", int(checked["file_vertex_count"]))):
-        if checked[name].min() < 0 or checked[name].max() >= limit:
-            raise ResultError(f"{name} has an index outside 0 to {limit - 1}; {MEND}")
-    if (np.diff(checked["vertex_ids"]) <= 0).any():
-        raise ResultError(f"vertex_ids do not ascend; {MEND}")
+def _checked(arrays: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    checked = check_arrays(arrays, ENTRIES)
+    _check_indices(checked)
     _check_parameters(str(checked["parameters"]))
     return checked
 
 
-def _array(name: str, array: NDArray[Any], entry: Entry, sizes: dict[str, int]) -> NDArray[Any]:
-    """One array in its own type; ``sizes`` holds what the arrays before it have fixed, and learns from this one."""
-    kinds, dtype = KINDS[entry.kind]
-    if array.dtype.kind not in kinds:
-        raise ResultError(f"{name} has type {array.dtype}; expected {entry.kind} values; {MEND}")
-    expected = tuple(sizes.get(size, size) if isinstance(size, str) else size for size in entry.shape)
-    wanted = f"({', '.join(map(str, expected))})"
-    if array.ndim != len(expected) or array.size == 0:
-        raise ResultError(f"{name} has shape {array.shape}; expected {wanted}; {MEND}")
-    for size, given in zip(expected, array.shape, strict=True):
-        if isinstance(size, str):
-            sizes[size] = given
-        elif size != given:
-            raise ResultError(f"{name} has shape {array.shape}; expected {wanted}; {MEND}")
-    if entry.kind == "real" and not np.isfinite(array).all():
-        raise ResultError(f"{name} has values that are not finite; {MEND}")
-    return array.astype(dtype)
+def mesh_arrays(mesh: TriangleMesh) -> dict[str, Any]:
+    """What files hold of a mesh."""
+    return {name: getattr(mesh, name) for name in MESH_ENTRIES}
+
+
+def mesh_of(arrays: Mapping[str, NDArray[Any]]) -> TriangleMesh:
+    """The mesh that `mesh_arrays` was given: its vertices keep the numbers that they have in the mesh file.
+
+    Raises
+    ------
+    ValueError
+        If an index is out of range, or the mesh needs repairs.
+    """
+    _check_indices(arrays)
+    ids, faces, count = arrays["vertex_ids"], arrays["faces"], int(arrays["file_vertex_count"])
+    if count - len(ids) > _MOST_DROPPED:
+        raise ValueError(f"the mesh file had {count} vertices, and {len(ids)} are used")
+    placed = np.full((count, 3), np.nan)
+    placed[ids] = arrays["vertices"]
+    mesh = TriangleMesh(placed, ids[faces])
+    if not (np.array_equal(mesh.vertex_ids, ids) and np.array_equal(mesh.faces, faces)):
+        raise ValueError(f"the mesh needs repairs: {' '.join(mesh.messages)}")
+    return mesh
+
+
+def _check_indices(arrays: Mapping[str, NDArray[Any]]) -> None:
+    for name, limit in (("faces", len(arrays["vertices"])), ("vertex_ids", int(arrays["file_vertex_count"]))):
+        if arrays[name].min() < 0 or arrays[name].max() >= limit:
+            raise ValueError(f"{name} has an index outside 0 to {limit - 1}")
+    if (np.diff(arrays["vertex_ids"]) <= 0).any():
+        raise ValueError("vertex_ids do not ascend")
 
 
 def _check_parameters(text: str) -> None:
     try:
         parameters = json.loads(text, parse_int=float)  # so that no integer is too large for the test of tau
     except ValueError as error:
-        raise ResultError(f"parameters are not JSON ({error}); {MEND}") from error
+        raise ValueError(f"parameters are not JSON: {error}") from error
     if not isinstance(parameters, dict) or any(isinstance(value, dict) for value in parameters.values()):
-        raise ResultError(f"parameters are not one flat JSON object; {MEND}")
+        raise ValueError("parameters are not one flat JSON object")
     tau = parameters.get("tau")
     if not isinstance(tau, float) or not np.isfinite(tau):
-        raise ResultError(f"parameters give tau = {tau!r}; expected a finite number; {MEND}")
+        raise ValueError(f"parameters give tau = {tau!r}; expected a finite number")

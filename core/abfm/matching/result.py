@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass
 from functools import cached_property
-from typing import Any, cast, get_args
+from typing import Any, get_args
 
-import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.errors import AbfmError, ResultError
+from abfm.errors import ResultError
 from abfm.flow.flow import Flow
-from abfm.io import load_arrays, save_arrays
+from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, load_arrays, mesh_arrays, mesh_of, save_arrays
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.surface_points import Distortion, SurfacePoints, distortion
 from abfm.matching.judging.verdict import Kind, Verdict
@@ -135,45 +136,38 @@ class Match:
         ResultError
             If it cannot be written.
         """
-        save_arrays(
-            path,
-            {
-                "vertices": self.mesh.vertices,
-                "faces": self.mesh.faces,
-                "vertex_ids": self.mesh.vertex_ids,
-                "file_vertex_count": self.mesh.file_vertex_count,
-                "parameters": json.dumps(self.parameters.to_dict()),
-                "source": self.source,
-                "target": self.target,
-                "velocity": self.velocity,
-                "advected": self.advected,
-                "energy_history": self.energy_history,
-                "stages": self.stages,
-                "mismatch": self.mismatch,
-                "stop_reason": self.stop_reason,
-                "verdict": [self.verdict.kind, self.verdict.reason, self.verdict.advice],
-                "weights": self.weights,
-                "channels_given": self.channels_given,
-                **({} if self.mask is None else {"mask": self.mask}),
-                **({"verified_mismatch": self.verified_mismatch} if np.isfinite(self.verified_mismatch) else {}),
-                **({"folded": self.folded} if np.isfinite(self.folded) else {}),
-            },
-        )
+        save_arrays(path, mesh_arrays(self.mesh) | match_arrays(self))
 
 
-def former_verdict(mismatch: float, stop_reason: str) -> Verdict:
-    """The verdict of a match that was kept before there were any: by its size, and why the solve stopped."""
-    return Verdict("matched" if mismatch <= MATCHED else "not reached", stop_reason, "")
+def match_arrays(match: Match) -> dict[str, Any]:
+    """What files hold of a match besides its mesh; what is not known is left out."""
+    parts = {name: getattr(match, name) for name in MATCH_ENTRIES}
+    parts["parameters"] = json.dumps(match.parameters.to_dict())
+    parts["verdict"] = astuple(match.verdict)
+    return {
+        name: value
+        for name, value in parts.items()
+        if not (value is None or (isinstance(value, float) and math.isnan(value)))
+    }
 
 
-def _verdict(path: str | os.PathLike[str], arrays: dict[str, Any]) -> Verdict:
-    """The verdict of a result file."""
-    if "verdict" not in arrays:
-        return former_verdict(float(arrays["mismatch"]), str(arrays["stop_reason"]))
-    kind, reason, advice = (str(text) for text in arrays["verdict"])
-    if kind not in get_args(Kind):
-        raise ResultError(f"{path}: the verdict is {kind[:40]!r}; expected one of {', '.join(get_args(Kind))}")
-    return Verdict(cast(Kind, kind), reason, advice)
+def match_of(
+    mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]], parameters: Parameters, verdict: Verdict | None
+) -> Match:
+    """The match that `match_arrays` was given; files from before there were verdicts have None.
+
+    Raises
+    ------
+    ValueError
+        If there are more or fewer fields than segments.
+    """
+    parts: dict[str, Any] = {"mask": None, "verified_mismatch": math.nan, "folded": math.nan}
+    parts |= {name: array if array.ndim else array.item() for name, array in arrays.items()}
+    if parameters.segments != len(parts["velocity"]):
+        raise ValueError(f"{len(parts['velocity'])} fields, but parameters say {parameters.segments}")
+    if verdict is None:
+        verdict = Verdict("matched" if parts["mismatch"] <= MATCHED else "not reached", parts["stop_reason"], "")
+    return Match(mesh=mesh, **parts | {"parameters": parameters, "verdict": verdict})
 
 
 def load_match(path: str | os.PathLike[str]) -> Match:
@@ -186,29 +180,15 @@ def load_match(path: str | os.PathLike[str]) -> Match:
     """
     arrays = load_arrays(path)
     try:
-        vertices = np.full((int(arrays["file_vertex_count"]), 3), np.nan)  # those that no face uses are dropped again
-        vertices[arrays["vertex_ids"]] = arrays["vertices"]
-        mesh = TriangleMesh(vertices, arrays["vertex_ids"][arrays["faces"]])
+        mesh = mesh_of({name: arrays.pop(name) for name in MESH_ENTRIES})
         parameters = Parameters.from_dict(json.loads(str(arrays["parameters"])))
-    except AbfmError as error:
+        return match_of(mesh, arrays, parameters, _verdict(arrays["verdict"]) if "verdict" in arrays else None)
+    except ValueError as error:
         raise ResultError(f"{path}: {error}") from error
-    if parameters.segments != len(arrays["velocity"]):
-        raise ResultError(f"{path}: {len(arrays['velocity'])} fields, but parameters say {parameters.segments}")
-    return Match(
-        mesh=mesh,
-        source=arrays["source"],
-        target=arrays["target"],
-        parameters=parameters,
-        velocity=arrays["velocity"],
-        advected=arrays["advected"],
-        energy_history=arrays["energy_history"],
-        stages=arrays["stages"],
-        mismatch=float(arrays["mismatch"]),
-        verified_mismatch=float(arrays.get("verified_mismatch", np.nan)),
-        folded=float(arrays.get("folded", np.nan)),
-        stop_reason=str(arrays["stop_reason"]),
-        verdict=_verdict(path, arrays),
-        mask=arrays.get("mask"),
-        weights=arrays["weights"],
-        channels_given=bool(arrays["channels_given"]),
-    )
+
+
+def _verdict(texts: NDArray[Any]) -> Verdict:
+    kind, reason, advice = texts.tolist()
+    if kind not in get_args(Kind):
+        raise ValueError(f"the verdict is {kind[:40]!r}; expected one of {', '.join(get_args(Kind))}")
+    return Verdict(kind, reason, advice)

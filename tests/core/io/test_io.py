@@ -128,10 +128,10 @@ class TestResultFile:
         [
             ({"velocity": None}, "lacks velocity"),
             ({"source": None, "target": None}, "lacks source, target"),
-            ({"format_version": None}, "no array 'format_version'"),
+            ({"format_version": None}, "format_version is None; expected"),
             ({"format_version": FORMAT_VERSION + 1}, "upgrade abfm"),
             ({"format_version": 0}, "format_version is 0"),
-            ({"format_version": "one"}, "format_version is one"),
+            ({"format_version": "one"}, "format_version is .one."),
             ({"vertices": np.zeros((16, 2))}, r"vertices has shape \(16, 2\); expected \(V, 3\)"),
             ({"faces": np.zeros((0, 3), dtype=int)}, r"faces has shape \(0, 3\)"),
             ({"faces": np.full((18, 3), 16)}, "faces has an index outside 0 to 15"),
@@ -170,7 +170,11 @@ class TestResultFile:
 
     @pytest.mark.parametrize(
         ("content", "words"),
-        [(b"", "not a result file"), (b"OFF\n4 4 0\n", "not a result file"), (b"\x80\x04N.", "not a result file")],
+        [
+            (b"", "no result file of abfm"),
+            (b"OFF\n4 4 0\n", "no result file of abfm"),
+            (b"\x80\x04N.", "no result file of abfm"),
+        ],
     )
     def test_other_files_are_refused(self, tmp_path: Path, content: bytes, words: str) -> None:
         (tmp_path / "m.npz").write_bytes(content)
@@ -179,7 +183,7 @@ class TestResultFile:
     def test_other_zips_are_refused(self, tmp_path: Path) -> None:
         with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
             file.writestr("readme.txt", "hello")
-        assert "not a result file" in error_line(tmp_path / "a.zip")
+        assert "no result file of abfm" in error_line(tmp_path / "a.zip")
         with zipfile.ZipFile(tmp_path / "b.zip", "w") as file:
             file.writestr("format_version.npy", "hello")
         assert "format_version" in error_line(tmp_path / "b.zip")

@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.solver import Solver
-from abfm_viewer.computing.worker import Problem
+from abfm_viewer.computing.solver import Problem, Solver
 from tests.shapes import tetrahedron
 from tests.viewer.sessions import ENDLESS, SPHERE, problem, until
 
@@ -61,22 +60,22 @@ def test_pause_and_resume(solver):
 
 def test_a_changed_problem_restarts_the_run(solver):
     solver.follow_problem(problem(replace(ENDLESS, beta=1e-3)), dragging=True)
-    assert solver.worker.problem.parameters.beta == 1e-3
+    assert solver.problem.parameters.beta == 1e-3
     until(lambda: solver.run.restarts)
 
 
 def test_another_alpha_waits_until_the_mouse_lets_go(solver):
     changed = problem(replace(ENDLESS, alpha=0.5))
     solver.follow_problem(changed, dragging=True)
-    assert solver.worker.problem.parameters.alpha == ENDLESS.alpha
+    assert solver.problem.parameters.alpha == ENDLESS.alpha
     solver.follow_problem(changed, dragging=False)
-    assert solver.worker.problem is changed
+    assert solver.problem is changed
 
 
 def test_a_run_that_does_not_follow_stays_as_it_is(solver):
     solver.follow = False
     solver.follow_problem(problem(replace(ENDLESS, beta=1e-3)), dragging=False)
-    assert solver.worker.problem.parameters == ENDLESS
+    assert solver.problem.parameters == ENDLESS
 
 
 @pytest.mark.parametrize("follow", [True, False])

@@ -84,7 +84,7 @@ def test_amending_leaves_no_step_and_undo_steps_over_it():
     start = Document(SPHERE, "sphere")
     history = History(start)
     history.change(at(history, 1), "one")
-    history.amend(at(history, 1.5))
+    history.document = at(history, 1.5)
     assert history.moves == 1
     history.undo()
     assert history.document is start

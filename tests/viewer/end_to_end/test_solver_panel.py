@@ -75,7 +75,7 @@ def test_without_restarts_a_changed_parameter_waits_for_the_next_match(running):
     running.check("Restart on changes", False)
     running.type("sigma", "0.015")
     running.frames(10)
-    assert running.session.solver.worker.problem.parameters.sigma != 0.015
+    assert running.session.solver.problem.parameters.sigma != 0.015
     running.click("Cancel")
     running.wait(lambda s: s.solver.finished)
     assert running.session.outdated
@@ -84,12 +84,12 @@ def test_without_restarts_a_changed_parameter_waits_for_the_next_match(running):
 @pytest.mark.parametrize("text", ["expression:1/0*x", "file:missing.npy"])
 def test_a_function_that_cannot_be_computed_does_not_end_the_run(running, text):
     running.wait(lambda s: s.solver.snapshot is not None)
-    problem = running.session.solver.worker.problem
+    problem = running.session.solver.problem
     running.type("spec", text, within="source")
     running.wait(lambda s: s.error(text))
     running.frames(5)
     assert running.session.solver.running
-    assert running.session.solver.worker.problem == problem
+    assert running.session.solver.problem == problem
     running.click("Cancel")
     running.wait(lambda s: s.solver.finished)
     assert not running.session.solver.failed, running.session.solver.reason
