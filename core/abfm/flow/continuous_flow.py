@@ -1,9 +1,8 @@
 """Where a flow takes points: walks along the field made continuous, a witness for the maps that advection gives.
 
-Advection by ``exp(-t D_v)`` on vertices disperses what is narrow, and an optimiser may find fields that only it carries
-well. Points have no dispersion: each follows the flow of the continuous field of `smooth_flow` by the midpoint
-rule, in steps that are a part of a face long, straight over the edges. On smooth fields the error falls with the square
-of the edge length, as does that of the continuous field.
+Points have no dispersion, as advection on vertices has: each follows the continuous field of `smooth_flow` by the
+midpoint rule, in steps that are a part of a face long, straight over the edges. On smooth fields the error falls with
+the square of the edge length.
 """
 
 from __future__ import annotations

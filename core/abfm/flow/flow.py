@@ -30,16 +30,10 @@ class Flow:
     mesh : TriangleMesh
     velocity : (F, 3) or (N, F, 3) array
         Tangent vectors, in the mesh's length unit per unit of time, such as ``match.velocity``; a normal part is
-        dropped.
-    tau : float
-        End time.
+        dropped. The attribute is (N, F, 3).
     method : "nonlinear" or "linearised"
         ``exp(-t D_v)`` (Eq. 4), or its first two terms ``id - t D_v`` (Eq. 5), one step for each field: for smaller
         steps repeat the fields.
-
-    Attributes
-    ----------
-    velocity : (N, F, 3) array
 
     Raises
     ------

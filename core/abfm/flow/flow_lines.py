@@ -1,8 +1,4 @@
-"""Flow lines: the exact paths of points along piecewise constant fields, a witness for advection.
-
-Advection carries functions by an operator exponential and has an error of its own; a flow line is walked triangle by
-triangle and exact up to rounding, for the piecewise constant field as it is. Both tend to the same flow on fine meshes.
-"""
+"""Flow lines: the paths of points along piecewise constant fields, exact up to rounding, a witness for advection."""
 
 from __future__ import annotations
 
@@ -70,9 +66,6 @@ def flow_lines(
     mesh: TriangleMesh, velocity: ArrayLike, start: FacePoints, duration: float, tau: float | None = None
 ) -> list[FlowLine]:
     """Walk points along a field, or along N fields in a row, exactly from edge to edge.
-
-    Where two neighbouring faces push into their common edge the point slides along it with the mean of the two vectors
-    that lies along the edge (Filippov's solution).
 
     Parameters
     ----------

@@ -1,9 +1,8 @@
 """A field of one vector per face made continuous, so that lines along it bend instead of having kinks at edges.
 
-Each vertex gets a vector, to which the faces around it are unrolled into the plane: their angles are scaled to a full
-turn, as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013, so that creases, which bend the surface
-but not its metric, do not matter. A linear function is fitted to the vectors of these faces at their centres. Inside a
-face the vectors of its corners are interpolated.
+Each vertex gets a vector: the faces around it are unrolled into the plane, with angles scaled to a full turn as in
+Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013, so that creases do not matter, and a linear function
+is fitted to their vectors at their centres. Inside a face the vectors of its corners are interpolated.
 """
 
 from __future__ import annotations

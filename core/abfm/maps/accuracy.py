@@ -56,7 +56,7 @@ class MapAccuracy:
 def map_accuracy(
     mesh: TriangleMesh, points: SurfacePoints, truth: ArrayLike | None = None, most: int = 1000
 ) -> MapAccuracy:
-    """Measure a map against a known one.
+    """Measure a map, which says where on a mesh each of P vertices goes, against a known one.
 
     Distances are lengths of straightened shortest edge paths [Sharp, Crane 2020], which may miss the shortest one but
     are geodesics: on two human meshes, of 1,229 and 12,272 vertices, to vertices up to 0.3 away the largest error was
@@ -64,10 +64,6 @@ def map_accuracy(
 
     Parameters
     ----------
-    mesh : TriangleMesh
-        The surface that the map leads to.
-    points : SurfacePoints
-        Where on it each of P vertices goes.
     truth : (P,) array of int, optional
         The vertex of ``mesh`` where each should go; by default the one with the same number.
     most : int

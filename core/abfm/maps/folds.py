@@ -1,9 +1,8 @@
 """Which part of a surface a map turns over, told from faces that it only stretches.
 
-Three mapped vertices make a flat triangle. Where a map stretches a face to a long sliver on a curved surface, or shears
-it far, this triangle looks against the surface although the map of the face itself does not turn over anywhere: on
-smooth flows so far that two functions match, it does for several percent of the faces. So those faces are looked at
-more closely, in 64 parts.
+Where a map stretches a face to a long sliver on a curved surface, or shears it far, the flat triangle of its mapped
+vertices looks against the surface although the map does not turn over anywhere: with smooth flows that match two
+functions, several percent of the faces. So those are looked at more closely, in 64 parts.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Functional maps: maps between surfaces as small matrices in eigenbases, and the way back to points [OBC*12].
 
 A point map takes each vertex of one surface, here the target, to a point of another, the source; composing with it
-carries functions the other way, from source to target. Written in the first eigenfunctions of both, that is a matrix
-``C`` (k_target, k_source). Bases are those of the surfaces scaled to unit area, so that ``C`` has no unit; column 0,
-the image of the constant, is then the first unit vector.
+carries functions from source to target. In the first eigenfunctions of both, that is a matrix ``C`` (k_target,
+k_source). Bases are those of the surfaces scaled to unit area, so that ``C`` has no unit and keeps the constant.
 
 References
 ----------

@@ -16,15 +16,13 @@ from abfm.mesh import TriangleMesh
 LARGEST_DISTANCE, RMS_DISTANCE = 0.1, 0.02
 """Distances from the surface, in sqrt(area), beyond which a map is warned of.
 
-Of 30 flows of known smooth fields (two on each of five surfaces, 315 to 6,475 vertices, at three speeds) every one with
-a largest distance beyond the first had points more than 0.16 from the ends of exact flow lines; every one with an RMS
-beyond the second was wrong by 0.03 or more on average.
+Of 30 flows of known smooth fields on five surfaces every one with a largest distance beyond the first had points more
+than 0.16 from the ends of exact flow lines; every one with an RMS beyond the second was wrong by 0.03 on average.
 """
 FOLDED = 0.1
 """Share of folded faces beyond which a map is warned of.
 
-An exact flow folds none. Of the same 30 flows those that exceeded none of the three bounds were wrong by at most 0.022
-on average, those that did by up to 0.13.
+Of the same flows those within all three bounds were wrong by at most 0.022 on average, the others by up to 0.13.
 """
 
 

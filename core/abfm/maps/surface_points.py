@@ -1,8 +1,7 @@
-"""Flow maps: where a flow takes every vertex, and how much it distorts the surface on the way.
+"""Points of a surface, and maps of its vertices to them: closest points, functions read there, and distortion.
 
-Advection by ``exp(-t D_v)`` moves functions, not points. Applied to the three coordinate functions it gives, at each
-vertex, the place in space that the vertex's value came from; on a mesh that place lies near the surface, not on it, so
-`project_onto_surface` makes it a point of the surface. With ``-t`` the same reads where each vertex goes.
+A flow carries functions, not points. The coordinate functions carried for a time are the places that the vertices'
+values came from, near the surface but not on it, so that `project_onto_surface` makes points of them.
 """
 
 from __future__ import annotations

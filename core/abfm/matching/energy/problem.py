@@ -13,26 +13,16 @@ from abfm.types import FloatArray
 
 
 class Problem:
-    """A source f and a target g on a mesh.
+    """A source f and a target g, (V,) or (V, C), on a mesh.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    f, g : (V,) or (V, C) arrays
-        Source and target.
-    mask : (V,) array, optional
-        Weight of the mismatch at each vertex of the mesh or of its file, not negative. Values of the source may come
-        from where it is 0.
-    weights : (C,) array, optional
-        Weight of each channel's mismatch, not negative.
+    The mask (V,) weighs the mismatch at each vertex of the mesh or of its file, weights (C,) that of each channel; they
+    are 1 unless given. Values of the source may come from where the mask is 0.
 
     Attributes
     ----------
     source, target : (C, V) arrays
-    mask : (V,) array or None
-    weights : (C,) array
-    areas : (V,) array
-        Vertex areas times the mask.
+    mask, areas : (V,) arrays
+        The mask, or None, and vertex areas times the mask.
     function_size : float
         The larger of the functions' deviations; 1 where both are constant.
 

@@ -1,7 +1,6 @@
 """Whether flow lines confirm what the discrete advection shows, while a match is on its way.
 
-A search that follows details at once may end in a field that its scheme alone carries the source along. Ways to the
-target are compared by their energy with flow lines in place of the discrete advection.
+Ways to the target are compared by their energy with flow lines in place of the discrete advection.
 """
 
 from __future__ import annotations
@@ -72,10 +71,7 @@ def is_resolved(energy: MatchingEnergy) -> bool:
 
 
 def by_flow_lines(energy: MatchingEnergy, x: FloatArray, between: Callable[[], None]) -> FloatArray:
-    """The source carried along the continuous fields, (C, V).
-
-    Raises a ParameterError if the fields lead over too many faces.
-    """
+    """The source carried along the continuous fields, (C, V); a ParameterError if they lead over too many faces."""
     fields = to_ambient(energy.mesh, x)
     points = flow_map(energy.mesh, fields, energy.parameters.tau, backwards=True, between=between)
     return np.ascontiguousarray(pull_back(energy.mesh, points, energy.source.T).T)

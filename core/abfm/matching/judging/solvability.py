@@ -1,8 +1,7 @@
 """What no flow can do, and signs of a flow that went astray, told from the functions alone.
 
-A flow carries values from place to place: it makes no new ones, and neither splits nor joins peaks. Functions that need
-this have no match, whatever the parameters. The discrete flow can do both, between vertices, and its own mismatch does
-not tell.
+A flow makes no new values, and neither splits nor joins peaks: functions that need this have no match, whatever the
+parameters. The discrete flow can do both, between vertices, and its own mismatch does not tell.
 """
 
 from __future__ import annotations
@@ -16,13 +15,12 @@ from abfm.types import FloatArray, IntArray
 VANISHED = 0.2
 """A function has vanished whose deviation from its mean is below this share of the source's and of the target's.
 
-Of 18 matches of Gaussians near and far on spheres and a body, those that ended at a mismatch of 1 had a share below
-0.01, all others (two of them with a mismatch of 0.8 and more) one above 0.4.
+Of 18 matches of Gaussians those that ended at a mismatch of 1 had a share below 0.01, all others one above 0.4.
 """
 STILL = 0.1
 """A source stood still that changed by less than this share of what it differed from the target.
 
-Of the same matches all that moved had changed by 0.4 or more after five iterations.
+What moves changes by 0.4 or more within five iterations.
 """
 
 _EQUAL = 1e-9  # of the largest value: a smaller range is a constant

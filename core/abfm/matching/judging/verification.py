@@ -1,12 +1,12 @@
 """Whether fields carry one function to another, by witnesses that know nothing of how they were found.
 
-A match is found with the exponential of ``D_v`` on the vertices of one mesh, and a search that may choose among all
-fields of that mesh also finds those that this scheme carries better than their flow does. So the flow itself is asked:
+A search among all fields of a mesh also finds those that its scheme carries better than their flow does. So the flow
+itself is asked:
 
 - flow lines of the continuous field (`continuous_flow`) lead from each vertex back to where its value comes from.
   They have no dispersion, and their error falls with the square of the edge length;
-- the continuous field on the midpoint subdivision of the mesh, with the exponential there. It shares the scheme's
-  dispersion, a quarter of it, but not the mesh.
+- the exponential of the continuous field on the midpoint subdivision shares the scheme's dispersion, a quarter of it,
+  but not the mesh.
 
 Where both agree the mismatch is that of the field, whatever the discrete one was.
 """
@@ -71,11 +71,7 @@ class Verification:
 
     @property
     def mismatch(self) -> float:
-        """The verified mismatch: that by flow lines.
-
-        Of the two it has no dispersion and does not depend on the stability of a scheme, which a field with steep
-        places can lose on a finer mesh; where the fields are smooth both agree.
-        """
+        """The verified mismatch: that by flow lines, which no scheme's dispersion or instability touches."""
         return self.flow_lines
 
     @property

@@ -148,8 +148,8 @@ class Descent:
         if stage.level != self.level:  # not before: until then what is known is on the coarser mesh
             self.level, self.progress = stage.level, replace(self.progress, learned=None)
         history = self._record.history
-        if not history:
-            self._check_start(best.point)
+        if not history and not np.isfinite([best.point.energy, self.levels[-1].energy.function_size]).all():
+            raise FunctionError("the mismatch of source and target overflows; scale both functions down or sigma up")
         if not history or (not self._record.ends_on(stage.level) and len(history) <= self._parameters.iterations):
             self._record.add(self.levels, stage, best)
 
@@ -182,15 +182,5 @@ class Descent:
         def displacement(fields: FloatArray) -> float:
             return energy.step * float(np.sqrt((fields**2).sum(axis=-1)).max(axis=-1).sum())
 
-        return LBFGS(
-            evaluate,
-            inverse if p.preconditioner == "hodge" else None,
-            p.memory,
-            displacement,
-            p.max_displacement,
-            p.tolerance,
-        )
-
-    def _check_start(self, point: Evaluation) -> None:
-        if not np.isfinite([point.energy, self.levels[-1].energy.function_size]).all():
-            raise FunctionError("the mismatch of source and target overflows; scale both functions down or sigma up")
+        precondition = inverse if p.preconditioner == "hodge" else None
+        return LBFGS(evaluate, precondition, p.memory, displacement, p.max_displacement, p.tolerance)

@@ -34,7 +34,7 @@ _PATIENCE = 0.05  # seconds between two looks at whether to go on waiting
 
 
 class Level:
-    """The energy on one mesh, and the way from there to the next finer one; None where that is the same mesh."""
+    """The energy on one mesh, and the way to the next finer one; None where that is the same mesh."""
 
     def __init__(
         self, energy: MatchingEnergy, to_finer: Transfer | None = None, cheaper: MatchingEnergy | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.judging.confirmation import Best
@@ -49,33 +49,32 @@ class Iteration:
     mismatch_energy: float
     mismatch: float
     evaluations: int
-    _velocity: Callable[[], FloatArray]
-    _advected: Callable[[], FloatArray]
+    _x: FloatArray
+    _carried: FloatArray
+    _levels: list[Level]
 
     @cached_property
     def velocity(self) -> FloatArray:
         """The fields, (N, F, 3), in the input's units."""
-        return self._velocity()
+        x, finest = self._x, self._levels[-1].energy
+        for level in self._levels[:-1]:
+            x = level.fields_to_finer(x)
+        return to_ambient(finest.mesh, x) * finest.length_scale
 
     @cached_property
     def advected(self) -> FloatArray:
         """The source carried to tau, (V, C); on a coarser level what was carried there, interpolated."""
-        return self._advected()
+        functions = self._carried
+        for level in self._levels[:-1]:
+            functions = level.functions_to_finer(functions)
+        return functions.T.copy()
 
 
 class Record:
     """Keeps what a match has done, and tells of every iterate.
 
-    Attributes
-    ----------
-    history : list of (total, regularity, mismatch)
-        Of every iterate.
-    stage_of : list of int
-        Stage of every iterate.
-    schedule : list of Stage
-        The stages that were begun.
-    evaluations : int
-        Of the energy so far.
+    ``history`` has total, regularity and mismatch of every iterate, ``stage_of`` its stage; ``schedule`` has the stages
+    that were begun.
     """
 
     def __init__(self, on_iteration: Callable[[Iteration], None] | None) -> None:
@@ -113,22 +112,8 @@ class Record:
                 mismatch_energy=point.mismatch,
                 mismatch=energy.relative_mismatch(point.advected),
                 evaluations=self.evaluations,
-                _velocity=partial(_velocity_on_the_mesh, levels[stage.level :], best.x),
-                _advected=partial(_functions_on_the_mesh, levels[stage.level :], point.advected),
+                _x=best.x,
+                _carried=point.advected,
+                _levels=levels[stage.level :],
             )
         )
-
-
-def _velocity_on_the_mesh(levels: list[Level], x: FloatArray) -> FloatArray:
-    """Frame coefficients on the first of these levels as fields (N, F, 3) in the input's units on the last one."""
-    for level in levels[:-1]:
-        x = level.fields_to_finer(x)
-    finest = levels[-1].energy
-    return to_ambient(finest.mesh, x) * finest.length_scale
-
-
-def _functions_on_the_mesh(levels: list[Level], functions: FloatArray) -> FloatArray:
-    """Functions (C, V) on the first of these levels as (V, C) on the last one."""
-    for level in levels[:-1]:
-        functions = level.functions_to_finer(functions)
-    return functions.T.copy()
