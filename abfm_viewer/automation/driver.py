@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -18,19 +19,19 @@ from typing import Self
 from abfm import TriangleMesh
 from abfm_viewer.automation import aim
 from abfm_viewer.automation.input_events import InputEvents, Place
-from abfm_viewer.automation.widget_places import handle, middle, slider_place
-from abfm_viewer.automation.widget_search import WidgetSearch
+from abfm_viewer.automation.widget_search import WidgetSearch, middle
 from abfm_viewer.errors import DriverError as DriverError
 from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.session.session import Session
+from abfm_viewer.widgets.slider_scale import share_of
 from abfm_viewer.widgets.widget_record import KINDS, Widget, WidgetKind
 from abfm_viewer.window.open_window import open_window
-from abfm_viewer.window.window import Window
 
 _CLICKABLE: tuple[WidgetKind, ...] = tuple(kind for kind in KINDS if kind != "plot")
 _SECONDS_TO_OPEN = 120.0
 _BEYOND = 10.0  # pixels
 _FRAMES_TO_A_TOOLTIP = 30
+_GRAB_PADDING = 2.0  # pixels, ImGui's own
 
 
 class Driver:
@@ -66,10 +67,6 @@ class Driver:
     ...     gui.screenshot("halfway.png")
     """
 
-    session: Session
-    window: Window
-    search: WidgetSearch
-
     def __init__(
         self,
         mesh: str | Path | TriangleMesh | None = None,
@@ -89,10 +86,10 @@ class Driver:
             self.window = open_window(self._mesh, self._backend, self._size, state_folder=folder)
             self._closing.callback(self._close)
             if self._backend == "openGL_mock":
-                self.window.scene.pick = partial(aim.nearest_vertex, self.window)  # type: ignore[method-assign]
+                self.window.scene.pick = partial(aim.nearest_vertex, self.window)
             self.session = self.window.session
             self.search = WidgetSearch(self.window, self.input)
-            self.wait(_is_ready, _SECONDS_TO_OPEN)
+            self.wait(lambda s: s.values("source") is not None and s.values("target") is not None, _SECONDS_TO_OPEN)
         except BaseException:
             self._closing.close()
             raise
@@ -186,18 +183,14 @@ class Driver:
 
     def menu(self, *labels: str) -> None:
         """Open a menu and its submenus, and click on the last label: `menu("View", "Layout", "column")`."""
-        for number, label in enumerate(labels):
-            within = labels[number - 1] if number else ""
+        for within, label in pairwise(("", *labels)):
             self._click(self.search.find(label, within, ("menu", "item")))
 
     def type(self, label: str, text: str, within: str = "", enter: bool = True) -> None:
         """Replace the text of a box, and press Enter unless told not to."""
         self._click(self.search.find(label, within, ("box",)))
         self.input.key("ctrl+a")
-        if text:
-            self.input.write(text)
-        else:
-            self.input.key("backspace")
+        self.input.write(text) if text else self.input.key("backspace")
         if enter:
             self.input.key("enter")
 
@@ -213,9 +206,9 @@ class Driver:
         if not widget.low <= value <= widget.high:
             raise DriverError(f"{label} goes from {widget.low:g} to {widget.high:g}, not to {value:g}")
         now = min(max(float(widget.text), widget.low), widget.high)
-        x, y = slider_place(widget, value)
+        x, y = _on_slider(widget, value)
         x += {widget.low: -_BEYOND, widget.high: _BEYOND}.get(value, 0)  # an end is reached for sure
-        self.search.point_at(widget, partial(slider_place, value=now))
+        self.search.point_at(widget, partial(_on_slider, value=now))
         self.input.drag(self.input.place, (x, y))
 
     def choose(self, label: str, choice: str, within: str = "") -> None:
@@ -243,7 +236,7 @@ class Driver:
             raise DriverError(str(error.args[0])) from None
 
     def _click(self, widget: Widget, count: int = 1) -> None:
-        self.search.point_at(widget, handle)
+        self.search.point_at(widget, _handle)
         self.input.click(count)
 
     # Surfaces
@@ -276,5 +269,17 @@ class Driver:
         aim.act_on(self.window, self.input, [vertex], surface, modifiers, turn)
 
 
-def _is_ready(session: Session) -> bool:
-    return session.values("source") is not None and session.values("target") is not None
+def _handle(widget: Widget) -> Place:
+    """Where to click: the rectangles of some kinds hold their labels, too, of which the end may be out of view."""
+    left, top, _, bottom = widget.rect
+    if widget.kind == "checkbox":
+        return left + (bottom - top) / 2, (top + bottom) / 2
+    return middle(widget, 0.3 if widget.kind in ("box", "combo") else 0.5)
+
+
+def _on_slider(widget: Widget, value: float) -> Place:
+    """Where on a slider a value is; the grab's half width is left free at both ends, as ImGui does."""
+    share = share_of(value, widget.low, widget.high, widget.log)
+    left, _, right, _ = widget.rect
+    inset = widget.grab / 2 + _GRAB_PADDING
+    return left + inset + share * (right - left - 2 * inset), middle(widget)[1]

@@ -6,9 +6,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 from functools import partial
+from itertools import chain
 
 from abfm_viewer.automation.input_events import InputEvents, Place
-from abfm_viewer.automation.widget_places import middle
 from abfm_viewer.errors import DriverError
 from abfm_viewer.widgets.widget_record import Widget, WidgetKind
 from abfm_viewer.window.window import Window
@@ -69,46 +69,42 @@ class WidgetSearch:
             raise DriverError(f"{label!r} is there {len(usable)} times, in {_sections(usable)}: say within= which")
         kinds_of_one = [w.kind for w in usable]
         if len(usable) > 1 and sorted(kinds_of_one) != ["box", "slider"]:
-            raise DriverError(
-                f"{label!r} is there {len(usable)} times in {_sections(usable)}: labels must differ there"
-            )
+            times = f"{len(usable)} times in {_sections(usable)}"
+            raise DriverError(f"{label!r} is there {times}: labels must differ there")
         return max(usable, key=lambda w: w.kind == "box") if usable else None
 
     def _sought(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget:
-        if (widget := self.drawn(label, within, kinds)) is not None:
-            return widget
-        end = time.monotonic() + _SECONDS_TO_READ_A_FOLDER
-        while self._window.dialogs.is_open and time.monotonic() < end:
-            self._window.frame()
+        seen: dict[str, None] = {}  # labels, in their order
+        for _ in chain([None], self._frames_of_a_dialog(), self._openings(within)):
             if (widget := self.drawn(label, within, kinds)) is not None:
                 return widget
-        seen = list(self._labels())
-        for _ in self._openings(within):
-            if (widget := self.drawn(label, within, kinds)) is not None:
-                return widget
-            seen += self._labels()
-        seen = list(dict.fromkeys(seen))
+            seen |= dict.fromkeys(widget.label for widget in self._window.ui.widgets)
         nearest = get_close_matches(label, seen, n=3)
         hint = f"did you mean {' or '.join(map(repr, nearest))}" if nearest else f"labels are {', '.join(seen)}"
         raise DriverError(f"there is no {label!r}{f' in {within!r}' if within else ''} in the window; {hint}")
 
-    def _labels(self) -> list[str]:
-        return list(dict.fromkeys(widget.label for widget in self._window.ui.widgets))
+    def _frames_of_a_dialog(self) -> Iterator[None]:
+        end = time.monotonic() + _SECONDS_TO_READ_A_FOLDER
+        while self._window.dialogs.is_open and time.monotonic() < end:
+            self._window.frame()
+            yield
 
     def _openings(self, within: str) -> Iterator[None]:
         """Open closed sections and menus one after the other, the one asked for first; what was opened is closed."""
         tried: set[str] = set()
         yield from self._open_sections(within, tried)
         for menu in [w for w in self._window.ui.widgets if w.kind == "menu" and not w.section and w.enabled]:
-            self._input.move(*middle(menu))
-            self._input.click()
+            self._open(menu)
             yield
             for submenu in [w for w in self._window.ui.widgets if w.kind == "menu" and w.section == menu.label]:
-                self._input.move(*middle(submenu))
-                self._input.click()
+                self._open(submenu)
                 yield
             self._input.key("esc")
             self._input.key("esc")
+
+    def _open(self, menu: Widget) -> None:
+        self._input.move(*middle(menu))
+        self._input.click()
 
     def _open_sections(self, within: str, tried: set[str]) -> Iterator[None]:
         while closed := [w for w in self._window.ui.widgets if _is_closed(w) and f"{w.section}/{w.label}" not in tried]:
@@ -143,6 +139,12 @@ class WidgetSearch:
                 break
             widget = again
         raise DriverError(f"{widget.label!r} cannot be scrolled into view")
+
+
+def middle(widget: Widget, share: float = 0.5) -> Place:
+    """A point at half a widget's height, and at a share of its width."""
+    left, top, right, bottom = widget.rect
+    return left + share * (right - left), (top + bottom) / 2
 
 
 def _sections(widgets: Sequence[Widget]) -> str:

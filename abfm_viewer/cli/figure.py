@@ -61,8 +61,9 @@ def run(arguments: argparse.Namespace) -> int:
     for number in numbers:
         for suffix in (".png", ".json"):
             outputs.check(arguments.out / f"figure-{number}{suffix}", [suffix])
-    if arguments.figure == "all":
-        outputs.check(arguments.out / "index.html", [".html"])
+    index = arguments.out / "index.html" if arguments.figure == "all" else None
+    if index is not None:
+        outputs.check(index, [".html"])
     entries = []
     with interrupted_by_sigterm():
         for number in numbers:
@@ -71,14 +72,14 @@ def run(arguments: argparse.Namespace) -> int:
             if not arguments.json:
                 _print(entry)
             entries.append(entry)
-        if arguments.figure == "all":
+        if index is not None:
             from abfm_viewer.pictures.sheets.page import page
 
-            _write_text(arguments.out / "index.html", page(entries))
+            _write_text(index, page(entries))
     if arguments.json:
         print(json.dumps({"figures": [_described(entry) for entry in entries]}))
-    elif arguments.figure == "all":
-        print(f"wrote {arguments.out / 'index.html'}")
+    elif index is not None:
+        print(f"wrote {index}")
     return 0
 
 
@@ -162,10 +163,8 @@ def _print(entry: Entry) -> None:
         bound = "" if measure.bound is None else f"  (at most {measure.bound:g}: {_word(measure.passes)})"
         claim = "" if measure.reproduces is None else f"  [{_word(measure.reproduces)}: {measure.claim}]"
         print(f"  {measure.value:10.4g}  {measure.name}{bound}{claim}")
-    for note in entry.notes:
+    for note in (*entry.notes, *filter(None, [entry.problem])):
         print(f"note: figure {entry.number}: {note}", file=sys.stderr)
-    if entry.problem:
-        print(f"note: figure {entry.number}: {entry.problem}", file=sys.stderr)
     sys.stdout.flush()
 
 

@@ -73,11 +73,8 @@ def _symmetries(mesh: TriangleMesh) -> dict[str, dict[str, Any] | None]:
         except SymmetryError:
             found[kind] = None
         else:
-            found[kind] = {
-                "axis": symmetry.axis.tolist(),
-                "error": symmetry.error,
-                "is_permutation": symmetry.is_permutation,
-            }
+            of_map = {"error": symmetry.error, "is_permutation": symmetry.is_permutation}
+            found[kind] = {"axis": symmetry.axis.tolist(), **of_map}
     return found
 
 

@@ -23,7 +23,9 @@ def cancelled_by_signals(control: Control) -> Iterator[None]:
         control.cancel()
         print("stopping with the best result so far; Ctrl-C again to leave at once", file=sys.stderr, flush=True)
 
-    restore = _handle((signal.SIGINT, signal.SIGTERM), stop)
+    restore = _restoring(signal.SIGINT, signal.SIGTERM)
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
     try:
         yield
     finally:
@@ -33,21 +35,20 @@ def cancelled_by_signals(control: Control) -> Iterator[None]:
 @contextmanager
 def interrupted_by_sigterm() -> Iterator[None]:
     """Let SIGTERM do inside the block what Ctrl-C does, so that nothing half-written stays."""
-    restore = _handle((signal.SIGTERM,), signal.default_int_handler)
+    restore = _restoring(signal.SIGTERM)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     finally:
         restore()
 
 
-def _handle(
-    signals: tuple[signal.Signals, ...], handler: Callable[[int, FrameType | None], None]
-) -> Callable[[], None]:
-    """Handle signals so until the answer is called."""
-    before = {number: signal.signal(number, handler) for number in signals}
+def _restoring(*signals: signal.Signals) -> Callable[[], None]:
+    """What to call to handle signals as now again."""
+    before = {number: signal.getsignal(number) for number in signals}
 
     def restore() -> None:
-        for number, former in before.items():
-            signal.signal(number, former)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
     return restore

@@ -15,7 +15,7 @@ from abfm.functions.permuted import vertex_map
 from abfm.functions.values_file import read_table
 from abfm.io import write_atomically
 from abfm.maps.accuracy import BOUNDS, MapAccuracy, map_accuracy
-from abfm.maps.quality import MapQuality, map_quality
+from abfm.maps.quality import map_quality
 from abfm.maps.surface_points import SurfacePoints, map_vertices_to_nearest
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.files import outputs
@@ -75,15 +75,23 @@ def run(arguments: argparse.Namespace) -> int:
     time = match.parameters.tau if arguments.time is None else arguments.time
     points = match.point_map(time)
     quality = map_quality(match.mesh, points)
-    said: dict[str, Any] = {"time": time, "quality": _quality(quality)}
+    described = {
+        "off_surface": quality.largest_distance,
+        "off_surface_rms": quality.rms_distance,
+        "folded": quality.folded,
+        "warning": quality.warning,
+        "report": quality.report(),
+    }
+    said: dict[str, Any] = {"time": time, "quality": described}
     if arguments.truth:
-        said["accuracy"] = _described(_measured(match, points, arguments.truth))
-    if arguments.functional_map is not None:
-        _write(arguments.out, match.functional_map(arguments.functional_map, time))
-    elif arguments.carry:
-        _write(arguments.out, _carried(match, arguments.carry, time))
-    elif arguments.out:
-        _write(arguments.out, _as_in_file(match, points))
+        truth = None if arguments.truth == "identity" else vertex_map(match.mesh, arguments.truth)
+        said["accuracy"] = _described(map_accuracy(match.mesh, points, truth))
+    if arguments.out is not None:
+        if arguments.functional_map is not None:
+            table = match.functional_map(arguments.functional_map, time)
+        else:
+            table = _carried(match, arguments.carry, time) if arguments.carry else _as_in_file(match, points)
+        _write(arguments.out, table)
     if quality.warning:
         print(f"warning: {quality.warning}", file=sys.stderr)
     if arguments.json:
@@ -122,21 +130,6 @@ def _as_in_file(match: Match, points: SurfacePoints) -> NDArray[Any]:
     return whole
 
 
-def _measured(match: Match, points: SurfacePoints, truth: str) -> MapAccuracy:
-    known = None if truth == "identity" else vertex_map(match.mesh, truth)
-    return map_accuracy(match.mesh, points, known)
-
-
-def _quality(quality: MapQuality) -> dict[str, Any]:
-    return {
-        "off_surface": quality.largest_distance,
-        "off_surface_rms": quality.rms_distance,
-        "folded": quality.folded,
-        "warning": quality.warning,
-        "report": quality.report(),
-    }
-
-
 def _described(accuracy: MapAccuracy) -> dict[str, Any]:
     return {
         "vertices": len(accuracy.vertices),
@@ -155,7 +148,5 @@ def _write(path: Path, table: NDArray[Any]) -> None:
         if path.suffix == ".npy":
             np.save(temporary, table)
         else:
-            whole = np.issubdtype(table.dtype, np.integer)
-            np.savetxt(
-                temporary, table, fmt="%d" if whole else "%.17g", delimiter="," if path.suffix == ".csv" else " "
-            )
+            form = "%d" if np.issubdtype(table.dtype, np.integer) else "%.17g"
+            np.savetxt(temporary, table, fmt=form, delimiter="," if path.suffix == ".csv" else " ")

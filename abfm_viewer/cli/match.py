@@ -71,10 +71,11 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = options.parameters(arguments)
     pairs, weights = _pairs(arguments)
     mesh = options.mesh(arguments)
+    sources, targets = (_channels(mesh, specs) for specs in zip(*pairs, strict=True))
     outcome = solve(
         mesh,
-        _channels(mesh, [source for source, _ in pairs]),
-        _channels(mesh, [target for _, target in pairs]),
+        sources,
+        targets,
         parameters,
         arguments.out,
         arguments.quiet,
@@ -102,7 +103,7 @@ def _pairs(arguments: argparse.Namespace) -> tuple[list[tuple[str, str]], list[f
         raise UsageError(f"--channel: {error}; its third word is a number, the weight") from None
 
 
-def _channels(mesh: TriangleMesh, specs: list[str]) -> FloatArray:
+def _channels(mesh: TriangleMesh, specs: tuple[str, ...]) -> FloatArray:
     functions = [function(mesh, spec) for spec in specs]
     return np.stack(functions, axis=1) if len(functions) > 1 else functions[0]
 

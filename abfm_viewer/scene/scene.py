@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,6 +62,7 @@ class Scene:
     def __init__(self, shown: Shown, turns: bool = False) -> None:
         self._session = shown.session
         self._turns = turns
+        self.pick: Callable[[tuple[float, float]], Hit | None] = self._picked  # another where nothing is drawn
         self.names: tuple[str, ...] = ()
         self.offsets: dict[str, FloatArray] = {}
         self.viewport: Viewport
@@ -155,7 +157,7 @@ class Scene:
         places = self.viewport.projected(self._heads)
         return {name: (x, y) for name, (x, y, depth) in zip(self.names, places, strict=True) if depth > 0}
 
-    def pick(self, position: tuple[float, float]) -> Hit | None:
+    def _picked(self, position: tuple[float, float]) -> Hit | None:
         """The point of a surface under a place of the window."""
         hit = ps.pick(screen_coords=position)
         if hit.is_hit and hit.structure_name not in self.names:

@@ -1,11 +1,10 @@
 """How often matches succeed: random problems of many kinds, by several versions of the solver, side by side."""
 
-from abfm.benchmark.success.merging import merged
 from abfm.benchmark.success.meshes import success_meshes
 from abfm.benchmark.success.problems import SuccessProblem, success_problems
 from abfm.benchmark.success.record import BEFORE, VERSIONS, Record, run_problem
 from abfm.benchmark.success.report import format_success, success_table
-from abfm.benchmark.success.run import run_success
+from abfm.benchmark.success.run import merged, run_success
 from abfm.benchmark.watched import LEVEL
 
 __all__ = [

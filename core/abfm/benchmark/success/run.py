@@ -1,8 +1,8 @@
-"""Many problems by all versions, one after the other, as one report."""
+"""Many problems by all versions, one after the other, as one report; and reports of parts put together."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +11,7 @@ from abfm.benchmark.success.meshes import torus
 from abfm.benchmark.success.problems import SuccessProblem, success_problems
 from abfm.benchmark.success.record import VERSIONS, run_problem
 from abfm.benchmark.watched import LEVEL
+from abfm.errors import ParameterError
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 
@@ -70,6 +71,30 @@ def run_success(
             "versions": {name: parameters.to_dict() for name, parameters in versions.items()},
         },
         "machine": machine(),
+    }
+
+
+def merged(reports: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """One report of several reports of `run_success`: of other parts, or other meshes.
+
+    Raises
+    ------
+    ParameterError
+        If there is none, or they are of different versions or seeds.
+    """
+    if not reports:
+        raise ParameterError("no reports to put together; give at least one")
+    first = reports[0]
+    for report in reports:
+        for key in ("versions", "seed", "level"):
+            if report["settings"][key] != first["settings"][key]:
+                raise ParameterError(f"reports of different {key} cannot be put together")
+    meshes = {name: size for report in reports for name, size in report["settings"]["meshes"].items()}
+    return {
+        "rows": [row for report in reports for row in report["rows"]],
+        "interrupted": any(report["interrupted"] for report in reports),
+        "settings": {**first["settings"], "meshes": meshes},
+        "machine": first["machine"],
     }
 
 
