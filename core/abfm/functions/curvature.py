@@ -29,6 +29,7 @@ class Curvature(Family):
 
     family: ClassVar[str] = "curvature"
     positional: ClassVar[str | None] = "kind"
+    example: ClassVar[str] = "curvature:mean"
     kind: str = parameter(choice("gaussian", "mean"), "which curvature")
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:

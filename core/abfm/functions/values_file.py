@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from abfm.errors import FunctionError
-from abfm.functions.family import PATH, WORD, Family, did_you_mean, parameter, shown
+from abfm.functions.family import WORD, Family, did_you_mean, file_name, parameter, shown
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -26,7 +26,7 @@ class ValuesFile(Family):
 
     family: ClassVar[str] = "file"
     positional: ClassVar[str | None] = "path"
-    path: str = parameter(PATH, ".npy, .csv, .txt or .gii")
+    path: str = parameter(file_name(*SUFFIXES), ".npy, .csv, .txt or .gii")
     column: str | None = parameter(WORD, "column by its name or number, counted from 0", default=None)
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
