@@ -50,13 +50,13 @@ class Connectivity(NamedTuple):
 
     edges: IntArray
     face_edges: IntArray
-    slots: IntArray
-    fans: IntArray
+    edge_slots: IntArray
+    corner_fans: IntArray
 
 
 def check(vertices: ArrayLike, faces: ArrayLike, largest_component: bool) -> tuple[Draft, Connectivity]:
     """Refuse, repair or accept a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
-    points = _vertex_array(vertices)
+    points = np.array(_number_array(vertices, "vertices", "(V, 3), coordinates as numbers"), dtype=np.float64)
     triangles = _face_array(faces, len(points))
     draft = Draft(points, triangles, np.arange(len(points)), np.arange(len(triangles)), len(points))
     draft = _drop_unreferenced(draft)
@@ -81,6 +81,13 @@ def check(vertices: ArrayLike, faces: ArrayLike, largest_component: bool) -> tup
     return draft, Connectivity(edges, face_edges, slots, fans)
 
 
+def twice_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Twice the area of every face, (F,)."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    areas: FloatArray = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return areas
+
+
 def _count(number: int, one: str, many: str) -> str:
     return f"1 {one}" if number == 1 else f"{number} {many}"
 
@@ -100,10 +107,6 @@ def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iuf":
         raise MeshError(f"{name} has shape {array.shape} and type {array.dtype}: give an array of shape {meaning}")
     return array
-
-
-def _vertex_array(vertices: ArrayLike) -> FloatArray:
-    return np.array(_number_array(vertices, "vertices", "(V, 3), coordinates as numbers"), dtype=np.float64)
 
 
 def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
@@ -160,9 +163,7 @@ def _one_component(draft: Draft, largest_component: bool) -> Draft:
     count = component.max() + 1
     if count == 1:
         return draft
-    a, b, c = np.moveaxis(draft.vertices[draft.faces], 1, 0)
-    area = np.bincount(component, np.linalg.norm(np.cross(b - a, c - a), axis=1))
-    largest = component == np.argmax(area)
+    largest = component == np.argmax(np.bincount(component, twice_areas(draft.vertices, draft.faces)))
     if not largest_component:
         stray = np.argmin(largest)
         repeated = len(draft.vertices) - len(np.unique(draft.vertices, axis=0))
@@ -181,24 +182,20 @@ def _one_component(draft: Draft, largest_component: bool) -> Draft:
 
 def _refuse_degenerate_faces(draft: Draft) -> None:
     a, b, c = draft.faces.T
-    repeats = (a == b) | (b == c) | (c == a)
-    if repeats.any():
-        face = int(np.argmax(repeats))
-        raise MeshError(
-            f"{_count(repeats.sum(), 'face is degenerate: it uses', 'faces are degenerate: they use')} a vertex twice "
-            f"(face {draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)}): remove them, {CLEANING}"
-        )
+    _refuse_faces(draft, (a == b) | (b == c) | (c == a), "uses", "use", "a vertex twice", "remove")
     corners = draft.vertices[draft.faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    twice_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     rounding = 4 * np.finfo(np.float64).eps * np.abs(corners).max(axis=(1, 2))
-    flat = twice_area <= (FLATNESS * longest + rounding) * longest
-    if flat.any():
-        face = int(np.argmax(flat))
+    flat = twice_areas(draft.vertices, draft.faces) <= (FLATNESS * longest + rounding) * longest
+    _refuse_faces(draft, flat, "has", "have", "no area", "remove or collapse")
+
+
+def _refuse_faces(draft: Draft, bad: BoolArray, has: str, have: str, defect: str, remedy: str) -> None:
+    if bad.any():
+        face = int(np.argmax(bad))
         raise MeshError(
-            f"{_count(flat.sum(), 'face is degenerate: it has', 'faces are degenerate: they have')} no area (face "
-            f"{draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)}): remove or collapse them, "
-            f"{CLEANING}"
+            f"{_count(bad.sum(), f'face is degenerate: it {has}', f'faces are degenerate: they {have}')} {defect} "
+            f"(face {draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)}): {remedy} them, {CLEANING}"
         )
 
 

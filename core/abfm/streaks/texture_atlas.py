@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.channels import channels
 from abfm.errors import ParameterError
-from abfm.mesh import TriangleMesh
+from abfm.mesh import TriangleMesh, per_mesh
 from abfm.streaks import texels
 from abfm.types import FloatArray, IntArray
 
@@ -118,13 +118,10 @@ def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
     if rectangles > (size // _SMALLEST) ** 2:
         least = _SMALLEST * int(np.ceil(np.sqrt(rectangles)))
         raise ParameterError(f"size {size} has no room for {len(mesh.faces)} faces: take {least} or more")
-    key = (__name__, "texture_atlas", int(size))
-    if key not in mesh.cache:
-        mesh.cache[key] = _lay_out(mesh, int(size))
-    atlas: TextureAtlas = mesh.cache[key]
-    return atlas
+    return _lay_out(mesh, int(size))
 
 
+@per_mesh
 def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
     order, legs = _legs(mesh)
     area = float((legs[:, 0] * legs[:, 1]).sum()) / 2
