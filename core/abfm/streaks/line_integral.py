@@ -83,12 +83,11 @@ def line_integral_convolution(
     phases = np.asarray(0.0 if phase is None else phase, dtype=np.float64)
     if phases.ndim > 1 or not phases.size or not np.isfinite(phases).all():
         raise ParameterError(f"phase is {phase!r}; expected a finite number or a list of them")
-    if not (np.isfinite(length) and 0 < length <= 1):
-        raise ParameterError(f"length is {length}; expected more than 0 and at most 1")
+    for name, value in (("length", length), ("width", width)):
+        if not 0 < value <= 1:
+            raise ParameterError(f"{name} is {value}; expected more than 0 and at most 1")
     if not isinstance(seed, int | np.integer):
         raise ParameterError(f"seed is {seed!r}; expected a whole number")
-    if not (np.isfinite(width) and 0 < width <= 1):
-        raise ParameterError(f"width is {width}; expected more than 0 and at most 1")
     atlas = texture_atlas(mesh, size)
     speeds = np.linalg.norm(field, axis=1)
     images = np.zeros((phases.size, size * size), dtype=np.float32)
