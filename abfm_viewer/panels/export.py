@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from abfm_viewer.document.document import Document
 from abfm_viewer.session.exporter import DATA, MOVIES, PICTURES, Exporter, Known
 from abfm_viewer.session.opening import known_values
 from abfm_viewer.session.session import Session
@@ -24,13 +26,13 @@ def draw(ui: Ui, session: Session) -> None:
     with ui.disabled(exporter.running):
         _draw_size(ui, exporter)
         if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
-            ui.choose_to_save("Save a picture", PICTURES, "picture.png", partial(_save_picture, session))
+            ui.choose_to_save("Save a picture", PICTURES, "picture.png", partial(_save, session, exporter.save_picture))
         ui.heading("movie")
         _draw_movie(ui, session, exporter)
         if ui.button(
             "Save movie...", "The flow from one time to another (.mp4 or .gif), every frame computed exactly."
         ):
-            ui.choose_to_save("Save a movie", MOVIES, "movie.mp4", partial(_save_movie, session))
+            ui.choose_to_save("Save a movie", MOVIES, "movie.mp4", partial(_save, session, exporter.save_movie))
         ui.heading("data")
         if session.result is None:
             ui.note(
@@ -87,18 +89,11 @@ def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
     )
 
 
-def _save_picture(session: Session, path: Path) -> None:
-    session.exporter.save_picture(path, session.document, _known(session))
-
-
-def _save_movie(session: Session, path: Path) -> None:
-    session.exporter.save_movie(path, session.document, _known(session))
+def _save(session: Session, save: Callable[[Path, Document, Known], None], path: Path) -> None:
+    """Save what the window shows when the file has been chosen."""
+    save(path, session.document, partial(known_values, session.document, session.functions))
 
 
 def _save_result(session: Session, path: Path) -> None:
     if session.result is not None:
         session.exporter.save_result(path, session.result)
-
-
-def _known(session: Session) -> Known:
-    return partial(known_values, session.document, session.functions)

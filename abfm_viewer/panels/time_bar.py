@@ -15,6 +15,7 @@ from abfm_viewer.widgets.widget_record import Rect
 STEP = 1 / 20
 """Of tau: how far a step moves in time."""
 _SLOWEST, _FASTEST = 0.1, 4.0
+_PLAIN = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
 _NARROW = 600  # at a scale of 1: below, the bar needs a row more
 _HEIGHT, _ROW = 82, 30
 
@@ -57,10 +58,8 @@ def _ways(ui: Ui, session: Session) -> None:
     ui.beside(ui.px(12))
     imgui.SetNextItemWidth(ui.px(64))
     shown = share_of(player.speed, _SLOWEST, _FASTEST, True)
-    flags = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
-    changed, share = imgui.SliderFloat("##speed", shown, 0.0, 1.0, "", flags)
-    frame = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
-    ui.record("speed", "slider", frame, _SLOWEST, _FASTEST, f"{player.speed:.2g}", log=True)
+    changed, share = imgui.SliderFloat("##speed", shown, 0.0, 1.0, "", _PLAIN)
+    ui.record("speed", "slider", low=_SLOWEST, high=_FASTEST, text=f"{player.speed:.2g}", log=True)
     ui.tip("1 goes from 0 to tau in four seconds.")
     if changed:
         player.speed = float(f"{value_at(share, _SLOWEST, _FASTEST, True):.2g}")
@@ -77,11 +76,9 @@ def _slider(ui: Ui, session: Session) -> None:
     _track(ui, session, (left, top, left + width, top + imgui.GetFrameHeight()))
     imgui.SetNextItemWidth(width)
     imgui.PushStyleColor(imgui.ImGuiCol_FrameBg, (0, 0, 0, 0))
-    flags = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
-    changed, time = imgui.SliderFloat("##time slider", session.time, 0.0, session.end, "", flags)
+    changed, time = imgui.SliderFloat("##time slider", session.time, 0.0, session.end, "", _PLAIN)
     imgui.PopStyleColor()
-    rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
-    ui.record("time", "slider", rect, 0.0, session.end, f"{session.time:.6g}")
+    ui.record("time", "slider", high=session.end, text=f"{session.time:.6g}")
     ui.tip(session.shown.note or "0 is the source, tau the match; beyond, the flow goes on by itself.")
     if changed:
         _show(session, time)
