@@ -56,7 +56,16 @@ def read_column(path: str, column: str | None = None) -> FloatArray:
         If the file cannot be read, is no table of numbers, or has no such column.
     """
     names, table = read_table(path)
-    return table[:, _position(path, names, table.shape[1], column)]
+    count = table.shape[1]
+    if column is None and count == 1:
+        return table[:, 0]
+    if column in names:
+        return table[:, names.index(column)]
+    if column is not None and column.isdecimal() and int(column) < count:
+        return table[:, int(column)]
+    available = f"column=0 to {count - 1}" + (f" or one of {', '.join(names[:8])}" if names else "")
+    asked = "" if column is None else f", none called {shown(column)}{did_you_mean(column, names)}"
+    raise FunctionError(f"file {shown(path)} has {count} columns{asked}; choose {available}")
 
 
 def read_table(path: str) -> tuple[list[str], FloatArray]:
@@ -82,18 +91,6 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
         raise FunctionError(f"file {shown(path)} cannot be read: {reason}") from error
     except (ValueError, MemoryError) as error:
         raise FunctionError(f"file {shown(path)} is not a table of numbers: {' '.join(str(error).split())}") from error
-
-
-def _position(path: str, names: list[str], count: int, column: str | None) -> int:
-    if column is None and count == 1:
-        return 0
-    if column in names:
-        return names.index(column)
-    if column is not None and column.isdecimal() and int(column) < count:
-        return int(column)
-    available = f"column=0 to {count - 1}" + (f" or one of {', '.join(names[:8])}" if names else "")
-    asked = "" if column is None else f", none called {shown(column)}{did_you_mean(column, names)}"
-    raise FunctionError(f"file {shown(path)} has {count} columns{asked}; choose {available}")
 
 
 def _as_table(values: np.ndarray) -> FloatArray:

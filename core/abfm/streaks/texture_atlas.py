@@ -142,8 +142,7 @@ def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArr
     widths = np.ceil((legs[:, 0] + lost) / (1 - lost / heights) - 1e-9)
     sides = np.maximum(np.stack([widths, heights], axis=1), _SMALLEST)
     sides = np.minimum(sides, LARGEST_SIZE + 1).astype(np.int16)
-    sequence = np.argsort(-sides[:, 0], kind="stable")
-    sequence = sequence[np.argsort(-sides[sequence, 1], kind="stable")]
+    sequence = np.lexsort(-sides.T)
     padded = np.concatenate([sides[sequence], np.zeros((len(sides) % 2, 2), dtype=np.int16)])
     rectangles = padded.reshape(-1, 2, 2).max(axis=1).astype(np.int64)
     corners = np.empty_like(rectangles)
