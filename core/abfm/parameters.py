@@ -4,25 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import Field, asdict, dataclass, field, fields
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from abfm.errors import ParameterError
-
-Method = Literal["nonlinear", "linearised"]
-Gradient = Literal["adjoint", "bracket"]
-Preconditioner = Literal["hodge", "none"]
-SigmaUnit = Literal["relative", "absolute"]
 
 _LARGEST_ALPHA = 1e7
 _SMALLEST, _LARGEST = 1e-30, 1e30  # numbers other than 0, whose squares neither underflow nor overflow
 _MANY = 1_000_000_000
-
-CHOICES = {
-    "method": ("nonlinear", "linearised"),
-    "gradient": ("adjoint", "bracket"),
-    "preconditioner": ("hodge", "none"),
-    "sigma_unit": ("relative", "absolute"),
-}
 
 PAPER: dict[str, Any] = {"order": 1, "reach": 0.0, "levels": 1, "sigma_unit": "absolute", "balance": 0.0}
 """What makes the energy and the course of its minimisation those of the paper; also what files of before had."""
@@ -63,7 +51,7 @@ class Parameters:
         0,
         open=True,
     )
-    sigma_unit: SigmaUnit = _parameter(
+    sigma_unit: Literal["relative", "absolute"] = _parameter(
         "relative", "", "sigma as a fraction of the functions' deviation from their mean in L2, or as the paper has it"
     )
     reach: float = _parameter(
@@ -73,9 +61,11 @@ class Parameters:
         0.5, "", "weight of flow lines against the discrete advection in the end; 0 as the paper", 0, 1
     )
     levels: int = _parameter(0, "", "meshes from coarse to fine; 1 only the mesh itself, 0 by its size", 0, 10)
-    method: Method = _parameter("nonlinear", "", "exponential flow, or the first two terms of the exponential")
+    method: Literal["nonlinear", "linearised"] = _parameter(
+        "nonlinear", "", "exponential flow, or the first two terms of the exponential"
+    )
     segments: int = _parameter(0, "N", "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)", 0, 1000)
-    gradient: Gradient = _parameter(
+    gradient: Literal["adjoint", "bracket"] = _parameter(
         "adjoint", "", "exact derivative of the discrete energy, or the paper's by brackets"
     )
     substeps: int = _parameter(10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1)
@@ -86,7 +76,7 @@ class Parameters:
     stage_iterations: int = _parameter(
         0, "*", "iterations of each stage before the last; 0: as long as they pay (paper: share half of all)", 0
     )
-    preconditioner: Preconditioner = _parameter(
+    preconditioner: Literal["hodge", "none"] = _parameter(
         "hodge", "", "exact inverse of the field's norm, or none (the paper's plain L-BFGS)"
     )
     memory: int = _parameter(30, "", "pairs that L-BFGS remembers", 1, 10_000)
@@ -150,6 +140,11 @@ class Parameters:
         if unknown:
             raise ParameterError(f"unknown parameter {unknown[0]!r}; expected one of {', '.join(sorted(known))}")
         return cls(**(values if PAPER.keys() & values.keys() else {**PAPER, **values}))
+
+
+CHOICES: dict[str, tuple[str, ...]] = {
+    name: get_args(hint) for name, hint in get_type_hints(Parameters).items() if get_origin(hint) is Literal
+}
 
 
 def _checked_number(entry: Field[Any], value: Any) -> float:

@@ -163,8 +163,7 @@ class _Parser:
     def formula(self) -> str:
         """Everything up to the end or to a closing parenthesis that the formula did not open."""
         start, depth = self.position, 0
-        while self.position < len(self.text):
-            sign = self.text[self.position]
+        for sign in self.text[start:]:
             depth += (sign == "(") - (sign == ")")
             if depth < 0:
                 break

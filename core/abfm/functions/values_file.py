@@ -30,16 +30,11 @@ class ValuesFile(Family):
     column: str | None = parameter(WORD, "column by its name or number, counted from 0", default=None)
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
-        return read_vertex_values(mesh, self.path, self.column)
-
-
-def read_vertex_values(mesh: TriangleMesh, path: str, column: str | None = None) -> FloatArray:
-    """:func:`read_column`, then the values of the vertices that the mesh kept, (V,)."""
-    values = read_column(path, column)
-    try:
-        return mesh.restrict(values)
-    except FunctionError as error:
-        raise FunctionError(f"file {shown(path)}: {error}") from None
+        values = read_column(self.path, self.column)
+        try:
+            return mesh.restrict(values)
+        except FunctionError as error:
+            raise FunctionError(f"file {shown(self.path)}: {error}") from None
 
 
 def read_column(path: str, column: str | None = None) -> FloatArray:

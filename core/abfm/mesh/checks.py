@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import MeshError
 from abfm.mesh.orientation import faces_to_flip
-from abfm.mesh.topology import corner_fans, edge_slots, edges_of_faces, vertex_components
+from abfm.mesh.topology import corner_fans, edge_slots, edges_of_faces, pinched_vertices, vertex_components
 from abfm.types import BoolArray, FloatArray, IntArray
 
 SMALLEST, LARGEST = 1e-60, 1e60  # squared areas of such sizes neither underflow nor overflow
@@ -77,7 +77,12 @@ def check(vertices: ArrayLike, faces: ArrayLike, largest_component: bool) -> tup
         face_edges = _flipped(face_edges, flip)
         slots = edge_slots(face_edges, len(edges))
     fans = corner_fans(slots, len(draft.faces))
-    draft = _warn_of_pinched_vertices(draft, fans)
+    pinched = pinched_vertices(draft.faces, fans, len(draft.vertices))
+    if pinched.any():
+        draft = draft.noting(
+            f"warning: {_count(pinched.sum(), 'vertex is', 'vertices are')} pinched, joining parts that share no edge "
+            f"(for example vertex {draft.vertex_ids[np.argmax(pinched)]}): nothing flows across it"
+        )
     return draft, Connectivity(edges, face_edges, slots, fans)
 
 
@@ -222,15 +227,3 @@ def _refuse_non_manifold_edges(draft: Draft, edges: IntArray, face_edges: IntArr
             f"{_count(int(np.sum(uses > 2)), 'edge has', 'edges have')} more than two faces (vertices {start} and "
             f"{end}, counting from 0: faces {', '.join(map(str, faces[:4]))}): remove the extra sheets, {CLEANING}"
         )
-
-
-def _warn_of_pinched_vertices(draft: Draft, fans: IntArray) -> Draft:
-    vertex_of_fan = np.zeros(fans.max() + 1, dtype=np.int64)
-    vertex_of_fan[fans] = draft.faces
-    pinched = np.bincount(vertex_of_fan) > 1
-    if not pinched.any():
-        return draft
-    return draft.noting(
-        f"warning: {_count(pinched.sum(), 'vertex is', 'vertices are')} pinched, joining parts that share no edge "
-        f"(for example vertex {draft.vertex_ids[np.argmax(pinched)]}): nothing flows across it"
-    )

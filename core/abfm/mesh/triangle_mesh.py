@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import FunctionError
 from abfm.mesh.checks import check, twice_areas
-from abfm.mesh.topology import connected, next_corner
+from abfm.mesh.topology import connected, next_corner, pinched_vertices
 from abfm.types import BoolArray, FloatArray, IntArray
 
 Arguments = ParamSpec("Arguments")
@@ -150,9 +150,7 @@ class TriangleMesh:
     @cached_property
     def is_pinched_vertex(self) -> BoolArray:
         """(V,) True where parts of the surface that share no edge touch."""
-        vertex_of_fan = np.empty(self.corner_fans.max() + 1, dtype=np.int64)
-        vertex_of_fan[self.corner_fans] = self.faces
-        return _frozen(np.bincount(vertex_of_fan, minlength=len(self.vertices)) > 1)
+        return _frozen(pinched_vertices(self.faces, self.corner_fans, len(self.vertices)))
 
     @property
     def is_closed(self) -> bool:
