@@ -52,8 +52,9 @@ def draw(ui: Ui, session: Session, side: Side) -> None:
 
 
 def _file_of(family: type[Family]) -> Parameter | None:
-    """The parameter that names a file."""
-    return next((parameter for parameter in family.parameters() if parameter.kind.suffixes), None)
+    """The parameter that names a file of values."""
+    files = (parameter for parameter in family.parameters() if parameter.kind.suffixes)
+    return None if family is Permuted else next(files, None)
 
 
 class _Editor:
@@ -83,11 +84,12 @@ class _Editor:
 
     def draw_family(self) -> None:
         """The combo of families; a new one begins with a function that is valid on this mesh."""
-        known = {cls.family: cls for cls in families() if cls is not Permuted}
+        known = {cls.family: cls for cls in families()}
+        names = [name for name in known if known[name] is not Permuted]
         now = self._family()
         about = known[now].summary() if now in known else "A sum of functions."
         tip = _FAMILY_TIP.format(name=now, summary=about)
-        chosen = self._ui.combo("family", now, list(dict.fromkeys([*known, now])), tip)
+        chosen = self._ui.combo("family", now, names if now in names else [*names, now], tip)
         if chosen == now:
             return
         family, file = known[chosen], _file_of(known[chosen])

@@ -80,9 +80,9 @@ class Parameter:
         MISSING where it must be given; an optional one without a default has None.
     unit : str
     slider : Slider or callable, optional
-        Of a form; or what finds it for a function of the family and a mesh.
+        What a form draws for a number, or what finds it for a function of the family and a mesh.
     empty : str
-        What None means.
+        What None means, as a form says it.
     instead_of : str
         Another parameter which, when it is given, takes the place of this one.
     """

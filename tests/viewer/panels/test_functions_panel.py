@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from abfm_viewer.automation import aim
-from abfm_viewer.automation import Driver
+from abfm_viewer.automation import Driver, aim
 from abfm_viewer.document.document import Channel
 from abfm_viewer.document.gaussians import gaussians
 from abfm_viewer.session import active_gaussian
@@ -272,6 +271,14 @@ def test_the_vertex_map_stays_when_what_is_inside_changes(gui, tmp_path):
     gui.wait(lambda s: "cannot be read" in s.error(s.active.source))
     gui.choose("vertex map", "none", within="source")
     assert spec(gui) == "file:gone.npy"
+
+
+def test_a_map_inside_a_map_is_no_file_of_values(gui):
+    gui.type("spec", "permuted:mirror(permuted:mirror(coordinate:x))", within="source")
+    assert gui.text_of("family", within="source") == "permuted"
+    assert "Browse..." not in gui.labels()
+    gui.choose("family", "geodesic", within="source")
+    assert spec(gui).startswith("permuted:mirror(geodesic:vertex=")
 
 
 def test_a_mesh_is_opened_from_its_section(gui, tmp_path):
