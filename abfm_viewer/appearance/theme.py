@@ -29,7 +29,6 @@ class Palette:
     accent_hovered: Color
     accent_ink: Color
     source: Color
-    advected: Color
     target: Color
     error: Color
     good: Color
@@ -52,7 +51,6 @@ LIGHT = Palette(
     accent_hovered=_hex("#1c46a5"),
     accent_ink=_hex("#ffffff"),
     source=_hex("#2455c3"),
-    advected=_hex("#1d222b"),
     target=_hex("#c62828"),
     error=_hex("#b3261e"),
     good=_hex("#1b7a43"),
@@ -74,7 +72,6 @@ DARK = Palette(
     accent_hovered=_hex("#6a94f7"),
     accent_ink=_hex("#ffffff"),
     source=_hex("#86a9ff"),
-    advected=_hex("#e8eaee"),
     target=_hex("#ff8a80"),
     error=_hex("#ff8a80"),
     good=_hex("#69d39a"),

@@ -9,7 +9,7 @@ import numpy as np
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.automation.input_events import InputEvents, Place
-from abfm_viewer.document.document import Camera
+from abfm_viewer.document.document import Camera, triple
 from abfm_viewer.errors import DriverError
 from abfm_viewer.scene import viewport
 from abfm_viewer.scene.scene import Hit
@@ -47,7 +47,7 @@ def act_on(
             input.hold(modifier, False)
     finally:
         if camera is not None:
-            window.scene.frame(window.session, window.parts.scene, camera)
+            window.scene.frame(window.parts.scene, camera)
     window.tick()
 
 
@@ -61,8 +61,8 @@ def _turn_to(window: Window, vertex: int, surface: str) -> Camera | None:
     """Turn the camera so that a vertex can be clicked on; the camera before, or None if it could stay."""
     if _sees(window, vertex, surface):
         return None
-    scene, session, rect = window.scene, window.session, window.parts.scene
-    before, mesh = scene.camera(), session.mesh
+    scene, rect = window.scene, window.parts.scene
+    before, mesh = scene.camera(), window.session.mesh
     target = _position(window, vertex, surface)
     for direction in _directions(mesh, mesh.local_vertex(vertex)):
         axis = np.eye(3)[1] if abs(direction[1]) < 0.9 else np.eye(3)[2]
@@ -70,11 +70,11 @@ def _turn_to(window: Window, vertex: int, surface: str) -> Camera | None:
         up /= np.linalg.norm(up)
         for distance in _DISTANCES:
             position = target + distance * mesh.length_scale * direction
-            scene.frame(session, rect, Camera(_triple(position), _triple(target), _triple(up), before.angle))
+            scene.frame(rect, Camera(triple(position), triple(target), triple(up), before.angle))
             window.tick()
             if _sees(window, vertex, surface):
                 return before
-    scene.frame(session, rect, before)
+    scene.frame(rect, before)
     raise DriverError(f"vertex {vertex} of the {surface} cannot be seen from any side: pick another")
 
 
@@ -119,8 +119,3 @@ def _directions(mesh: TriangleMesh, vertex: int) -> FloatArray:
     directions = np.concatenate([normal[None], tilted])
     facing: FloatArray = directions / np.linalg.norm(directions, axis=1)[:, None]
     return facing
-
-
-def _triple(values: FloatArray) -> tuple[float, float, float]:
-    x, y, z = map(float, values)
-    return x, y, z

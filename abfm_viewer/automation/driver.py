@@ -23,11 +23,11 @@ from abfm_viewer.automation.widget_search import WidgetSearch
 from abfm_viewer.errors import DriverError as DriverError
 from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.widget_record import Kind, Widget
+from abfm_viewer.widgets.widget_record import KINDS, Widget, WidgetKind
 from abfm_viewer.window.open_window import open_window
 from abfm_viewer.window.window import Window
 
-_CLICKABLE: tuple[Kind, ...] = ("button", "checkbox", "choice", "item", "combo", "section", "menu", "box", "slider")
+_CLICKABLE: tuple[WidgetKind, ...] = tuple(kind for kind in KINDS if kind != "plot")
 _SECONDS_TO_OPEN = 120.0
 _BEYOND = 10.0  # pixels
 _FRAMES_TO_A_TOOLTIP = 30
@@ -37,7 +37,8 @@ class Driver:
     """The app with a mouse and a keyboard of ours; a context manager.
 
     It starts with an empty state folder, so without recent files or a question about unsaved work, and closes without
-    asking, also after an exception.
+    asking, also after an exception. Its `session` is the document and the solver, `input` the mouse and the keyboard;
+    `search.found` lists the widgets that were used.
 
     Parameters
     ----------
@@ -48,16 +49,6 @@ class Driver:
         is picked though it is hidden). A process can have only one, any number of times.
     size : (int, int)
         Of the window, in pixels.
-
-    Attributes
-    ----------
-    session : Session
-        The document and the solver.
-    window : Window
-    input : InputEvents
-        The mouse and the keyboard.
-    search : WidgetSearch
-        Finds widgets; `search.found` lists those that were used.
 
     Raises
     ------
@@ -136,10 +127,10 @@ class Driver:
         end = time.monotonic() + seconds
         while not condition(self.session):
             if time.monotonic() > end:
-                session = self.session
+                session, busy = self.session, self.window.shown.busy
                 raise DriverError(
                     f"waited {seconds:g} s in vain; solver: {session.solver.reason or 'running'}, busy: "
-                    f"{session.busy or 'no'}, status line: {session.notice.text or 'empty'}, errors: {self.errors}"
+                    f"{busy or 'no'}, status line: {session.notice.text or 'empty'}, errors: {self.errors}"
                 )
             self.window.frame()
         self.frames(2)
@@ -160,7 +151,7 @@ class Driver:
         """Whether a widget can be used."""
         return self.search.find(label, within, must_be_enabled=False).enabled
 
-    def text_of(self, label: str, within: str = "", kind: Kind | None = None) -> str:
+    def text_of(self, label: str, within: str = "", kind: WidgetKind | None = None) -> str:
         """What a box, combo, checkbox ("on", "off"), section ("open", "closed") or slider shows."""
         return self.search.find(label, within, (kind,) if kind else None, must_be_enabled=False).text
 
@@ -175,12 +166,7 @@ class Driver:
     def click(self, label: str, within: str = "") -> None:
         """Click on a widget, or on an entry of a menu, which is opened before.
 
-        Parameters
-        ----------
-        label
-            What the user reads.
-        within
-            The section, group, menu or dialog, where a label is there twice.
+        The label is what the user reads; `within` names the section, group, menu or dialog, where it is there twice.
 
         Raises
         ------

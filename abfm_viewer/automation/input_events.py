@@ -21,18 +21,7 @@ _OUTSIDE = (-1.0, -1.0)
 
 
 class InputEvents:
-    """Sends what a user's hands would send.
-
-    Parameters
-    ----------
-    frames : callable
-        Draws a number of frames.
-
-    Attributes
-    ----------
-    place : (float, float)
-        Where the mouse is.
-    """
+    """Sends what a user's hands would send, and draws `frames` of them; `place` is where the mouse is."""
 
     def __init__(self, frames: Callable[[int], None]) -> None:
         self._frames = frames

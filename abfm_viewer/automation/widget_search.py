@@ -10,7 +10,7 @@ from functools import partial
 from abfm_viewer.automation.input_events import InputEvents, Place
 from abfm_viewer.automation.widget_places import middle
 from abfm_viewer.errors import DriverError
-from abfm_viewer.widgets.widget_record import Kind, Widget
+from abfm_viewer.widgets.widget_record import Widget, WidgetKind
 from abfm_viewer.window.window import Window
 
 _MOST_TURNS, _MOST_CHASES = 40, 5
@@ -19,18 +19,7 @@ _SECONDS_TO_READ_A_FOLDER = 1.0
 
 
 class WidgetSearch:
-    """Looks for widgets in a window.
-
-    Parameters
-    ----------
-    window : Window
-    input : InputEvents
-
-    Attributes
-    ----------
-    found : list of Widget
-        All that were asked for, as they were then.
-    """
+    """Looks for widgets in a window; `found` are all that were asked for, as they were then."""
 
     def __init__(self, window: Window, input: InputEvents) -> None:
         self._window = window
@@ -38,18 +27,9 @@ class WidgetSearch:
         self.found: list[Widget] = []
 
     def find(
-        self, label: str, within: str = "", kinds: Sequence[Kind] | None = None, must_be_enabled: bool = True
+        self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None, must_be_enabled: bool = True
     ) -> Widget:
-        """A widget in view.
-
-        Parameters
-        ----------
-        label
-            What the user reads.
-        within
-            The section, group, menu or dialog, where a label is there twice.
-        kinds
-            What it may be; by default anything.
+        """A widget in view, of the kinds that it may be; by default of any.
 
         Raises
         ------
@@ -73,7 +53,7 @@ class WidgetSearch:
                 return
             widget = again
 
-    def drawn(self, label: str, within: str = "", kinds: Sequence[Kind] | None = None) -> Widget | None:
+    def drawn(self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None) -> Widget | None:
         """The widget of a label in the latest frame; of several the only enabled one; None if there is none.
 
         Raises
@@ -94,7 +74,7 @@ class WidgetSearch:
             )
         return max(usable, key=lambda w: w.kind == "box") if usable else None
 
-    def _sought(self, label: str, within: str, kinds: Sequence[Kind] | None) -> Widget:
+    def _sought(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget:
         if (widget := self.drawn(label, within, kinds)) is not None:
             return widget
         end = time.monotonic() + _SECONDS_TO_READ_A_FOLDER

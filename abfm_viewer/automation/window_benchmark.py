@@ -7,8 +7,9 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -54,18 +55,9 @@ window.close()
 
 
 def run(tell: Callable[[str], None], subdivision: int = 5, iterations: int = 60, repeats: int = 5) -> dict[str, Any]:
-    """Measure all three; ratios are of medians of runs that take turns.
+    """Measure all three; ratios are of medians of as many runs as `repeats` says, which take turns.
 
-    Parameters
-    ----------
-    tell : callable
-        Told a line before every part.
-    subdivision : int
-        Of the icosphere that is solved on; 5 has 10,242 vertices.
-    iterations : int
-        Of every solve.
-    repeats : int
-        Runs of every kind.
+    The solver's meshes are icospheres of ``10 * 4**subdivision + 2`` vertices.
     """
     backend: Backend = opengl.WINDOW if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() else opengl.OFFSCREEN
     tell("launch to the first frame, the app and bare polyscope in turns")
@@ -87,17 +79,26 @@ def run(tell: Callable[[str], None], subdivision: int = 5, iterations: int = 60,
     }
 
 
+def _in_turns(repeats: int, runs: Mapping[str, Callable[[], float]]) -> tuple[dict[str, list[float]], float]:
+    """What runs of each kind give, and the ratio of the first kind's median to the second's."""
+    for run in runs.values():  # fills the caches of the disk, compiles and factors
+        run()
+    taken: dict[str, list[float]] = {name: [] for name in runs}
+    for _ in range(repeats):
+        for name, run in runs.items():
+            taken[name].append(run())
+    first, second = map(statistics.median, taken.values())
+    return taken, first / second
+
+
 def _launch(backend: Backend, repeats: int) -> dict[str, Any]:
     """Seconds from starting Python to the end of the first frame."""
-    mesh = asset_path("human_A.off")
-    seconds: dict[str, list[float]] = {"app": [], "bare polyscope": []}
-    for repeat in range(repeats + 1):
-        for name, code in (("app", _APP), ("bare polyscope", _BARE)):
-            elapsed = _until_drawn([sys.executable, "-c", code, str(mesh), backend])
-            if repeat:  # the first ones fill the caches of the disk
-                seconds[name].append(elapsed)
-    medians = {name: statistics.median(times) for name, times in seconds.items()}
-    return {"seconds": seconds, "ratio": medians["app"] / medians["bare polyscope"], "at_most": LARGEST_LAUNCH_RATIO}
+    arguments = str(asset_path("human_A.off")), backend
+    codes = {"app": _APP, "bare polyscope": _BARE}
+    commands = {name: [sys.executable, "-c", code, *arguments] for name, code in codes.items()}
+    runs = {name: partial(_until_drawn, command) for name, command in commands.items()}
+    seconds, ratio = _in_turns(repeats, runs)
+    return {"seconds": seconds, "ratio": ratio, "at_most": LARGEST_LAUNCH_RATIO}
 
 
 def _until_drawn(command: list[str]) -> float:
@@ -116,23 +117,23 @@ def _throughput(mesh: TriangleMesh, parameters: Parameters, window: Window, repe
     """Iterations per second of the same solve, with frames drawn of a scene in which nothing moves, and with none."""
     functions = Functions(mesh)
     problem = Problem(mesh, (Channel(*default_functions(mesh)),), parameters, "")
-    rates: dict[str, list[float]] = {"with window": [], "without": []}
+
+    def rate(meanwhile: Callable[[Worker], None]) -> float:
+        start = time.perf_counter()
+        worker = Worker(problem, functions)
+        while worker.running:
+            meanwhile(worker)
+        return worker.rows / (time.perf_counter() - start)
+
     for _ in range(30):
         window.frame()
-    for repeat in range(repeats + 1):
-        for name in rates:
-            start = time.perf_counter()
-            worker = Worker(problem, functions)
-            while worker.running:
-                if name == "with window":
-                    window.frame()
-                else:
-                    worker.wait()
-            rate = worker.rows / (time.perf_counter() - start)
-            if repeat:  # the first ones compile and factor
-                rates[name].append(rate)
-    medians = {name: statistics.median(values) for name, values in rates.items()}
-    ratio = medians["with window"] / medians["without"]
+    rates, ratio = _in_turns(
+        repeats,
+        {
+            "with window": lambda: rate(lambda worker: window.frame()),
+            "without": lambda: rate(lambda worker: worker.wait()),
+        },
+    )
     return {"iterations_per_second": rates, "ratio": ratio, "at_least": LEAST_THROUGHPUT}
 
 

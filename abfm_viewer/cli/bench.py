@@ -65,10 +65,9 @@ def run(arguments: argparse.Namespace) -> int:
         from abfm.benchmark import success  # not before: it loads much that the other commands do without
 
         meshes = _meshes(arguments, {} if arguments.only_given else success.success_meshes())
+        problems = {"seed": arguments.seed, "count": arguments.problems, "part": arguments.part}
         with interrupted_by_sigterm():
-            report = success.run_success(
-                meshes, tell, seed=arguments.seed, count=arguments.problems, part=arguments.part
-            )
+            report = success.run_success(meshes, tell, **problems)
         text = success.format_success(report)
     elif arguments.arrival:
         from abfm.benchmark.arrival import format_arrival, run_arrival  # not before, as above

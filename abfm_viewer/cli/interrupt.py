@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 from abfm import Control
-
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
@@ -19,19 +17,13 @@ def cancelled_by_signals(control: Control) -> Iterator[None]:
 
     The second one leaves at once.
     """
-    before = {number: signal.getsignal(number) for number in _SIGNALS}
-
-    def restore() -> None:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
     def stop(number: int, frame: FrameType | None) -> None:
         restore()
         control.cancel()
         print("stopping with the best result so far; Ctrl-C again to leave at once", file=sys.stderr, flush=True)
 
-    for number in _SIGNALS:
-        signal.signal(number, stop)
+    restore = _handle((signal.SIGINT, signal.SIGTERM), stop)
     try:
         yield
     finally:
@@ -41,12 +33,21 @@ def cancelled_by_signals(control: Control) -> Iterator[None]:
 @contextmanager
 def interrupted_by_sigterm() -> Iterator[None]:
     """Let SIGTERM do inside the block what Ctrl-C does, so that nothing half-written stays."""
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, stop)
+    restore = _handle((signal.SIGTERM,), signal.default_int_handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        restore()
+
+
+def _handle(
+    signals: tuple[signal.Signals, ...], handler: Callable[[int, FrameType | None], None]
+) -> Callable[[], None]:
+    """Handle signals so until the answer is called."""
+    before = {number: signal.signal(number, handler) for number in signals}
+
+    def restore() -> None:
+        for number, former in before.items():
+            signal.signal(number, former)
+
+    return restore

@@ -13,8 +13,10 @@ from abfm_viewer.cli.exit_status import UsageError
 class Parser(argparse.ArgumentParser):
     """Raises `UsageError` instead of printing the whole usage and leaving."""
 
-    def __init__(self, **settings: object) -> None:
-        super().__init__(allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **settings)  # type: ignore[arg-type]
+    def __init__(self, prog: str, description: str) -> None:
+        super().__init__(
+            prog, description=description, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+        )
 
     def error(self, message: str) -> NoReturn:
         """Refuse the command line."""

@@ -9,9 +9,10 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from abfm import Iteration
 from abfm_viewer.document.verdict_words import place
@@ -27,44 +28,39 @@ def progress(iterations: int, quiet: bool) -> Iterator[Report]:
     if quiet:
         yield lambda _: None
     elif sys.stderr.isatty():
-        with _bar(iterations) as report:
-            yield report
-    else:
-        yield _print_line
-
-
-@contextmanager
-def _bar(iterations: int) -> Iterator[Report]:
-    columns = (
-        TextColumn("{task.fields[place]}"),
-        BarColumn(bar_width=None),
-        TextColumn("{task.completed}/{task.total}"),
-        TextColumn("energy {task.fields[energy]}  mismatch {task.fields[mismatch]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=iterations, place="-", energy="-", mismatch="-")
-
-        def report(now: Iteration) -> None:
-            bar.update(
-                task,
+        numbers = TextColumn("energy {task.fields[energy]}  mismatch {task.fields[mismatch]}")
+        columns = (*_counted("{task.fields[place]}"), numbers, TimeElapsedColumn(), TimeRemainingColumn())
+        with _bar(columns, iterations, place="-", energy="-", mismatch="-") as update:
+            yield lambda now: update(
                 completed=now.iteration,
                 place=place(now),
                 energy=f"{now.energy:.4g}",
                 mismatch=f"{now.mismatch:.4f}",
             )
+    else:
+        yield _print_line
 
-        yield report
+
+def _counted(title: str) -> tuple[ProgressColumn, ...]:
+    return TextColumn(title), BarColumn(bar_width=None), TextColumn("{task.completed}/{task.total}")
+
+
+@contextmanager
+def _bar(columns: tuple[ProgressColumn, ...], total: float, **fields: Any) -> Iterator[Callable[..., None]]:
+    """A bar, and what to call with its new state."""
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=total, **fields)
+
+        def update(**state: Any) -> None:
+            bar.update(task, **state)
+
+        yield update
 
 
 def _print_line(now: Iteration) -> None:
     if now.iteration % _LINES_EVERY == 0:
-        print(
-            f"iteration {now.iteration}  {place(now)}  energy {now.energy:.4g}  mismatch {now.mismatch:.4f}",
-            file=sys.stderr,
-            flush=True,
-        )
+        line = f"iteration {now.iteration}  {place(now)}  energy {now.energy:.4g}  mismatch {now.mismatch:.4f}"
+        print(line, file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -75,11 +71,8 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
     elif quiet:
         yield lambda frame: None
     elif sys.stderr.isatty():
-        columns = (TextColumn("frame"), BarColumn(bar_width=None), TextColumn("{task.completed}/{task.total}"))
-        console = Console(stderr=True)
-        with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as bar:
-            task = bar.add_task("", total=count)
-            yield lambda frame: bar.update(task, completed=frame)
+        with _bar((*_counted("frame"), TimeElapsedColumn(), TimeRemainingColumn()), count) as update:
+            yield lambda frame: update(completed=frame)
     else:
         step = max(count // _LINES_OF_A_MOVIE, 1)
 
@@ -96,10 +89,9 @@ def share_progress(title: str, quiet: bool) -> Iterator[Callable[[str, float], N
     if quiet:
         yield lambda text, share: None
     elif sys.stderr.isatty():
-        columns = (TextColumn(title), BarColumn(bar_width=None), TextColumn("{task.fields[text]}"))
-        with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task("", total=1.0, text="")
-            yield lambda text, share: bar.update(task, completed=share, text=text)
+        columns = (TextColumn(title), BarColumn(bar_width=None), TextColumn("{task.fields[text]}"), TimeElapsedColumn())
+        with _bar(columns, 1.0, text="") as update:
+            yield lambda text, share: update(completed=share, text=text)
     else:
         said = ""
 

@@ -37,7 +37,6 @@ Examples:
 _MOVIES = (".mp4", ".gif")
 _SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
 _SECONDS, _FPS = 4.0, 30.0
-_OF_MOVIES = {"seconds": "--seconds", "fps": "--fps", "start": "--from", "end": "--to", "turntable": "--turntable"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,24 +96,38 @@ def run(arguments: argparse.Namespace) -> int:
 
             document, known = document_of_result(load_match(path), path)
         document = _chosen(arguments, document)
-        if style == "sheet":
-            _save(arguments, _sheet(arguments, document))
-        elif is_movie:
+        if is_movie:
             _movie(arguments, document, known)
-        else:
-            _save(arguments, _picture(arguments, document, known))
+            return 0
+        picture = _sheet(arguments, document) if style == "sheet" else _picture(arguments, document, known)
+        outputs.write_picture(arguments.out, picture)
+    print(f"wrote {arguments.out} ({picture.width} x {picture.height})")
     return 0
 
 
 def _check_options(arguments: argparse.Namespace, style: str, is_movie: bool) -> None:
     """Refuse options that would do nothing."""
     suffix = arguments.out.suffix
-    for name, option in _OF_MOVIES.items() if not is_movie else ():
-        if getattr(arguments, name) is not None:
+    of_movies = {
+        "--seconds": arguments.seconds,
+        "--fps": arguments.fps,
+        "--from": arguments.start,
+        "--to": arguments.end,
+        "--turntable": arguments.turntable,
+    }
+    for option, value in of_movies.items():
+        if not is_movie and value is not None:
             raise UsageError(f"{option} is for movies, and {arguments.out} is a picture")
-    for name in ("transparent", "no_color_bar", "no_labels", "streaks", "fade") if style == "sheet" else ():
-        if getattr(arguments, name):
-            raise UsageError(f"--{name.replace('_', '-')} is not for sheets; add --style window")
+    of_windows = {
+        "--transparent": arguments.transparent,
+        "--no-color-bar": arguments.no_color_bar,
+        "--no-labels": arguments.no_labels,
+        "--streaks": arguments.streaks,
+        "--fade": arguments.fade,
+    }
+    for option, wanted in of_windows.items():
+        if style == "sheet" and wanted:
+            raise UsageError(f"{option} is not for sheets; add --style window")
     if arguments.fade and not arguments.streaks:
         raise UsageError("--fade is for streaks; add --streaks")
     if is_movie:
@@ -124,8 +137,8 @@ def _check_options(arguments: argparse.Namespace, style: str, is_movie: bool) ->
             raise UsageError(f"--transparent is for pictures (.png); a {suffix} file has a ground")
         if arguments.time:
             raise UsageError("--time is for pictures; a movie takes --from and --to")
-        if arguments.fps is not None and not outputs.SLOWEST <= arguments.fps <= outputs.FASTEST[suffix]:
-            slowest, fastest = outputs.SLOWEST, outputs.FASTEST[suffix]
+        slowest, fastest = outputs.SLOWEST, outputs.FASTEST[suffix]
+        if arguments.fps is not None and not slowest <= arguments.fps <= fastest:
             raise UsageError(f"--fps {arguments.fps:g}: a {suffix} file takes {slowest:g} to {fastest:g}")
 
 
@@ -189,15 +202,9 @@ def _turned_up(arguments: argparse.Namespace, document: Document) -> Document:
         return document
     from abfm_viewer.scene.camera import best_view  # not before: it needs OpenGL
 
-    functions = []
-    if document.result is not None:
-        functions = [document.result.source[:, 0], document.result.target[:, 0]]
+    result = document.result
+    functions = [] if result is None else [result.source[:, 0], result.target[:, 0]]
     view = best_view(document.mesh, *functions, up=arguments.up)
     x, y, z = map(float, view.direction)
     a, b, c = map(float, view.up)
     return replace(document, view=replace(document.view, camera=None, front=Front((x, y, z), (a, b, c))))
-
-
-def _save(arguments: argparse.Namespace, picture: Image.Image) -> None:
-    outputs.write_picture(arguments.out, picture)
-    print(f"wrote {arguments.out} ({picture.width} x {picture.height})")

@@ -32,38 +32,33 @@ class Outcome:
         """Exit status: 130 when a signal came, also one that came after the last iteration."""
         return INTERRUPTED if self.interrupted else 0
 
-    @property
-    def iterations(self) -> int:
-        """Number of steps taken."""
-        return len(self.match.energy_history) - 1
-
     def summary(self) -> str:
         """For a person: a line with the numbers, one with the verdict, and one with advice if there is any."""
-        verdict = self.match.verdict
+        match, verdict = self.match, self.match.verdict
         advice = f"\nto try: {verdict.advice}" if verdict.advice else ""
         return (
-            f"mismatch {numbers(self.match)}, after {self.iterations} iterations in {self.seconds:.1f} s "
-            f"({self.match.stop_reason}); wrote {', '.join(map(str, self.outputs))}\n"
+            f"mismatch {numbers(match)}, after {len(match.energy_history) - 1} iterations in {self.seconds:.1f} s "
+            f"({match.stop_reason}); wrote {', '.join(map(str, self.outputs))}\n"
             f"{verdict.kind}: {verdict.reason}{advice}"
         )
 
     def to_dict(self) -> dict[str, Any]:
         """The same and more for a program."""
-        total, regularity, mismatch_energy = self.match.energy_history[-1].tolist()
+        match = self.match
         return {
-            "mismatch": float(self.match.mismatch),
-            "verified_mismatch": _known(self.match.verified_mismatch),
-            "folded": _known(self.match.folded),
-            "verdict": asdict(self.match.verdict),
-            "energy": {"total": total, "regularity": regularity, "mismatch": mismatch_energy},
-            "iterations": self.iterations,
-            "stop_reason": self.match.stop_reason,
+            "mismatch": float(match.mismatch),
+            "verified_mismatch": _known(match.verified_mismatch),
+            "folded": _known(match.folded),
+            "verdict": asdict(match.verdict),
+            "energy": dict(zip(("total", "regularity", "mismatch"), match.energy_history[-1].tolist(), strict=True)),
+            "iterations": len(match.energy_history) - 1,
+            "stop_reason": match.stop_reason,
             "seconds": self.seconds,
-            "vertices": len(self.match.mesh.vertices),
-            "faces": len(self.match.mesh.faces),
-            "messages": list(self.match.mesh.messages),
-            "parameters": self.match.parameters.to_dict(),
-            "outputs": [str(path) for path in self.outputs],
+            "vertices": len(match.mesh.vertices),
+            "faces": len(match.mesh.faces),
+            "messages": list(match.mesh.messages),
+            "parameters": match.parameters.to_dict(),
+            "outputs": list(map(str, self.outputs)),
         }
 
 

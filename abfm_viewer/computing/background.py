@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import threading
 import traceback
-from collections.abc import Callable, Hashable
-from typing import ClassVar, Generic, TypeVar
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
 
 from abfm import AbfmError
+from abfm.numerics.own_process import factoring_apart
+from abfm_viewer.computing.memo import same
 
 Value = TypeVar("Value")
 
@@ -25,24 +27,31 @@ def one_line(error: BaseException) -> str:
 class Latest(Generic[Value]):
     """Computes in a thread of its own what was asked for last; requests that came before and did not start are dropped.
 
+    Keys are compared by `same`: arrays in them by identity.
+
+    Parameters
+    ----------
+    name : str
+        Of the thread.
+    at_once : bool
+        Compute in the caller's thread instead, as pictures off the screen need, which wait for no frame.
+
     Attributes
     ----------
     key, value
         What was computed last, and what for; None before.
     error : str
         Why the last request failed, in one line; empty if it did not.
-    at_once : bool
-        Of the class: compute in the caller's thread instead, as pictures off the screen need, which wait for no frame.
     """
 
-    at_once: ClassVar[bool] = False
-
-    def __init__(self, name: str) -> None:
-        self.key: Hashable = None
+    def __init__(self, name: str, at_once: bool = False) -> None:
+        self.key: object = None
         self.value: Value | None = None
         self.error = ""
         self._name = name
-        self._wanted: Hashable = None
+        self._at_once = at_once
+        self._wanted: object = None
+        self._running: object = None
         self._job: Callable[[], Value] | None = None
         self._condition = threading.Condition()
         self._thread: threading.Thread | None = None
@@ -51,24 +60,29 @@ class Latest(Generic[Value]):
     @property
     def busy(self) -> bool:
         """Whether what was asked for last is still to come."""
-        return self._wanted is not None and self._wanted != self.key
+        return self._wanted is not None and not same(self._wanted, self.key)
 
-    def ask(self, key: Hashable, compute: Callable[[], Value]) -> Value | None:
+    def ask(self, key: object, compute: Callable[[], Value]) -> Value | None:
         """What was computed for this key, or None and it will be, once, in the background."""
-        if Latest.at_once and key != self.key:
-            self._wanted = key
-            self._compute(key, compute)
         with self._condition:
-            if key == self.key:
-                self._wanted, self._job = key, None
+            is_new, self._wanted = not same(key, self._wanted), key
+            if same(key, self.key):
+                self._job = None
                 return self.value
-            if key != self._wanted:
-                self._wanted, self._job = key, compute
-                if self._thread is None:
-                    self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
-                    self._thread.start()
-                self._condition.notify()
-        return None
+            if is_new and not self._at_once and not self._closed:
+                self._job = None if same(key, self._running) else compute
+                self._start()
+        if not self._at_once:
+            return None
+        self._compute(key, compute)
+        return self.value
+
+    def newest(self, about: object, key: object, compute: Callable[[], Value]) -> Value | None:
+        """What was computed for this key; until then what was computed last, if that was about the same."""
+        found = self.ask((about, key), compute)
+        with self._condition:
+            is_fit = isinstance(self.key, tuple) and same(self.key[0], about)
+            return self.value if found is None and is_fit else found
 
     def close(self, seconds: float = 0.5) -> None:
         """End the thread; a job under way is waited for, but not for long."""
@@ -78,6 +92,13 @@ class Latest(Generic[Value]):
         if self._thread is not None:
             self._thread.join(seconds)
 
+    def _start(self) -> None:
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
+            self._thread.start()
+        self._condition.notify()
+
+    @factoring_apart()
     def _work(self) -> None:
         while True:
             with self._condition:
@@ -86,10 +107,11 @@ class Latest(Generic[Value]):
                 if self._job is None:
                     return
                 key, job, self._job = self._wanted, self._job, None
+                self._running = key
             self._compute(key, job)
-            del job
+            del key, job
 
-    def _compute(self, key: Hashable, job: Callable[[], Value]) -> None:
+    def _compute(self, key: object, job: Callable[[], Value]) -> None:
         value: Value | None = None
         error = ""
         try:
@@ -99,4 +121,34 @@ class Latest(Generic[Value]):
                 traceback.print_exc()
             error = one_line(problem)
         with self._condition:
-            self.key, self.value, self.error = key, value, error
+            self._running = None
+            if self.busy:  # else what is there already was asked for again meanwhile
+                self.key, self.value, self.error = key, value, error
+
+
+class Jobs:
+    """Several `Latest` of one owner, which compute in the same way and end together."""
+
+    def __init__(self, at_once: bool = False) -> None:
+        self.at_once = at_once
+        self._all: list[Latest[Any]] = []
+
+    def latest(self, name: str) -> Latest[Any]:
+        """One more."""
+        self._all.append(Latest(name, self.at_once))
+        return self._all[-1]
+
+    @property
+    def error(self) -> str:
+        """What could not be computed, in one line; empty if all could."""
+        return next((one.error for one in self._all if one.error), "")
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is still to come."""
+        return any(one.busy for one in self._all)
+
+    def close(self) -> None:
+        """End all threads."""
+        for one in self._all:
+            one.close()

@@ -34,15 +34,19 @@ class Functions:
     mesh : TriangleMesh
     known : mapping of str to (V,) array
         Values of terms from a project file: what came from other files needs these files no longer.
+    at_once : bool
+        Whether `ask` waits for what it asks for.
     """
 
-    def __init__(self, mesh: TriangleMesh, known: Mapping[str, FloatArray] | None = None) -> None:
+    def __init__(
+        self, mesh: TriangleMesh, known: Mapping[str, FloatArray] | None = None, at_once: bool = False
+    ) -> None:
         self.mesh = mesh
         self.known = dict(known or {})
         self.evaluator = Evaluator(mesh)
         self._cache: OrderedDict[str, FloatArray] = OrderedDict()
         self._lock = threading.Lock()
-        self._latest: Latest[Evaluated] = Latest("functions")
+        self._latest: Latest[Evaluated] = Latest("functions", at_once)
 
     @property
     def busy(self) -> bool:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from abfm.types import FloatArray
 from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.memo import Memo
 from abfm_viewer.computing.worker import Problem, Snapshot, Worker
 from abfm_viewer.document.document import Run
 
@@ -34,7 +35,7 @@ class Solver:
         self.worker: Worker | None = None
         self.reason = ""
         self.failed = False
-        self._run: Run | None = None
+        self._run = Memo[Run]()
 
     @property
     def running(self) -> bool:
@@ -61,14 +62,11 @@ class Solver:
         """The energies of the run so far."""
         if self.worker is None or self.worker.rows == 0:
             return None
-        if self._run is None or len(self._run.stages) != self.worker.rows:
-            self._run = self.worker.run()
-        return self._run
+        return self._run.get((self.worker, self.worker.rows), self.worker.run)
 
     def start(self, problem: Problem, functions: Functions, field: FloatArray | None) -> None:
         """Begin a run."""
         self.forget()
-        self._run = None
         self.worker = Worker(problem, functions, field)
 
     def pause(self) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 import abfm
 from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
+from abfm.numerics.own_process import factoring_apart
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.evaluation import Functions
@@ -152,6 +153,7 @@ class Worker:
         """Return when the thread has ended, or the time is over."""
         self._thread.join(seconds)
 
+    @factoring_apart()
     def _run(self, start: FloatArray | None) -> None:
         try:
             while (problem := self._take()) is not None:

@@ -30,13 +30,21 @@ FieldPart = Literal["whole", "curl-free", "divergence-free", "harmonic", "commut
 ClickTool = Literal["nothing", "flow line", "follow a point"]
 
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
+SIDES: tuple[Side, ...] = ("source", "target")
 THEMES: tuple[Theme, ...] = ("light", "dark")
 LAYOUTS: tuple[Layout, ...] = ("row", "column", "advected only")
 HODGE_PARTS: tuple[FieldPart, ...] = ("curl-free", "divergence-free", "harmonic")
 FIELD_PARTS: tuple[FieldPart, ...] = ("whole", *HODGE_PARTS, "commuting", "carried gradient")
 CLICK_TOOLS: tuple[ClickTool, ...] = ("nothing", "flow line", "follow a point")
+Triple = tuple[float, float, float]
 EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
+
+
+def triple(values: FloatArray) -> Triple:
+    """A vector (3,) as documents hold it: immutable."""
+    x, y, z = map(float, values)
+    return x, y, z
 
 
 @dataclass(frozen=True)
@@ -57,7 +65,7 @@ class Point:
     """A point of the surface: a face (of the mesh, not the file) and its barycentric weights."""
 
     face: int
-    barycentric: tuple[float, float, float]
+    barycentric: Triple
 
 
 @dataclass(frozen=True)
@@ -67,9 +75,9 @@ class Camera:
     The aspect, width over height, is that of the part of the window with the surfaces; 0 where it does not matter.
     """
 
-    position: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float]
+    position: Triple
+    target: Triple
+    up: Triple
     angle: float
     aspect: float = 0.0
 
@@ -78,8 +86,8 @@ class Camera:
 class Front:
     """The side of the mesh that faces the viewer, from which surfaces stand side by side: two unit vectors (3,)."""
 
-    direction: tuple[float, float, float]
-    up: tuple[float, float, float]
+    direction: Triple
+    up: Triple
 
 
 @dataclass(frozen=True)

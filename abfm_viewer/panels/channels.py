@@ -8,15 +8,15 @@ from abfm import FunctionError
 from abfm.functions import Family, Spec, Sum, parse
 from abfm.functions.permuted import Permuted
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.panels.context import Context
 
 _LONGEST = 16  # letters
 _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves the channel out."
 
 
-def draw(ui: Ui, session: Session) -> None:
+def draw(context: Context) -> None:
     """Draw the list where there are several, and the buttons that change it."""
+    ui, session = context.ui, context.session
     several = len(session.channels) > 1
     if several:
         for number, channel in enumerate(session.channels):

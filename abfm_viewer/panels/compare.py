@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from abfm_viewer.document.verdict_words import numbers
-from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.panels.context import Context
 
 
-def draw(ui: Ui, session: Session) -> None:
+def draw(context: Context) -> None:
     """Draw the switches and the numbers."""
+    ui, session = context.ui, context.session
     view = session.view
     blend = ui.checkbox(
         "linear blend", view.blend, "A surface with (1 - t/tau) source + t/tau target: nothing moves, it only fades."
@@ -18,11 +18,10 @@ def draw(ui: Ui, session: Session) -> None:
     tip = "A surface with the Wasserstein interpolation of source and target: their mass takes the shortest ways."
     transport = ui.checkbox("optimal transport", view.transport, tip)
     error = ui.checkbox("error", view.error, "A surface with |target - advected|, on a range of its own.")
-    if (blend, transport, error) != (view.blend, view.transport, view.error):
-        session.set_view("compare", blend=blend, transport=transport, error=error)
-    if transport and session.mass_transport.error:
-        ui.note(f"No optimal transport: {session.mass_transport.error}.", "error")
-    target, advected = session.values("target"), session.shown.advected()
+    session.set_view("compare", blend=blend, transport=transport, error=error)
+    if transport and context.shown.mass_transport.error:
+        ui.note(f"No optimal transport: {context.shown.mass_transport.error}.", "error")
+    target, advected = session.values("target"), context.shown.flow.advected()
     if target is None or advected is None:
         return
     difference = np.abs(target - advected)

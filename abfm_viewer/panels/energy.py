@@ -14,6 +14,7 @@ from abfm import AbfmError
 from abfm.types import FloatArray
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.document.document import Run
+from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -30,8 +31,9 @@ _PLOT = (
 _LEGEND = implot.ImPlotLegendFlags_Horizontal | implot.ImPlotLegendFlags_Outside | implot.ImPlotLegendFlags_NoButtons
 
 
-def draw(ui: Ui, session: Session) -> None:
+def draw(context: Context) -> None:
     """Draw the plot, and what can be done with it."""
+    ui, session = context.ui, context.session
     runs = session.document.runs
     live = session.solver.run
     run = live or (runs[-1] if runs else None)
@@ -44,9 +46,8 @@ def draw(ui: Ui, session: Session) -> None:
         marks += ["strong grey line: finer mesh"] if _mesh_starts(run) else []
         marks += ["green line: restart"] if run.restarts else []
         ui.note("; ".join([run.label, *marks]))
-    shown = ui.checkbox(
-        "previous runs", session.view.previous_runs, "Draw the total energy of earlier runs as faint curves."
-    )
+    tip = "Draw the total energy of earlier runs as faint curves."
+    shown = ui.checkbox("previous runs", session.view.previous_runs, tip)
     session.set_view("show previous runs" if shown else "hide previous runs", previous_runs=shown)
     ui.beside_if_fits("Clear previous")
     if ui.button("Clear previous", "Forget the runs before this one.", enabled=bool(previous)):
@@ -54,7 +55,7 @@ def draw(ui: Ui, session: Session) -> None:
     ui.beside_if_fits("Export CSV...")
     tip = "Write the three energies of each iteration of this run to a table."
     if ui.button("Export CSV...", tip, enabled=run is not None) and run is not None:
-        ui.choose_to_save("Export the energy", (".csv",), "energy.csv", partial(_export, session, run))
+        context.dialogs.save("Export the energy", (".csv",), "energy.csv", partial(_export, session, run))
 
 
 def _export(session: Session, run: Run, path: Path) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from abfm_viewer.document.document import Document
+from abfm_viewer.panels.context import Context
 from abfm_viewer.session.exporter import DATA, MOVIES, PICTURES, Exporter, Known
 from abfm_viewer.session.opening import known_values
 from abfm_viewer.session.session import Session
@@ -17,22 +16,37 @@ _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": 
 _OWN = "own size"
 
 
-def draw(ui: Ui, session: Session) -> None:
+def draw(context: Context) -> None:
     """Draw the settings and the buttons."""
-    exporter = session.exporter
+    ui, session = context.ui, context.session
+    exporter = context.exporter
+
+    def known() -> Known:
+        return partial(known_values, session.document, session.functions)
+
+    def save_picture(path: Path) -> None:
+        exporter.save_picture(path, session.document, known())
+
+    def save_movie(path: Path) -> None:
+        exporter.save_movie(path, session.document, known())
+
+    def save_result(path: Path) -> None:
+        if session.result is not None:
+            exporter.save_result(path, session.result)
+
     _draw_state(ui, exporter)
     if session.solver.running:
         ui.note("What is saved shows the latest result, not the run that goes on.")
     with ui.disabled(exporter.running):
         _draw_size(ui, exporter)
         if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
-            ui.choose_to_save("Save a picture", PICTURES, "picture.png", partial(_save, session, exporter.save_picture))
+            context.dialogs.save("Save a picture", PICTURES, "picture.png", save_picture)
         ui.heading("movie")
         _draw_movie(ui, session, exporter)
         if ui.button(
             "Save movie...", "The flow from one time to another (.mp4 or .gif), every frame computed exactly."
         ):
-            ui.choose_to_save("Save a movie", MOVIES, "movie.mp4", partial(_save, session, exporter.save_movie))
+            context.dialogs.save("Save a movie", MOVIES, "movie.mp4", save_movie)
         ui.heading("data")
         if session.result is None:
             ui.note(
@@ -40,7 +54,7 @@ def draw(ui: Ui, session: Session) -> None:
             )
         tip = "The result (.npz), the mesh with functions and field (.ply, .vtu), or the energies (.csv)."
         if ui.button("Save result...", tip, enabled=session.result is not None):
-            ui.choose_to_save("Save the result", DATA, "match.npz", partial(_save_result, session))
+            context.dialogs.save("Save the result", DATA, "match.npz", save_result)
 
 
 def _draw_state(ui: Ui, exporter: Exporter) -> None:
@@ -87,13 +101,3 @@ def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
         end=movie.end if end is None else min(max(end, 0.0), session.end) / tau,
         turntable=movie.turntable if turn is None else turn,
     )
-
-
-def _save(session: Session, save: Callable[[Path, Document, Known], None], path: Path) -> None:
-    """Save what the window shows when the file has been chosen."""
-    save(path, session.document, partial(known_values, session.document, session.functions))
-
-
-def _save_result(session: Session, path: Path) -> None:
-    if session.result is not None:
-        session.exporter.save_result(path, session.result)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from abfm_viewer.document.document import CLICK_TOOLS, FIELD_PARTS, Coloring
-from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.panels.context import Context
 
 _COLORINGS: tuple[Coloring, ...] = ("function", "speed", "divergence", "curl")
 _ELSE = "a map"
 
 
-def draw(ui: Ui, session: Session) -> None:
+def draw(context: Context) -> None:
     """Draw the controls and numbers of the field."""
-    view, quantities = session.view, session.quantities
-    if session.shown.flow is None:
+    ui, session = context.ui, context.session
+    view, quantities = session.view, context.shown.quantities
+    if context.shown.flow.state is None:
         ui.note("There is a field after, and during, a match.")
     shown = view.coloring if view.coloring in _COLORINGS else _ELSE
     choices = (*_COLORINGS, _ELSE) if shown == _ELSE else _COLORINGS
@@ -25,11 +25,9 @@ def draw(ui: Ui, session: Session) -> None:
         "Or the smoothest field that commutes with it (seconds), or the source's gradient, carried along its flow."
     )
     part = ui.combo("part", view.part, FIELD_PARTS, tip)
-    if part != view.part:
-        session.set_view(f"show the {part} field", part=part)
+    session.set_view(f"show the {part} field", part=part)
     arrows = ui.checkbox("arrows", view.arrows, "The field as arrows on the advected surface.")
-    if arrows != view.arrows:
-        session.set_view("switch arrows", arrows=arrows)
+    session.set_view("switch arrows", arrows=arrows)
     if view.arrows:
         length = ui.number("length", view.arrow_length, 0.01, 0.4, "Of the longest, as a fraction of sqrt(area).")
         if length is not None and length > 0:
@@ -38,27 +36,21 @@ def draw(ui: Ui, session: Session) -> None:
         if density is not None:
             session.set_view("arrows' density", "density", arrow_density=min(max(density, 0.0), 1.0))
     tip = "Lines of the field all over the surface: line integral convolution. A second or two after a match."
-    streaks = ui.checkbox("streaks", view.streaks, tip)
-    if streaks != view.streaks:
-        session.set_view("switch streaks", streaks=streaks)
+    session.set_view("switch streaks", streaks=ui.checkbox("streaks", view.streaks, tip))
     with ui.disabled(not view.streaks):
         fade = ui.checkbox("fade with speed", view.fade, "Less contrast of the streaks where the field is slower.")
         animate = ui.checkbox("animate", view.animate, "Streaks move along the field, here and in movies.")
-    if fade != view.fade:
-        session.set_view("switch fading", fade=fade)
-    if animate != view.animate:
-        session.set_view("switch animation", animate=animate)
+    session.set_view("switch fading", fade=fade)
+    session.set_view("switch animation", animate=animate)
     ui.note("A click on a surface starts:")
     tips = ("Nothing.", "A flow line through the point.", "Following where the point goes over time.")
-    tool = ui.radio(CLICK_TOOLS, view.tool, tips)
-    if tool != view.tool:
-        session.set_view("choose what a click does", tool=tool)
+    session.set_view("choose what a click does", tool=ui.radio(CLICK_TOOLS, view.tool, tips))
     if session.document.lines:
         ui.note(f"{len(session.document.lines)} flow lines")
         ui.beside_if_fits("Clear lines")
         if ui.button("Clear lines", "Remove all flow lines."):
             session.change("clear lines", lines=())
-    field = quantities.field(session)
+    field = quantities.field()
     if view.part == "commuting" and quantities.finding:
         ui.note("The field that commutes is being computed.")
     elif field is not None:

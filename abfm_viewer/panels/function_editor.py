@@ -11,12 +11,11 @@ from abfm import FunctionError
 from abfm.functions import Family, Parameter, Spec, families, parse
 from abfm.functions.permuted import Permuted
 from abfm.maps.symmetry import KINDS
-from abfm_viewer.document import gaussians as bumps
+from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import Side
 from abfm_viewer.panels import family_controls
-from abfm_viewer.session.active_gaussian import active_bump
-from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.panels.context import Context
+from abfm_viewer.session.active_gaussian import active_gaussian
 
 _SEVERAL = "several terms"
 _FAMILY_TIP = "What kind of function it is. Sums of several kinds can be typed below.\n\n{name}: {summary}"
@@ -28,11 +27,12 @@ _MAP_TIP = (
 )
 
 
-def draw(ui: Ui, session: Session, side: Side) -> None:
+def draw(context: Context, side: Side) -> None:
     """Draw the controls of the active channel's source or target."""
+    ui, session = context.ui, context.session
     assert session.active is not None
     spec = session.active.spec(side)
-    editor = _Editor(ui, session, side, spec)
+    editor = _Editor(context, side, spec)
     editor.draw_family()
     if editor.bump is not None:
         editor.draw_gaussians(editor.bump)
@@ -60,9 +60,10 @@ def _file_of(family: type[Family]) -> Parameter | None:
 class _Editor:
     """Draws a side, and puts a changed function into its place: inside the vertex map, if the side has one."""
 
-    def __init__(self, ui: Ui, session: Session, side: Side, spec: str) -> None:
-        self._ui, self._session, self._side, self._spec = ui, session, side, spec
-        self.bump = active_bump(session, side)
+    def __init__(self, context: Context, side: Side, spec: str) -> None:
+        self._ui, self._session, self._dialogs = context.ui, context.session, context.dialogs
+        self._side, self._spec = side, spec
+        self.bump = active_gaussian(context.session, side)
         tree = parse(spec)
         self._map = tree if isinstance(tree, Permuted) else None
         self.inner: Spec = tree.function if isinstance(tree, Permuted) else tree
@@ -102,7 +103,7 @@ class _Editor:
     def draw_gaussians(self, bump: int) -> None:
         """The controls of one Gaussian, and which one of several it is."""
         ui, spec = self._ui, self._spec
-        known = bumps.gaussians(spec)
+        known = gaussians.gaussians(spec)
         if len(known) > 1:
             words = [f"bump {number + 1}" for number in range(len(known))]
             tip = "The Gaussian that the mouse and the widgets below change."
@@ -116,7 +117,7 @@ class _Editor:
         if len(known) > 1:
             ui.beside_if_fits("Remove Gaussian")
             if ui.button("Remove Gaussian", "Remove the bump that is chosen."):
-                self.put(bumps.removed(spec, bump), "family", max(bump - 1, 0))
+                self.put(gaussians.removed(spec, bump), "family", max(bump - 1, 0))
         ui.refusal("Add Gaussian")
 
     def draw_map(self) -> None:
@@ -143,15 +144,15 @@ class _Editor:
             except FunctionError as error:
                 self._session.say(str(error), is_error=True)
 
-        self._ui.choose_to_open(title, file.kind.suffixes, take)
+        self._dialogs.open(title, file.kind.suffixes, take)
 
     def _put_bump(self, bump: int, gaussian: Family, label: str) -> None:
         values = {parameter.name: getattr(gaussian, parameter.name) for parameter in gaussian.parameters()}
-        self.put(bumps.changed(self._spec, bump, **values), label, bump)
+        self.put(gaussians.changed(self._spec, bump, **values), label, bump)
 
     def _add_gaussian(self, count: int) -> None:
         try:
-            self.put(bumps.added(self._spec, self._session.mesh), "family", count)
+            self.put(gaussians.added(self._spec, self._session.mesh), "family", count)
         except FunctionError as error:
             self._ui.refuse("Add Gaussian", str(error))
 
@@ -159,15 +160,15 @@ class _Editor:
         """What the combo says."""
         if isinstance(self.inner, Family):
             return self.inner.family
-        only_gaussians = len(bumps.gaussians(self._spec)) == len(getattr(self.inner, "terms", ()))
+        only_gaussians = len(gaussians.gaussians(self._spec)) == len(getattr(self.inner, "terms", ()))
         return "gaussian" if only_gaussians else _SEVERAL
 
     def _vertex(self) -> int:
         """Where the function now is, as the mesh file counts: at its first Gaussian, or where it is largest."""
         mesh = self._session.mesh
-        for gaussian in bumps.gaussians(self._spec):
+        for gaussian in gaussians.gaussians(self._spec):
             try:
-                return bumps.centre(gaussian, mesh)
+                return gaussians.centre(gaussian, mesh)
             except FunctionError:  # a vertex that was typed and is not there
                 continue
         values = self._session.values(self._side)

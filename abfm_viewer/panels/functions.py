@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from abfm_viewer.document.document import Side
-from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Ui
-
-_SIDES: tuple[Side, ...] = ("source", "target")
+from abfm_viewer.document.document import SIDES
+from abfm_viewer.panels.context import Context
 
 
-def draw(ui: Ui, session: Session) -> None:
+def draw(context: Context) -> None:
     """Draw the list of channels and the editors of both sides."""
+    ui, session = context.ui, context.session
     if session.active is None:
         ui.note("A source and a target for this mesh are being chosen ...")
         return
     from abfm_viewer.panels import channels, function_editor  # not before: they load what the first frame does without
 
-    channels.draw(ui, session)
-    for side in _SIDES:
+    channels.draw(context)
+    for side in SIDES:
         with ui.group(side):
             ui.heading(side, ui.colors.source if side == "source" else ui.colors.target)
-            function_editor.draw(ui, session, side)
+            function_editor.draw(context, side)
     ui.note("Shift-click or drag on the source or target to move its Gaussian; Shift-wheel sets its width.")

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from abfm_viewer.document.document import Coloring
-from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.panels.context import Context
 
 _COLORINGS: dict[Coloring, str] = {
     "function": "The advected function itself.",
@@ -17,13 +16,14 @@ _COLORINGS: dict[Coloring, str] = {
 }
 
 
-def draw(ui: Ui, session: Session) -> None:
+def draw(context: Context) -> None:
     """Draw the choice of the map's picture, and the points that are followed."""
-    view, quantities = session.view, session.quantities
+    ui, session = context.ui, context.session
+    view, quantities = session.view, context.shown.quantities
     chosen = ui.radio(tuple(_COLORINGS), view.coloring, tuple(_COLORINGS.values()))
     session.set_view(f"color by {chosen}", coloring=chosen)
     if view.coloring in ("area distortion", "conformal distortion"):
-        found = quantities.distortion(session)
+        found = quantities.distortion()
         if found is not None:
             area, angle = np.median(found.area), np.median(found.conformal)
             most = np.percentile(found.conformal, 95, method="nearest")  # between infinite ones there is nothing
@@ -33,15 +33,15 @@ def draw(ui: Ui, session: Session) -> None:
                 f"{most:.3f}. Flipped faces: {int(found.flipped.sum())}."
             )
     if view.coloring != "function" and view.coloring in _COLORINGS:
-        quality = quantities.map_quality(session)
+        quality = quantities.map_quality()
         if quality is not None and quality.warning:
             ui.note(f"Warning: {quality.warning}.", "error")
     follows = view.tool == "follow a point"
     follow = ui.checkbox("follow clicked points", follows, "A click on a surface marks a point, which then moves.")
     if follow != follows:
         session.set_view("choose what a click does", tool="follow a point" if follow else "nothing")
-    for point, path in zip(session.document.points, quantities.paths(session), strict=False):
-        x, y, z = path.at(session.shown.time)
+    for point, path in zip(session.document.points, quantities.paths(), strict=False):
+        x, y, z = path.at(context.shown.flow.time)
         corner = session.mesh.faces[point.face][int(np.argmax(point.barycentric))]
         ui.note(f"from vertex {session.mesh.vertex_ids[corner]} to ({x:.4g}, {y:.4g}, {z:.4g})")
     if session.document.points and ui.button("Clear points", "Follow no points any more."):

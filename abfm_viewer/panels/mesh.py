@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.panels.context import Context
 
 
-def draw(ui: Ui, session: Session) -> None:
+def draw(context: Context) -> None:
     """Draw facts and messages."""
+    ui, session = context.ui, context.session
     mesh = session.mesh
     ui.note(session.document.name, "ink")
     loops = mesh.boundary_loop_count
@@ -18,4 +18,4 @@ def draw(ui: Ui, session: Session) -> None:
     for message in mesh.messages:
         ui.note(message)
     if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
-        ui.open_mesh()
+        context.open_mesh()

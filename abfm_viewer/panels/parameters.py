@@ -10,6 +10,7 @@ from abfm import AbfmError, ParameterError, Parameters
 from abfm.experiments import TITLES
 from abfm.experiments.table_1 import NOTE, TABLE_1, row_of
 from abfm.parameters import CHOICES
+from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
@@ -82,8 +83,9 @@ _MASK_TIP = (
 )
 
 
-def draw(ui: Ui, session: Session) -> None:
+def draw(context: Context) -> None:
     """Draw everything that can be set about a match."""
+    ui, session = context.ui, context.session
     parameters = session.parameters
     _preset(ui, session)
     _controls(ui, session, "alpha", "beta", "order", "sigma", "sigma_unit", "reach", "tau", "method", "segments")

@@ -7,8 +7,7 @@ from functools import partial
 from typing import Protocol
 
 from abfm_viewer.panels import compare, energy, export, field, functions, maps, mesh, parameters, solver
-from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.widget_record import Rect
 
 Guard = Callable[[str, Callable[[], None]], None]
@@ -17,7 +16,7 @@ Guard = Callable[[str, Callable[[], None]], None]
 class _Panel(Protocol):
     """A module that draws a section."""
 
-    def draw(self, ui: Ui, session: Session) -> None: ...
+    def draw(self, context: Context) -> None: ...
 
 
 _SECTIONS: tuple[tuple[str, bool, _Panel], ...] = (
@@ -32,12 +31,13 @@ _SECTIONS: tuple[tuple[str, bool, _Panel], ...] = (
 )
 
 
-def draw(ui: Ui, session: Session, rect: Rect, guarded: Guard) -> None:
+def draw(context: Context, rect: Rect, guarded: Guard) -> None:
     """Draw the column; a section that fails does not take the others with it."""
+    ui = context.ui
     with ui.window("panel", rect):
-        guarded("Solver", lambda: solver.draw(ui, session))
+        guarded("Solver", lambda: solver.draw(context))
         with ui.child("sections", 0, border=False):
             for label, opened, panel in _SECTIONS:
                 with ui.section(label, opened) as is_open:
                     if is_open:
-                        guarded(label, partial(panel.draw, ui, session))
+                        guarded(label, partial(panel.draw, context))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import polyscope.imgui as imgui
 
 from abfm_viewer.document.verdict_words import explanation, headline, place
+from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -12,8 +13,9 @@ _STATE_HEIGHT = 150  # seven lines
 _SIDE_BUTTON = 76
 
 
-def draw(ui: Ui, session: Session) -> None:
+def draw(context: Context) -> None:
     """Draw the buttons and the state."""
+    ui, session = context.ui, context.session
     _buttons(ui, session)
     with ui.child("state", ui.px(_STATE_HEIGHT), border=False):  # always as high: what is below must not jump
         if session.solver.running:

@@ -6,13 +6,13 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document.verdict_words import headline, place
-from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.widget_record import Rect
 
 
-def draw(ui: Ui, session: Session, rect: Rect) -> None:
+def draw(context: Context, rect: Rect) -> None:
     """Draw a notice or what goes on, and at the right the mesh's name and size and the frames per second."""
+    ui, session = context.ui, context.session
     with ui.window("status line", rect):
         mesh = session.mesh
         sizes = f"{len(mesh.vertices):,} vertices   {imgui.GetIO().Framerate:.0f} fps"
@@ -20,7 +20,7 @@ def draw(ui: Ui, session: Session, rect: Rect) -> None:
         name = cut(session.document.name, (right - left) / 3, _width)
         details = f"{name}   {sizes}"
         start = right - imgui.CalcTextSize(details)[0] - ui.px(2)  # else a fraction of a pixel makes it two lines
-        text = session.notice.text or _state(session)
+        text = session.notice.text or _state(context)
         shown = cut(text, start - left - ui.px(16), _width)
         ui.note(shown, "error" if session.notice.is_error else "ink")
         if shown != text:
@@ -29,8 +29,9 @@ def draw(ui: Ui, session: Session, rect: Rect) -> None:
         ui.note(details)
 
 
-def _state(session: Session) -> str:
+def _state(context: Context) -> str:
     """What goes on."""
+    session = context.session
     solver, result = session.solver, session.result
     if solver.running:
         snapshot = solver.snapshot
@@ -38,8 +39,8 @@ def _state(session: Session) -> str:
         if snapshot is None:
             return "starting the solver"
         return f"{state}, {place(snapshot.iteration)}, mismatch {snapshot.iteration.mismatch:.3g}"
-    if session.busy:
-        return session.busy
+    if context.shown.busy:
+        return context.shown.busy
     if solver.failed:
         return f"the solver stopped: {solver.reason}"
     if result is None:

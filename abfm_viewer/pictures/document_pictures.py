@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -19,15 +19,13 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import Color
-from abfm_viewer.computing.background import Latest
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.pictures.canvas import Pixels, canvas, drawn
 from abfm_viewer.scene.annotations import Pen, Text, laid_out
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
-
-if TYPE_CHECKING:
-    from abfm_viewer.scene.viewport import Rect
+from abfm_viewer.shown.shown import Shown
+from abfm_viewer.widgets.widget_record import Rect
 
 LARGEST = 8192
 """Pixels along a side."""
@@ -88,14 +86,11 @@ class DocumentRenderer:
         height = max(_SMALLEST_TEXT, min(size) * _TEXT)
         self._font = ImageFont.load_default(height)
         self._pen = Pen(height / _WINDOW_TEXT, 1.2 * height, self._font.getlength)
-        self._open = ExitStack()
 
     def __enter__(self) -> Self:
-        try:
-            self._start()
-        except BaseException as error:
-            if not self._open.__exit__(type(error), error, error.__traceback__):
-                raise
+        with ExitStack() as opened:
+            self._start(opened)
+            self._open = opened.pop_all()
         return self
 
     def __exit__(
@@ -103,20 +98,20 @@ class DocumentRenderer:
     ) -> None:
         self._open.__exit__(kind, error, trace)
 
-    def _start(self) -> None:
-        self._open.enter_context(canvas(*self._size))
-        Latest.at_once = True
-        self._open.callback(setattr, Latest, "at_once", False)
-        self._session = session = Session(self._document.mesh, self._document.name)
-        self._open.callback(session.close)
+    def _start(self, opened: ExitStack) -> None:
+        opened.enter_context(canvas(*self._size))
+        self._session = session = Session(self._document.mesh, self._document.name, at_once=True)
+        opened.callback(session.close)
+        self._shown = Shown(session)
+        opened.callback(self._shown.close)
         session.restore(self._document, self._known, None)
         session.update()
         for spec in session.specs:
             if session.error(spec):
                 raise FunctionError(f"{spec}: {session.error(spec)}")
-        self._scene = Scene(self._options.turns)
-        self._scene.update(session, self._rect)
-        self._scene.frame(session, self._rect, whole=True)
+        self._scene = Scene(self._shown, self._options.turns)
+        self._scene.update(self._rect)
+        self._scene.frame(self._rect, whole=True)
 
     def picture(self, time: float, degrees: float = 0.0, phase: float = 0.0) -> Image.Image:
         """The document at a time, its surfaces turned by an angle: RGB, or RGBA if it is transparent.
@@ -128,11 +123,10 @@ class DocumentRenderer:
         AbfmError
             If the time is outside 0 to 2 tau, or the flow cannot be followed so far.
         """
-        session = self._session
         self._go_to(time)
-        session.player.phase = phase
-        self._scene.update(session, self._rect)
-        problem = session.shown.problem or session.quantities.error
+        self._session.player.phase = phase
+        self._scene.update(self._rect)
+        problem = self._shown.flow.problem or self._shown.quantities.error
         if problem:
             raise AbfmError(f"no picture of time {time:g}: {problem}")
         self._scene.turn(degrees)
@@ -164,7 +158,7 @@ class DocumentRenderer:
     def _error(self, time: float) -> float:
         """The largest pointwise error at a time."""
         self._go_to(time)
-        target, advected = self._session.values("target"), self._session.shown.advected()
+        target, advected = self._session.values("target"), self._shown.flow.advected()
         return 0.0 if target is None or advected is None else float(np.abs(target - advected).max())
 
     @property

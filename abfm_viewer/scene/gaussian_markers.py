@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 import polyscope.imgui as imgui
 
 from abfm import FunctionError, TriangleMesh
 from abfm.types import FloatArray
-from abfm_viewer.document.document import Side
+from abfm_viewer.computing.memo import Memo
+from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.scene import viewport
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
@@ -16,14 +19,13 @@ from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
 _RADIUS, _LINE = 9.0, 2.0
-_SIDES: tuple[Side, ...] = ("source", "target")
 
 
-class BumpMarkers:
+class GaussianMarkers:
     """Draws them while Shift is held over the surfaces, and where a side has several Gaussians."""
 
     def __init__(self) -> None:
-        self._known: dict[Side, tuple[TriangleMesh, str, int, int, FloatArray]] = {}
+        self._centres: dict[Side, Memo[tuple[FloatArray, FloatArray] | None]] = {side: Memo() for side in SIDES}
 
     def draw(self, ui: Ui, session: Session, scene: Scene, rect: Rect) -> None:
         """Draw a ring on each side that has one to draw."""
@@ -31,29 +33,31 @@ class BumpMarkers:
             return
         x, y = imgui.GetIO().MousePos
         inside = rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
-        for side in _SIDES:
-            self._draw_side(ui, session, scene, side, imgui.GetIO().KeyShift and inside)
+        for side in SIDES:
+            if side in scene.offsets:
+                self._draw_side(ui, session, side, scene.offsets[side], imgui.GetIO().KeyShift and inside)
 
-    def _draw_side(self, ui: Ui, session: Session, scene: Scene, side: Side, wanted: bool) -> None:
-        from abfm_viewer.document import gaussians as bumps  # not before: it loads what the first frame does without
-        from abfm_viewer.session.active_gaussian import active_bump
+    def _draw_side(self, ui: Ui, session: Session, side: Side, offset: FloatArray, wanted: bool) -> None:
+        from abfm_viewer.document import gaussians  # not before: it loads what the first frame does without
+        from abfm_viewer.session.active_gaussian import active_gaussian
 
-        bump = active_bump(session, side)
-        if bump is None or session.active is None or side not in scene.offsets:
+        chosen, mesh = active_gaussian(session, side), session.mesh
+        if chosen is None or session.active is None:
             return
         spec = session.active.spec(side)
-        if bumps.is_mapped(spec) or not (wanted or len(bumps.gaussians(spec)) > 1):
+        if gaussians.is_mapped(spec) or not (wanted or len(gaussians.gaussians(spec)) > 1):
             return
-        known = self._known.get(side)
-        if known is None or known[0] is not session.mesh or known[1:3] != (spec, bump):
-            try:
-                vertex = int(bumps.gaussians(spec)[bump].sources(session.mesh)[0])
-            except FunctionError:  # the panel says so
-                return
-            self._known[side] = known = (session.mesh, spec, bump, vertex, _normal(session.mesh, vertex))
-        place = session.mesh.vertices[known[3]] + scene.offsets[side]
-        if _faces_camera(place, known[4]):
-            x, y, _ = viewport.projected(place)[0]
+
+        def centre() -> tuple[FloatArray, FloatArray] | None:
+            """A place and a normal; None for a vertex that is not there, of which the panel tells."""
+            with suppress(FunctionError):
+                vertex = int(gaussians.gaussians(spec)[chosen].sources(mesh)[0])
+                return mesh.vertices[vertex], _normal(mesh, vertex)
+            return None
+
+        found = self._centres[side].get((mesh, spec, chosen), centre)
+        if found is not None and _faces_camera(found[0] + offset, found[1]):
+            x, y, _ = viewport.projected(found[0] + offset)[0]
             canvas = imgui.GetBackgroundDrawList()
             for width, color in ((2 * _LINE, ui.colors.ground), (_LINE, ui.colors.ink)):
                 ring = int(imgui.GetColorU32(color))

@@ -11,11 +11,11 @@ import numpy as np
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
-from abfm_viewer.appearance.theme import Color
+from abfm_viewer.computing.memo import same
 from abfm_viewer.scene import marks, viewport
 from abfm_viewer.scene.marks import Drawn
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.session.session import Session
+from abfm_viewer.shown.shown import Shown
 
 if TYPE_CHECKING:
     from abfm.flow.flow_lines import FlowLine
@@ -44,52 +44,34 @@ _THIN, _POINT = 0.0025, 0.014  # radii of lines and points
 class Overlays:
     """polyscope's structures besides the surfaces; they are made anew when what they show changes."""
 
-    def __init__(self) -> None:
-        self._shown: dict[str, tuple[object, ...]] = {}
+    def __init__(self, shown: Shown) -> None:
+        self._shown = shown
+        self._drawn: dict[str, tuple[object, ...]] = {}
 
-    def update(self, session: Session, offsets: dict[str, FloatArray]) -> None:
+    def update(self, offsets: dict[str, FloatArray]) -> None:
         """Show what the view and the document ask for."""
-        quantities = session.quantities
-        view, colors = session.view, theme.palette(session.view.theme)
-        home = offsets["advected"]
-        place = tuple(home)
-        field = quantities.field(session) if view.arrows else None
-        if field is None or not field.speed.any():
-            self._remove(_ARROWS)
-        elif self._is_new(_ARROWS, (field, view.arrow_length, view.arrow_density, view.theme, place)):
-            marks.draw_arrows(
-                _ARROWS, field.mesh, field.velocity, view.arrow_length, view.arrow_density, _placed(home), colors.ink
-            )
-        lines = quantities.lines(session)
-        if not lines:
-            self._remove(_LINES)
-        elif self._is_new(_LINES, (tuple(lines), view.theme, place)):
-            _draw_lines(_LINES, session.mesh, lines, home, colors.marker)
-        self._update_paths(session, quantities.paths(session), offsets)
-
-    def _update_paths(self, session: Session, paths: list[FlowLine], offsets: dict[str, FloatArray]) -> None:
-        """The ways of points, and where they are now."""
-        if not paths:
-            for name in (_PATHS, _NOW, _START):
-                self._remove(name)
-            return
-        mesh, view, home = session.mesh, session.view, offsets["advected"]
-        color = theme.palette(view.theme).marker
-        if self._is_new(_PATHS, (tuple(paths), view.theme, tuple(home))):
-            _draw_lines(_PATHS, mesh, paths, home, color)
-        now = np.array([path.at(session.shown.time) for path in paths])
-        if self._is_new(_NOW, (tuple(paths), session.shown.time, view.theme, tuple(home))):
-            marks.draw_points(_NOW, now, _placed(home), color, _POINT)
-        start = offsets.get("source")
-        if start is None:
-            self._remove(_START)
-        elif self._is_new(_START, (tuple(paths), view.theme, tuple(start))):
+        session, quantities = self._shown.session, self._shown.quantities
+        mesh, view, home, start = session.mesh, session.view, offsets["advected"], offsets.get("source")
+        palette, look = theme.palette(view.theme), (view.theme, *home)
+        placed, length, density = _placed(home), view.arrow_length, view.arrow_density
+        field = quantities.field() if view.arrows else None
+        if self._is_new(_ARROWS, (field, length, density, *look) if field and field.speed.any() else None):
+            assert field is not None
+            marks.draw_arrows(_ARROWS, mesh, field.velocity, length, density, placed, palette.ink)
+        lines, paths, time = tuple(quantities.lines()), tuple(quantities.paths()), self._shown.flow.time
+        for name, curves in ((_LINES, lines), (_PATHS, paths)):
+            if self._is_new(name, (curves, *look) if curves else None):
+                marks.draw_curves(name, [_lifted(mesh, line) for line in curves], placed, palette.marker, _THIN)
+        if self._is_new(_NOW, (paths, time, *look) if paths else None):
+            marks.draw_points(_NOW, np.array([path.at(time) for path in paths]), placed, palette.marker, _POINT)
+        if self._is_new(_START, (paths, view.theme, *start) if paths and start is not None else None):
+            assert start is not None
             starts = np.array([path.positions[0] for path in paths])
-            marks.draw_points(_START, starts, _placed(start), color, _POINT)
+            marks.draw_points(_START, starts, _placed(start), palette.marker, _POINT)
 
     def structures(self) -> Iterator[tuple[str, Any]]:
         """What is drawn now, each with the surface that it belongs to."""
-        for name in self._shown:
+        for name in self._drawn:
             yield "source" if name == _START else "advected", _STRUCTURES[name][0](name)
 
     @contextmanager
@@ -106,24 +88,21 @@ class Overlays:
 
     def clear(self) -> None:
         """Forget what was drawn: polyscope's structures were removed."""
-        for name in list(self._shown):
+        for name in list(self._drawn):
             self._remove(name)
 
-    def _is_new(self, name: str, made_of: tuple[object, ...]) -> bool:
-        if self._shown.get(name) == made_of:
+    def _is_new(self, name: str, made_of: tuple[object, ...] | None) -> bool:
+        """Whether a structure is to be drawn anew; what is of something else, or of nothing, is removed."""
+        if made_of is not None and same(self._drawn.get(name), made_of):
             return False
         self._remove(name)
-        self._shown[name] = made_of
-        return True
+        if made_of is not None:
+            self._drawn[name] = made_of
+        return made_of is not None
 
     def _remove(self, name: str) -> None:
-        if self._shown.pop(name, None) is None:
-            return
-        _STRUCTURES[name][1](name, error_if_absent=False)
-
-
-def _draw_lines(name: str, mesh: TriangleMesh, lines: list[FlowLine], home: FloatArray, color: Color) -> None:
-    marks.draw_curves(name, [_lifted(mesh, line) for line in lines], _placed(home), color, _THIN)
+        if self._drawn.pop(name, None) is not None:
+            _STRUCTURES[name][1](name, error_if_absent=False)
 
 
 def _lifted(mesh: TriangleMesh, line: FlowLine) -> FloatArray:

@@ -8,12 +8,11 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.types import FloatArray
-from abfm_viewer.document.document import Camera
+from abfm_viewer.document.document import Camera, triple
 from abfm_viewer.scene.camera import View
 from abfm_viewer.scene.drawing_units import DrawingUnits
 from abfm_viewer.scene.opengl import ps
-
-Rect = tuple[float, float, float, float]
+from abfm_viewer.widgets.widget_record import Rect
 
 _FIELD_OF_VIEW = 9.0  # degrees, vertical: so narrow that the surfaces in a row look alike
 
@@ -45,7 +44,7 @@ def fitted(vertices: FloatArray, view: View, rect: Rect, margin: float = 0.05) -
     distance = float((z - middle[2] + extent / np.tan(np.radians(_FIELD_OF_VIEW / 2))).max())
     target = middle @ axes
     position = target + distance * view.direction
-    return Camera(_point(position), _point(target), _point(view.up), _FIELD_OF_VIEW)
+    return Camera(triple(position), triple(target), triple(view.up), _FIELD_OF_VIEW)
 
 
 def view_of(camera: Camera) -> View:
@@ -90,7 +89,7 @@ def seen(rect: Rect, size: tuple[int, int]) -> Camera:
     angle = float(np.degrees(2 * np.arctan(half_window * height / size[1])))
     aspect = (rect[2] - rect[0]) / height
     position, target = units.undrawn(np.array([position, position - distance * backward]))
-    return Camera(_point(position), _point(target), _point(up), angle, aspect)
+    return Camera(triple(position), triple(target), triple(up), angle, aspect)
 
 
 def alike(one: Camera, other: Camera) -> bool:
@@ -113,8 +112,3 @@ def projected(points: FloatArray) -> FloatArray:
 def _offset(rect: Rect, size: tuple[int, int]) -> FloatArray:
     """From the window's middle to the rectangle's, in pixels, y downwards."""
     return np.array([(rect[0] + rect[2] - size[0]) / 2, (rect[1] + rect[3] - size[1]) / 2])
-
-
-def _point(values: FloatArray) -> tuple[float, float, float]:
-    x, y, z = map(float, values)
-    return x, y, z

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abfm_viewer.document import gaussians as bumps
+from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import Side
 from abfm_viewer.session.session import Session
 
@@ -10,11 +10,11 @@ _WIDTH_PER_NOTCH = 1.12
 NARROWEST, WIDEST = 0.005, 2.0
 
 
-def active_bump(session: Session, side: Side) -> int | None:
+def active_gaussian(session: Session, side: Side) -> int | None:
     """Which of the Gaussians of the active channel's source or target it is; None if there are none."""
     if session.active is None:
         return None
-    count = len(bumps.gaussians(session.active.spec(side)))
+    count = len(gaussians.gaussians(session.active.spec(side)))
     wanted = session.document.bump if session.document.side == side else 0
     return min(wanted, count - 1) if count else None
 
@@ -23,29 +23,29 @@ def why_fixed(session: Session, side: Side) -> str:
     """Why the mouse cannot move it, and what to do; empty if it can."""
     if session.active is None:
         return f"the {side} is still being chosen"
-    if active_bump(session, side) is None:
+    if active_gaussian(session, side) is None:
         return f"the {side} has no Gaussian to move: choose the family gaussian in the section Functions"
-    if bumps.is_mapped(session.active.spec(side)):
+    if gaussians.is_mapped(session.active.spec(side)):
         return f"the {side} goes through a vertex map: type its Gaussian's vertex in the section Functions"
     return ""
 
 
 def move(session: Session, side: Side, vertex: int, merge: str) -> None:
     """Put it at a vertex of the mesh (not the file)."""
-    bump = active_bump(session, side)
-    if bump is not None and session.active is not None:
+    chosen = active_gaussian(session, side)
+    if chosen is not None and session.active is not None:
         in_file = int(session.mesh.vertex_ids[vertex])
-        spec = bumps.changed(session.active.spec(side), bump, vertex=(in_file,))
-        session.set_spec(side, spec, merge, bump)
+        spec = gaussians.changed(session.active.spec(side), chosen, vertex=(in_file,))
+        session.set_spec(side, spec, merge, chosen)
 
 
 def widen(session: Session, side: Side, notches: float, merge: str) -> None:
     """Make it wider by so many turns of the wheel, or narrower if negative."""
-    bump = active_bump(session, side)
-    if bump is None or session.active is None:
+    chosen = active_gaussian(session, side)
+    if chosen is None or session.active is None:
         session.say(f"the {side} has no Gaussian to widen: choose the family gaussian in the section Functions")
         return
     spec = session.active.spec(side)
-    width = bumps.gaussians(spec)[bump].width * _WIDTH_PER_NOTCH**notches
+    width = gaussians.gaussians(spec)[chosen].width * _WIDTH_PER_NOTCH**notches
     width = float(f"{min(max(width, NARROWEST), WIDEST):.3g}")
-    session.set_spec(side, bumps.changed(spec, bump, width=width), merge, bump)
+    session.set_spec(side, gaussians.changed(spec, chosen, width=width), merge, chosen)

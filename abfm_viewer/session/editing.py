@@ -16,14 +16,7 @@ if TYPE_CHECKING:
 
 
 class Editing:
-    """A document and its history.
-
-    Attributes
-    ----------
-    history : History
-    time_changed : float
-        When the user last moved in time, by `time.perf_counter`.
-    """
+    """A document and its history; `time_changed` is when the user last moved in time, by `time.perf_counter`."""
 
     def __init__(self, document: Document) -> None:
         self.history = History(document)
@@ -136,7 +129,7 @@ class Editing:
         """
         if self.active is None:
             return
-        others = [c.weight for i, c in enumerate(self.channels) if i != self.document.channel]
+        others = [channel.weight for channel in self._others]
         if not (math.isfinite(weight) and weight >= 0):
             raise FunctionError(f"weight is {weight:g}; expected a number, 0 or more")
         if weight == 0 and not any(others):
@@ -154,8 +147,8 @@ class Editing:
 
     def remove_channel(self) -> None:
         """Remove the active channel unless it is the only one; if no other one has a weight, they all get weight 1."""
-        if len(self.channels) > 1:
-            kept = [c for i, c in enumerate(self.channels) if i != self.document.channel]
+        kept = self._others
+        if kept:
             if not any(channel.weight for channel in kept):
                 kept = [replace(channel, weight=1.0) for channel in kept]
             self.change("remove a channel", channels=tuple(kept), channel=min(self.document.channel, len(kept) - 1))
@@ -174,6 +167,11 @@ class Editing:
             values["bump"] = 0
         if any(getattr(self.document, name) != value for name, value in values.items()):
             self.change("select", merge="select", **values)
+
+    @property
+    def _others(self) -> list[Channel]:
+        """All channels but the active one."""
+        return [channel for place, channel in enumerate(self.channels) if place != self.document.channel]
 
     def _insert(self, channel: Channel, label: str) -> None:
         place = self.document.channel + 1

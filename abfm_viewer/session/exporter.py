@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from abfm import AbfmError
 from abfm.io import write_atomically
+from abfm.numerics.own_process import factoring_apart
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
@@ -69,8 +70,6 @@ class Exporter:
 
     Attributes
     ----------
-    picture : PictureSettings
-    movie : MovieSettings
     window_size : (int, int)
         Pixels of the window's part with the surfaces.
     progress : float
@@ -134,6 +133,7 @@ class Exporter:
             return
         self.progress, self.message, self.failed, self._cancelled = 0.0, "", False, False
 
+        @factoring_apart()
         def work() -> None:
             try:
                 self.message = job(*arguments)

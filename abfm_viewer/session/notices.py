@@ -17,13 +17,7 @@ class Notice:
 
 
 class Notices:
-    """At most one notice, for as long as it takes to read it.
-
-    Attributes
-    ----------
-    latest : Notice
-        With an empty text where there is none.
-    """
+    """At most one notice, the `latest`, for as long as it takes to read it; an empty one where there is none."""
 
     def __init__(self) -> None:
         self.latest = Notice("")

@@ -18,7 +18,6 @@ class Player:
 
     Attributes
     ----------
-    playing : bool
     repeat : Repeat
         What happens at the end.
     speed : float

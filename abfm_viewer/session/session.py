@@ -9,71 +9,57 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from abfm import AbfmError, TriangleMesh, load_mesh
+from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import Latest
-from abfm_viewer.computing.coarse_meshes import CoarseMeshes
+from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Evaluated, Functions
 from abfm_viewer.computing.solver import Solver
 from abfm_viewer.computing.worker import Problem
-from abfm_viewer.document.document import Channel, Document, Run, Side
+from abfm_viewer.document.document import Channel, Document, Side
 from abfm_viewer.document.history import History
-from abfm_viewer.session.comparison import Comparison
 from abfm_viewer.session.editing import Editing
-from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.notices import Notice, Notices
+from abfm_viewer.session.outdated import Outdated
 from abfm_viewer.session.player import Player
 from abfm_viewer.session.saved_states import SavedStates
-from abfm_viewer.shown.field_quantities import FieldQuantities
-from abfm_viewer.shown.mass_transport import MassTransport
-from abfm_viewer.shown.shown_flow import ShownFlow
 
 if TYPE_CHECKING:
-    from abfm import Match
+    pass
 
 _SECONDS_TO_END = 10.0
 
 
 class Session(Editing):
-    """One document, its history, its solver and its player. Knows nothing of the window.
+    """One document, its history, its solver and its player. Knows nothing of the window, nor of pictures.
 
     Attributes
     ----------
+    at_once : bool
+        Whether everything is computed when it is asked for, as pictures off the screen need, which wait for no frame.
     solver : Solver
     player : Player
-    shown : ShownFlow
-        The flow that is shown, and what it carries.
-    quantities : FieldQuantities
-        What can be told of the field and its flow.
-    mass_transport : MassTransport
-        What optimal transport makes of source and target.
-    coarse_meshes : CoarseMeshes
-        What a match begins on.
-    exporter : Exporter
     dragging : bool
         Whether the mouse holds a widget or a Gaussian: changes until it lets go are one step of undo.
     """
 
-    def __init__(self, mesh: TriangleMesh, name: str, path: Path | None = None) -> None:
+    def __init__(self, mesh: TriangleMesh, name: str, at_once: bool = False) -> None:
         super().__init__(Document(mesh, name))
+        self.at_once = at_once
         self.solver = Solver()
         self.player = Player()
-        self.shown = ShownFlow(self)
-        self.quantities = FieldQuantities()
-        self.mass_transport = MassTransport()
-        self.coarse_meshes = CoarseMeshes()
-        self.exporter = Exporter(self.say)
         self.dragging = False
         self._notices = Notices()
         self._saved = SavedStates()
-        self._saved.keep(self.document, path)
-        self._functions: dict[int, Functions] = {}
+        self._saved.keep(self.document, None)
+        self._functions: dict[TriangleMesh, Functions] = {}
         self._evaluated = Evaluated()
         self._evaluated_by: Functions | None = None
-        self._defaults: Latest[tuple[str, str]] = Latest("default functions")
-        self._loading: Latest[Callable[[], None]] = Latest("open")
+        self._jobs = Jobs(at_once)
+        self._defaults: Latest[tuple[str, str]] = self._jobs.latest("default functions")
+        self._loading: Latest[Callable[[], None]] = self._jobs.latest("open")
+        self._coarse_meshes: Latest[None] = self._jobs.latest("coarse meshes")
         self._load_count = 0
-        self._comparison = Comparison()
+        self._outdated = Outdated()
         self._last_update = clock.perf_counter()
 
     @property
@@ -95,6 +81,11 @@ class Session(Editing):
         """Put a line into the status bar."""
         self._notices.say(text, is_error, self.history.moves)
 
+    def set_time(self, time: float) -> None:
+        """Show another time of the time bar; what plays stops."""
+        self.player.playing = False
+        super().set_time(time)
+
     def undo(self) -> None:
         """Take back the last step; what plays stops."""
         self.player.playing = False
@@ -107,49 +98,12 @@ class Session(Editing):
 
     # Meshes and results
 
-    def open_mesh(self, path: str | Path, largest_component: bool = False) -> None:
-        """Read a mesh file in the background and show it with default functions."""
-        where = Path(path)
-
-        def read() -> Callable[[], None]:
-            mesh = load_mesh(where, largest_component=largest_component)
-            return partial(self.set_mesh, mesh, where.name)
-
-        self.load(f"opening {where.name}", read)
-
     def set_mesh(self, mesh: TriangleMesh, name: str) -> None:
         """Show another mesh with default functions; the parameters stay."""
-        self.solver.cancel()
         view = replace(self.view, camera=None, front=None)
-        self.player.playing = False
         fresh = Document(mesh, name, parameters=self.parameters, view=view)
-        pristine = not self.unsaved
-        self.history.change(fresh, f"open {name}")
+        self.restore(fresh, {}, None, saved=not self.unsaved)
         self.say(" ".join(mesh.messages))
-        if pristine:
-            self._saved.keep(fresh, None)
-
-    def set_result(
-        self,
-        match: Match,
-        name: str,
-        channels: tuple[Channel, ...],
-        known: dict[str, FloatArray] | None = None,
-        mask: str = "",
-    ) -> None:
-        """Show a result with the channels and the mask that it was found for; `known` as for `restore`."""
-        parameters = match.parameters
-        document = Document(
-            mesh=match.mesh,
-            name=name,
-            channels=channels,
-            parameters=parameters,
-            mask=mask,
-            result=match,
-            runs=(Run(match.energy_history, match.stages, (), match.mismatch, name),),
-            time=parameters.tau,
-        )
-        self.restore(replace(document, view=replace(self.view, camera=None, front=None)), known or {}, None)
 
     def load(self, what: str, read: Callable[[], Callable[[], None]]) -> None:
         """Read something in the background; what it returns is called by `update`. Errors go to the status line."""
@@ -158,10 +112,10 @@ class Session(Editing):
         self._loading.ask(self._load_count, read)
 
     def restore(self, document: Document, known: dict[str, FloatArray], path: Path | None, saved: bool = True) -> None:
-        """Show an opened project; `known` are values of functions from files (see `Functions`)."""
+        """Show an opened document; `known` are values of functions from files (see `Functions`)."""
         self.solver.cancel()
         self.player.playing = False
-        self._functions[id(document.mesh)] = Functions(document.mesh, known)
+        self._functions[document.mesh] = Functions(document.mesh, known, self.at_once)
         self.history.change(document, f"open {path.name if path else document.name}")
         if saved:
             self._saved.keep(document, path)
@@ -182,9 +136,9 @@ class Session(Editing):
     def functions(self) -> Functions:
         """Values of functions on the mesh."""
         mesh = self.mesh
-        if id(mesh) not in self._functions or self._functions[id(mesh)].mesh is not mesh:
-            self._functions[id(mesh)] = Functions(mesh)
-        return self._functions[id(mesh)]
+        if mesh not in self._functions:
+            self._functions[mesh] = Functions(mesh, at_once=self.at_once)
+        return self._functions[mesh]
 
     @property
     def problem(self) -> Problem:
@@ -199,8 +153,7 @@ class Session(Editing):
         for spec in self.specs:
             if spec in self._evaluated.errors:
                 return f"{spec}: {self._evaluated.errors[spec]}"
-        missing = any(spec not in self._evaluated.values for spec in self.specs)
-        if missing:
+        if any(spec not in self._evaluated.values for spec in self.specs):
             return "the functions are being computed"
         mask = self._evaluated.values.get(self.document.mask)
         if mask is not None and (mask.min() < 0 or not mask.any()):
@@ -232,7 +185,7 @@ class Session(Editing):
     @property
     def outdated(self) -> bool:
         """Whether the result belongs to another problem than the document now says."""
-        return self._comparison.outdated(self.document, self.specs, self._evaluated)
+        return self._outdated.now(self.document, self.specs, self._evaluated)
 
     # What is to be shown
 
@@ -246,18 +199,12 @@ class Session(Editing):
 
     @property
     def busy(self) -> str:
-        """What is computed in the background besides the solver, in a word or two; empty if nothing."""
+        """What it computes in the background besides the solver, in a word or two; empty if nothing."""
         if self._loading.busy:
             return "opening"
         if not self.channels and not self._defaults.error:
             return "choosing functions"
-        if self.functions.busy:
-            return "computing functions"
-        if self.shown.busy:
-            return "computing times"
-        if self.quantities.finding:
-            return "computing the field"
-        return "computing streaks" if self.quantities.convolving else ""
+        return "computing functions" if self.functions.busy else ""
 
     # The frame
 
@@ -270,8 +217,9 @@ class Session(Editing):
         self._notices.forget(self.history.moves)
         self._find_defaults()
         self._evaluate()
-        if not self.obstacle:  # the functions come first
-            self.coarse_meshes.prepare(self.mesh, self.parameters)
+        if not (self.obstacle or self.at_once):  # the functions come first, and pictures off the screen solve nothing
+            key = (self.mesh, self.parameters.levels)
+            self._coarse_meshes.ask(key, partial(_make_coarse_meshes, self.mesh, self.parameters))
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
         self._collect()
@@ -309,16 +257,14 @@ class Session(Editing):
         if self._evaluated_by is not self.functions:  # values on another mesh
             self._evaluated_by, self._evaluated = self.functions, Evaluated()
         if self.specs:
-            evaluated = self.functions.ask(self.specs)
-            if evaluated is not None:
-                self._evaluated = evaluated
+            self._evaluated = self.functions.ask(self.specs) or self._evaluated
 
     def _collect(self) -> None:
+        """Take in what a run that has ended leaves."""
         ended = self.solver.collect()
-        if ended is not None:
-            self._take_result(*ended)
-
-    def _take_result(self, match: Match | None, run: Run | None, problem: Problem) -> None:
+        if ended is None:
+            return
+        match, run, problem = ended
         if problem.mesh is not self.mesh:  # it was replaced meanwhile
             self.solver.forget()
             return
@@ -330,13 +276,14 @@ class Session(Editing):
 
     def close(self) -> None:
         """End all threads."""
-        self.exporter.close()
-        self.coarse_meshes.close()
-        self.quantities.close()
-        self.mass_transport.close()
         self.solver.close()
         for functions in self._functions.values():
             functions.close()
-        self.shown.close()
-        self._defaults.close()
-        self._loading.close()
+        self._jobs.close()
+
+
+def _make_coarse_meshes(mesh: TriangleMesh, parameters: Parameters) -> None:
+    """Those that a match begins on, while the user looks at the mesh; a match that begins earlier waits for them."""
+    from abfm.matching.solving.levels import prepare  # not before: it loads what the first frame does without
+
+    prepare(mesh, parameters)

@@ -10,7 +10,8 @@ import numpy as np
 
 from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import Latest
+from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.computing.memo import Memo
 from abfm_viewer.document.document import EXTRAPOLATION
 
 _TIMES, _TIMES_WHILE_SOLVING = 61, 17
@@ -50,10 +51,9 @@ class FlowState:
         AdvectionError
             If the flow is too long, or overflows the single precision of what can be shown.
         """
-        from abfm import AdvectionError
-        from abfm.matching.result import push  # not before: it loads what the first frame does without
+        from abfm import AdvectionError, Flow  # not before: it loads what the first frame does without
 
-        carried = push(self.mesh, self.velocity, self.parameters, function, times)
+        carried = Flow(self.mesh, self.velocity, self.parameters.tau, self.parameters.method).push(function, times)
         if np.abs(carried).max() > _LARGEST:
             raise AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
         return carried
@@ -103,15 +103,11 @@ class Carried:
     Asked for the same again, it gives the same array, by which others know that nothing changed.
     """
 
-    def __init__(self, name: str) -> None:
-        self._span: Latest[Span] = Latest(f"{name}: times")
-        self._exact: Latest[FloatArray] = Latest(f"{name}: exact")
-        self._blended: tuple[Span, float, FloatArray] | None = None
-
-    @property
-    def busy(self) -> bool:
-        """Whether better values will come."""
-        return self._span.busy or self._exact.busy
+    def __init__(self, name: str, jobs: Jobs) -> None:
+        self._span: Latest[Span] = jobs.latest(f"{name}: times")
+        self._exact: Latest[FloatArray] = jobs.latest(f"{name}: exact")
+        self._blended = Memo[FloatArray]()
+        self._at_once = jobs.at_once
 
     @property
     def problem(self) -> str:
@@ -133,43 +129,16 @@ class Carried:
         """
         if time == 0:
             return function
-        key = (state, Same(function))
-        if Latest.at_once:
-            return self._exact.ask((*key, time), partial(_exactly, state, function, time))
-        current = self._span.ask(key, partial(span, state, function))
-        if current is None:
-            stale = self._span.value
-            return None if stale is None or stale.frames.shape[1:] != function.shape else self._blend(stale, time)
-        if settled and state.final and time <= current.times[-1]:
-            compute: Callable[[], FloatArray] = partial(_exactly, state, function, time)
-            exact = self._exact.ask((*key, time), compute)
-            if exact is not None:
-                return exact
-        return self._blend(current, time)
-
-    def _blend(self, span: Span, time: float) -> FloatArray:
-        before = self._blended
-        if before is None or before[0] is not span or before[1] != time:
-            before = self._blended = (span, time, span.at(time))
-        return before[2]
-
-    def close(self) -> None:
-        """Stop the threads."""
-        self._span.close()
-        self._exact.close()
-
-
-class Same:
-    """A key that equals another only for the same array, and keeps it alive."""
-
-    def __init__(self, array: FloatArray) -> None:
-        self.array = array
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Same) and self.array is other.array
-
-    def __hash__(self) -> int:
-        return id(self.array)
+        exact = partial(self._exact.ask, (state, function, time), partial(_exactly, state, function, time))
+        if self._at_once:
+            return exact()
+        known = self._span.newest(function.shape, (state, function), partial(span, state, function))
+        if known is None:
+            return None
+        values = None
+        if settled and state.final and not self._span.busy and time <= known.times[-1]:
+            values = exact()
+        return self._blended.get((known, time), partial(known.at, time)) if values is None else values
 
 
 def _exactly(state: FlowState, function: FloatArray, time: float) -> FloatArray:

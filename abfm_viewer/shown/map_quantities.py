@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from abfm.mesh import TriangleMesh
 from abfm_viewer.shown.carried import FlowState
 
 if TYPE_CHECKING:
@@ -21,11 +20,11 @@ def flow_distortion(flow: FlowState, time: float) -> Distortion:
     return distortion(flow.mesh, _mapped(flow, -time).positions)
 
 
-def flow_quality(flow: FlowState, time: float) -> tuple[TriangleMesh, MapQuality]:
-    """The mesh, and the quality of the map to where each vertex's value came from; of its inverse below 0."""
+def flow_quality(flow: FlowState, time: float) -> MapQuality:
+    """The quality of the map to where each vertex's value came from at a time; of its inverse below 0."""
     from abfm.maps.quality import map_quality
 
-    return flow.mesh, map_quality(flow.mesh, _mapped(flow, time))
+    return map_quality(flow.mesh, _mapped(flow, time))
 
 
 def _mapped(flow: FlowState, time: float) -> SurfacePoints:

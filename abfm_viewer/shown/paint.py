@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, place_colors
-from abfm_viewer.document.document import HODGE_PARTS, Front, Side
+from abfm_viewer.computing.memo import Memo
+from abfm_viewer.document.document import HODGE_PARTS, SIDES, Front
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.field_quantities import Field, Texture
+from abfm_viewer.shown.field_parts import Field
+from abfm_viewer.shown.shown import Shown
 
-Kind = Literal["vertex values", "face values", "colors", "checker", "texture"]
+PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _LEAST_RANGE = 1e-12
 _NO_VALUES = 0.3  # grey, in linear light
 
@@ -26,7 +29,7 @@ class Paint:
 
     Attributes
     ----------
-    kind : Kind
+    kind : PaintKind
     values : array
         (V,), (F,), (V, 3) colours in linear light, (V, 2) texture coordinates, or (size, size, 3) texture.
     title : str
@@ -39,7 +42,7 @@ class Paint:
         Places of the corners in a texture.
     """
 
-    kind: Kind
+    kind: PaintKind
     values: FloatArray | NDArray[np.float32]
     title: str
     colors: ColorRange | None = None
@@ -66,127 +69,120 @@ class Painter:
         The end of the error's range, for a movie, in which it must not change; by default the shown error's maximum.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, shown: Shown) -> None:
         self.largest_error: float | None = None
-        self._kept: dict[str, tuple[tuple[object, ...], Paint]] = {}
-        self._range: tuple[object, object, str, ColorRange] | None = None
+        self._shown, self._session = shown, shown.session
+        self._kept: dict[str, Memo[Paint]] = defaultdict(Memo)
+        self._range = Memo[ColorRange]()
 
-    def paint(self, session: Session, name: str) -> Paint | None:
+    def paint(self, name: str) -> Paint | None:
         """What a surface shows now; None while nothing is known."""
-        if session.active and name in ("source", "target"):
-            side: Side = "source" if name == "source" else "target"
-            if session.error(session.active.spec(side)):
-                return self._without_values(session, name)
+        session = self._session
+        side = next((side for side in SIDES if side == name), None)
+        if side and session.active and session.error(session.active.spec(side)):
+            return self._without_values(name)
         source, target = session.values("source"), session.values("target")
         if source is None or target is None:
             return None
-        colors = self._function_range(session, source, target)
-        view = session.view
-        if name in ("source", "target"):
-            if view.coloring in ("coordinates", "checker"):
-                return self._carried(session, name, session.mesh.vertices, name)
-            return self._kept_paint(name, "vertex values", source if name == "source" else target, name, colors)
-        advected = session.shown.advected()
+        colors = self._function_range(source, target)
+        if side and session.view.coloring in ("coordinates", "checker"):
+            return self._carried(name, session.mesh.vertices, name)
+        if side:
+            return self._function(name, source if side == "source" else target, name, colors)
+        advected = self._shown.flow.advected()
         if advected is None:
             return None
         if name == "linear blend":
-            return self._blend(session, source, target, colors)
+            return self._blend(source, target, colors)
         if name == "optimal transport":
-            return self._transport(session, colors)
+            return self._transport(colors)
         if name == "error":
-            return self._error(session, target, advected)
-        return self._advected(session, advected, colors)
+            return self._error(target, advected)
+        return self._by_coloring(advected, colors) or self._function("advected", advected, "advected", colors)
 
-    def _without_values(self, session: Session, name: str) -> Paint:
-        count = len(session.mesh.vertices)
+    def _without_values(self, name: str) -> Paint:
+        count = len(self._session.mesh.vertices)
         title = f"{name}: no values"
         return self._keep(name, (count, title), lambda: Paint("colors", np.full((count, 3), _NO_VALUES), title))
 
-    def _advected(self, session: Session, advected: FloatArray, colors: ColorRange) -> Paint:
-        """The middle surface, by the view's colouring."""
-        special = self._by_coloring(session, advected, colors)
-        return special or self._kept_paint("advected", "vertex values", advected, "advected", colors)
-
-    def _by_coloring(self, session: Session, advected: FloatArray, colors: ColorRange) -> Paint | None:
+    def _by_coloring(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
         """What the view asks for instead of the function's colours; None where there is nothing of it yet."""
-        kind = session.view.coloring
+        kind = self._session.view.coloring
         if kind == "function":
-            texture = session.quantities.texture(session, advected, colors) if session.view.streaks else None
-            return None if texture is None else self._textured(texture, colors)
+            return self._textured(advected, colors) if self._session.view.streaks else None
         if kind in ("coordinates", "checker"):
-            carried = session.shown.coordinates()
+            carried = self._shown.flow.coordinates()
             title = "carried coordinates" if kind == "coordinates" else "carried checker"
-            return None if carried is None else self._carried(session, "advected", carried, title)
-        if kind in ("area distortion", "conformal distortion"):
-            return self._distortion(session, kind)
-        return self._of_field(session)
+            return None if carried is None else self._carried("advected", carried, title)
+        return self._distortion(kind) if kind in ("area distortion", "conformal distortion") else self._of_field(kind)
 
-    def _of_field(self, session: Session) -> Paint | None:
+    def _of_field(self, kind: str) -> Paint | None:
         """Speed, divergence or curl."""
-        kind, part = session.view.coloring, session.view.part
+        part = self._session.view.part
         suffix = "" if part == "whole" else f", {part} part" if part in HODGE_PARTS else f", {part}"
         if kind == "speed":
-            field = session.quantities.field(session)
-            if field is None:
-                return None
-            return self._speed(session, field, f"speed{suffix}")
-        values = session.quantities.scalar(session)
+            field = self._shown.quantities.field()
+            return None if field is None else self._speed(field, f"speed{suffix}")
+        values = self._shown.quantities.scalar()
         if values is None:
             return None
         top = max(float(np.percentile(np.abs(values), 99.5)), _LEAST_RANGE)
-        colors = _ranged(session, -top, top)
-        return self._kept_paint("advected", "vertex values", values, f"{kind}{suffix}", colors, kind)
+        return self._function("advected", values, f"{kind}{suffix}", self._ranged(-top, top), kind)
 
-    def _speed(self, session: Session, field: Field, title: str) -> Paint:
+    def _speed(self, field: Field, title: str) -> Paint:
         """With sqrt(area) as the unit of length: graphics cards know no numbers like some meshes'."""
 
         def make() -> Paint:
             values = field.speed * field.mesh.length_scale**-field.dimension
             unit = field.unit.replace("the mesh's length", "length").replace("length", "sqrt(area)")
             top = max(float(values.max()), _LEAST_RANGE)
-            return Paint("face values", values, title, _ranged(session, 0.0, top), f"speed, in {unit}")
+            return Paint("face values", values, title, self._ranged(0.0, top), f"speed, in {unit}")
 
-        return self._keep("advected", (field, title, session.view.colormap), make)
+        return self._keep("advected", (field, title, self._session.view.colormap), make)
 
-    def _distortion(self, session: Session, kind: str) -> Paint | None:
-        found = session.quantities.distortion(session)
+    def _distortion(self, kind: str) -> Paint | None:
+        found = self._shown.quantities.distortion()
         if found is None:
             return None
-        source = found.area if kind == "area distortion" else found.conformal
+        of_area, mesh = kind == "area distortion", self._session.mesh
+        source = found.area if of_area else found.conformal
 
         def make() -> Paint:
             from abfm.calculus.operators import face_areas  # not before: it loads what the first frame does without
 
             values = np.log2(np.clip(source, 1e-6, 1e6))
-            top = max(_most(np.abs(values), face_areas(session.mesh)), 0.05)
-            low = -top if kind == "area distortion" else 0.0
-            bar = "log2 of the area's factor" if kind == "area distortion" else "log2 of the stretches' ratio"
-            return Paint("face values", values, kind, _ranged(session, low, top), bar)
+            top = max(_most(np.abs(values), face_areas(mesh)), 0.05)
+            bar = "log2 of the area's factor" if of_area else "log2 of the stretches' ratio"
+            return Paint("face values", values, kind, self._ranged(-top if of_area else 0.0, top), bar)
 
-        return self._keep("advected", (source, session.view.colormap), make)
+        return self._keep("advected", (source, self._session.view.colormap), make)
 
-    def _carried(self, session: Session, name: str, coordinates: FloatArray, title: str) -> Paint:
+    def _carried(self, name: str, coordinates: FloatArray, title: str) -> Paint:
         """Coordinates as colours, or as places in a checkerboard."""
-        kind, vertices = session.view.coloring, session.mesh.vertices
-        front = session.view.front or Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+        kind, mesh = self._session.view.coloring, self._session.mesh
+        front = self._session.view.front or Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 
         def make() -> Paint:
             if kind == "coordinates":
-                return Paint("colors", place_colors(vertices, coordinates), title)
+                return Paint("colors", place_colors(mesh.vertices, coordinates), title)
             axes = np.stack([np.cross(front.up, front.direction), front.up])
-            return Paint("checker", (coordinates @ axes.T) / session.mesh.length_scale, title)
+            return Paint("checker", (coordinates @ axes.T) / mesh.length_scale, title)
 
         return self._keep(name, (coordinates, kind, front, title), make)
 
-    def _textured(self, texture: Texture, colors: ColorRange) -> Paint:
-        def make() -> Paint:
-            return Paint("texture", texture.colors, "advected", colors, "function", texture.corners)
+    def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
+        texture = self._shown.quantities.texture(advected, colors)
+        if texture is None:
+            return None
+        values, corners = texture.colors, texture.corners
+        made_of = (texture, colors)
+        return self._keep(
+            "advected", made_of, lambda: Paint("texture", values, "advected", colors, "function", corners)
+        )
 
-        return self._keep("advected", (texture, colors), make)
-
-    def _blend(self, session: Session, source: FloatArray, target: FloatArray, colors: ColorRange) -> Paint:
-        tau = session.parameters.tau
-        time = min(session.time, tau)
+    def _blend(self, source: FloatArray, target: FloatArray, colors: ColorRange) -> Paint:
+        tau = self._session.parameters.tau
+        time = min(self._session.time, tau)
 
         def make() -> Paint:
             from abfm.baselines import linear_blend
@@ -195,55 +191,42 @@ class Painter:
 
         return self._keep("linear blend", (source, target, time, tau, colors), make)
 
-    def _transport(self, session: Session, colors: ColorRange) -> Paint | None:
-        values = session.mass_transport.values(session)
-        if session.mass_transport.error:
-            return self._without_values(session, "optimal transport")
-        if values is None:
-            return None
-        return self._kept_paint("optimal transport", "vertex values", values, "optimal transport", colors)
+    def _transport(self, colors: ColorRange) -> Paint | None:
+        values = self._shown.mass_transport.values()
+        if self._shown.mass_transport.error:
+            return self._without_values("optimal transport")
+        return None if values is None else self._function("optimal transport", values, "optimal transport", colors)
 
-    def _error(self, session: Session, target: FloatArray, advected: FloatArray) -> Paint:
+    def _error(self, target: FloatArray, advected: FloatArray) -> Paint:
         fixed = self.largest_error
 
         def make() -> Paint:
             error = np.abs(target - advected)
             top = max(float(error.max()) if fixed is None else fixed, _LEAST_RANGE)
             bar = f"|target - advected|, at most {top:.3g}"
-            return Paint("vertex values", error, "error", _ranged(session, 0.0, top), bar)
+            return Paint("vertex values", error, "error", self._ranged(0.0, top), bar)
 
-        return self._keep("error", (target, advected, session.view.colormap, fixed), make)
+        return self._keep("error", (target, advected, self._session.view.colormap, fixed), make)
 
-    def _kept_paint(
-        self, name: str, kind: Kind, values: FloatArray, title: str, colors: ColorRange, bar: str = "function"
-    ) -> Paint:
-        return self._keep(name, (values, title, colors), lambda: Paint(kind, values, title, colors, bar))
+    def _function(self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = "function") -> Paint:
+        return self._keep(name, (values, title, colors), lambda: Paint("vertex values", values, title, colors, bar))
 
     def _keep(self, name: str, made_of: tuple[object, ...], make: Callable[[], Paint]) -> Paint:
         """The paint that was made of the same things, or a new one."""
-        before = self._kept.get(name)
-        if before is not None and _same(before[0], made_of):
-            return before[1]
-        paint = make()
-        self._kept[name] = (made_of, paint)
-        return paint
+        return self._kept[name].get(made_of, make)
 
-    def _function_range(self, session: Session, source: FloatArray, target: FloatArray) -> ColorRange:
-        known, wanted = self._range, session.view.colormap
-        if known is None or known[0] is not source or known[1] is not target or known[2] != wanted:
+    def _function_range(self, source: FloatArray, target: FloatArray) -> ColorRange:
+        wanted = self._session.view.colormap
+
+        def make() -> ColorRange:
             colors = color_range(source, target)
-            if wanted != "automatic":
-                colors = replace(colors, colormap=wanted)
-            known = self._range = (source, target, wanted, colors)
-        return known[3]
+            return colors if wanted == "automatic" else replace(colors, colormap=wanted)
 
+        return self._range.get((source, target, wanted), make)
 
-def _same(before: tuple[object, ...], now: tuple[object, ...]) -> bool:
-    """Whether two keys have the same arrays, as objects, and equal values besides."""
-    return len(before) == len(now) and all(
-        a is b or (not isinstance(a, np.ndarray) and not isinstance(b, np.ndarray) and a == b)
-        for a, b in zip(before, now, strict=True)
-    )
+    def _ranged(self, low: float, high: float) -> ColorRange:
+        wanted, automatic = self._session.view.colormap, "abfm diverging" if low < 0 else "abfm sequential"
+        return ColorRange(automatic if wanted == "automatic" else wanted, low, high)
 
 
 def _most(values: FloatArray, weights: FloatArray) -> float:
@@ -251,8 +234,3 @@ def _most(values: FloatArray, weights: FloatArray) -> float:
     order = np.argsort(values)
     below = np.cumsum(weights[order])
     return float(values[order[np.searchsorted(below, 0.95 * below[-1])]])
-
-
-def _ranged(session: Session, low: float, high: float) -> ColorRange:
-    automatic = "abfm diverging" if low < 0 else "abfm sequential"
-    return ColorRange(automatic if session.view.colormap == "automatic" else session.view.colormap, low, high)

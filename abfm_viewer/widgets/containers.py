@@ -5,8 +5,9 @@ Everything that opens something is a context manager, so that an error inside le
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from typing import Any
 
 import polyscope.imgui as imgui
 import polyscope.implot as implot
@@ -14,7 +15,7 @@ import polyscope.implot as implot
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.theme import Palette
 from abfm_viewer.document.document import Theme
-from abfm_viewer.widgets.widget_record import Kind, Rect, Widget, WidgetRecord
+from abfm_viewer.widgets.widget_record import Rect, Widget, WidgetKind, WidgetRecord
 
 _WINDOW = (
     imgui.ImGuiWindowFlags_NoDecoration
@@ -82,12 +83,9 @@ class Containers:
             flags &= ~imgui.ImGuiWindowFlags_NoScrollbar
             flags |= imgui.ImGuiWindowFlags_AlwaysVerticalScrollbar
         imgui.Begin(name, flags)
-        try:
-            with self._widget_record.area(rect):
-                self._keep_scroll(name)
-                yield
-        finally:
-            imgui.End()
+        with self._inside(imgui.End, self._widget_record.area(rect)):
+            self._keep_scroll(name)
+            yield
 
     def backdrop(self) -> None:
         """A veil over the whole window that keeps the mouse from what is behind it: draw it before a dialog."""
@@ -110,11 +108,8 @@ class Containers:
             imgui.SetNextWindowSizeConstraints((size[0], 0), (size[0], 0.92 * display[1]))
         imgui.SetNextWindowFocus()
         imgui.Begin(title, _DIALOG | (0 if height else imgui.ImGuiWindowFlags_AlwaysAutoResize))
-        try:
-            with self._widget_record.area(_window_rect()), self._widget_record.section(title):
-                yield
-        finally:
-            imgui.End()
+        with self._inside(imgui.End, self._widget_record.area(_window_rect()), self._widget_record.section(title)):
+            yield
 
     @contextmanager
     def child(self, name: str, height: float, border: bool = True, shrinks: bool = False) -> Iterator[None]:
@@ -127,32 +122,23 @@ class Containers:
             flags |= imgui.ImGuiChildFlags_AutoResizeY
             imgui.SetNextWindowSizeConstraints((0, 0), (imgui.GetContentRegionAvail()[0], height))
         imgui.BeginChild(name, (0, 0 if shrinks else height), flags)
-        try:
-            with self._widget_record.area(_window_rect()):
-                self._keep_scroll(self._widget_record.path(name))
-                yield
-        finally:
-            imgui.EndChild()
+        with self._inside(imgui.EndChild, self._widget_record.area(_window_rect())):
+            self._keep_scroll(self._widget_record.path(name))
+            yield
 
     @contextmanager
     def disabled(self, condition: bool = True) -> Iterator[None]:
         """Grey widgets that do nothing."""
         imgui.BeginDisabled(condition)
-        try:
-            with self._widget_record.disabled(condition):
-                yield
-        finally:
-            imgui.EndDisabled()
+        with self._inside(imgui.EndDisabled, self._widget_record.disabled(condition)):
+            yield
 
     @contextmanager
     def group(self, name: str) -> Iterator[None]:
         """Widgets whose labels may also be found elsewhere: `name` tells them apart, also for the Driver."""
         imgui.PushID(name)
-        try:
-            with self._widget_record.section(name):
-                yield
-        finally:
-            imgui.PopID()
+        with self._inside(imgui.PopID, self._widget_record.section(name)):
+            yield
 
     @contextmanager
     def section(self, label: str, opened: bool = True) -> Iterator[bool]:
@@ -183,10 +169,8 @@ class Containers:
     def menu_bar(self) -> Iterator[None]:
         """The menu bar at the top."""
         imgui.BeginMainMenuBar()
-        try:
+        with self._inside(imgui.EndMainMenuBar):
             yield
-        finally:
-            imgui.EndMainMenuBar()
 
     @contextmanager
     def menu(self, label: str) -> Iterator[bool]:
@@ -232,20 +216,22 @@ class Containers:
             self.record(label, "plot")
 
     def record(
-        self,
-        label: str,
-        kind: Kind,
-        rect: Rect | None = None,
-        low: float = 0.0,
-        high: float = 0.0,
-        text: str = "",
-        log: bool = False,
-        enabled: bool = True,
+        self, label: str, kind: WidgetKind, rect: Rect | None = None, enabled: bool = True, **details: Any
     ) -> None:
-        """Remember what was drawn; without a rectangle, ImGui's latest item."""
+        """Remember what was drawn, with attributes of `Widget`; without a rectangle, ImGui's latest item."""
+        if kind == "slider":
+            details["grab"] = imgui.GetStyle().GrabMinSize
         rect = rect or (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
-        grab = imgui.GetStyle().GrabMinSize if kind == "slider" else 0.0
-        self._widget_record.add(label, kind, rect, enabled=enabled, low=low, high=high, log=log, text=text, grab=grab)
+        self._widget_record.add(label, kind, rect, enabled, **details)
+
+    @contextmanager
+    def _inside(self, end: Callable[[], object], *parts: AbstractContextManager[None]) -> Iterator[None]:
+        """A block in parts of the record that ends for ImGui, too, whatever happens in it."""
+        with ExitStack() as stack:
+            stack.callback(end)
+            for part in parts:
+                stack.enter_context(part)
+            yield
 
     def _keep_scroll(self, name: str) -> None:
         """Remember how far the present window was scrolled; new ones, and a new context, start from there."""

@@ -15,54 +15,25 @@ def apply(theme: Theme, scale: float) -> None:
     style = imgui.GetStyle()
     _lengths(style, scale)
     clear: Color = (0, 0, 0, 0)
-    colors = {
-        "Text": p.ink,
-        "TextDisabled": p.muted,
-        "WindowBg": p.panel,
-        "ChildBg": clear,
-        "PopupBg": p.panel,
-        "Border": p.border,
-        "BorderShadow": clear,
-        "FrameBg": p.field,
-        "FrameBgHovered": p.hovered,
-        "FrameBgActive": p.pressed,
-        "TitleBg": p.field,
-        "TitleBgActive": p.field,
-        "TitleBgCollapsed": p.field,
-        "MenuBarBg": p.panel,
-        "ScrollbarBg": clear,
-        "ScrollbarGrab": p.hovered,
-        "ScrollbarGrabHovered": p.pressed,
-        "ScrollbarGrabActive": p.pressed,
-        "CheckMark": p.accent,
-        "SliderGrab": p.accent,
-        "SliderGrabActive": p.accent_hovered,
-        "Button": p.field,
-        "ButtonHovered": p.hovered,
-        "ButtonActive": p.pressed,
-        "Header": p.field,
-        "HeaderHovered": p.hovered,
-        "HeaderActive": p.pressed,
-        "Separator": p.border,
-        "SeparatorHovered": p.hovered,
-        "SeparatorActive": p.pressed,
-        "Tab": p.field,
-        "TabHovered": p.hovered,
-        "TabSelected": p.pressed,
-        "PlotLines": p.accent,
-        "PlotHistogram": p.accent,
-        "TextSelectedBg": (*p.accent[:3], 0.35),
-        "NavCursor": p.accent,
-        "InputTextCursor": p.ink,
-        "TableHeaderBg": p.field,
-        "TableBorderStrong": p.border,
-        "TableBorderLight": p.border,
-        "TableRowBg": clear,
-        "TableRowBgAlt": (*p.field[:3], 0.35),
-        "ModalWindowDimBg": (0, 0, 0, 0.35),
-    }
-    for name, color in colors.items():
-        style.Colors[getattr(imgui, f"ImGuiCol_{name}")] = color
+    colors: tuple[tuple[Color, str], ...] = (
+        (p.ink, "Text InputTextCursor"),
+        (p.muted, "TextDisabled"),
+        (p.panel, "WindowBg PopupBg MenuBarBg"),
+        (clear, "ChildBg BorderShadow ScrollbarBg TableRowBg"),
+        (p.border, "Border Separator TableBorderStrong TableBorderLight"),
+        (p.field, "FrameBg TitleBg TitleBgActive TitleBgCollapsed Button Header Tab TableHeaderBg"),
+        (p.hovered, "FrameBgHovered ScrollbarGrab ButtonHovered HeaderHovered SeparatorHovered TabHovered"),
+        (p.pressed, "FrameBgActive ScrollbarGrabHovered ScrollbarGrabActive ButtonActive HeaderActive"),
+        (p.pressed, "SeparatorActive TabSelected"),
+        (p.accent, "CheckMark SliderGrab PlotLines PlotHistogram NavCursor"),
+        (p.accent_hovered, "SliderGrabActive"),
+        ((*p.accent[:3], 0.35), "TextSelectedBg"),
+        ((*p.field[:3], 0.35), "TableRowBgAlt"),
+        ((0, 0, 0, 0.35), "ModalWindowDimBg"),
+    )
+    for color, names in colors:
+        for name in names.split():
+            style.Colors[getattr(imgui, f"ImGuiCol_{name}")] = color
     implot.StyleColorsLight() if theme == "light" else implot.StyleColorsDark()
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
+from contextlib import suppress
 from typing import Literal, TypeVar
 
 import polyscope.imgui as imgui
@@ -16,32 +16,16 @@ from abfm_viewer.widgets.slider_scale import share_of, value_at
 
 Word = TypeVar("Word", bound=str)
 _AWAY = 8  # how far the mouse moves before tooltips come again
-ChooseToSave = Callable[[str, tuple[str, ...], str, Callable[[Path], None]], None]
-ChooseToOpen = Callable[[str, tuple[str, ...], Callable[[Path], None]], None]
-"""A title, suffixes, a default name, and what to do with the path."""
 
 
 class Ui(Containers):
-    """Draws widgets, in containers, and remembers them.
-
-    Attributes
-    ----------
-    choose_to_save : callable
-        Lets the user name a file to write; see `abfm_viewer.dialogs.Dialogs.save`.
-    choose_to_open : callable
-        Lets the user choose a file to read; see `abfm_viewer.dialogs.Dialogs.open`.
-    open_mesh : callable
-        Lets the user choose a mesh, and opens it.
-    """
+    """Draws widgets, in containers, and remembers them."""
 
     def __init__(self) -> None:
         super().__init__()
         self._texts: dict[str, str] = {}
         self._refused: dict[str, str] = {}
         self._clicked_at: tuple[float, float] | None = None
-        self.choose_to_save: ChooseToSave = lambda title, suffixes, name, on_path: None
-        self.choose_to_open: ChooseToOpen = lambda title, suffixes, on_path: None
-        self.open_mesh: Callable[[], None] = lambda: None
 
     def begin_frame(self, scale: float, name: Theme) -> None:
         """Start the record of a frame."""
@@ -131,30 +115,30 @@ class Ui(Containers):
         box = self.px(76)
         spacing = imgui.GetStyle().ItemInnerSpacing[0]
         width = max(self._width_beside(label) - box - spacing, self.px(40))
+        result = self.slider(label, value, low, high, tip, width=width, log=log)
+        if result is not None:
+            result = float(round(result)) if whole else float(f"{result:.3g}")  # what a slider is good for
+            self.refuse(label, "")
+        imgui.SameLine(0, spacing)
+        text = self.text(label, f"{round(value)}" if whole else f"{value:.6g}", tip, width=box)
+        if text is not None:
+            typed = finite(text)
+            result = result if typed is None else typed
+            self.refuse(label, f"{text!r} is no number" if typed is None else "")
+        self.refusal(label)
+        return result
+
+    def slider(
+        self, label: str, value: float, low: float, high: float, tip: str = "", *, width: float, log: bool = False
+    ) -> float | None:
+        """A slider without a text; a new value, or None."""
         imgui.SetNextItemWidth(width)
         flags = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
         shown = share_of(min(max(value, low), high), low, high, log)
         changed, share = imgui.SliderFloat(f"##{label} slider", shown, 0.0, 1.0, "", flags)
-        slid = value_at(share, low, high, log)
         self.record(label, "slider", low=low, high=high, log=log, text=f"{value:.6g}")
         self.tip(tip)
-        result: float | None = None
-        if changed:
-            result = float(round(slid)) if whole else _rounded(slid)
-            self._refused.pop(self._widget_record.path(label), None)
-        imgui.SameLine(0, spacing)
-        text = self.text(label, f"{round(value)}" if whole else f"{value:.6g}", tip, width=box)
-        if text is not None:
-            try:
-                typed = float(text)
-                if not math.isfinite(typed):
-                    raise ValueError
-                result = typed
-                self._refused.pop(self._widget_record.path(label), None)
-            except ValueError:
-                self.refuse(label, f"{text!r} is no number")
-        self.refusal(label)
-        return result
+        return value_at(share, low, high, log) if changed else None
 
     def text(self, label: str, value: str, tip: str = "", *, hint: str = "", width: float = 0) -> str | None:
         """A box to type into; the new text when Enter is pressed or the box is left, else None."""
@@ -260,6 +244,9 @@ class Ui(Containers):
         return max(float(imgui.GetContentRegionAvail()[0] - room), self.px(60))
 
 
-def _rounded(value: float) -> float:
-    """Three digits: what a slider is good for."""
-    return float(f"{value:.3g}")
+def finite(text: str) -> float | None:
+    """The number that a text says; None if it says none, or not a finite one."""
+    with suppress(ValueError):
+        number = float(text)
+        return number if math.isfinite(number) else None
+    return None

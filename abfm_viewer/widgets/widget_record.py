@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, get_args
 
 Rect = tuple[float, float, float, float]
 """Left, top, right, bottom in window pixels."""
-Kind = Literal["button", "checkbox", "combo", "choice", "slider", "box", "section", "menu", "item", "plot", "canvas"]
+WidgetKind = Literal["button", "checkbox", "combo", "choice", "slider", "box", "section", "menu", "item", "plot"]
+KINDS: tuple[WidgetKind, ...] = get_args(WidgetKind)
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Widget:
     ----------
     label : str
         What the user reads on it or beside it.
-    kind : Kind
+    kind : WidgetKind
     rect : Rect
     area : Rect
         The part of the window that its panel shows; a widget outside of it must be scrolled to.
@@ -41,7 +42,7 @@ class Widget:
     """
 
     label: str
-    kind: Kind
+    kind: WidgetKind
     rect: Rect
     area: Rect
     section: str
@@ -118,19 +119,7 @@ class WidgetRecord:
         finally:
             self._disabled -= condition
 
-    def add(
-        self,
-        label: str,
-        kind: Kind,
-        rect: Rect,
-        *,
-        enabled: bool = True,
-        low: float = 0.0,
-        high: float = 0.0,
-        log: bool = False,
-        text: str = "",
-        grab: float = 0.0,
-    ) -> None:
-        """Remember a widget; the arguments are attributes of `Widget`."""
+    def add(self, label: str, kind: WidgetKind, rect: Rect, enabled: bool = True, **details: Any) -> None:
+        """Remember a widget; the details are other attributes of `Widget`."""
         section, usable = "/".join(self._sections[1:]), enabled and self.enabled
-        self._drawn.append(Widget(label, kind, rect, self._areas[-1], section, usable, low, high, log, text, grab))
+        self._drawn.append(Widget(label, kind, rect, self._areas[-1], section, usable, **details))

@@ -1,164 +1,110 @@
-"""What menus and keys do: every action by its name, and whether it can be done now."""
+"""What menus and keys do: one table for the keyboard, the hints in the menus and the list in Help."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-from abfm_viewer.dialogs import Dialogs
-from abfm_viewer.session.opening import MESHES, PROJECT, RESULT, Documents
-from abfm_viewer.session.session import Session
-from abfm_viewer.window import shortcuts
+from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.time_bar import STEP
+from abfm_viewer.session.opening import PROJECT, RESULT
 
+_COMMAND = "Cmd" if sys.platform == "darwin" else "Ctrl"
 _QUIT = "Save before closing?"
-_STEP = 1 / 20
-"""Of tau: how far the step keys move in time."""
+_MOUSE = (
+    ("drag", "turn the surfaces"),
+    ("right drag", "move them"),
+    ("wheel", "nearer or farther"),
+    ("Shift+click, Shift+drag", "on the source or target: move the active Gaussian"),
+    ("Shift+wheel", "wider or narrower Gaussian"),
+    ("drop files", "open a mesh, a project or a result"),
+)
+
+
+@dataclass(eq=False)
+class Action:
+    """Something that keys and perhaps a menu do.
+
+    Attributes
+    ----------
+    group : str
+        Its heading in the list.
+    does : str
+        What it does, for the list.
+    do : callable
+    chords : tuple of str
+        Such as "Ctrl+Shift+S"; Ctrl is Cmd on a Mac.
+    repeats : bool
+        Whether holding the key does it again and again.
+    while_typing : bool
+        Whether it holds in a text box, too, which then takes what was typed; others may mean something there.
+    """
+
+    group: str
+    does: str
+    do: Callable[[], None]
+    chords: tuple[str, ...]
+    repeats: bool = False
+    while_typing: bool = False
+
+    @property
+    def hint(self) -> str:
+        """The first chord, as the user's keyboard calls it."""
+        return self.chords[0].replace("Ctrl", _COMMAND)
 
 
 class Actions:
-    """The window's commands.
+    """The window's commands; each `Action` is an attribute, and `all` has them in the list's order.
 
     Parameters
     ----------
-    session : Session
-    documents : Documents
-    dialogs : Dialogs
+    context : Context
     reset_camera : callable
         Looks from the front again.
-    show_section : callable
-        Opens a section of the panel and brings it into view.
     close : callable
         Closes the window without a question.
     """
 
-    def __init__(
-        self,
-        session: Session,
-        documents: Documents,
-        dialogs: Dialogs,
-        reset_camera: Callable[[], None],
-        show_section: Callable[[str], None],
-        close: Callable[[], None],
-    ) -> None:
-        self.session = session
-        self.documents = documents
-        self.dialogs = dialogs
-        self.reset_camera = reset_camera
-        self.show_section = show_section
-        self._close = close
+    def __init__(self, context: Context, reset_camera: Callable[[], None], close: Callable[[], None]) -> None:
+        session = context.session
+        self.context, self._close = context, close
+        self.open_mesh = Action("Files", "open a mesh", context.open_mesh, ("Ctrl+O",), while_typing=True)
+        self.open_project = Action(
+            "Files", "open a project or a result", self._open_project, ("Ctrl+Shift+O",), while_typing=True
+        )
+        self.save = Action("Files", "save the project", self._save, ("Ctrl+S",), while_typing=True)
+        self.save_as = Action(
+            "Files", "save the project under another name", self._ask_where, ("Ctrl+Shift+S",), while_typing=True
+        )
+        self.quit = Action("Files", "quit", self._quit, ("Ctrl+Q",), while_typing=True)
+        self.undo = Action("Changes", "undo", session.undo, ("Ctrl+Z",), repeats=True)
+        self.redo = Action("Changes", "redo", session.redo, ("Ctrl+Y", "Ctrl+Shift+Z"), repeats=True)
+        self.match = Action("Solver", "match", session.match, ("Ctrl+Enter",), while_typing=True)
+        self.pause = Action("Solver", "pause or resume", self._pause, ("P",))
+        self.cancel = Action("Solver", "cancel, and keep the best field so far", session.solver.cancel, ("Esc",))
+        self.play = Action("Time", "play or pause", session.player.toggle, ("Space",))
+        self.step_back = Action("Time", "a twentieth of tau back", lambda: self._step(-STEP), ("Left",), repeats=True)
+        self.step_on = Action("Time", "a twentieth of tau on", lambda: self._step(STEP), ("Right",), repeats=True)
+        self.go_to_start = Action("Time", "to time 0", lambda: session.set_time(0.0), ("Home",))
+        self.go_to_end = Action("Time", "to tau", lambda: session.set_time(session.parameters.tau), ("End",))
+        self.reset_camera = Action("View", "look from the front again", reset_camera, ("R",))
+        self.switch_theme = Action("View", "light or dark", self._switch_theme, ("L",))
+        self.show_shortcuts = Action("View", "this list", self._show_shortcuts, ("F1",))
+        self.all = tuple(one for one in vars(self).values() if isinstance(one, Action))
 
-    # Files
-
-    def open_mesh(self) -> None:
-        """Ask for a mesh and open it."""
-        self.dialogs.open("Open a mesh", MESHES, self.documents.open)
-
-    def open_project(self) -> None:
-        """Ask for a project or a result and open it."""
-        self.dialogs.open("Open a project or a result", (PROJECT, RESULT), self.documents.open)
-
-    def save(self) -> None:
-        """Save the project where it is; ask where if it is nowhere yet."""
-        self._save_then(None)
-
-    def save_as(self) -> None:
-        """Ask where to save the project."""
-        self._ask_where(None)
-
-    def quit(self) -> None:
-        """Close the window; with unsaved work only after a question."""
-        session = self.session
-        if self.documents.saving:
-            self.documents.when_saved(self.quit)
-        elif not (session.unsaved or session.solver.running):
-            self._close()
-        elif not self.dialogs.is_asking(_QUIT):
-            name = session.document.name
-            unsaved = "is being matched; the best field so far is" if session.solver.running else "has changes that are"
-            text = f"{name} {unsaved} in no file."
-            buttons = {
-                "Save": self._save_and_close,
-                "Don't save": self._close,
-                "Go back": None,
-            }
-            self.dialogs.ask(_QUIT, text, buttons)
-
-    def _save_and_close(self) -> None:
-        self.session.end_run()
-        self._save_then(self._close)
-
-    def _save_then(self, then: Callable[[], None] | None) -> None:
-        if self.session.path is None:
-            self._ask_where(then)
-        else:
-            self.documents.save(self.session.path, then)
-
-    def _ask_where(self, then: Callable[[], None] | None) -> None:
-        name = (self.session.path or Path(self.session.document.name)).with_suffix(PROJECT).name
-        self.dialogs.save("Save the project", (PROJECT,), name, lambda path: self.documents.save(path, then))
-
-    # Changes
-
-    def undo(self) -> None:
-        """Take back the last change."""
-        self.session.undo()
-
-    def redo(self) -> None:
-        """Do again what was taken back."""
-        self.session.redo()
-
-    # Solver
-
-    def match(self) -> None:
-        """Start the solver."""
-        self.session.match()
-
-    def pause(self) -> None:
-        """Hold the solver, or let it go on."""
-        solver = self.session.solver
-        solver.resume() if solver.paused else solver.pause()
-
-    def cancel(self) -> None:
-        """End the run and keep its best field."""
-        self.session.solver.cancel()
-
-    # Time
-
-    def play(self) -> None:
-        """Play or pause."""
-        self.session.player.toggle()
-
-    def step_back(self) -> None:
-        """Go a step back in time."""
-        self._move(self.session.time - _STEP * self.session.parameters.tau)
-
-    def step_on(self) -> None:
-        """Go a step on in time."""
-        self._move(self.session.time + _STEP * self.session.parameters.tau)
-
-    def go_to_start(self) -> None:
-        """Show time 0."""
-        self._move(0.0)
-
-    def go_to_end(self) -> None:
-        """Show time tau."""
-        self._move(self.session.parameters.tau)
-
-    def _move(self, time: float) -> None:
-        self.session.player.playing = False
-        self.session.set_time(time)
-
-    # View and help
-
-    def switch_theme(self) -> None:
-        """Light to dark, or back."""
-        theme = self.session.view.theme
-        self.session.set_view("change the theme", theme="dark" if theme == "light" else "light")
-
-    def show_shortcuts(self) -> None:
-        """List the keys."""
-        self.dialogs.show("Shortcuts", shortcuts.listed())
+    def listed(self) -> list[tuple[str, str]]:
+        """The list in Help: rows of keys and what they do; a heading has an empty second part."""
+        rows: list[tuple[str, str]] = []
+        for group in dict.fromkeys(action.group for action in self.all):
+            rows.append((group, ""))
+            rows += [
+                (" or ".join(action.chords).replace("Ctrl", _COMMAND), action.does)
+                for action in self.all
+                if action.group == group
+            ]
+        return [*rows, ("Mouse", ""), *_MOUSE]
 
     def show_about(self) -> None:
         """Say what the app is, and what it runs on."""
@@ -166,7 +112,7 @@ class Actions:
 
         import numpy as np
 
-        self.dialogs.show(
+        self.context.dialogs.show(
             "About abfm",
             [
                 f"abfm {version('abfm')}",
@@ -177,3 +123,53 @@ class Actions:
                 "MIT licence.",
             ],
         )
+
+    def _open_project(self) -> None:
+        self.context.dialogs.open("Open a project or a result", (PROJECT, RESULT), self.context.files.open)
+
+    def _quit(self) -> None:
+        """Close the window; with unsaved work only after a question."""
+        session, files, dialogs = self.context.session, self.context.files, self.context.dialogs
+        if files.saving:
+            files.when_saved(self._quit)
+        elif not (session.unsaved or session.solver.running):
+            self._close()
+        elif not dialogs.is_asking(_QUIT):
+            name = session.document.name
+            unsaved = "is being matched; the best field so far is" if session.solver.running else "has changes that are"
+            text = f"{name} {unsaved} in no file."
+            dialogs.ask(_QUIT, text, {"Save": self._save_and_close, "Don't save": self._close, "Go back": None})
+
+    def _save_and_close(self) -> None:
+        self.context.session.end_run()
+        self._save(self._close)
+
+    def _save(self, then: Callable[[], None] | None = None) -> None:
+        """Save the project where it is; ask where if it is nowhere yet."""
+        path = self.context.session.path
+        if path is None:
+            self._ask_where(then)
+        else:
+            self.context.files.save(path, then)
+
+    def _ask_where(self, then: Callable[[], None] | None = None) -> None:
+        session = self.context.session
+        name = (session.path or Path(session.document.name)).with_suffix(PROJECT).name
+        self.context.dialogs.save(
+            "Save the project", (PROJECT,), name, lambda path: self.context.files.save(path, then)
+        )
+
+    def _pause(self) -> None:
+        solver = self.context.session.solver
+        solver.resume() if solver.paused else solver.pause()
+
+    def _step(self, share: float) -> None:
+        session = self.context.session
+        session.set_time(session.time + share * session.parameters.tau)
+
+    def _switch_theme(self) -> None:
+        session = self.context.session
+        session.set_view("change the theme", theme="dark" if session.view.theme == "light" else "light")
+
+    def _show_shortcuts(self) -> None:
+        self.context.dialogs.show("Shortcuts", self.listed())

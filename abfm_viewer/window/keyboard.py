@@ -6,8 +6,7 @@ from functools import cache
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.window.actions import Actions
-from abfm_viewer.window.shortcuts import SHORTCUTS, Shortcut
+from abfm_viewer.window.actions import Action, Actions
 
 _NAMES = {"Left": "LeftArrow", "Right": "RightArrow", "Esc": "Escape"}
 _ELSEWHERE = "status line"  # a window without text boxes
@@ -17,36 +16,34 @@ class Keyboard:
     """Does what keys stand for, unless they are meant for a text box, a menu or a drag."""
 
     def __init__(self) -> None:
-        self._waiting: Shortcut | None = None
+        self._waiting: Action | None = None
 
     def do_pressed(self, actions: Actions) -> None:
         """Do what the keys pressed in this frame stand for: call it at the end of every frame."""
-        shortcut, self._waiting = self._waiting, None
-        if shortcut is None:
-            shortcut = _pressed()
-            if shortcut is None:
-                return
-            if imgui.GetIO().WantTextInput:
+        action, self._waiting = self._waiting, None
+        if action is None:
+            action = _pressed(actions)
+            if action is not None and imgui.GetIO().WantTextInput:
                 imgui.SetWindowFocus(_ELSEWHERE)  # in the next frame the box gives what was typed
-                self._waiting = shortcut
-                return
-        getattr(actions, shortcut.action)()
+                action, self._waiting = None, action
+        if action is not None:
+            action.do()
 
 
-def _pressed() -> Shortcut | None:
+def _pressed(actions: Actions) -> Action | None:
     io = imgui.GetIO()
     anywhere = imgui.ImGuiPopupFlags_AnyPopupId | imgui.ImGuiPopupFlags_AnyPopupLevel
     if io.KeyAlt or io.KeySuper or imgui.IsPopupOpen("", anywhere):
         return None
     if imgui.IsAnyItemActive() and not io.WantTextInput:
         return None
-    for shortcut in SHORTCUTS:
-        if io.WantTextInput and not shortcut.while_typing:
+    for action in actions.all:
+        if io.WantTextInput and not action.while_typing:
             continue
-        for chord in shortcut.chords:
+        for chord in action.chords:
             key, ctrl, shift = _parts(chord)
-            if (ctrl, shift) == (io.KeyCtrl, io.KeyShift) and imgui.IsKeyPressed(key, shortcut.repeats):
-                return shortcut
+            if (ctrl, shift) == (io.KeyCtrl, io.KeyShift) and imgui.IsKeyPressed(key, action.repeats):
+                return action
     return None
 
 

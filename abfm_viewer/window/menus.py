@@ -9,9 +9,10 @@ from abfm import Parameters
 from abfm.experiments import FIGURES, TITLES
 from abfm_viewer.appearance import colormaps
 from abfm_viewer.document.document import LAYOUTS, THEMES
+from abfm_viewer.session.session import Session
+from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
-from abfm_viewer.window.actions import Actions
-from abfm_viewer.window.shortcuts import hint
+from abfm_viewer.window.actions import Action, Actions
 
 UI_SCALES = (1.0, 1.25, 1.5, 2.0)
 _LONGEST_PATH = 60
@@ -33,65 +34,65 @@ def draw(ui: Ui, actions: Actions) -> None:
 
 
 def _file(ui: Ui, actions: Actions) -> None:
-    _item(ui, actions, "Open mesh...", "open_mesh")
-    _item(ui, actions, "Open project...", "open_project")
-    _recent(ui, actions)
+    _item(ui, "Open mesh...", actions.open_mesh)
+    _item(ui, "Open project...", actions.open_project)
+    _recent(ui, actions.context.files)
     ui.separator()
-    _item(ui, actions, "Save project", "save")
-    _item(ui, actions, "Save project as...", "save_as")
+    _item(ui, "Save project", actions.save)
+    _item(ui, "Save project as...", actions.save_as)
     ui.separator()
     for label in ("Export picture...", "Export movie...", "Export data..."):
         if ui.menu_item(label):
-            actions.show_section("Export")
+            ui.show_section("Export")
     ui.separator()
-    _item(ui, actions, "Quit", "quit")
+    _item(ui, "Quit", actions.quit)
 
 
-def _recent(ui: Ui, actions: Actions) -> None:
+def _recent(ui: Ui, files: SessionFiles) -> None:
     with ui.menu("Recent") as is_open:
         if not is_open:
             return
-        recent = actions.documents.recent()
+        recent = files.recent()
         for path in recent:
             if ui.menu_item(_short(path)):
-                actions.documents.open(path)
+                files.open(path)
         if not recent:
             ui.menu_item("no files yet", enabled=False)
         ui.separator()
         if ui.menu_item("Clear recent", enabled=bool(recent)):
-            actions.documents.forget_recent()
+            files.forget_recent()
 
 
 def _edit(ui: Ui, actions: Actions) -> None:
-    history = actions.session.history
-    for label, action, what in (("Undo", "undo", history.undo_label), ("Redo", "redo", history.redo_label)):
-        keys = f"{what}   {hint(action)}" if what else hint(action)
-        if ui.menu_item(label, keys, enabled=bool(what)):
-            getattr(actions, action)()
+    history = actions.context.session.history
+    for label, action, what in (
+        ("Undo", actions.undo, history.undo_label),
+        ("Redo", actions.redo, history.redo_label),
+    ):
+        if ui.menu_item(label, f"{what}   {action.hint}" if what else action.hint, enabled=bool(what)):
+            action.do()
 
 
 def _view(ui: Ui, actions: Actions) -> None:
-    session = actions.session
+    session = actions.context.session
     view = session.view
     for theme in THEMES:
-        keys = hint("switch_theme") if theme != view.theme else ""
+        keys = actions.switch_theme.hint if theme != view.theme else ""
         if ui.menu_item(f"{theme.capitalize()} theme", keys, checked=view.theme == theme):
             session.set_view("change the theme", theme=theme)
     ui.separator()
-    _choices(ui, actions, "Layout", "layout", {name: name for name in LAYOUTS})
-    _choices(ui, actions, "Color map", "colormap", {name: name for name in ("automatic", *colormaps.NAMES)})
-    for label, name in (("Isolines", "isolines"), ("Color bar", "color_bar")):
-        shown = getattr(view, name)
+    _choices(ui, session, "Layout", "layout", {name: name for name in LAYOUTS})
+    _choices(ui, session, "Color map", "colormap", {name: name for name in ("automatic", *colormaps.NAMES)})
+    for label, name, shown in (("Isolines", "isolines", view.isolines), ("Color bar", "color_bar", view.color_bar)):
         if ui.menu_item(label, checked=shown):
             session.set_view(f"{'hide' if shown else 'show'} the {label.lower()}", "", **{name: not shown})
     ui.separator()
-    _item(ui, actions, "Reset camera", "reset_camera")
-    _choices(ui, actions, "UI scale", "ui_scale", {f"{scale:g}": scale for scale in UI_SCALES})
+    _item(ui, "Reset camera", actions.reset_camera)
+    _choices(ui, session, "UI scale", "ui_scale", {f"{scale:g}": scale for scale in UI_SCALES})
 
 
-def _choices(ui: Ui, actions: Actions, label: str, name: str, choices: dict[str, Any]) -> None:
+def _choices(ui: Ui, session: Session, label: str, name: str, choices: dict[str, Any]) -> None:
     """A submenu of which one entry is chosen."""
-    session = actions.session
     with ui.menu(label) as is_open:
         for choice, value in choices.items() if is_open else ():
             if ui.menu_item(choice, checked=getattr(session.view, name) == value):
@@ -99,25 +100,26 @@ def _choices(ui: Ui, actions: Actions, label: str, name: str, choices: dict[str,
 
 
 def _presets(ui: Ui, actions: Actions) -> None:
-    session = actions.session
+    session = actions.context.session
     for figure in FIGURES:
         chosen = ui.menu_item(f"Figure {figure}: {TITLES[figure]}")
         ui.tip(_FIGURE)
         if chosen:
-            actions.documents.open_figure(figure)
+            actions.context.files.open_figure(figure)
     ui.separator()
     if ui.menu_item("Reset to defaults", enabled=session.parameters != _INITIAL):
         session.set_parameter(label="reset the parameters", **_INITIAL.to_dict())
 
 
 def _help(ui: Ui, actions: Actions) -> None:
-    _item(ui, actions, "Shortcuts", "show_shortcuts")
-    _item(ui, actions, "About", "show_about")
+    _item(ui, "Shortcuts", actions.show_shortcuts)
+    if ui.menu_item("About"):
+        actions.show_about()
 
 
-def _item(ui: Ui, actions: Actions, label: str, action: str) -> None:
-    if ui.menu_item(label, hint(action)):
-        getattr(actions, action)()
+def _item(ui: Ui, label: str, action: Action) -> None:
+    if ui.menu_item(label, action.hint):
+        action.do()
 
 
 def _short(path: Path) -> str:

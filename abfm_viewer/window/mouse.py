@@ -7,9 +7,9 @@ import time
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.document.document import Side
+from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.scene import Hit, Scene
+from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import Rect
 
@@ -56,9 +56,9 @@ class Mouse:
         from abfm_viewer.session import active_gaussian  # not before: it loads what the first frame does without
 
         hit = scene.pick(place)
-        side = _side(hit)
         if hit is None:
             return
+        side = next((side for side in SIDES if side == hit.surface), None)
         if side is None:
             if pressed:
                 session.say("Shift-click on the source or the target to move its Gaussian; this surface has none")
@@ -87,9 +87,3 @@ class Mouse:
             hit = scene.pick(place) if still else None
             if hit is not None:
                 session.add_point("lines" if session.view.tool == "flow line" else "points", hit.point)
-
-
-def _side(hit: Hit | None) -> Side | None:
-    if hit is None:
-        return None
-    return "source" if hit.surface == "source" else "target" if hit.surface == "target" else None

@@ -1,4 +1,4 @@
-"""What outlives a launch: preferences, and unsaved work of launches that ended badly."""
+"""Unsaved work: copies of this launch's, and those of launches that ended badly."""
 
 from __future__ import annotations
 
@@ -10,25 +10,15 @@ from functools import partial
 from abfm import AbfmError
 from abfm.types import FloatArray
 from abfm_viewer.dialogs import Dialogs
-from abfm_viewer.document.document import THEMES, Document
+from abfm_viewer.document.document import Document
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.opening import known_values
 from abfm_viewer.session.session import Session
 
-_LEAST_SCALE, _LARGEST_SCALE = 0.5, 4.0
 
-
-class Persistence:
-    """Keeps a session's preferences and autosaves in the state folder.
-
-    Parameters
-    ----------
-    session : Session
-    state : StateFolder
-    dialogs : Dialogs
-        Asks whether to recover.
-    """
+class Recoveries:
+    """Keeps a session's autosaves in the state folder, and offers those of earlier launches."""
 
     def __init__(self, session: Session, state: StateFolder, dialogs: Dialogs) -> None:
         self._session = session
@@ -37,8 +27,6 @@ class Persistence:
         self._autosave = Autosave(state)
         self._recoveries: list[Recovery] | None = None
         self._told = ""
-        self._apply_preferences()
-        self._preferences, self._mesh = self._present_preferences(), session.mesh
 
     def update(self) -> None:
         """Call once per frame."""
@@ -52,43 +40,12 @@ class Persistence:
             self._told = self._autosave.error
             if self._told:
                 session.say(f"no copy of unsaved work could be kept: {self._told}", is_error=True)
-        self._keep_preferences()
 
     def close(self, keep_unsaved: bool) -> None:
         """Finish writing; a copy of unsaved work stays only if it is to be recovered."""
         self._autosave.close()
         if not (keep_unsaved and self._session.unsaved):
             self._autosave.discard()
-
-    # Preferences
-
-    def _apply_preferences(self) -> None:
-        """Set what the user set last, unless a project brings a look of its own; what makes no sense is left out."""
-        session, known = self._session, self._state.preferences()
-        theme, scale, follow = (known.get(name) for name in ("theme", "ui_scale", "follow"))
-        view = replace(session.view, ui_scale=1.0)
-        if theme in THEMES and session.path is None:
-            view = replace(view, theme=theme)
-        if isinstance(scale, int | float) and _LEAST_SCALE <= scale <= _LARGEST_SCALE:
-            view = replace(view, ui_scale=float(scale))
-        if isinstance(follow, bool):
-            session.solver.follow = follow
-        if view != session.view:
-            session.amend(view=view)
-
-    def _keep_preferences(self) -> None:
-        """Remember what the user changed; a project that is opened may look otherwise."""
-        present, mesh = self._present_preferences(), self._session.mesh
-        for name, value in present.items():
-            if self._preferences[name] != value and mesh is self._mesh:
-                self._state.set_preference(name, value)
-        self._preferences, self._mesh = present, mesh
-
-    def _present_preferences(self) -> dict[str, object]:
-        view = self._session.view
-        return {"theme": view.theme, "ui_scale": view.ui_scale, "follow": self._session.solver.follow}
-
-    # Recovery
 
     def _ask_next(self) -> None:
         if self._recoveries:

@@ -16,18 +16,20 @@ import polyscope.imgui as imgui
 from PIL import Image
 
 from abfm.io import write_atomically
-from abfm.numerics import own_process
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
 from abfm_viewer.panels import right_panel, status_line, time_bar
+from abfm_viewer.panels.context import Context
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.annotations import draw_annotations, window_pen
-from abfm_viewer.scene.gaussian_markers import BumpMarkers
+from abfm_viewer.scene.gaussian_markers import GaussianMarkers
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
-from abfm_viewer.session.opening import Documents
+from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
+from abfm_viewer.session.session_files import SessionFiles
+from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets import style
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_file import write_widgets
@@ -36,14 +38,14 @@ from abfm_viewer.window import menus, warm_up
 from abfm_viewer.window.actions import Actions
 from abfm_viewer.window.keyboard import Keyboard
 from abfm_viewer.window.mouse import Mouse
-from abfm_viewer.window.recovery import Persistence
+from abfm_viewer.window.preferences import Preferences
+from abfm_viewer.window.recovery import Recoveries
 
 if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder
 
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
 _IDLE_AFTER = 1.0  # seconds without anything that moves
-_FACTOR_APART_FROM = 15_000  # unknowns; smaller systems take a few frames
 _PANEL_WIDTH, _WIDEST_PANEL = 380, 0.5
 _STATUS_HEIGHT = 28
 
@@ -77,9 +79,6 @@ class Window:
 
     Attributes
     ----------
-    session : Session
-    ui : Ui
-    scene : Scene
     frames : int
         How many were drawn.
     errors : dict of str to str
@@ -96,26 +95,23 @@ class Window:
         state: StateFolder | None = None,
     ) -> None:
         self.session = session
+        self.shown = Shown(session)
         self.ui = Ui()
         self.dialogs = Dialogs()
-        self.ui.choose_to_save, self.ui.choose_to_open = self.dialogs.save, self.dialogs.open
-        self.documents = Documents(session, state, self.dialogs.ask)
-        self.persistence = Persistence(session, state, self.dialogs) if state else None
-        self.actions = Actions(
-            session, self.documents, self.dialogs, self._reset_camera, self.ui.show_section, self._end
-        )
-        self.ui.open_mesh = self.actions.open_mesh
+        self.exporter = Exporter(session.say)
+        self.files = SessionFiles(session, state, self.dialogs.ask)
+        self.preferences = Preferences(session, state) if state else None
+        self.recoveries = Recoveries(session, state, self.dialogs) if state else None
+        self.context = Context(self.ui, session, self.shown, self.exporter, self.files, self.dialogs)
+        self.actions = Actions(self.context, lambda: self.scene.reset_camera(), self._end)
         self.frames = 0
         self.errors: dict[str, str] = {}
         self.closing = self.interrupted = False
         self.parts = areas(size, 0, 1)
-        self._redraws = False
-        self._panel_seconds = self._moved_at = 0.0
-        self._active = False
-        self._last_redraw = 0.0
+        self._redraws = self._active = False
+        self._panel_seconds = self._moved_at = self._last_redraw = 0.0
         self._document: object = None
         self._style: tuple[Theme, float] | None = None
-        own_process.factor_from = _FACTOR_APART_FROM
         opengl.spare_a_core()
         opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)
@@ -125,10 +121,10 @@ class Window:
         ps.set_configure_imgui_style_callback(self._restyle)
         ps.set_files_dropped_callback(self._dropped)
         ps.set_user_callback(self._callback)
-        self.scene = Scene()
+        self.scene = Scene(self.shown)
         self.mouse = Mouse()
         self.keyboard = Keyboard()
-        self.bump_markers = BumpMarkers()
+        self.gaussian_markers = GaussianMarkers()
 
     def run(self) -> None:
         """Draw frames until the window is closed.
@@ -146,7 +142,7 @@ class Window:
             while not self.closing:
                 self.frame()
                 if ps.window_requests_close():
-                    self._once("closing", self.actions.quit)
+                    self._once("closing", self.actions.quit.do)
         finally:
             self.close()
             for number, handler in zip(signals, before, strict=True):
@@ -159,9 +155,11 @@ class Window:
         ps.clear_user_callback()
         ps.clear_files_dropped_callback()
         ps.clear_configure_imgui_style_callback()  # a reference to this window would outlive Python itself
-        self.documents.close()
-        if self.persistence:
-            self.persistence.close(keep_unsaved=self.interrupted)
+        self.files.close()
+        if self.recoveries:
+            self.recoveries.close(keep_unsaved=self.interrupted)
+        self.exporter.close()
+        self.shown.close()
         self.session.close()
 
     def frame(self) -> None:
@@ -169,8 +167,7 @@ class Window:
         start = time.perf_counter()
         self.tick()
         now = time.perf_counter()
-        lively = now - self._moved_at < _IDLE_AFTER
-        seconds = _SECONDS_PER_FRAME if lively else _SECONDS_PER_IDLE_FRAME
+        seconds = _SECONDS_PER_FRAME if now - self._moved_at < _IDLE_AFTER else _SECONDS_PER_IDLE_FRAME
         time.sleep(max(_LEAST_SLEEP, seconds - (now - start)))
 
     def tick(self) -> None:
@@ -179,7 +176,7 @@ class Window:
         ps.frame_tick()
         if self._redraws:
             seconds = time.perf_counter() - start - self._panel_seconds
-            self.scene.redraw_seconds = min(seconds, self._last_redraw)  # one that something else held up is none
+            self.scene.pacing.redraw_seconds = min(seconds, self._last_redraw)  # else something held one of them up
             self._last_redraw = seconds
 
     def screenshot(self, path: Path) -> None:
@@ -212,38 +209,37 @@ class Window:
         self._panel_seconds = time.perf_counter() - start
 
     def _draw(self) -> None:
-        if not self.ui.capturing:
-            self.frames += 1
-        view = self.session.view
+        view, is_live = self.session.view, not self.ui.capturing
+        self.frames += is_live
         if self._style is None or self._style[1] != view.ui_scale:
             ps.set_ui_scale(view.ui_scale)
         if self._style != (view.theme, view.ui_scale):
             self._style = (view.theme, view.ui_scale)
             self._restyle()
         self.ui.begin_frame(view.ui_scale, view.theme)
-        if not self.ui.capturing:
+        if is_live:
             self.guarded("session", self._update)
         parts = self.parts = areas(imgui.GetIO().DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
         left, top, right, bottom = parts.scene
-        self.session.exporter.window_size = (round(right - left), round(bottom - top))
+        self.exporter.window_size = (round(right - left), round(bottom - top))
         pen = window_pen(self.ui)
         self.scene.room_above, self.scene.room_below = 2.2 * pen.line, pen.bar_room if view.color_bar else 0.0
-        self.guarded("scene", lambda: self.scene.update(self.session, parts.scene))
-        if not self.ui.capturing:
+        self.guarded("scene", lambda: self.scene.update(parts.scene))
+        if is_live:
             free = not self.dialogs.is_open
             self.guarded("mouse", lambda: self.mouse.update(self.session, self.scene, parts.scene, free))
-        self.guarded("markers", lambda: self.bump_markers.draw(self.ui, self.session, self.scene, parts.scene))
+        self.guarded("markers", lambda: self.gaussian_markers.draw(self.ui, self.session, self.scene, parts.scene))
         self.guarded("labels", lambda: draw_annotations(self.ui, self.scene, parts.scene, view.color_bar))
         with self.ui.disabled(self.dialogs.is_open):
             self.guarded("menu", lambda: menus.draw(self.ui, self.actions))
-            self.guarded("panel", lambda: right_panel.draw(self.ui, self.session, parts.panel, self.guarded))
-            self.guarded("time bar", lambda: time_bar.draw(self.ui, self.session, parts.time_bar))
-            self.guarded("status line", lambda: status_line.draw(self.ui, self.session, parts.status))
-        keys_are_free = not self.dialogs.is_open and not self.ui.capturing
+            self.guarded("panel", lambda: right_panel.draw(self.context, parts.panel, self.guarded))
+            self.guarded("time bar", lambda: time_bar.draw(self.context, parts.time_bar))
+            self.guarded("status line", lambda: status_line.draw(self.context, parts.status))
+        keys_are_free = is_live and not self.dialogs.is_open
         self.guarded("dialog", lambda: self.dialogs.draw(self.ui))
         if keys_are_free:
             self.guarded("keyboard", lambda: self.keyboard.do_pressed(self.actions))
-        if not self.ui.capturing:
+        if is_live:
             self.ui.end_frame()
             self.guarded("widget file", lambda: write_widgets(self.ui.widgets, self.frames))
 
@@ -257,9 +253,10 @@ class Window:
         held = active and bool(imgui.IsMouseDown(0))  # what is typed must be evaluated before a run follows it
         self.session.dragging = held or self.mouse.dragging
         self.session.update()
-        self.documents.update()
-        if self.persistence:
-            self.persistence.update()
+        self.files.update()
+        if self.preferences and self.recoveries:
+            self.recoveries.update()
+            self.preferences.update()
 
     def _moves(self) -> bool:
         """Whether the user or the session did something since the latest frame."""
@@ -268,21 +265,18 @@ class Window:
         self._document = session.document
         by_hand = tuple(io.MouseDelta) != (0, 0) or io.MouseWheel != 0 or imgui.IsAnyMouseDown()
         moving = session.view.streaks and session.view.animate
-        working = session.solver.running or session.busy != "" or moving
+        working = session.solver.running or self.shown.busy != "" or moving
         return changed or by_hand or imgui.IsAnyItemActive() or working
 
     def _dropped(self, files: list[str]) -> None:
         """Open a file that was dropped on the window."""
         if files:
-            self._once("drop", lambda: self.documents.open_first([Path(file) for file in files]))
+            self._once("drop", lambda: self.files.open_first([Path(file) for file in files]))
 
     def _once(self, part: str, do: Callable[[], None]) -> None:
         """Do something between frames; an error is shown in the status line only."""
         self.guarded(part, do)
         self.errors.pop(part, None)
-
-    def _reset_camera(self) -> None:
-        self.scene.reset_camera(self.session)
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
         self.closing = self.interrupted = True

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from abfm.errors import ParameterError as ParameterError
     from abfm.errors import ResultError as ResultError
     from abfm.flow.advection import advect as advect
+    from abfm.flow.flow import Flow as Flow
     from abfm.functions import function as function
     from abfm.matching.energy.energy import MatchingEnergy as MatchingEnergy
     from abfm.matching.judging.verification import Verification as Verification
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from abfm.matching.result import Match as Match
     from abfm.matching.result import load_match as load_match
     from abfm.matching.solving.control import Control as Control
-    from abfm.matching.solving.iteration import Iteration as Iteration
+    from abfm.matching.solving.record import Iteration as Iteration
     from abfm.mesh import TriangleMesh as TriangleMesh
     from abfm.mesh import load_mesh as load_mesh
     from abfm.parameters import Parameters as Parameters
@@ -31,8 +32,9 @@ _MODULES = {
     "AbfmError": "errors",
     "AdvectionError": "errors",
     "Control": "matching.solving.control",
+    "Flow": "flow.flow",
     "FunctionError": "errors",
-    "Iteration": "matching.solving.iteration",
+    "Iteration": "matching.solving.record",
     "Match": "matching.result",
     "MatchingEnergy": "matching.energy.energy",
     "MeshError": "errors",

@@ -8,6 +8,8 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from abfm.errors import ParameterError
 
+Method = Literal["nonlinear", "linearised"]
+
 _LARGEST_ALPHA = 1e7
 _SMALLEST, _LARGEST = 1e-30, 1e30  # numbers other than 0, whose squares neither underflow nor overflow
 _MANY = 1_000_000_000
@@ -61,9 +63,7 @@ class Parameters:
         0.5, "", "weight of flow lines against the discrete advection in the end; 0 as the paper", 0, 1
     )
     levels: int = _parameter(0, "", "meshes from coarse to fine; 1 only the mesh itself, 0 by its size", 0, 10)
-    method: Literal["nonlinear", "linearised"] = _parameter(
-        "nonlinear", "", "exponential flow, or the first two terms of the exponential"
-    )
+    method: Method = _parameter("nonlinear", "", "exponential flow, or the first two terms of the exponential")
     segments: int = _parameter(0, "N", "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)", 0, 1000)
     gradient: Literal["adjoint", "bracket"] = _parameter(
         "adjoint", "", "exact derivative of the discrete energy, or the paper's by brackets"

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from math import inf, isfinite
 
-from abfm.benchmark.arrival import arrival, format_arrival, gaussians, run_arrival
+from abfm.benchmark.arrival import format_arrival, gaussians, run_arrival
 from abfm.benchmark.success import BEFORE
+from abfm.benchmark.watched import watched_match
 from abfm.parameters import Parameters
 
 
@@ -23,12 +24,12 @@ def test_report_is_whole_and_survives_json() -> None:
 
 
 def test_a_solver_that_is_cancelled_did_not_arrive() -> None:
-    found = arrival(gaussians(3), BEFORE, 0.0)
+    found = watched_match(gaussians(3), BEFORE, 0.0)
     assert found.to_level == inf
     assert found.found.mismatch > 0.5
 
 
 def test_the_level_is_met_before_the_end() -> None:
-    found = arrival(gaussians(4), Parameters())
+    found = watched_match(gaussians(4), Parameters())
     assert found.to_level <= found.to_end
     assert found.found.mismatch <= 0.05

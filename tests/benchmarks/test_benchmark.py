@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from abfm.benchmark import cosine_table, cosines, format_report, markdown_table, run
-from abfm.benchmark.convergence import COOLED, converge
-from abfm.benchmark.problem import PARAMETERS, sphere_problem
-from abfm.benchmark.race import SOLVER, descend, time_below
-from abfm.benchmark.watched import LEVEL
+from abfm.benchmark.problem import COOLED, PARAMETERS, sphere_problem
+from abfm.benchmark.race import SOLVER, time_below
+from abfm.benchmark.watched import LEVEL, watched_match
 from abfm.calculus.operators import l2_norm
 from abfm.matching.energy.energy import MatchingEnergy
 
@@ -123,13 +122,13 @@ def test_time_below_is_the_first_time() -> None:
     assert time_below(history, 1.0) is None
 
 
-def test_descend_stops_below_the_level() -> None:
-    history = descend(sphere_problem(2), SOLVER, seconds=60.0, until=1e5)
+def test_a_watched_match_stops_below_the_level() -> None:
+    history = watched_match(sphere_problem(2), SOLVER, 60.0, energy=1e5).history
     assert history[-1, 1] < 1e5 <= history[-2, 1]
 
 
 def test_iterations_hardly_depend_on_the_mesh() -> None:
-    coarse, fine = (converge(sphere_problem(s), COOLED, until=LEVEL).iterations_to(LEVEL) for s in (3, 4))
+    coarse, fine = (watched_match(sphere_problem(s), COOLED, mismatch=LEVEL).iterations_to_level for s in (3, 4))
     assert coarse is not None
     assert fine is not None
     assert max(coarse, fine) <= 1.25 * min(coarse, fine)
@@ -137,7 +136,7 @@ def test_iterations_hardly_depend_on_the_mesh() -> None:
 
 def test_more_substeps_and_the_dropped_factor_bring_the_bracket_gradient_closer() -> None:
     problem = sphere_problem(3)
-    one, ten, forty = cosines(problem, converge(problem, COOLED, until=LEVEL).velocity)
+    one, ten, forty = cosines(problem, watched_match(problem, COOLED, mismatch=LEVEL).found.velocity[0])
     assert one["cosine"] < 0.5
     assert one["cosine"] == pytest.approx(one["completed_cosine"])
     assert ten["cosine"] < ten["completed_cosine"] < forty["completed_cosine"]

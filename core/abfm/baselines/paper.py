@@ -108,12 +108,9 @@ class PaperDescent:
     Attributes
     ----------
     velocity : (F, 3) array
-        Field of the lowest energy, in the input's units.
-    energy : float
-        The lowest energy, on the mesh scaled to unit area.
+        Field of the lowest energy, in the input's units; the energy is that on the mesh scaled to unit area.
     history : (rows, 2) array
         Seconds since the start, and the lowest energy so far, at the start and each time that it fell.
-    evaluations : int
     stop_reason : str
         "time limit", or why L-BFGS stopped by itself.
     """
@@ -132,20 +129,11 @@ class _OutOfTimeError(Exception):
 def minimise(
     mesh: TriangleMesh, f: ArrayLike, g: ArrayLike, parameters: Parameters, seconds: float = 60.0
 ) -> PaperDescent:
-    """Run the paper's algorithm from ``v = 0`` until it stops by itself or the time is over, set-up included.
+    """Run the paper's algorithm from ``v = 0`` until it stops by itself or the seconds are over, set-up included.
 
     The evaluation under way when time is up still counts. Of two stand-ins for minFunc (both with its memory of
     `MEMORY` pairs, its scaling and a strong Wolfe search), SciPy's L-BFGS-B found lower energies than this package's
     own L-BFGS without preconditioner, which has minFunc's first step and constants.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    f, g : (V,) arrays
-    parameters : Parameters
-        As `PaperEnergy` reads them.
-    seconds : float
-        Time limit.
     """
     start = perf_counter()
     energy = PaperEnergy(mesh, f, g, parameters)

@@ -45,7 +45,6 @@ class ReducedMatch:
         The start carried along its flow, in the reduced basis.
     start_mismatch, mismatch : float
         ``||C - C_target|| / ||C_target||`` before and after, in the Frobenius norm.
-    iterations : int
     stop_reason : str
         What SciPy's L-BFGS-B says.
     """

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from abfm.baselines.paper import PaperEnergy
-from abfm.benchmark.convergence import converge
 from abfm.benchmark.problem import PARAMETERS, Problem, sphere_problem
+from abfm.benchmark.tables import markdown
+from abfm.benchmark.watched import watched_match
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.energy.energy import MatchingEnergy
 from abfm.types import FloatArray
@@ -26,20 +27,14 @@ COLUMNS = {
 
 
 def cosines(problem: Problem, velocity: FloatArray, substeps: Sequence[int] = SUBSTEPS) -> list[dict[str, float]]:
-    """Compare the bracket gradient with the exact one of the discrete energy, for several numbers of sub-steps n.
-
-    Parameters
-    ----------
-    problem : Problem
-    velocity : (F, 3) array
-        Where to compare, in the mesh's units.
-    substeps : sequence of int
+    """Compare the bracket gradient with the exact one of the discrete energy at a field (F, 3) in the mesh's units.
 
     Returns
     -------
-    One row for each n: ``cosine`` between both gradients of the mismatch (the regularity's is the same), ``length`` of
-    the bracket gradient of the mismatch relative to the exact one's, ``whole_cosine`` between the gradients of the
-    whole energy, and ``completed_cosine`` as ``cosine`` with the factor ``exp(-dtau D_v)`` that is dropped in print.
+    One row for each number of sub-steps n: ``cosine`` between both gradients of the mismatch (the regularity's is the
+    same), ``length`` of the bracket gradient of the mismatch relative to the exact one's, ``whole_cosine`` between the
+    gradients of the whole energy, and ``completed_cosine`` as ``cosine`` with the factor ``exp(-dtau D_v)`` that is
+    dropped in print.
     """
     exact_energy = MatchingEnergy(problem.mesh, problem.source, problem.target, PARAMETERS)
     fields = to_frame(exact_energy.mesh, velocity[None] / exact_energy.length_scale)
@@ -68,10 +63,9 @@ def cosines(problem: Problem, velocity: FloatArray, substeps: Sequence[int] = SU
 def cosine_table(subdivision: int = 5, iterations: int = 300, substeps: Sequence[int] = SUBSTEPS) -> str:
     """The rows of `cosines` at the field after some iterations of the solver, as a table in Markdown."""
     problem = sphere_problem(subdivision)
-    rows = cosines(problem, converge(problem, replace(PARAMETERS, iterations=iterations)).velocity, substeps)
-    lines = [" | ".join(COLUMNS.values()), " | ".join("---" for _ in COLUMNS)]
-    lines += [" | ".join(f"{row[key]:.3g}" for key in COLUMNS) for row in rows]
-    return "\n".join(f"| {line} |" for line in lines)
+    found = watched_match(problem, replace(PARAMETERS, iterations=iterations)).found
+    rows = [[f"{row[key]:.3g}" for key in COLUMNS] for row in cosines(problem, found.velocity[0], substeps)]
+    return "\n".join(markdown([list(COLUMNS.values()), *rows]))
 
 
 def _cosine(a: FloatArray, b: FloatArray) -> float:

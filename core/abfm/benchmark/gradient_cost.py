@@ -15,13 +15,7 @@ from abfm.types import FloatArray
 def gradient_cost(problem: Problem, velocity: FloatArray, repeats: int) -> tuple[float, float]:
     """Median seconds of one forward advection and of one energy with exact gradient, both by the same scheme.
 
-    Parameters
-    ----------
-    problem : Problem
-    velocity : (F, 3) array
-        Where to measure, in the mesh's units.
-    repeats : int
-        Measurements of each, taken in turn.
+    Measured in turn at a field (F, 3) in the mesh's units.
     """
     energy = MatchingEnergy(problem.mesh, problem.source, problem.target, PARAMETERS)
     fields = to_frame(energy.mesh, velocity[None] / energy.length_scale)

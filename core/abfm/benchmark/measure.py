@@ -7,13 +7,12 @@ from dataclasses import replace
 from statistics import median
 from typing import Any
 
-from abfm.benchmark.convergence import COOLED, converge
 from abfm.benchmark.cosines import cosines
 from abfm.benchmark.gradient_cost import gradient_cost
 from abfm.benchmark.machine import machine
-from abfm.benchmark.problem import PARAMETERS, sphere_problem
+from abfm.benchmark.problem import COOLED, PARAMETERS, sphere_problem
 from abfm.benchmark.race import race, time_below
-from abfm.benchmark.watched import LEVEL
+from abfm.benchmark.watched import LEVEL, watched_match
 
 Progress = Callable[[str], None]
 
@@ -37,18 +36,14 @@ def run(
         Told in one line what is measured next.
     seconds : float
         What the paper's algorithm and plain L-BFGS get.
-    subdivision : int
-        Icosphere of the race and of the cosines: ``10 * 4**subdivision + 2`` vertices.
-    subdivisions : sequence of int
-        Icospheres of everything that is measured against the mesh size, coarse to fine.
+    subdivision, subdivisions : int, sequence of int
+        Icospheres of the race and the cosines, and of what is measured against the mesh size, coarse to fine.
     iterations : int
-        Iterations at constant sigma on each mesh, and to the field at which the gradient is timed; at least 20.
+        At constant sigma on each mesh, and to the field at which the gradient is timed; at least 20.
     cosine_iterations : int
-        Iterations to the field at which gradients are compared.
-    repeats : int
-        Runs of the solver in the race; their median counts.
-    timings : int
-        Timed evaluations for the cost of the gradient; their median counts.
+        To the field at which gradients are compared.
+    repeats, timings : int
+        Runs of the solver in the race, and timed evaluations of the gradient: their medians count.
 
     Returns
     -------
@@ -63,8 +58,8 @@ def run(
     _add_mesh_sizes(report, subdivisions, iterations, timings, tell)
     tell("cosines of the bracket gradient")
     problem = sphere_problem(subdivision)
-    velocity = converge(problem, replace(PARAMETERS, iterations=cosine_iterations)).velocity
-    report["bracket_gradient"] = cosines(problem, velocity)
+    found = watched_match(problem, replace(PARAMETERS, iterations=cosine_iterations)).found
+    report["bracket_gradient"] = cosines(problem, found.velocity[0])
     report["settings"] = {
         "vertices": len(problem.mesh.vertices),
         "seconds": seconds,
@@ -78,19 +73,21 @@ def run(
 
 def _add_race(report: dict[str, Any], subdivision: int, seconds: float, repeats: int, tell: Progress) -> None:
     result = race(subdivision, seconds, repeats, tell)
-    paper, plain = result.paper, result.plain
-    below_paper = _median([time_below(history, paper.energy) for history in result.solver])
-    below_plain = _median([time_below(history, plain[-1, 1]) for history in result.solver])
+    paper, (plain_seconds, plain_energy, _) = result.paper, result.plain[-1].tolist()
+    paper_seconds = float(paper.history[-1, 0])
+    below_paper, below_plain = (
+        _median([time_below(history, level) for history in result.solver]) for level in (paper.energy, plain_energy)
+    )
     report["ratios"] |= {
         "paper_seconds_to_solver_seconds": _ratio(seconds, below_paper),
-        "paper_seconds_until_its_lowest_to_solver_seconds": _ratio(paper.history[-1, 0], below_paper),
-        "plain_seconds_until_its_lowest_to_solver_seconds": _ratio(plain[-1, 0], below_plain),
+        "paper_seconds_until_its_lowest_to_solver_seconds": _ratio(paper_seconds, below_paper),
+        "plain_seconds_until_its_lowest_to_solver_seconds": _ratio(plain_seconds, below_plain),
     }
-    report["lowest_energy"] = {"paper": paper.energy, "plain": float(plain[-1, 1])}
+    report["lowest_energy"] = {"paper": paper.energy, "plain": plain_energy}
     report["paper_run"] = {"evaluations": paper.evaluations, "stop_reason": paper.stop_reason}
     report["seconds"] = {
-        "paper_until_its_lowest": float(paper.history[-1, 0]),
-        "plain_until_its_lowest": float(plain[-1, 0]),
+        "paper_until_its_lowest": paper_seconds,
+        "plain_until_its_lowest": plain_seconds,
         "solver_below_paper": below_paper,
         "solver_below_plain": below_plain,
     }
@@ -99,30 +96,30 @@ def _add_race(report: dict[str, Any], subdivision: int, seconds: float, repeats:
 def _add_mesh_sizes(
     report: dict[str, Any], subdivisions: Sequence[int], iterations: int, timings: int, tell: Progress
 ) -> None:
-    cost, to_level, to_level_cooled, energies, seconds = {}, {}, {}, {}, {}
+    cost: dict[str, float] = {}
+    reached: dict[str, dict[str, int | None]] = {"default_cooling": {}, "constant_sigma": {}}
+    report["iterations_to_mismatch"] = reached
+    report["energy_after_iterations"] = energies = {}
+    report["seconds"]["by_vertices"] = seconds = {}
     for subdivision in subdivisions:
         problem = sphere_problem(subdivision)
         size = str(len(problem.mesh.vertices))
         tell(f"iterations and cost of the gradient at {size} vertices")
-        constant = converge(problem, replace(PARAMETERS, iterations=iterations))
-        cooled = converge(problem, COOLED, until=LEVEL)
-        to_level[size], to_level_cooled[size] = constant.iterations_to(LEVEL), cooled.iterations_to(LEVEL)
-        energies[size] = {"10": constant.energies[10], "20": constant.energies[20]}
-        advection, gradient = gradient_cost(problem, constant.velocity, timings)
+        constant = watched_match(problem, replace(PARAMETERS, iterations=iterations))
+        reached["default_cooling"][size] = watched_match(problem, COOLED, mismatch=LEVEL).iterations_to_level
+        reached["constant_sigma"][size] = constant.iterations_to_level
+        energies[size] = {str(k): float(constant.history[k, 1]) for k in (10, 20)}
+        advection, gradient = gradient_cost(problem, constant.found.velocity[0], timings)
         cost[size] = gradient / advection
         seconds[size] = {"advection": advection, "energy_and_gradient": gradient}
     report["ratios"]["gradient_to_advection"] = cost
     report["ratios"]["iterations_finest_to_coarsest"] = {
-        "default_cooling": _finest_to_coarsest(to_level_cooled),
-        "constant_sigma": _finest_to_coarsest(to_level),
+        name: _finest_to_coarsest(list(iterations.values())) for name, iterations in reached.items()
     }
-    report["iterations_to_mismatch"] = {"default_cooling": to_level_cooled, "constant_sigma": to_level}
-    report["energy_after_iterations"] = energies
-    report["seconds"]["by_vertices"] = seconds
 
 
-def _finest_to_coarsest(iterations: dict[str, int | None]) -> float | None:
-    coarsest, *_, finest = iterations.values()
+def _finest_to_coarsest(iterations: list[int | None]) -> float | None:
+    coarsest, finest = iterations[0], iterations[-1]
     return None if coarsest is None or finest is None else finest / coarsest
 
 

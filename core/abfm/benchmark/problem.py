@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -15,6 +15,8 @@ PARAMETERS = Parameters(
     **PAPER, tau=2.0, alpha=1e3, beta=1e-5, sigma=1e-4, substeps=40, quadrature=10, cooling_stages=1, tolerance=0.0
 )
 """The row of Fig. 3 in Table 1, sigma constant, and no end but the iteration limit."""
+
+COOLED = replace(PARAMETERS, cooling_stages=Parameters().cooling_stages)
 
 SOURCE_WIDTH, TARGET_WIDTH = 0.12, 0.06
 """Standard deviations of the bumps as fractions of sqrt(area)."""

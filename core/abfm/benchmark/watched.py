@@ -1,4 +1,4 @@
-"""A match against the clock: when it arrived on the mesh itself, and how it ended."""
+"""A match against the clock: how it went on the mesh itself, and how it ended."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from math import inf
 from time import perf_counter
 
+import numpy as np
+
+from abfm.benchmark.problem import Problem
 from abfm.matching.match import Control, Iteration, match
 from abfm.matching.result import Match
 from abfm.matching.schedule import MATCHED
-from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
@@ -21,27 +23,32 @@ LEVEL = MATCHED
 class Watched:
     """What happened.
 
-    Attributes
-    ----------
-    found : Match
-    last : Iteration or None
-        The latest iterate.
-    to_level : float
-        Seconds until the mismatch on the mesh itself was at most `LEVEL`; inf if it never was.
-    to_end : float
-        Seconds of all of `abfm.match`.
+    `last` is the latest iterate; `history` (rows, 3) has seconds, energy and relative mismatch of each iterate on the
+    mesh itself; `to_end` are the seconds of all of `abfm.match`.
     """
 
     found: Match
     last: Iteration | None
-    to_level: float
+    history: FloatArray
     to_end: float
+
+    @property
+    def to_level(self) -> float:
+        """Seconds until the mismatch on the mesh itself was at most `LEVEL`; inf if it never was."""
+        reached = self.iterations_to_level
+        return inf if reached is None else float(self.history[reached, 0])
+
+    @property
+    def iterations_to_level(self) -> int | None:
+        """Iterations on the mesh itself until then; None if it never was."""
+        reached = np.flatnonzero(self.history[:, 2] <= LEVEL)
+        return int(reached[0]) if len(reached) else None
 
 
 def watched_match(
-    mesh: TriangleMesh, source: FloatArray, target: FloatArray, parameters: Parameters, limit: float = inf
+    problem: Problem, parameters: Parameters, seconds: float = inf, energy: float = -inf, mismatch: float = -inf
 ) -> Watched:
-    """Match; after ``limit`` seconds it is cancelled and ends with what it has.
+    """Match, until some seconds have passed, or energy or mismatch on the mesh itself are low enough.
 
     Raises
     ------
@@ -50,16 +57,17 @@ def watched_match(
     """
     control = Control()
     last: Iteration | None = None
-    to_level = inf
+    history: list[tuple[float, float, float]] = []
     start = perf_counter()
 
     def watch(iterate: Iteration) -> None:
-        nonlocal last, to_level
-        last, seconds = iterate, perf_counter() - start
-        if iterate.level == iterate.levels - 1 and iterate.mismatch <= LEVEL:
-            to_level = min(to_level, seconds)
-        if seconds > limit:
+        nonlocal last
+        last, now = iterate, perf_counter() - start
+        on_mesh = iterate.level == iterate.levels - 1
+        if on_mesh:
+            history.append((now, iterate.energy, iterate.mismatch))
+        if now > seconds or (on_mesh and (iterate.energy < energy or iterate.mismatch <= mismatch)):
             control.cancel()
 
-    found = match(mesh, source, target, parameters, on_iteration=watch, control=control)
-    return Watched(found, last, to_level, perf_counter() - start)
+    found = match(problem.mesh, problem.source, problem.target, parameters, on_iteration=watch, control=control)
+    return Watched(found, last, np.array(history).reshape(-1, 3), perf_counter() - start)

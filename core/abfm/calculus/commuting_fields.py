@@ -26,22 +26,16 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
     On a mesh no other field commutes exactly, so a weight takes the place of the constraint. It grows as the edges
     shrink, and the bracket vanishes in the limit: in proportion to the edge length on smoothly varying meshes.
 
+    Boundary condition of `abfm.calculus.operators.hodge_laplacian`: fields stay on the surface. Each has the root mean
+    square of ``v``, and a positive product with ``v`` turned by 90 degrees plus ``v`` times its squared speed, unless
+    that vanishes.
+
     Parameters
     ----------
-    mesh : TriangleMesh
-        Boundary condition of `abfm.calculus.operators.hodge_laplacian`: fields stay on the surface.
     v : (F, 3) array
         Tangent vectors, in any unit; a normal part is dropped.
-    count : int
-        How many fields.
     weight : float, optional
         Of the bracket; by default sqrt(area) over the mean edge length. 0 gives the smoothest fields of all.
-
-    Returns
-    -------
-    (count, F, 3) array
-        Each with the root mean square of ``v``, and a positive product with ``v`` turned by 90 degrees plus ``v`` times
-        its squared speed, unless that vanishes.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError
-from abfm.mesh import TriangleMesh
+from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray
 
@@ -36,14 +36,11 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
     most = min(count, BLOCKS[-1])
     if not 1 <= k <= most:
         raise FunctionError(f"{k} eigenfunctions asked for; on a mesh of {count} vertices it can be 1 to {most}")
-    size = next(block for block in BLOCKS if block >= k)
-    key = (__name__, "eigenbasis", size)
-    if key not in mesh.cache:
-        mesh.cache[key] = _block(mesh, min(size, count))
-    values, functions = mesh.cache[key]
+    values, functions = _block(mesh, min(next(block for block in BLOCKS if block >= k), count))
     return values[:k], functions[:, :k]
 
 
+@per_mesh
 def _block(mesh: TriangleMesh, size: int) -> tuple[FloatArray, FloatArray]:
     count = len(mesh.vertices)
     root_mass = np.sqrt(vertex_areas(mesh))

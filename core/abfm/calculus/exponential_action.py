@@ -18,10 +18,7 @@ def exponential_action(matrix: Matrix, x: FloatArray, t: float) -> FloatArray:
 
     The result is not finite where the exponential overflows.
 
-    Raises
-    ------
-    AdvectionError
-        If ``t matrix`` is not finite or so large that the sum would not end in reasonable time.
+    Raises an AdvectionError if ``t matrix`` is not finite or so large that the sum would not end in reasonable time.
     """
     bound = abs(t) * float(np.min([abs(matrix).sum(axis=axis).max() for axis in (0, 1)]))
     if not bound <= _NORM_LIMIT:

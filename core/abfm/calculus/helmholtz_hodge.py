@@ -20,14 +20,8 @@ Projection = Callable[[FloatArray], FloatArray]
 def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Split a field into a gradient, a rotated gradient and a harmonic field.
 
-    The three are orthogonal in L2 and sum to ``v``, both to rounding. On a boundary the gradient takes all flux through
-    it: the other two are tangent to the boundary.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    v : (F, 3) array
-        Tangent vectors in space, in any unit; a normal part is dropped.
+    The three are orthogonal in L2 and sum to ``v`` (F, 3) without its normal part, both to rounding. On a boundary the
+    gradient takes all flux through it: the other two are tangent to the boundary.
 
     Returns
     -------

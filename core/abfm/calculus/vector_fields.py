@@ -16,10 +16,7 @@ from abfm.types import FloatArray
 def check_field(mesh: TriangleMesh, field: ArrayLike, name: str) -> FloatArray:
     """A field (F, 3) as an array.
 
-    Raises
-    ------
-    ParameterError
-        If it has another shape or values that are not finite.
+    Raises a ParameterError if it has another shape or values that are not finite.
     """
     array = np.asarray(field, dtype=np.float64)
     if array.shape != (len(mesh.faces), 3):
@@ -87,12 +84,7 @@ def lie_bracket_of(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> FloatArray
     """Lie bracket ``[v, u]``, (F, 3): the field whose derivative is ``D_v D_u - D_u D_v`` (Eqs. 10 and 11).
 
     Zero where the two flows commute. On smoothly varying meshes the error falls in proportion to the edge length.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    v, u : (F, 3) arrays
-        Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped.
+    ``v`` and ``u`` are (F, 3), in the mesh's length unit per unit of time; a normal part is dropped.
 
     Raises
     ------
@@ -108,15 +100,8 @@ def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> Flo
 
     Eq. 12 prints ``exp(t ad_v)``. With the bracket of Eq. 10 that is the pullback, which is the pushforward for ``-t``:
     rotating a sphere, for example, must turn a field along, and only the minus sign does. On smoothly varying meshes
-    the error falls in proportion to the edge length.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    v, u : (F, 3) arrays
-        Tangent vectors, ``v`` in the mesh's length unit per unit of time; a normal part is dropped.
-    t : float
-        Time of either sign.
+    the error falls in proportion to the edge length. ``v`` (F, 3) is in the mesh's length unit per unit of time, ``t``
+    has either sign; normal parts are dropped.
 
     Raises
     ------

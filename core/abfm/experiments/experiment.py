@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from abfm.calculus.vector_fields import to_frame
 from abfm.errors import MeshError
 from abfm.experiments import TITLES
 from abfm.experiments.sheet import Sheet
+from abfm.flow.flow import Flow
 from abfm.functions import function
-from abfm.matching.energy.energy import MatchingEnergy
-from abfm.matching.judging.verdict import Verdict
+from abfm.matching.match import match
 from abfm.matching.result import Match
-from abfm.matching.schedule import MATCHED
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
@@ -30,20 +28,16 @@ Report = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Measure:
-    """A measured number.
+    """A measured number, whose `name` says its unit.
 
     Attributes
     ----------
-    name : str
-        What was measured, with its unit.
-    value : float
-        Finite.
-    bound : float or None
-        What the value must not exceed.
     claim : str
         What the paper says about it, if anything.
     reproduces : bool or None
         Whether the value bears the claim out; None without a claim.
+    bound : float or None
+        What the value must not exceed.
 
     Raises
     ------
@@ -53,9 +47,9 @@ class Measure:
 
     name: str
     value: float
-    bound: float | None = None
     claim: str = ""
     reproduces: bool | None = None
+    bound: float | None = None
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.value):
@@ -84,16 +78,14 @@ class Setup:
 
     Attributes
     ----------
-    mesh : TriangleMesh
     name : str
         What the mesh is called.
     sources, targets : tuple of str
         One spec of `abfm.functions` per channel; a spec that `values` names has these values.
     values : mapping of str to (V,) array
         Functions that no text describes, by the spec of a file, ``file:name.npy``, that need not exist.
-    parameters : Parameters
-    velocity : (N, F, 3) array or None
-        The field that the experiment is about, where it is given and not sought.
+    flow : Flow or None
+        What the experiment is about, where it is given and not sought.
     """
 
     mesh: TriangleMesh
@@ -102,7 +94,7 @@ class Setup:
     targets: tuple[str, ...]
     values: Mapping[str, FloatArray] = field(default_factory=dict)
     parameters: Parameters
-    velocity: FloatArray | None = None
+    flow: Flow | None = None
 
     @property
     def source(self) -> FloatArray:
@@ -115,32 +107,9 @@ class Setup:
         return self._evaluate(self.targets)
 
     @property
-    def given(self) -> Match | None:
-        """The given field as if it had been found, for what shows results; None where a field is sought."""
-        if self.velocity is None:
-            return None
-        source, target, p = self.source, self.target, self.parameters
-        energy = MatchingEnergy(self.mesh, source, target, p)
-        evaluated = energy.evaluate(to_frame(self.mesh, self.velocity / self.mesh.length_scale), p.sigma)
-        mismatch = energy.relative_mismatch(evaluated.advected)
-        return Match(
-            mesh=self.mesh,
-            source=source,
-            target=target,
-            parameters=p,
-            velocity=self.velocity,
-            advected=np.ascontiguousarray(evaluated.advected.T),
-            energy_history=np.array([[evaluated.energy, evaluated.regularity, evaluated.mismatch]]),
-            stages=np.zeros(1, dtype=np.int64),
-            mismatch=mismatch,
-            verified_mismatch=math.nan,
-            folded=math.nan,
-            stop_reason="given",
-            verdict=Verdict("matched" if mismatch <= MATCHED else "not reached", "the field is given, not sought", ""),
-            mask=None,
-            weights=np.ones(source.shape[1]),
-            channels_given=True,
-        )
+    def where(self) -> str:
+        """The mesh in words."""
+        return f"{self.name}, {len(self.mesh.vertices):,} vertices"
 
     def _evaluate(self, specs: tuple[str, ...]) -> FloatArray:
         known = self.values
@@ -149,20 +118,30 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What running an experiment found.
+    """What running an experiment found: numbers, the figure to draw, and what was run, in a sentence or two."""
 
-    Attributes
-    ----------
-    measures : tuple of Measure
-    sheet : Sheet
-        The figure, to be drawn.
-    setting : str
-        What was run: mesh, functions, parameters, in a sentence or two.
-    """
-
-    measures: tuple[Measure, ...]
+    measures: Sequence[Measure]
     sheet: Sheet
     setting: str
+
+
+def solved(
+    setup: Setup,
+    report: Report,
+    text: str,
+    shares: tuple[float, float] = (0.0, 0.95),
+    source: FloatArray | None = None,
+    target: FloatArray | None = None,
+) -> Match:
+    """Match the set-up's functions, or others (V, C); `report` hears of it from one share to another."""
+    limit, (begin, end) = max(setup.parameters.iterations, 1), shares
+    return match(
+        setup.mesh,
+        setup.source if source is None else source,
+        setup.target if target is None else target,
+        setup.parameters,
+        on_iteration=lambda now: report(text, begin + (end - begin) * now.iteration / limit),
+    )
 
 
 def affordable_iterations(mesh: TriangleMesh, most: int) -> int:
@@ -178,14 +157,10 @@ S = TypeVar("S", bound=Setup)
 
 @dataclass(frozen=True, eq=False)
 class Experiment(Generic[S]):
-    """A figure of the paper as a set-up that can be run again.
+    """A figure of the paper as a set-up that can be run again, and what the paper shows with it.
 
     Attributes
     ----------
-    number : int
-        The figure's number in the paper.
-    claim : str
-        What the paper shows with it.
     set_up : callable
         Given a mesh, or None for the experiment's own, and whether to be small (for tests: a few seconds, coarse
         meshes), makes the set-up; `MeshError` says why a mesh will not do.

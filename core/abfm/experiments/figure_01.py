@@ -13,10 +13,10 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> OneToTwo:
     """Gaussians at far ends of a body, by default a human's hand and feet."""
     parameters = TABLE_1[1].parameters(iterations=100 if small else 300)
     if mesh is not None:
-        return one_to_two(mesh, "mesh", parameters, width=0.2)
+        return one_to_two(mesh, "mesh", parameters)
     body = "human_A.off"
     chosen = (bundled(body), body) if small else (smoothed(body, 1), f"{body} after a Loop subdivision")
-    return one_to_two(*chosen, parameters, width=0.2)
+    return one_to_two(*chosen, parameters)
 
 
 EXPERIMENT = Experiment(

@@ -6,34 +6,31 @@ import math
 
 import numpy as np
 
-from abfm.calculus.operators import Matrix, face_areas, gradient, l2_norm
+from abfm.calculus.operators import Matrix, face_areas, gradient
 from abfm.calculus.vector_fields import directional_derivative, to_frame
-from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
-from abfm.experiments.given_flow import carried, feet, stream_field
+from abfm.experiments.experiment import Experiment, Findings, Measure, Report
+from abfm.experiments.given_flow import GivenFlow, carried, carried_by, feet, relative_difference, stream_field
 from abfm.experiments.meshes import five_limbs
 from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Values
-from abfm.flow.advection import advect
-from abfm.functions import function
-from abfm.matching.result import push
+from abfm.flow.flow import Flow
 from abfm.mesh import TriangleMesh
-from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
 _MODES = {2: 1.0, 3: 0.6, 5: 0.6}
 _WAY = 0.3  # root mean square over the surface until tau, in sqrt(area)
-_SHORT = 0.2  # of tau
+_SHORT = 4  # of the times: 0.2 tau
 _TIMES = np.arange(21) / 20
 _GROWTH = 1e6  # by which linear steps amplify the fastest oscillation until tau
 _MOST_STEPS = 10_000
 _REFINED = 4  # times as many steps, for comparison
-_CLOSE, _CALM = 0.05, 0.05  # "works well": this far from flow lines; "smooth": overshoot and variation in excess
+_SMALL = 0.05  # "works well": so far from flow lines; "smooth": overshoot and variation in excess
 _TALL = 4.0  # a plot is so much taller than its curves but the linear one, which may grow beyond all bounds
-_TARGET = "file:advected.npy"
 _LINEAR, _ONE_STEP, _NONLINEAR, _FLOW_LINES = "linear", "linear, one step", "nonlinear", "flow lines"
 _FINER = f"linear, {_REFINED} times the steps"
+_WORKS, _SMOOTH, _OSCILLATES = "works well for short times", "smooth even for long times", "oscillates for longer times"
 
 
-def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Setup:
+def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> GivenFlow:
     """A smooth field without divergence, and an eigenfunction that it carries away.
 
     The time is shorter on a mesh with triangles so small that linear steps would have to be too many.
@@ -42,92 +39,71 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Setup:
     mesh = mesh or five_limbs(800 if small else 5000)
     velocity = stream_field(mesh, _MODES, _WAY)
     tau = min(1.0, math.sqrt(2 * math.log(_GROWTH) * _MOST_STEPS) / _fastest(_derivative(mesh, velocity)))
-    source = "eigenfunction:6"
-    return Setup(
-        mesh=mesh,
-        name=name,
-        sources=(source,),
-        targets=(_TARGET,),
-        values={_TARGET: advect(mesh, velocity, function(mesh, source), tau)},
-        parameters=Parameters(tau=tau),
-        velocity=velocity[None],
-    )
+    return GivenFlow(mesh=mesh, name=name, **carried_by(Flow(mesh, velocity, tau), "eigenfunction:6"))
 
 
-def run(setup: Setup, report: Report) -> Findings:
+def run(setup: GivenFlow, report: Report) -> Findings:
     """Advect in one linear step (Eq. 5), in many, by the exponential (Eq. 4) and along flow lines."""
-    assert setup.velocity is not None
-    mesh, tau = setup.mesh, setup.parameters.tau
-    f = setup.source[:, 0]
-    times = _TIMES * tau
-    derivative = _derivative(mesh, setup.velocity[0])
-    each = _steps_each(derivative, tau)
+    mesh, flow, f = setup.mesh, setup.flow, setup.source[:, 0]
+    times = _TIMES * flow.tau
+    derivative = _derivative(mesh, flow.velocity[0])
+    each = _steps_each(derivative, flow.tau)
     steps = each * (len(times) - 1)
     report("flow lines", 0.0)
     ways = {
-        _LINEAR: _linear_steps(derivative, f, tau / steps, each),
-        _FINER: _linear_steps(derivative, f, tau / steps / _REFINED, each * _REFINED),
+        _LINEAR: _linear_steps(derivative, f, flow.tau / steps, each),
+        _FINER: _linear_steps(derivative, f, flow.tau / steps / _REFINED, each * _REFINED),
         _ONE_STEP: f - times[:, None] * (derivative @ f),
-        _NONLINEAR: push(mesh, setup.velocity, setup.parameters, f, times),
-        _FLOW_LINES: carried(mesh, feet(mesh, setup.velocity[0], times), f),
+        _NONLINEAR: flow.push(f, times),
+        _FLOW_LINES: carried(mesh, feet(mesh, flow.velocity[0], times), f),
     }
     report("variation", 0.9)
     overshoot = {name: np.array([_overshoot(f, h) for h in way]) for name, way in ways.items()}
     variation = {name: np.array([_variation(mesh, h) for h in way]) for name, way in ways.items()}
-    distance = {
-        name: np.array([l2_norm(mesh, h - g) / l2_norm(mesh, g) for h, g in zip(way, ways[_FLOW_LINES], strict=True)])
-        for name, way in ways.items()
-    }
-    short = int(np.argmin(np.abs(_TIMES - _SHORT)))
     rows = [
         (
             Panel(mesh, Values(f), "t = 0", "source"),
             *(
                 Panel(mesh, Values(np.clip(ways[name][k], f.min(), f.max())), f"{name}, t = {label}")
-                for k, label in ((short, f"{_SHORT:g} τ"), (-1, "τ"))
+                for k, label in ((_SHORT, f"{_TIMES[_SHORT]:g} τ"), (-1, "τ"))
             ),
         )
         for name in (_LINEAR, _NONLINEAR)
     ]
     plots = (
-        _plot(times / tau, overshoot, "overshoot / range of f"),
-        _plot(times / tau, {name: values / values[0] for name, values in variation.items()}, "total variation / of f"),
+        _plot(times / flow.tau, overshoot, "overshoot / range of f"),
+        _plot(
+            times / flow.tau,
+            {name: values / values[0] for name, values in variation.items()},
+            "total variation / of f",
+        ),
     )
+    measures = []
+    for name in (_LINEAR, _FINER, _ONE_STEP, _NONLINEAR):
+        for k, when in ((_SHORT, f"{_TIMES[_SHORT]:g} tau"), (-1, "tau")):
+            off = relative_difference(mesh, ways[name][k], ways[_FLOW_LINES][k])
+            excess = variation[name][k] / variation[_FLOW_LINES][k] - 1
+            measures += [
+                _measure(name, when, "difference from flow lines, relative L2", off),
+                _measure(name, when, "overshoot over the range of f", overshoot[name][k]),
+                _measure(name, when, "total variation over that along flow lines, minus 1", excess),
+            ]
     setting = (
-        f"{setup.name}, {len(mesh.vertices):,} vertices; the rotated gradient of eigenfunctions "
-        f"{', '.join(map(str, _MODES))} carries eigenfunction 6 on average {_WAY * tau:.2g} sqrt(area) far; "
+        f"{setup.where}; the rotated gradient of eigenfunctions "
+        f"{', '.join(map(str, _MODES))} carries eigenfunction 6 on average {_WAY * flow.tau:.2g} sqrt(area) far; "
         f"the linear way takes {steps:,} steps. Colours end at the range of the function."
     )
-    return Findings(_measures(short, overshoot, variation, distance), Sheet((*rows, plots)), setting)
+    return Findings(measures, Sheet((*rows, plots)), setting)
 
 
-def _measures(
-    short: int, overshoot: dict[str, FloatArray], variation: dict[str, FloatArray], distance: dict[str, FloatArray]
-) -> tuple[Measure, ...]:
-    found = []
-    for name in (_LINEAR, _FINER, _ONE_STEP, _NONLINEAR):
-        for when, k in ((f"{_SHORT:g} tau", short), ("tau", -1)):
-            off, over = float(distance[name][k]), float(overshoot[name][k])
-            excess = float(variation[name][k] / variation[_FLOW_LINES][k] - 1)
-            found += [
-                _measure(name, when, "difference from flow lines, relative L2", off, _CLOSE),
-                _measure(name, when, "overshoot over the range of f", over, _CALM),
-                _measure(name, when, "total variation over that along flow lines, minus 1", excess, _CALM),
-            ]
-    return tuple(found)
-
-
-def _measure(name: str, when: str, what: str, value: float, small: float) -> Measure:
+def _measure(name: str, when: str, what: str, value: float) -> Measure:
     """A measure with what the paper says about it: differences for short times, oscillations for long ones."""
-    long, difference = when == "tau", what.startswith("difference")
     title = f"{name}, t = {when}: {what}"
-    if name not in (_LINEAR, _NONLINEAR) or long == difference:
+    difference = what.startswith("difference")
+    if name not in (_LINEAR, _NONLINEAR) or difference == (when == "tau"):
         return Measure(title, value)
-    if difference:
-        return Measure(title, value, None, "works well for short times", value <= small)
-    if name == _LINEAR:
-        return Measure(title, value, None, "oscillates for longer times", value > small)
-    return Measure(title, value, None, "smooth even for long times", value <= small)
+    claim = _WORKS if difference else _OSCILLATES if name == _LINEAR else _SMOOTH
+    return Measure(title, value, claim, (value > _SMALL) == (claim == _OSCILLATES))
 
 
 def _derivative(mesh: TriangleMesh, velocity: FloatArray) -> Matrix:

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
 from abfm.calculus.commuting_fields import commuting_fields, relative_bracket
-from abfm.calculus.operators import averaging, face_areas, hodge_laplacian
+from abfm.calculus.operators import face_areas, hodge_laplacian
 from abfm.calculus.vector_fields import to_frame
-from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
-from abfm.experiments.given_fields import carried_bump, centres, relative_error, stirring, tangent, with_speed
+from abfm.experiments import given_flow as given
+from abfm.experiments.experiment import Experiment, Findings, Measure, Report
 from abfm.experiments.meshes import gourd, gourd_radius, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
-from abfm.matching.result import push
+from abfm.flow.flow import Flow
 from abfm.mesh import TriangleMesh
-from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
 _SPEED = 0.25  # of v, in sqrt(area) per unit of time
@@ -24,57 +23,49 @@ _OTHERS = 8  # smooth fields to compare the bracket with
 
 
 @dataclass(frozen=True, eq=False)
-class _Case:
-    """A field ``v``, and where it is known the field ``u`` that commutes with it and its roughness."""
+class Commuting(given.Case):
+    """A field, and where it is known the field ``u`` that commutes with it and its roughness."""
 
-    name: str
-    mesh: TriangleMesh
-    v: FloatArray
     u: FloatArray | None = None
     roughness: float = np.nan
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Setup5(Setup):
-    """Surfaces with a field each, every surface from coarse to fine."""
-
-    cases: tuple[tuple[_Case, ...], ...]
-
-
-def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Setup5:
+def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> given.GivenFields[Commuting]:
     """Rotations of two surfaces of revolution; on another mesh, a field that stirs it."""
-    cases: tuple[tuple[_Case, ...], ...]
+    cases: tuple[tuple[Commuting, ...], ...]
     if mesh is None:
         sizes = (1, 2) if small else (1, 2, 4)
         cases = (tuple(_on_gourd(6 * k) for k in sizes), tuple(_on_torus(24 * k) for k in sizes))
     else:
-        cases = ((_Case("mesh", mesh, with_speed(mesh, stirring(mesh, 1), _SPEED)),),)
+        cases = ((Commuting("", mesh, given.with_speed(mesh, given.stirring(mesh, 1), _SPEED)),),)
     first = cases[0][-1]
-    return Setup5(mesh=first.mesh, name=first.name, cases=cases, **carried_bump(first.mesh, first.v))
+    return given.GivenFields(
+        mesh=first.mesh, name=first.name or "mesh", cases=cases, **given.carried_bump(first.mesh, first.v)
+    )
 
 
 def _rotation(mesh: TriangleMesh) -> FloatArray:
-    return with_speed(mesh, tangent(mesh, np.cross([0.0, 1.0, 0.0], centres(mesh))), _SPEED)
+    return given.with_speed(mesh, given.tangent(mesh, np.cross([0.0, 1.0, 0.0], given.centres(mesh))), _SPEED)
 
 
-def _on_torus(n: int) -> _Case:
+def _on_torus(n: int) -> Commuting:
     """The rotation commutes with the harmonic field around the tube, the smoothest of all that are orthogonal to it."""
     mesh = torus(n, n // 2)
-    x, y, z = centres(mesh).T
+    x, y, z = given.centres(mesh).T
     ring = np.hypot(x, z)
     around = np.stack([-y * x / ring, ring - 1, -y * z / ring], axis=1)
     around /= np.linalg.norm(around, axis=1)[:, None] * ring[:, None]
-    return _Case("torus", mesh, _rotation(mesh), tangent(mesh, around), 0.0)
+    return Commuting("torus", mesh, _rotation(mesh), given.tangent(mesh, around), 0.0)
 
 
-def _on_gourd(frequency: int) -> _Case:
+def _on_gourd(frequency: int) -> Commuting:
     """The rotation commutes with the gradient of the first eigenfunction that is constant along the circles."""
     mesh = gourd(frequency)
     polar, slope, roughness = _first_on_meridian()
-    points = centres(mesh)
+    points = given.centres(mesh)
     angle = np.arccos(points[:, 1] / np.linalg.norm(points, axis=1))
     u = _along_meridian(points, angle) * np.interp(angle, polar, slope)[:, None]
-    return _Case("surface of revolution", mesh, _rotation(mesh), tangent(mesh, u), roughness)
+    return Commuting("surface of revolution", mesh, _rotation(mesh), given.tangent(mesh, u), roughness)
 
 
 def _along_meridian(points: FloatArray, angle: FloatArray) -> FloatArray:
@@ -106,68 +97,53 @@ def _first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float
     return polar[::2], np.concatenate([[0.0], slopes, [0.0]]), float(values[0] * 2 * np.pi * cells.sum())
 
 
-def run(setup: Setup5, report: Report) -> Findings:
+def run(setup: given.GivenFields[Commuting], report: Report) -> Findings:
     """Find the smoothest commuting fields, and compare them with the known ones."""
     measures: list[Measure] = []
     rows = []
+    for levels in setup.told(report):
+        found = [(case, commuting_fields(case.mesh, case.v)[0]) for case in levels]
+        measures += _measures(setup.title(found[0][0]), found)
+        case, u = found[-1]
+        v_panel = Panel(case.mesh, _streaks(case, case.v), "v", "field")
+        rows.append((v_panel, Panel(case.mesh, _streaks(case, u), "u", "result")))
     known = setup.cases[0][0].u is not None
-    cases = setup.cases if known else ((replace(setup.cases[0][0], name=setup.name),),)
-    total = sum(len(levels) for levels in cases)
-    done = 0
-    for levels in cases:
-        brackets, errors = [], []
-        for case in levels:
-            report(f"{case.name}, {len(case.mesh.vertices):,} vertices", done / total)
-            u = commuting_fields(case.mesh, case.v)[0]
-            brackets.append(relative_bracket(case.mesh, case.v, u))
-            if case.u is not None:
-                errors.append(_distance(case.mesh, u, case.u))
-            done += 1
-        measures += _measures(case, u, brackets, errors)
-        rows.append(
-            (
-                Panel(case.mesh, _streaks(case, case.v), "v", "field"),
-                Panel(case.mesh, _streaks(case, u), "u", "result"),
-            )
-        )
-    sizes = "; ".join(
-        f"{levels[-1].name}, {', '.join(f'{len(case.mesh.vertices):,}' for case in levels)} vertices"
-        for levels in cases
-    )
     kind = "the rotation about the axis" if known else "the turned gradient of eigenfunction 1"
     setting = (
-        f"{sizes}. v is {kind}; u is orthogonal to v in L2 and minimises its Hodge energy plus the squared bracket, "
-        "weighted by sqrt(area) over the edge length. Bracket norms are sqrt(area) |[v, u]| / (|v| |u|), of root mean "
-        "squares."
+        f"{setup.sizes}. v is {kind}; u is orthogonal to v in L2 and minimises its Hodge energy plus the squared "
+        "bracket, weighted by sqrt(area) over the edge length. Bracket norms are sqrt(area) |[v, u]| / (|v| |u|), of "
+        "root mean squares."
     )
-    return Findings(tuple(measures), Sheet(tuple(rows)), setting)
+    return Findings(measures, Sheet(tuple(rows)), setting)
 
 
-def _streaks(case: _Case, field: FloatArray) -> Streaks:
+def _streaks(case: Commuting, field: FloatArray) -> Streaks:
     """Where ``u`` may be a multiple of ``v`` from place to place, streaks differ only by the speed."""
-    speed = averaging(case.mesh) @ np.linalg.norm(field, axis=1)
-    return Streaks(field) if case.u is not None else Streaks(field, speed, "speed")
+    return Streaks(field) if case.u is not None else Streaks(field, given.speed(case.mesh, field), "speed")
 
 
-def _measures(case: _Case, u: FloatArray, brackets: list[float], errors: list[float]) -> list[Measure]:
-    mesh, v, name = case.mesh, case.v, case.name
+def _measures(name: str, levels: list[tuple[Commuting, FloatArray]]) -> list[Measure]:
+    case, u = levels[-1]
+    mesh, v = case.mesh, case.v
+    brackets = [relative_bracket(level.mesh, level.v, field) for level, field in levels]
+    errors = [_distance(level.mesh, field, level.u) for level, field in levels if level.u is not None]
     others = commuting_fields(mesh, v, min(_OTHERS, len(mesh.faces)), weight=0)
     usual = float(np.median([relative_bracket(mesh, v, w) for w in others]))
-    order = float(np.log2(brackets[-2] / brackets[-1])) if len(brackets) > 1 else None
     commutes = brackets[-1] < 0.1 * usual
     found = [
-        Measure(f"{name}: bracket norm relative to both fields", brackets[-1], None, "u commutes with v", commutes),
+        Measure(f"{name}: bracket norm relative to both fields", brackets[-1], "u commutes with v", commutes),
         Measure(f"{name}: the same, median of the {len(others)} smoothest fields orthogonal to v", usual),
         Measure(f"{name}: distance of the ends when the two flows are exchanged, over the way", _exchanged(mesh, v, u)),
         Measure(f"{name}: roughness of u, squared div and curl times area over squared norm", _roughness(mesh, u)),
     ]
-    if order is not None:
+    if len(levels) > 1:
+        order = np.log2(brackets[-2] / brackets[-1])
         found.append(Measure(f"{name}: order of the bracket norm in the edge length", order))
     if errors:
         claim = "u is the smoothest field that commutes with v"
         found += [
-            Measure(f"{name}: relative L2 error against the exact u", errors[-1], None, claim, errors[-1] < 0.1),
-            Measure(f"{name}: order of that error", float(np.log2(errors[-2] / errors[-1]))),
+            Measure(f"{name}: relative L2 error against the exact u", errors[-1], claim, errors[-1] < 0.1),
+            Measure(f"{name}: order of that error", np.log2(errors[-2] / errors[-1])),
             Measure(f"{name}: roughness of the exact u", case.roughness),
         ]
     return found
@@ -175,8 +151,8 @@ def _measures(case: _Case, u: FloatArray, brackets: list[float], errors: list[fl
 
 def _distance(mesh: TriangleMesh, u: FloatArray, exact: FloatArray) -> float:
     """Relative L2 error of a field that is determined up to a factor."""
-    scaled = with_speed(mesh, exact, _SPEED)
-    return min(relative_error(mesh, with_speed(mesh, u, _SPEED), sign * scaled) for sign in (1, -1))
+    scaled, found = (given.with_speed(mesh, field, _SPEED) for field in (exact, u))
+    return min(given.relative_norm(mesh, found - signed, signed) for signed in (scaled, -scaled))
 
 
 def _roughness(mesh: TriangleMesh, u: FloatArray) -> float:
@@ -188,17 +164,11 @@ def _roughness(mesh: TriangleMesh, u: FloatArray) -> float:
 
 def _exchanged(mesh: TriangleMesh, v: FloatArray, u: FloatArray) -> float:
     """Root mean square distance between first v then u and first u then v, over that from the start."""
-
-    def carried(field: FloatArray, places: FloatArray) -> FloatArray:
-        return push(mesh, field[None], Parameters(tau=1.0), places, 1.0)
-
-    one, other = carried(u, carried(v, mesh.vertices)), carried(v, carried(u, mesh.vertices))
+    along_v, along_u = Flow(mesh, v), Flow(mesh, u)
+    one, other = along_u.advect(along_v.advect(mesh.vertices)), along_v.advect(along_u.advect(mesh.vertices))
     return float(np.linalg.norm(one - other) / np.linalg.norm(one - mesh.vertices))
 
 
 EXPERIMENT = Experiment(
-    5,
-    "The kernel of ad_v consists of many fields that commute with v, of which the smoothest is shown.",
-    set_up,
-    run,
+    5, "The kernel of ad_v consists of many fields that commute with v, of which the smoothest is shown.", set_up, run
 )

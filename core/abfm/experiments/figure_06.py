@@ -4,30 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from abfm.calculus.operators import averaging, vertex_areas
+from abfm.calculus.operators import l2_norm
 from abfm.calculus.vector_fields import directional_derivative, pushforward, to_frame
 from abfm.errors import AdvectionError, MeshError
-from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
-from abfm.experiments.given_fields import (
-    carried_bump,
-    centres,
-    relative_error,
-    relative_norm,
-    stirring,
-    tangent,
-    with_speed,
-)
+from abfm.experiments import given_flow as given
+from abfm.experiments.experiment import Experiment, Findings, Measure, Report
 from abfm.experiments.meshes import geodesic_sphere, torus
 from abfm.experiments.sheet import Panel, Sheet, Streaks
-from abfm.matching.result import push
+from abfm.flow.flow import Flow
 from abfm.mesh import TriangleMesh
-from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
 _TURN = np.pi  # radians per unit of time
@@ -36,29 +27,24 @@ _MOST_STRETCHED = 2.0
 _SHOWN = (0.125, 0.25)  # the paper's
 _LONGER = (0.5, 1.0)
 _MINOR = 0.45
+_PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
 
 
 @dataclass(frozen=True, eq=False)
-class _Case:
-    """Two fields, and where it is known what the flow of ``v`` makes of ``u`` in a time."""
+class Carrying(given.Case):
+    """A field ``v`` and another, and where it is known what the flow of ``v`` makes of ``u`` in a time."""
 
-    name: str
-    mesh: TriangleMesh
-    v: FloatArray
     u: FloatArray
     exact: Callable[[float], FloatArray] | None = None
 
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Setup6(Setup):
-    """Surfaces with two fields each, every surface from coarse to fine."""
-
-    cases: tuple[tuple[_Case, ...], ...]
+    def carried(self, t: float) -> FloatArray:
+        """``u`` after a time."""
+        return pushforward(self.mesh, self.v, self.u, t)
 
 
-def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Setup6:
+def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> given.GivenFields[Carrying]:
     """Rotations of a sphere and of a torus, about its axis and around its tube."""
-    cases: tuple[tuple[_Case, ...], ...]
+    cases: tuple[tuple[Carrying, ...], ...]
     if mesh is None:
         sizes = (1, 2) if small else (1, 2, 4)
         cases = (
@@ -69,22 +55,21 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Setup6:
     else:
         cases = ((_on_any(mesh),),)
     first = cases[0][-1]
-    return Setup6(
-        mesh=first.mesh, name="mesh" if mesh else first.name, cases=cases, **carried_bump(first.mesh, first.v)
-    )
+    name = "mesh" if mesh else first.name
+    return given.GivenFields(mesh=first.mesh, name=name, cases=cases, **given.carried_bump(first.mesh, first.v))
 
 
-def _on_sphere(frequency: int) -> _Case:
+def _on_sphere(frequency: int) -> Carrying:
     """The rotation about the y axis carries a field by turning it."""
     mesh = geodesic_sphere(frequency)
-    points = centres(mesh)
+    points = given.centres(mesh)
 
     def turned(time: float) -> FloatArray:
         turn = Rotation.from_rotvec([0.0, _TURN * time, 0.0])
-        return tangent(mesh, turn.apply(_swirls(turn.inv().apply(points))))
+        return given.tangent(mesh, turn.apply(_swirls(turn.inv().apply(points))))
 
-    v = tangent(mesh, _TURN * np.cross([0.0, 1.0, 0.0], points))
-    return _Case("sphere", mesh, v, turned(0.0), turned)
+    v = given.tangent(mesh, _TURN * np.cross([0.0, 1.0, 0.0], points))
+    return Carrying("sphere", mesh, v, turned(0.0), turned)
 
 
 def _swirls(points: FloatArray) -> FloatArray:
@@ -97,10 +82,10 @@ def _swirls(points: FloatArray) -> FloatArray:
     return field
 
 
-def _on_torus(n: int, around_tube: bool) -> _Case:
+def _on_torus(n: int, around_tube: bool) -> Carrying:
     """Turning about the axis, an isometry, or around the tube, none: in the angles both move the components along."""
     mesh = torus(n, n // 2, 1.0, _MINOR)
-    x, y, z = centres(mesh).T
+    x, y, z = given.centres(mesh).T
     ring = np.hypot(x, z)
     about, around = np.arctan2(x, z), np.arctan2(y, ring - 1)
     # the coordinate fields of both angles, at the face centres
@@ -111,13 +96,13 @@ def _on_torus(n: int, around_tube: bool) -> _Case:
         p, q = (about, around - _TURN * time) if around_tube else (about - _TURN * time, around)
         bell = np.exp((np.cos(p) + np.cos(q - 0.9) - 2) / 0.6)
         a, b = -bell * np.sin(q - 0.9), bell * np.sin(p)
-        return tangent(mesh, a[:, None] * by_about + b[:, None] * by_around)
+        return given.tangent(mesh, a[:, None] * by_about + b[:, None] * by_around)
 
-    v = tangent(mesh, _TURN * (by_around if around_tube else by_about))
-    return _Case(f"torus, {'around the tube' if around_tube else 'about the axis'}", mesh, v, moved(0.0), moved)
+    v = given.tangent(mesh, _TURN * (by_around if around_tube else by_about))
+    return Carrying(f"torus, {'around the tube' if around_tube else 'about the axis'}", mesh, v, moved(0.0), moved)
 
 
-def _on_any(mesh: TriangleMesh) -> _Case:
+def _on_any(mesh: TriangleMesh) -> Carrying:
     """A field that stirs the surface, with the next one: as fast as the pushforward, unstable on bad faces, stands.
 
     Raises
@@ -125,117 +110,102 @@ def _on_any(mesh: TriangleMesh) -> _Case:
     MeshError
         If it grows without bounds for all fields and speeds that are tried.
     """
-    fields = [with_speed(mesh, stirring(mesh, index), 1.0) for index in (1, 2, 3)]
-    for speed in _SPEEDS:
+    fields = [given.with_speed(mesh, given.stirring(mesh, index), 1.0) for index in (1, 2, 3)]
+    for fast in _SPEEDS:
         for v, u in pairwise(fields):
             with suppress(AdvectionError), np.errstate(over="ignore"):
-                if relative_norm(mesh, pushforward(mesh, speed * v, u, _SHOWN[-1]), u) < _MOST_STRETCHED:
-                    return _Case(f"|v| = {speed:g} sqrt(area)", mesh, speed * v, u)
+                if given.relative_norm(mesh, pushforward(mesh, fast * v, u, _SHOWN[-1]), u) < _MOST_STRETCHED:
+                    return Carrying(f"|v| = {fast:g} sqrt(area)", mesh, fast * v, u)
     raise MeshError("the discrete pushforward grows without bounds on this mesh: remesh its thin and folded faces")
 
 
-def run(setup: Setup6, report: Report) -> Findings:
+def run(setup: given.GivenFields[Carrying], report: Report) -> Findings:
     """Carry the fields, and compare them with the exact answers."""
     measures: list[Measure] = []
     rows = []
-    seen: list[FloatArray] = []
-    known = setup.cases[0][0].exact is not None
-    alone = setup.cases[0][0]
-    cases = setup.cases if known else ((replace(alone, name=f"{setup.name}, {alone.name}"),),)
-    total = sum(len(levels) for levels in cases)
-    done = 0
-    for levels in cases:
+    seen: tuple[FloatArray, ...] = ()
+    for levels in setup.told(report):
         errors = []
         for case in levels:
-            report(f"{case.name}, {len(case.mesh.vertices):,} vertices", done / total)
             if case.exact is not None:
-                errors.append([_error(case, t) for t in (*_SHOWN, *_LONGER)])
-            done += 1
-        carried = [pushforward(case.mesh, case.v, case.u, t) for t in _SHOWN]
-        measures += _against_exact(case, errors) if errors else _against_functions(case, carried)
-        seen = seen or [_speed(case.mesh, w) for w in (case.u, carried[-1])]
+                errors.append([_error(case, case.exact, t) for t in (*_SHOWN, *_LONGER)])
+        name, mesh = setup.title(case), case.mesh
+        carried = [case.carried(t) for t in _SHOWN]
+        if case.exact is not None:
+            measures += _against_exact(name, case, case.exact, errors)
+        else:
+            measures += _against_functions(name, case, carried)
+        seen = seen or (given.speed(mesh, case.u), given.speed(mesh, carried[-1]))
         rows.append(
             (
-                Panel(case.mesh, Streaks(case.v), "v", "field"),
-                Panel(case.mesh, Streaks(case.u, _speed(case.mesh, case.u), "speed"), "u", "source"),
+                Panel(mesh, Streaks(case.v), "v", "field"),
+                Panel(mesh, _streaks(mesh, case.u), "u", "source"),
                 *(
-                    Panel(case.mesh, Streaks(w, _speed(case.mesh, w), "speed"), f"u, carried to t = {t:g}", "result")
+                    Panel(mesh, _streaks(mesh, w), f"u, carried to t = {t:g}", "result")
                     for t, w in zip(_SHOWN, carried, strict=True)
                 ),
             )
         )
-    sizes = "; ".join(
-        f"{levels[-1].name}, {', '.join(f'{len(case.mesh.vertices):,}' for case in levels)} vertices"
-        for levels in cases
-    )
     turns = (
         "v turns by half a turn in t = 1"
-        if known
+        if setup.cases[0][0].exact
         else "v and u are the turned gradients of two successive eigenfunctions"
     )
-    setting = f"{sizes}. {turns}. The pushforward is exp(-t ad_v) u."
-    return Findings(tuple(measures), Sheet(tuple(rows), seen=tuple(seen)), setting)
+    setting = f"{setup.sizes}. {turns}. The pushforward is exp(-t ad_v) u."
+    return Findings(measures, Sheet(tuple(rows), seen=seen), setting)
 
 
-def _speed(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
-    """Length of a field at the vertices, (V,)."""
-    return np.asarray(averaging(mesh) @ np.linalg.norm(field, axis=1))
+def _streaks(mesh: TriangleMesh, field: FloatArray) -> Streaks:
+    return Streaks(field, given.speed(mesh, field), "speed")
 
 
-def _error(case: _Case, time: float) -> float:
-    assert case.exact is not None
-    return relative_error(case.mesh, pushforward(case.mesh, case.v, case.u, time), case.exact(time))
+def _error(case: Carrying, exact: Callable[[float], FloatArray], time: float, sign: int = 1) -> float:
+    expected = exact(time)
+    return given.relative_norm(case.mesh, case.carried(sign * time) - expected, expected)
 
 
-def _against_exact(case: _Case, errors: list[list[float]]) -> list[Measure]:
-    assert case.exact is not None
-    claim = "exp(t ad_v) is the pushforward (Eq. 12)"
+def _against_exact(
+    name: str, case: Carrying, exact: Callable[[float], FloatArray], errors: list[list[float]]
+) -> list[Measure]:
     found = [
-        Measure(f"{case.name}: relative L2 error at t = {t:g}", error)
+        Measure(f"{name}: relative L2 error at t = {t:g}", error)
         for t, error in zip((*_SHOWN, *_LONGER), errors[-1], strict=True)
     ]
-    orders = np.log2(np.divide(errors[-2], errors[-1]))
     transports = "the pushforward transports u over the flow lines of v"
-    for t, order in zip(_SHOWN, orders, strict=False):
-        name = f"{case.name}: order in the edge length at t = {t:g}"
-        found.append(Measure(name, float(order), None, transports, bool(order > 0.5)))
+    for t, order in zip(_SHOWN, np.log2(np.divide(errors[-2], errors[-1])), strict=False):
+        found.append(Measure(f"{name}: order in the edge length at t = {t:g}", order, transports, order > 0.5))
     for t, error in zip(_SHOWN, errors[-1], strict=False):
-        printed = relative_error(case.mesh, pushforward(case.mesh, case.v, case.u, -t), case.exact(t))
-        name = f"{case.name}: relative L2 error at t = {t:g} with the printed sign"
-        found.append(Measure(name, printed, None, claim, printed < 2 * error))
+        printed = _error(case, exact, t, sign=-1)
+        text = f"{name}: relative L2 error at t = {t:g} with the printed sign"
+        found.append(Measure(text, printed, _PUSHFORWARD, printed < 2 * error))
     return found
 
 
-def _against_functions(case: _Case, carried: list[FloatArray]) -> list[Measure]:
+def _against_functions(name: str, case: Carrying, carried: list[FloatArray]) -> list[Measure]:
     """What holds on any surface: carried fields derive carried functions as the fields derive the functions."""
     found = []
     for t, field in zip(_SHOWN, carried, strict=True):
-        ours, printed = (_derivative_error(case, t, w) for w in (field, pushforward(case.mesh, case.v, case.u, -t)))
-        text = f"relative L2 error of D_w x' against (D_u x)' at t = {t:g}, x the coordinates, ' and w carried"
-        claim = "exp(t ad_v) is the pushforward (Eq. 12)"
-        found.append(Measure(f"{case.name}: {text}", ours))
-        found.append(Measure(f"{case.name}: {text}, with the printed sign", printed, None, claim, printed < 2 * ours))
-        same = relative_error(case.mesh, pushforward(case.mesh, case.v, case.v, t), case.v)
-        found.append(Measure(f"{case.name}: relative L2 error of v carried along itself at t = {t:g}", same))
+        ours, printed = (_derivative_error(case, t, w) for w in (field, case.carried(-t)))
+        text = f"{name}: relative L2 error of D_w x' against (D_u x)' at t = {t:g}, x the coordinates, ' and w carried"
+        same = pushforward(case.mesh, case.v, case.v, t)
+        found += [
+            Measure(text, ours),
+            Measure(f"{text}, with the printed sign", printed, _PUSHFORWARD, printed < 2 * ours),
+            Measure(
+                f"{name}: relative L2 error of v carried along itself at t = {t:g}",
+                given.relative_norm(case.mesh, same - case.v, case.v),
+            ),
+        ]
     return found
 
 
-def _derivative_error(case: _Case, time: float, field: FloatArray) -> float:
-    mesh, places = case.mesh, case.mesh.vertices
-
-    def carried(functions: FloatArray) -> FloatArray:
-        return push(mesh, case.v[None], Parameters(tau=1.0), functions, time)
-
-    derived = directional_derivative(mesh, to_frame(mesh, field)) @ carried(places)
-    expected = carried(directional_derivative(mesh, to_frame(mesh, case.u)) @ places)
-    areas = vertex_areas(mesh)
-    squares = [float(areas @ (w**2).sum(axis=1)) for w in (derived - expected, expected)]
-    return float(np.sqrt(squares[0] / squares[1]))
+def _derivative_error(case: Carrying, time: float, field: FloatArray) -> float:
+    mesh, places, flow = case.mesh, case.mesh.vertices, Flow(case.mesh, case.v)
+    derived = directional_derivative(mesh, to_frame(mesh, field)) @ flow.advect(places, time)
+    expected = flow.advect(directional_derivative(mesh, to_frame(mesh, case.u)) @ places, time)
+    return l2_norm(mesh, derived - expected) / l2_norm(mesh, expected)
 
 
 EXPERIMENT = Experiment(
-    6,
-    "exp(t ad_v) transports a field u over the flow lines of v, here to t = 0.125 and 0.25.",
-    set_up,
-    run,
+    6, "exp(t ad_v) transports a field u over the flow lines of v, here to t = 0.125 and 0.25.", set_up, run
 )

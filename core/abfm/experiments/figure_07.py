@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from abfm.calculus.operators import cotangent_laplacian, l2_norm, vertex_areas
-from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup
+from abfm.experiments.experiment import Experiment, Findings, Measure, Report, Setup, solved
 from abfm.experiments.meshes import five_limbs
 from abfm.experiments.sheet import Panel, Sheet, Values
 from abfm.experiments.table_1 import TABLE_1
 from abfm.experiments.witnesses import witnessed
 from abfm.functions import function
-from abfm.matching.match import match
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -30,7 +29,7 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Setup:
     name = "mesh" if mesh else "five limbs"
     mesh = mesh or five_limbs(800 if small else 2500)
     source, target = function(mesh, "eigenfunction:7"), function(mesh, "eigenfunction:8")
-    negative = _spread_gap(mesh, source, -target) < 0.99 * _spread_gap(mesh, source, target)
+    negative = spread_gap(mesh, source, -target) < 0.99 * spread_gap(mesh, source, target)
     return Setup(
         mesh=mesh,
         name=name,
@@ -44,61 +43,47 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Setup:
 def run(setup: Setup, report: Report) -> Findings:
     """Match, verify, and look at the way between."""
     p, mesh = setup.parameters, setup.mesh
-    found = match(
-        mesh,
-        setup.source[:, 0],
-        setup.target[:, 0],
-        p,
-        on_iteration=lambda now: report("matching", 0.95 * now.iteration / p.iterations),
-    )
+    found = solved(setup, report, "matching")
     report("verifying", 0.95)
     witnesses = witnessed(found)
-    path = found.advect(np.linspace(0, p.tau, p.segments + 1))
-    shown = found.advect(np.array(_SHOWN) * p.tau)
-    sign = "−" if setup.values else ""
-    panels = [
+    path = found.advect(np.linspace(0, p.tau, p.segments + 1))[..., 0]
+    shown = found.advect(np.array(_SHOWN) * p.tau)[..., 0]
+    target, sign = found.target[:, 0], "−" if setup.values else ""
+    panels = (
         Panel(mesh, Values(path[0]), "eigenfunction 7", "source"),
         *(Panel(mesh, Values(f), f"t = {s:g} τ") for s, f in zip(_SHOWN, shown, strict=True)),
         Panel(mesh, Values(path[-1]), witnesses.label, "result"),
-        Panel(mesh, Values(found.target[:, 0]), f"{sign}eigenfunction 8", "target"),
-    ]
-    mismatch = Measure("mismatch, relative L2", found.mismatch, _BOUND, "highly matches", found.mismatch <= _BOUND)
+        Panel(mesh, Values(target), f"{sign}eigenfunction 8", "target"),
+    )
+    mismatch = Measure("mismatch, relative L2", found.mismatch, "highly matches", found.mismatch <= _BOUND, _BOUND)
     setting = (
-        f"{setup.name}, {len(mesh.vertices):,} vertices; eigenfunction 7 to {sign}eigenfunction 8, "
+        f"{setup.where}; eigenfunction 7 to {sign}eigenfunction 8, "
         f"{p.segments} linearised steps, {p.iterations} iterations.{witnesses.note}"
     )
-    measures = (mismatch, *witnesses.measures, *_smoothness(mesh, path, found.target[:, 0]))
-    return Findings(measures, Sheet((tuple(panels),)), setting)
+    return Findings((mismatch, *witnesses.measures, *smoothness(mesh, path, target)), Sheet((panels,)), setting)
 
 
-def _smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tuple[Measure, ...]:
-    """How even, how straight and how free of oscillations a path of functions (N + 1, V) is."""
+def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tuple[Measure, ...]:
+    """How even, how straight and how free of oscillations a path of functions (N + 1, V) to a target (V,) is."""
     steps = np.diff(path, axis=0)
     lengths = np.array([l2_norm(mesh, step) for step in steps])
     turns = [l2_norm(mesh, turn) for turn in np.diff(steps, axis=0)]
     stiffness = cotangent_laplacian(mesh)
     energy = np.array([f @ (stiffness @ f) for f in (*path, target)])
-    turn = float(max(turns) / lengths.mean())
-    rise = float(energy[:-1].max() / max(energy[0], energy[-1]))
+    turn = max(turns) / lengths.mean()
+    rise = energy[:-1].max() / max(energy[0], energy[-1])
+    claim, whole = "smooth path", l2_norm(mesh, steps.sum(axis=0))
+    of_turns = "largest change from one step to the next over mean step"
+    of_energy = "largest Dirichlet energy on the way over that of source or target"
     return (
-        Measure(
-            "path length over distance of its ends, in L2", float(lengths.sum() / l2_norm(mesh, steps.sum(axis=0)))
-        ),
-        Measure("largest step over mean step", float(lengths.max() / lengths.mean())),
-        Measure(
-            "largest change from one step to the next over mean step", turn, None, "smooth path", turn <= _SMOOTH_TURN
-        ),
-        Measure(
-            "largest Dirichlet energy on the way over that of source or target",
-            rise,
-            None,
-            "smooth path",
-            rise <= _SMOOTH_ENERGY,
-        ),
+        Measure("path length over distance of its ends, in L2", lengths.sum() / whole),
+        Measure("largest step over mean step", lengths.max() / lengths.mean()),
+        Measure(of_turns, turn, claim, turn <= _SMOOTH_TURN),
+        Measure(of_energy, rise, claim, rise <= _SMOOTH_ENERGY),
     )
 
 
-def _spread_gap(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> float:
+def spread_gap(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> float:
     """L1 distance of the distributions of two functions' values over the surface (optimal transport on the line)."""
     areas = vertex_areas(mesh)
     shares = (np.arange(1000) + 0.5) / 1000
@@ -109,9 +94,4 @@ def _spread_gap(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> float:
     return float(np.abs(quantiles[0] - quantiles[1]).mean())
 
 
-EXPERIMENT = Experiment(
-    7,
-    "The result highly matches the target, and the interpolation path is smooth.",
-    set_up,
-    run,
-)
+EXPERIMENT = Experiment(7, "The result highly matches the target, and the interpolation path is smooth.", set_up, run)

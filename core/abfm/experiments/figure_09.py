@@ -15,7 +15,6 @@ from abfm.experiments.table_1 import TABLE_1
 from abfm.functions.vertex_map_file import read_vertex_map
 from abfm.maps.quality import MapQuality
 from abfm.maps.symmetry import detect_symmetry
-from abfm.matching.result import Match
 from abfm.mesh import TriangleMesh
 
 _COOLED = {"cooling_stages": 3}
@@ -48,20 +47,19 @@ def run(setup: Figure9, report: Report) -> Findings:
     mesh, symmetry, p = setup.mesh, setup.symmetry, setup.parameters
     found = symmetry_flow.solve(setup, report, "matching", (0.0, 0.3))
     rows = [symmetry_flow.function_row(found), symmetry_flow.map_row(found, setup.marks)]
-    measures = list(symmetry_flow.measures(found, symmetry))
+    measures = symmetry_flow.measures(found, symmetry)
     maps = of_flow(found, "the map", symmetry_flow.MEASURED)
     if symmetry.kind == "rotation":
-        one = symmetry_flow.solve(
-            setup, report, "one function", (0.35, 0.5), (symmetry_flow.bump(mesh, setup.marks[0]),)
-        )
+        bump = symmetry_flow.bump(mesh, setup.marks[0])
+        one = symmetry_flow.solve(setup, report, "one function", (0.35, 0.5), (bump,))
         printed = replace(setup, parameters=replace(p, cooling_stages=1, iterations=min(p.iterations, 150)))
         hot = symmetry_flow.solve(printed, report, "without cooling", (0.5, 0.75))
+        energies = [match.energy_history[-1, 0] for match in (hot, found)]
         measures += [
-            *_of_one_function(one, setup),
-            Measure(
-                "energy without cooling over the energy here", hot.energy_history[-1, 0] / found.energy_history[-1, 0]
-            ),
-            Measure("map error without cooling, mean", float(symmetry_flow.map_error(hot, symmetry).mean())),
+            Measure("mismatch with one Gaussian as the only function", one.mismatch),
+            Measure("map error with one Gaussian only, mean", symmetry_flow.mean_error(one, symmetry)),
+            Measure("energy without cooling over the energy here", energies[0] / energies[1]),
+            Measure("map error without cooling, mean", symmetry_flow.mean_error(hot, symmetry)),
         ]
     if setup.mirror is not None:
         row, more, its_maps = _mirror(setup.mirror, report)
@@ -73,35 +71,23 @@ def run(setup: Figure9, report: Report) -> Findings:
     return Findings((*measures, *all_measures(maps)), sheet, setting)
 
 
-def _of_one_function(one: Match, setup: SymmetrySetup) -> list[Measure]:
-    return [
-        Measure("mismatch with one Gaussian as the only function", one.mismatch),
-        Measure("map error with one Gaussian only, mean", float(symmetry_flow.map_error(one, setup.symmetry).mean())),
-    ]
-
-
 def _mirror(setup: SymmetrySetup, report: Report) -> tuple[tuple[Panel, ...], list[Measure], dict[str, MapQuality]]:
     """The human: its function is matched; as a map the mirror is out of reach, whatever the functions."""
     mesh, symmetry = setup.mesh, setup.symmetry
     found = symmetry_flow.solve(setup, report, "mirror", (0.75, 0.85))
     all_places = symmetry_flow.solve(setup, report, "mirror, as a map", (0.85, 1.0), symmetry_flow.places(mesh))
-    from_file = read_vertex_map(mesh, str(asset_path("human.symperm.txt")))
+    other = read_vertex_map(mesh, str(asset_path("human.symperm.txt"))) != symmetry.vertex_map
     row = (
         *symmetry_flow.function_row(found, "mirrored function")[:4],
         Panel(mesh, Coordinates(mesh.vertices[symmetry.vertex_map]), "the mirror as a map", "target"),
         Panel(mesh, Coordinates(all_places.advected), "matched: not reached", "result"),
     )
     measures = [
-        Measure(
-            "mirror: vertices where the detected map is not the file's", float((from_file != symmetry.vertex_map).sum())
-        ),
+        Measure("mirror: vertices where the detected map is not the file's", other.sum()),
         Measure("mirror: mismatch of the function", found.mismatch),
-        Measure("mirror: map error, mean", float(symmetry_flow.map_error(found, symmetry).mean())),
+        Measure("mirror: map error, mean", symmetry_flow.mean_error(found, symmetry)),
         Measure("mirror: mismatch of the three coordinates", all_places.mismatch),
-        Measure(
-            "mirror: map error with the three coordinates, mean",
-            float(symmetry_flow.map_error(all_places, symmetry).mean()),
-        ),
+        Measure("mirror: map error with the three coordinates, mean", symmetry_flow.mean_error(all_places, symmetry)),
     ]
     return row, measures, of_flow(all_places, "mirror, three coordinates, the map")
 

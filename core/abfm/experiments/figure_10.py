@@ -28,11 +28,9 @@ def run(setup: SymmetrySetup, report: Report) -> Findings:
     rows = (symmetry_flow.function_row(found), symmetry_flow.map_row(found, setup.marks))
     maps = of_flow(found, "the map", symmetry_flow.MEASURED)
     creases = Measure("edges with an angle of more than 45 degrees, share", _crease_share(setup.mesh))
-    return Findings(
-        (*symmetry_flow.measures(found, setup.symmetry), creases, *all_measures(maps)),
-        Sheet(rows, up="z", seen=symmetry_flow.seen(setup), notes=notes(maps)),
-        symmetry_flow.setting(setup),
-    )
+    measures = (*symmetry_flow.measures(found, setup.symmetry), creases, *all_measures(maps))
+    sheet = Sheet(rows, up="z", seen=symmetry_flow.seen(setup), notes=notes(maps))
+    return Findings(measures, sheet, symmetry_flow.setting(setup))
 
 
 def _crease_share(mesh: TriangleMesh) -> float:

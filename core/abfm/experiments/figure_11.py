@@ -19,19 +19,18 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> PairSetup:
 
 def run(setup: PairSetup, report: Report) -> Findings:
     """Match both at once, and see what is left at every vertex."""
-    found = matched(setup, [0, 1], lambda share: report("matching two functions", share))
+    found = matched(setup, [0, 1], report, "matching two functions")
     flow = of_flow(found, "the flow on B")
     weights = vertex_areas(setup.mesh.normalized())
     before, after = (np.abs(setup.target - f).sum(axis=1) for f in (setup.source, found.advected))
     left = share_left(float(weights @ after), float(weights @ before))
+    claim = "the matching succeeds"
     measures = (
-        Measure("mean pointwise sum of absolute errors before, sqrt(area)", float(weights @ before)),
-        Measure("mean pointwise sum of absolute errors after, sqrt(area)", float(weights @ after)),
-        Measure(
-            "share of the pointwise sum of errors that is left", left, None, "the matching succeeds", left <= MATCHED
-        ),
-        Measure("largest pointwise sum of errors before, sqrt(area)", float(before.max())),
-        Measure("largest pointwise sum of errors after, sqrt(area)", float(after.max())),
+        Measure("mean pointwise sum of absolute errors before, sqrt(area)", weights @ before),
+        Measure("mean pointwise sum of absolute errors after, sqrt(area)", weights @ after),
+        Measure("share of the pointwise sum of errors that is left", left, claim, left <= MATCHED),
+        Measure("largest pointwise sum of errors before, sqrt(area)", before.max()),
+        Measure("largest pointwise sum of errors after, sqrt(area)", after.max()),
         Measure("mismatch", found.mismatch),
         *all_measures(flow),
     )

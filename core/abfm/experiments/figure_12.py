@@ -40,9 +40,9 @@ def run(setup: PairSetup, report: Report) -> Findings:
     qualities = {name: found.qualities[name] for name in QUALITIES}
     measures = (
         Measure("1 function: mismatch", found.one.mismatch),
-        Measure("1 function: share of the start's mismatch that is left", one, None, claim, one <= MATCHED),
+        Measure("1 function: share of the start's mismatch that is left", one, claim, one <= MATCHED),
         Measure("3 functions: mismatch", found.three.mismatch),
-        Measure("3 functions: share of the start's mismatch that is left", three, None, claim, three <= MATCHED),
+        Measure("3 functions: share of the start's mismatch that is left", three, claim, three <= MATCHED),
         Measure("reduced basis: share of the start's mismatch that is left", reduced),
         Measure(
             "reduced basis: share of the functional map's mismatch left",

@@ -37,87 +37,48 @@ def run(setup: PairSetup, report: Report) -> Findings:
     found = compare(setup, report)
     accuracies = found.accuracies
     shown = {name: found.qualities[name] for name in (*QUALITIES, *_OURS)}
-    measures = (
-        *_against_reduced_basis(accuracies),
-        *_against_start(accuracies),
-        *_added_by_flow(accuracies),
-        *_of_each(accuracies),
-        *all_measures(shown),
-    )
-    curves = [_curve(name, accuracies[name]) for name in _MAPS]
-    curves += [_curve(name, accuracies[name], faint=True) for name in _REFERENCES]
+    measures = (*_against_others(accuracies), *_of_each(accuracies), *all_measures(shown))
+    curves = [Curve(name, _ERRORS, 100 * accuracies[name].share_under(_ERRORS)) for name in _MAPS]
+    curves += [Curve(name, _ERRORS, 100 * accuracies[name].share_under(_ERRORS), faint=True) for name in _REFERENCES]
     plot = Plot(tuple(curves), "geodesic error, √area", "vertices, %", "errors of the maps", width=3)
-    measured = len(accuracies[THREE].errors)
-    return Findings(
-        measures,
-        Sheet(((plot,),), notes=notes(shown)),
-        f"{setup.setting}. {found.setting}. Errors at {measured:,} vertices",
-    )
+    setting = f"{setup.setting}. {found.setting}. Errors at {len(accuracies[THREE].errors):,} vertices"
+    return Findings(measures, Sheet(((plot,),), notes=notes(shown)), setting)
 
 
-def _curve(name: str, accuracy: MapAccuracy, faint: bool = False) -> Curve:
-    return Curve(name, _ERRORS, 100 * accuracy.share_under(_ERRORS), faint)
+def _against_others(accuracies: dict[str, MapAccuracy]) -> list[Measure]:
+    """Against the reduced basis, the start, and what the same data give without a flow."""
 
+    def gain(ours: str, other: str) -> float:
+        return accuracies[ours].mean - accuracies[other].mean
 
-def _against_reduced_basis(accuracies: dict[str, MapAccuracy]) -> list[Measure]:
     measures = []
     for reading in ("", NEIGHBOURS):
-        reduced = accuracies[REDUCED + reading]
+        theirs = REDUCED + reading
         for name in (ONE, THREE):
-            ours = accuracies[name + reading]
-            behind = reduced.share_under(_ERRORS) - ours.share_under(_ERRORS)
-            most = 100 * max(float(behind.max()), 0.0)
-            difference = ours.mean - reduced.mean
-            better = f"{name}: a better reconstruction than [COC15]"
-            measures += [
-                Measure(
-                    f"{name}{reading}: mean error less that of the reduced basis{reading}, sqrt(area)",
-                    difference,
-                    None,
-                    better,
-                    difference < 0,
-                ),
-                Measure(
-                    f"{name}{reading}: most that its curve is below the reduced basis'{reading}, %",
-                    most,
-                    None,
-                    better,
-                    most == 0,
-                ),
-            ]
+            ours, better = name + reading, f"{name}: a better reconstruction than [COC15]"
+            behind = accuracies[theirs].share_under(_ERRORS) - accuracies[ours].share_under(_ERRORS)
+            most, less = 100 * max(float(behind.max()), 0.0), gain(ours, theirs)
+            of_mean = f"{ours}: mean error less that of the reduced basis{reading}, sqrt(area)"
+            of_curve = f"{ours}: most that its curve is below the reduced basis'{reading}, %"
+            measures += [Measure(of_mean, less, better, less < 0), Measure(of_curve, most, better, most == 0)]
+    for ours in (THREE, THREE + LINES, THREE + NEIGHBOURS):
+        less = gain(ours, START)
+        text = f"{ours}: mean error less the start's, sqrt(area)"
+        measures.append(Measure(text, less, "the map is improved", less < 0))
+    for ours, without in _PAIRS:  # below 0 where the flow brings a map nearer the truth than its data already are
+        text = f"what the flow adds: mean error of '{ours}' less that of '{without}', sqrt(area)"
+        measures.append(Measure(text, gain(ours, without)))
     return measures
-
-
-def _against_start(accuracies: dict[str, MapAccuracy]) -> list[Measure]:
-    measures = []
-    for name in (THREE, THREE + LINES, THREE + NEIGHBOURS):
-        gain = accuracies[name].mean - accuracies[START].mean
-        text = f"{name}: mean error less the start's, sqrt(area)"
-        measures.append(Measure(text, gain, None, "the map is improved", gain < 0))
-    return measures
-
-
-def _added_by_flow(accuracies: dict[str, MapAccuracy]) -> list[Measure]:
-    """Below 0 where the flow brings a map nearer the truth than what it was matched to, or began with, already is."""
-    return [
-        Measure(
-            f"what the flow adds: mean error of '{ours}' less that of '{without}', sqrt(area)",
-            accuracies[ours].mean - accuracies[without].mean,
-        )
-        for ours, without in _PAIRS
-    ]
 
 
 def _of_each(accuracies: dict[str, MapAccuracy]) -> list[Measure]:
     measures = []
     for name, accuracy in accuracies.items():
+        share = 100 * float(accuracy.share_under(_BOUND))
         measures += [
             Measure(f"{name}: mean error, sqrt(area)", accuracy.mean),
             Measure(f"{name}: largest error, sqrt(area)", accuracy.maximum),
-            Measure(
-                f"{name}: vertices with an error under {_BOUND:g} sqrt(area), %",
-                100 * float(accuracy.share_under(_BOUND)),
-            ),
+            Measure(f"{name}: vertices with an error under {_BOUND:g} sqrt(area), %", share),
         ]
     return measures
 

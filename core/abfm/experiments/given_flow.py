@@ -1,20 +1,102 @@
-"""Flows of given fields: smooth fields on any mesh, and where their flow lines lead."""
+"""Given fields, smooth ones on any mesh, and their flows: what they carry, and where their flow lines lead."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import count
+from typing import Generic, TypedDict, TypeVar
 
 import numpy as np
 
 from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.helmholtz_hodge import helmholtz_hodge
-from abfm.calculus.operators import face_areas, gradient, rotation
-from abfm.calculus.vector_fields import to_ambient
+from abfm.calculus.operators import averaging, face_areas, gradient, l2_norm, rotation
+from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import MeshError
+from abfm.experiments.experiment import Report, Setup
+from abfm.flow.flow import Flow
 from abfm.flow.flow_lines import flow_lines
+from abfm.functions import function
 from abfm.maps.surface_points import project_onto_surface, pull_back
 from abfm.mesh import TriangleMesh
+from abfm.parameters import Parameters
 from abfm.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GivenFlow(Setup):
+    """A flow that is given, and a function that it carries to another until tau."""
+
+    flow: Flow
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A surface with a field ``v`` (F, 3)."""
+
+    name: str
+    mesh: TriangleMesh
+    v: FloatArray
+
+
+C = TypeVar("C", bound=Case)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GivenFields(GivenFlow, Generic[C]):
+    """Surfaces with fields of which more is known, every surface from coarse to fine; or another one alone."""
+
+    cases: tuple[tuple[C, ...], ...]
+
+    def title(self, case: C) -> str:
+        """What a case is called: that of another mesh begins with its name."""
+        return case.name if len(self.cases[0]) > 1 else ", ".join(filter(None, (self.name, case.name)))
+
+    def told(self, report: Report) -> Iterator[Iterator[C]]:
+        """The cases of every surface; each is told as it comes."""
+        total, done = sum(len(levels) for levels in self.cases), count()
+
+        def telling(case: C) -> C:
+            report(f"{self.title(case)}, {len(case.mesh.vertices):,} vertices", next(done) / total)
+            return case
+
+        return (map(telling, levels) for levels in self.cases)
+
+    @property
+    def sizes(self) -> str:
+        """The surfaces in words."""
+        return "; ".join(
+            f"{self.title(levels[-1])}, {', '.join(f'{len(case.mesh.vertices):,}' for case in levels)} vertices"
+            for levels in self.cases
+        )
+
+
+class Carried(TypedDict):
+    """What a `GivenFlow` says of its functions."""
+
+    sources: tuple[str, ...]
+    targets: tuple[str, ...]
+    values: dict[str, FloatArray]
+    parameters: Parameters
+    flow: Flow
+
+
+def carried_by(flow: Flow, source: str, target: str = "file:advected.npy") -> Carried:
+    """A function, and by the name of a file what a flow makes of it until tau."""
+    return Carried(
+        sources=(source,),
+        targets=(target,),
+        values={target: flow.advect(function(flow.mesh, source))},
+        parameters=Parameters(tau=flow.tau),
+        flow=flow,
+    )
+
+
+def carried_bump(mesh: TriangleMesh, field: FloatArray) -> Carried:
+    """A Gaussian where a field (F, 3) is fastest, and what the field makes of it in a unit of time."""
+    fastest = int(np.argmax(speed(mesh, field)))
+    return carried_by(Flow(mesh, field), f"gaussian:vertex={mesh.vertex_ids[fastest]},width=0.1", "file:carried.npy")
 
 
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:
@@ -35,8 +117,7 @@ def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -
         If the mesh is too coarse: nothing is left inside its boundary.
     """
     basis = eigenbasis(mesh.normalized(), max(modes) + 1)[1]
-    stream = basis[:, list(modes)] @ np.array(list(modes.values()))
-    field = to_ambient(mesh, (rotation(mesh) @ gradient(mesh) @ stream).reshape(-1, 2))
+    field = _turned_gradient(mesh, basis[:, list(modes)] @ np.array(list(modes.values())))
     if not mesh.is_closed:
         whole = np.linalg.norm(field)
         field = helmholtz_hodge(mesh, field)[1]
@@ -45,21 +126,68 @@ def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -
     return field * (speed * mesh.length_scale / root_mean_square(mesh, field))
 
 
+def stirring(mesh: TriangleMesh, index: int) -> FloatArray:
+    """The turned gradient of an eigenfunction of the Laplacian, less what crosses the boundary, (F, 3).
+
+    Raises
+    ------
+    MeshError
+        If the mesh is too coarse to have one.
+    """
+    if len(mesh.vertices) <= index:
+        raise MeshError(f"the mesh has {len(mesh.vertices)} vertices; expected more than {index}, for its own fields")
+    across, along, harmonic = helmholtz_hodge(mesh, _turned_gradient(mesh, eigenbasis(mesh, index + 1)[1][:, index]))
+    if np.linalg.norm(along + harmonic) <= 1e-9 * np.linalg.norm(across):
+        raise MeshError("no field flows inside this mesh, all of whose vertices lie on its boundary: refine it")
+    return along + harmonic
+
+
+def _turned_gradient(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
+    return to_ambient(mesh, (rotation(mesh) @ gradient(mesh) @ f).reshape(-1, 2))
+
+
+def with_speed(mesh: TriangleMesh, field: FloatArray, speed: float) -> FloatArray:
+    """The field (F, 3), scaled so that its root mean square is a multiple of sqrt(area) per unit of time."""
+    areas = face_areas(mesh)
+    factor: float = areas.sum() * speed / np.sqrt(areas @ (field**2).sum(axis=1))
+    return factor * field
+
+
+def tangent(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
+    """Vectors at the face centres (F, 3) without their normal part."""
+    return to_ambient(mesh, to_frame(mesh, vectors))
+
+
+def centres(mesh: TriangleMesh) -> FloatArray:
+    """Face centres, (F, 3)."""
+    middle: FloatArray = mesh.vertices[mesh.faces].mean(axis=1)
+    return middle
+
+
+def speed(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
+    """Length of a field (F, 3) at the vertices, (V,)."""
+    return np.asarray(averaging(mesh) @ np.linalg.norm(field, axis=1))
+
+
 def root_mean_square(mesh: TriangleMesh, values: FloatArray) -> float:
     """Root mean square over the surface, of one or several values per face, (F,) or (F, n)."""
     squares = (values.reshape(len(values), -1) ** 2).sum(axis=1)
     return float(np.sqrt(np.average(squares, weights=face_areas(mesh))))
 
 
-def feet(mesh: TriangleMesh, velocity: FloatArray, times: FloatArray) -> FloatArray:
-    """Where the flow lines through the vertices come from: places at times before, (T, V, 3).
+def relative_norm(mesh: TriangleMesh, field: FloatArray, other: FloatArray) -> float:
+    """L2 norm of a field (F, 3) over that of another."""
+    areas = face_areas(mesh)
+    return float(np.sqrt(areas @ (field**2).sum(axis=1) / (areas @ (other**2).sum(axis=1))))
 
-    Parameters
-    ----------
-    velocity : (F, 3) array
-    times : (T,) array
-        How long before, not negative.
-    """
+
+def relative_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> float:
+    """L2 norm of ``f - g`` over that of ``g``, of functions (V,)."""
+    return l2_norm(mesh, f - g) / l2_norm(mesh, g)
+
+
+def feet(mesh: TriangleMesh, velocity: FloatArray, times: FloatArray) -> FloatArray:
+    """Where the flow lines of a field (F, 3) through the vertices come from, at times (T,) before, (T, V, 3)."""
     lines = flow_lines(mesh, velocity, project_onto_surface(mesh, mesh.vertices), -float(times.max()))
     return np.array([[line.at(-t) for line in lines] for t in times])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from abfm.baselines.reduced_basis import ReducedMatch, reduced_match
@@ -37,20 +36,9 @@ _ALL_UP_TO, _MEASURED = 1500, 500
 class Comparison:
     """Matches, and the accuracy of their maps.
 
-    Attributes
-    ----------
-    one, three : Match
-        Of the coordinate with the largest extent, and of all three.
-    one_carries : (V, 3) array
-        All three coordinates, carried by the flow of the first.
-    reduced : ReducedMatch
-    reduced_functions : (V, 3) array
-        The three coordinates, carried by the flow of the reduced basis' field.
-    accuracies : dict of name to MapAccuracy
-        Of the maps, and of those that need no flow (see `abfm.experiments.read_outs`).
-    qualities : dict of name to MapQuality
-        Of the same maps.
-    setting : str
+    `one` and `three` are of the coordinate with the largest extent, and of all three; `one_carries` and
+    `reduced_functions` (V, 3) are all three coordinates, carried by the first flow and by that of the reduced basis.
+    Accuracies and qualities are of the maps by name, and of those that need no flow (see `abfm.experiments.read_outs`).
     """
 
     one: Match
@@ -74,12 +62,12 @@ def compare(setup: PairSetup, report: Report) -> Comparison:
 
 def _compare(setup: PairSetup, report: Report) -> Comparison:
     b, p = setup.mesh, setup.parameters
-    one = matched(setup, [setup.longest[0]], lambda share: report("matching one function", 0.2 * share))
-    three = matched(setup, [0, 1, 2], lambda share: report("matching three functions", 0.2 + 0.2 * share))
+    one = matched(setup, [setup.longest[0]], report, "matching one function", (0.0, 0.2))
+    three = matched(setup, [0, 1, 2], report, "matching three functions", (0.2, 0.4))
     maps = without_flow(setup)
-    maps |= _both_cut_off(setup, BOTH, lambda share: report("matching three functions, cut off", 0.4 + 0.2 * share))
+    maps |= _both_cut_off(setup, BOTH, report, "matching three functions, cut off", (0.4, 0.6))
     better = replace(setup, start=maps[ZOOM_OUT])
-    maps |= _both_cut_off(better, AGAIN, lambda share: report("refining a good map", 0.6 + 0.2 * share))
+    maps |= _both_cut_off(better, AGAIN, report, "refining a good map", (0.6, 0.8))
     report("matching in a reduced basis", 0.8)
     k = len(setup.wanted)
     fields = min(_FIELDS, k // 2)
@@ -113,10 +101,12 @@ def _compare(setup: PairSetup, report: Report) -> Comparison:
     )
 
 
-def _both_cut_off(setup: PairSetup, name: str, tell: Callable[[float], None]) -> dict[str, SurfacePoints]:
+def _both_cut_off(
+    setup: PairSetup, name: str, report: Report, text: str, shares: tuple[float, float]
+) -> dict[str, SurfacePoints]:
     """Maps of a match whose sources are cut off as its targets are, so that a true start has nothing to correct."""
     source = pull_back(setup.other, setup.start, cut_off(setup.other, len(setup.wanted)))
-    found = matched(setup, [0, 1, 2], tell, source)
+    found = matched(setup, [0, 1, 2], report, text, shares, source)
     return {name: closest_cut_off(setup, found.advected), **by_flow(setup, name, found)}
 
 

@@ -16,16 +16,15 @@ def of_flow(match: Match, name: str, shares: Sequence[float] = (1.0,)) -> dict[s
 
 
 def all_measures(qualities: Mapping[str, MapQuality]) -> tuple[Measure, ...]:
-    """The `quality_measures` of several maps."""
-    return tuple(measure for name, quality in qualities.items() for measure in quality_measures(name, quality))
-
-
-def quality_measures(name: str, quality: MapQuality) -> tuple[Measure, ...]:
-    """A map's `off_surface`, largest and RMS, and `folded`."""
-    return (
-        Measure(f"{name}: off_surface, largest, sqrt(area)", quality.largest_distance),
-        Measure(f"{name}: off_surface, RMS, sqrt(area)", quality.rms_distance),
-        Measure(f"{name}: folded, % of the faces", 100 * quality.folded),
+    """The `off_surface`, largest and RMS, and `folded` of several maps."""
+    return tuple(
+        Measure(f"{name}: {what}", value)
+        for name, quality in qualities.items()
+        for what, value in (
+            ("off_surface, largest, sqrt(area)", quality.largest_distance),
+            ("off_surface, RMS, sqrt(area)", quality.rms_distance),
+            ("folded, % of the faces", 100 * quality.folded),
+        )
     )
 
 

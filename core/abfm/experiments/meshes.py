@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from abfm.assets import asset_path
-from abfm.mesh import TriangleMesh, load_mesh
+from abfm.mesh import TriangleMesh, load_mesh, shapes
 from abfm.types import FloatArray
 
 
@@ -33,18 +33,7 @@ def smoothed(name: str, times: int) -> TriangleMesh:
     return TriangleMesh(shape.vertices, shape.faces)
 
 
-@lru_cache
-def five_limbs(vertices: int) -> TriangleMesh:
-    """A smooth body with five limbs of different lengths, without symmetry, from evenly spread points of a sphere."""
-    k = np.arange(vertices)
-    z = 1 - (2 * k + 1) / vertices
-    angle = np.pi * (3 - np.sqrt(5)) * k
-    ring = np.sqrt(1 - z**2)
-    shape = trimesh.convex.convex_hull(np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1))
-    limbs = np.array([[0, 1, 0.1], [-0.8, 0.5, 0.1], [0.9, 0.3, 0], [-0.5, -0.9, 0.2], [0.5, -1, -0.1]])
-    limbs /= np.linalg.norm(limbs, axis=1)[:, None]
-    reach = 1 + np.exp(8 * (shape.vertices @ limbs.T - 1)) @ np.array([1.2, 0.8, 0.9, 1, 1.1])
-    return TriangleMesh(shape.vertices * reach[:, None] * [1, 1, 0.7], shape.faces)
+five_limbs = lru_cache(shapes.five_limbs)
 
 
 @lru_cache
@@ -95,15 +84,10 @@ def _cubes(cubes: set[tuple[int, int, int]], squares: int) -> TriangleMesh:
 @lru_cache
 def torus(n: int, m: int, R: float = 1.0, r: float = 0.45) -> TriangleMesh:
     """Torus about the y axis: n vertices around it at distance R, m around the tube of radius r; both numbers even."""
-    i, j = (index.ravel() for index in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
+    faces, i, j = shapes.grid(n, m, around=True)
     u, w = 2 * np.pi * i / n, 2 * np.pi * j / m
     ring = R + r * np.cos(w)
-    a, b, c, d = (((i + p) % n) * m + (j + q) % m for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
-    even = ((i + j) % 2 == 0)[:, None]  # diagonals alternate
-    first = np.where(even, np.stack([a, b, c], axis=1), np.stack([a, b, d], axis=1))
-    second = np.where(even, np.stack([a, c, d], axis=1), np.stack([b, c, d], axis=1))
-    vertices = np.stack([ring * np.sin(u), r * np.sin(w), ring * np.cos(u)], axis=1)
-    return TriangleMesh(vertices, np.concatenate([first, second]))
+    return TriangleMesh(np.stack([ring * np.sin(u), r * np.sin(w), ring * np.cos(u)], axis=1), faces)
 
 
 @lru_cache
@@ -118,13 +102,9 @@ def geodesic_sphere(frequency: int) -> TriangleMesh:
     points = np.einsum("pc,fcx->fpx", np.stack([frequency - i - j, i, j], axis=1), corners)
     points /= np.linalg.norm(points, axis=2, keepdims=True)
     up, down = (i + j < frequency), (i + j < frequency) & (i > 0)
+    corners_of = ((up, (0, 0), (1, 0), (0, 1)), (down, (0, 0), (0, 1), (-1, 1)))
     triangles = np.concatenate(
-        [
-            np.stack([number[i[up], j[up]], number[i[up] + 1, j[up]], number[i[up], j[up] + 1]], axis=1),
-            np.stack(
-                [number[i[down], j[down]], number[i[down], j[down] + 1], number[i[down] - 1, j[down] + 1]], axis=1
-            ),
-        ]
+        [np.stack([number[i[some] + p, j[some] + q] for p, q in steps], axis=1) for some, *steps in corners_of]
     )
     faces = np.concatenate([triangles + face * len(i) for face in range(len(corners))])
     _, kept, merged = np.unique(np.round(points.reshape(-1, 3), 9), axis=0, return_index=True, return_inverse=True)

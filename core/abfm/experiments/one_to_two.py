@@ -21,20 +21,15 @@ from abfm.types import FloatArray
 _WAY = np.linspace(0, 1, 13)
 _SHOWN = [2, 4, 6, 8, 10]  # of these times
 _BOUND = 0.05
+_WIDTH = 0.2  # of the targets, as a fraction of the distance between the source and the nearer of them
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OneToTwo(Setup):
-    """One Gaussian of the mass of two others, far away.
+    """One Gaussian, around a vertex, of the mass of two others far away.
 
-    Attributes
-    ----------
-    centre : int
-        Vertex of the source.
-    way : float
-        Geodesic distance from it to the nearer target, as a fraction of sqrt(area).
-    width : float
-        Of the targets, in the same unit.
+    `way` is the geodesic distance from there to the nearer target and `width` that of the targets, both as fractions of
+    sqrt(area).
     """
 
     centre: int
@@ -43,27 +38,17 @@ class OneToTwo(Setup):
 
 
 def one_to_two(
-    mesh: TriangleMesh,
-    name: str,
-    parameters: Parameters,
-    width: float,
-    places: tuple[int, int, int] | None = None,
+    mesh: TriangleMesh, name: str, parameters: Parameters, places: tuple[int, int, int] | None = None
 ) -> OneToTwo:
     """Gaussians at three places, the source as wide as gives it the targets' mass.
 
-    Parameters
-    ----------
-    width : float
-        Of the targets, as a fraction of the distance between the source and the nearer of them.
-    places : (int, int, int)
-        Vertices of the source and the two targets; by default far ends by farthest point sampling, of which the two
-        that are closest to each other are the targets.
+    Places are the vertices of the source and the two targets: by default far ends by farthest point sampling, of which
+    the two that are closest to each other are the targets.
     """
     centre, *targets = places or _far_ends(mesh)
     distances = geodesic_distance(mesh, [centre])
     way = float(distances[targets].min()) / mesh.length_scale
-    wide = round(width * way, 4)
-    specs = [f"gaussian:vertex={mesh.vertex_ids[target]},width={wide:g}" for target in targets]
+    wide = round(_WIDTH * way, 4)
     areas, lengths = vertex_areas(mesh), mesh.length_scale
     mass = sum(areas @ _gaussian(geodesic_distance(mesh, [target]) / lengths, wide) for target in targets)
     widths = wide * np.geomspace(0.25, 8, 200)
@@ -72,8 +57,8 @@ def one_to_two(
     return OneToTwo(
         mesh=mesh,
         name=name,
-        sources=(f"gaussian:vertex={mesh.vertex_ids[centre]},width={source:g}",),
-        targets=(" + ".join(specs),),
+        sources=(_spec(mesh, centre, source),),
+        targets=(" + ".join(_spec(mesh, target, wide) for target in targets),),
         parameters=parameters,
         centre=centre,
         way=way,
@@ -83,17 +68,16 @@ def one_to_two(
 
 def run(setup: OneToTwo, report: Report) -> Findings:
     """Match, follow and verify the flow, and do the same with optimal transport and the linear blend."""
-    mesh, p = setup.mesh, setup.parameters
-    areas = vertex_areas(mesh)
+    mesh, p, areas = setup.mesh, setup.parameters, vertex_areas(setup.mesh)
     masses_at_tau: dict[int, float] = {}  # of each stage, in the end
 
     def on_iteration(now: Iteration) -> None:
         masses_at_tau[now.stage] = float(areas @ now.advected[:, 0])
         report("matching", 0.7 * now.iteration / max(p.iterations, 1))
 
-    found = match(mesh, setup.source[:, 0], setup.target[:, 0], p, on_iteration=on_iteration)
+    found = match(mesh, setup.source, setup.target, p, on_iteration=on_iteration)
     f, g = found.source[:, 0], found.target[:, 0]
-    flow = found.advect(_WAY * p.tau)
+    flow = found.advect(_WAY * p.tau)[..., 0]
     report("verifying", 0.7)
     witnesses = witnessed(found)
     report("optimal transport", 0.8)
@@ -102,10 +86,7 @@ def run(setup: OneToTwo, report: Report) -> Findings:
         "optimal transport": optimal_transport(mesh, f, g, _WAY[_SHOWN], blur=0.5 * setup.width),
         "linear blend": np.stack([linear_blend(f, g, t) for t in _WAY[_SHOWN]]),
     }
-    measures = (
-        *_quality(found, witnesses, flow, areas, masses_at_tau),
-        *_movement(setup, f, g, ways),
-    )
+    measures = [*_quality(found, witnesses, flow, list(masses_at_tau.values())), *_movement(setup, f, g, ways)]
     rows = [
         tuple(Panel(mesh, Values(value), f"{name}, {s}/6 τ") for s, value in enumerate(values, 1))
         for name, values in ways.items()
@@ -117,50 +98,45 @@ def run(setup: OneToTwo, report: Report) -> Findings:
         Panel(mesh, Values(flow[-1]), witnesses.label, "result"),
     )
     setting = (
-        f"{setup.name}, {len(mesh.vertices):,} vertices: a Gaussian and two others of the same mass in all, "
+        f"{setup.where}: a Gaussian and two others of the same mass in all, "
         f"{setup.way:.2f} sqrt(area) away; {p.iterations} iterations, sigma "
         f"{', '.join(format(sigma, 'g') for sigma in p.stage_sigmas())}.{witnesses.note}"
     )
     return Findings(measures, Sheet((first, *rows)), setting)
 
 
-def _quality(
-    found: Match, witnesses: Witnessed, flow: FloatArray, areas: FloatArray, masses_at_tau: dict[int, float]
-) -> list[Measure]:
+def _quality(found: Match, witnesses: Witnessed, flow: FloatArray, at_tau: list[float]) -> list[Measure]:
     """How well the target is matched, and what the discrete advection does to a function's range and mass."""
-    f, g = found.source[:, 0], found.target[:, 0]
-    low, high = min(f.min(), g.min()), max(f.max(), g.max())
-    overshoot = max(float(flow.max()) - high, low - float(flow.min()), 0.0) / (high - low)
-    masses = flow @ areas
-    drifts = [abs(masses_at_tau[stage] / masses[0] - 1) for stage in sorted(masses_at_tau)]
+    low, high = (extreme([extreme(found.source), extreme(found.target)]) for extreme in (np.min, np.max))
+    overshoot = max(flow.max() - high, low - flow.min(), 0.0) / (high - low)
+    masses = flow @ vertex_areas(found.mesh)
+    drifts = [abs(mass / masses[0] - 1) for mass in at_tau]
     drift = "drift of the mass at tau"
-    if len(drifts) > 1:
-        claim = "a small sigma keeps the drift small"
-        at_tau = [
-            Measure(f"{drift}, with the first stage's sigma", drifts[0]),
-            Measure(f"{drift}, with the last stage's sigma", drifts[-1], None, claim, drifts[-1] < drifts[0]),
-        ]
-    else:
-        at_tau = [Measure(drift, drifts[0])]
-    return [
+    measures = [
         Measure(
             "mismatch at tau, relative to the target in L2",
             found.mismatch,
-            _BOUND,
             "the advected source matches the target",
             found.mismatch <= _BOUND,
+            _BOUND,
         ),
         *witnesses.measures,
         Measure(
             "largest over- or undershoot on the way, as a share of the functions' range",
             overshoot,
-            None,
             "there is no maximum principle",
             overshoot > 0,
         ),
-        *at_tau,
-        Measure("largest drift of the mass on the way", float(abs(masses / masses[0] - 1).max())),
     ]
+    if len(drifts) > 1:
+        claim = "a small sigma keeps the drift small"
+        measures += [
+            Measure(f"{drift}, with the first stage's sigma", drifts[0]),
+            Measure(f"{drift}, with the last stage's sigma", drifts[-1], claim, drifts[-1] < drifts[0]),
+        ]
+    else:
+        measures.append(Measure(drift, drifts[0]))
+    return [*measures, Measure("largest drift of the mass on the way", abs(masses / masses[0] - 1).max())]
 
 
 def _movement(setup: OneToTwo, f: FloatArray, g: FloatArray, ways: dict[str, FloatArray]) -> list[Measure]:
@@ -168,21 +144,18 @@ def _movement(setup: OneToTwo, f: FloatArray, g: FloatArray, ways: dict[str, Flo
     areas, top = vertex_areas(setup.mesh), max(f.max(), g.max())
     between = np.maximum(f, g) < 0.5 * top
     distances = geodesic_distance(setup.mesh, [setup.centre]) / setup.mesh.length_scale
-    found = {
-        "largest value shown where source and target are below half": {
-            name: float(values[:, between].max(initial=0.0) / top) for name, values in ways.items()
-        },
-        "spread of the mass at tau/2 (deviation of its distance from the source), as a share of the way": {
-            name: _deviation(areas, distances, values[len(values) // 2]) / setup.way for name, values in ways.items()
-        },
+    heights = {name: values[:, between].max(initial=0.0) / top for name, values in ways.items()}
+    spreads = {
+        name: _deviation(areas, distances, values[len(values) // 2]) / setup.way for name, values in ways.items()
     }
     measures = []
-    for sign, (what, numbers) in zip((-1, 1), found.items(), strict=True):
-        for name, value in numbers.items():
-            of_ours = name == "advection"
-            moves = sign * value < sign * numbers["linear blend"]
-            claim = "values are displaced in space" if of_ours else ""
-            measures.append(Measure(f"{name}: {what}", value, None, claim, moves if of_ours else None))
+    for what, sign, numbers in (
+        ("largest value shown where source and target are below half", -1, heights),
+        ("spread of the mass at tau/2 (deviation of its distance from the source), as a share of the way", 1, spreads),
+    ):
+        moves = sign * numbers["advection"] < sign * numbers["linear blend"]
+        said = {"advection": ("values are displaced in space", bool(moves))}
+        measures += [Measure(f"{name}: {what}", value, *said.get(name, ("", None))) for name, value in numbers.items()]
     return measures
 
 
@@ -195,6 +168,10 @@ def _deviation(areas: FloatArray, distances: FloatArray, values: FloatArray) -> 
 
 def _gaussian(distances: FloatArray, width: float) -> FloatArray:
     return np.exp(-0.5 * (distances / width) ** 2)
+
+
+def _spec(mesh: TriangleMesh, vertex: int, width: float) -> str:
+    return f"gaussian:vertex={mesh.vertex_ids[vertex]},width={width:g}"
 
 
 def _far_ends(mesh: TriangleMesh) -> tuple[int, ...]:

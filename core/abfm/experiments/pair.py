@@ -7,21 +7,19 @@ are A's coordinates carried by the true functional map, cut off at more eigenfun
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import MeshError
-from abfm.experiments.experiment import Setup, affordable_iterations
+from abfm.experiments.experiment import Report, Setup, affordable_iterations, solved
 from abfm.experiments.meshes import bundled
 from abfm.experiments.sheet import Checker
 from abfm.experiments.table_1 import TABLE_1
 from abfm.flow.flow_lines import flow_lines
 from abfm.maps.functional_maps import carry, functional_map, point_map
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, pull_back, vertex_points
-from abfm.matching.match import Iteration, match
 from abfm.matching.result import Match
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
@@ -49,7 +47,6 @@ class PairSetup(Setup):
         Where on A the start map takes each vertex of B.
     wanted : (k, k) array
         The true functional map, cut off.
-    setting : str
     """
 
     other: TriangleMesh
@@ -160,24 +157,16 @@ def bent(mesh: TriangleMesh) -> TriangleMesh:
 
 
 def matched(
-    setup: PairSetup, channels: list[int], tell: Callable[[float], None], source: FloatArray | None = None
+    setup: PairSetup,
+    channels: list[int],
+    report: Report,
+    text: str,
+    shares: tuple[float, float] = (0.0, 1.0),
+    source: FloatArray | None = None,
 ) -> Match:
-    """Match some of the set-up's functions; `tell` hears which share of the iterations is done.
-
-    `source` (V, C) takes the place of the set-up's sources.
-    """
-    limit = setup.parameters.iterations
-
-    def on_iteration(now: Iteration) -> None:
-        tell(now.iteration / limit)
-
-    return match(
-        setup.mesh,
-        (setup.source if source is None else source)[:, channels],
-        setup.target[:, channels],
-        setup.parameters,
-        on_iteration=on_iteration,
-    )
+    """Match some of the set-up's functions, or `source` (V, C) in place of its sources."""
+    source = setup.source if source is None else source
+    return solved(setup, report, text, shares, source[:, channels], setup.target[:, channels])
 
 
 def closest(setup: PairSetup, functions: FloatArray) -> SurfacePoints:

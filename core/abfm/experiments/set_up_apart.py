@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import fields, replace
 
+import numpy as np
+
+from abfm.calculus.vector_fields import to_frame
 from abfm.errors import AbfmError
 from abfm.experiments import experiment_of
 from abfm.experiments.experiment import Setup
+from abfm.matching.energy.energy import MatchingEnergy
+from abfm.matching.judging.verdict import Verdict
 from abfm.matching.result import Match
+from abfm.matching.schedule import MATCHED
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests
 
 
 def set_up_apart(figure: int) -> tuple[Setup, Match | None]:
-    """The set-up of a figure's experiment on its own mesh, and its given field, computed while other threads go on.
+    """The set-up of a figure's experiment on its own mesh, computed while other threads go on; and its given flow.
 
     Raises
     ------
@@ -30,8 +37,8 @@ def set_up_apart(figure: int) -> tuple[Setup, Match | None]:
         process.close()
     if answer == "error":
         raise AbfmError(value)
-    setup, given = value
-    return setup, given
+    setup, match = value
+    return setup, match
 
 
 def _serve() -> None:
@@ -39,14 +46,42 @@ def _serve() -> None:
     for figure in requests:
         try:
             found = experiment_of(figure).set_up(None, False)
-            given = found.given
+            match = given(found)
             bare = copy.copy(found.mesh)
             bare.__dict__["cache"] = {}
             common = {entry.name: getattr(found, entry.name) for entry in fields(Setup)}
-            setup = Setup(**{**common, "mesh": bare})
-            requests.answer(("setup", (setup, given and replace(given, mesh=bare))))
+            setup = Setup(**{**common, "mesh": bare, "flow": None})
+            requests.answer(("setup", (setup, match and replace(match, mesh=bare))))
         except AbfmError as error:
             requests.answer(("error", str(error)))
+
+
+def given(setup: Setup) -> Match | None:
+    """The given flow as a match with its field, so that a window shows and saves it as any result; None without."""
+    if setup.flow is None:
+        return None
+    source, target, p = setup.source, setup.target, setup.parameters
+    energy = MatchingEnergy(setup.mesh, source, target, p)
+    evaluated = energy.evaluate(to_frame(setup.mesh, setup.flow.velocity / setup.mesh.length_scale), p.sigma)
+    mismatch = energy.relative_mismatch(evaluated.advected)
+    return Match(
+        mesh=setup.mesh,
+        source=source,
+        target=target,
+        parameters=p,
+        velocity=setup.flow.velocity,
+        advected=np.ascontiguousarray(evaluated.advected.T),
+        energy_history=np.array([[evaluated.energy, evaluated.regularity, evaluated.mismatch]]),
+        stages=np.zeros(1, dtype=np.int64),
+        mismatch=mismatch,
+        verified_mismatch=math.nan,
+        folded=math.nan,
+        stop_reason="given",
+        verdict=Verdict("matched" if mismatch <= MATCHED else "not reached", "the field is given, not sought", ""),
+        mask=None,
+        weights=np.ones(source.shape[1]),
+        channels_given=True,
+    )
 
 
 if __name__ == "__main__":

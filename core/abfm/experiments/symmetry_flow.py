@@ -9,13 +9,12 @@ import numpy as np
 
 from abfm.calculus.operators import averaging, face_normals
 from abfm.errors import MeshError
-from abfm.experiments.experiment import Measure, Report, Setup
+from abfm.experiments.experiment import Measure, Report, Setup, solved
 from abfm.experiments.sheet import Coordinates, Panel, Streaks, Values
 from abfm.flow.flow_lines import flow_lines
 from abfm.functions import function
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.maps.symmetry import KINDS, Kind, Symmetry, SymmetryError, detect_symmetry
-from abfm.matching.match import match
 from abfm.matching.result import Match
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
@@ -33,14 +32,7 @@ _CORRECT, _SMALL_DRIFT = 0.02, 0.05  # of sqrt(area), for what the paper says in
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SymmetrySetup(Setup):
-    """Functions and the same functions after a symmetry map.
-
-    Attributes
-    ----------
-    symmetry : Symmetry
-    marks : (P,) array of int
-        Vertices whose ways are shown.
-    """
+    """Functions and the same functions after a symmetry map; `marks` (P,) are vertices whose ways are shown."""
 
     symmetry: Symmetry
     marks: IntArray
@@ -111,14 +103,7 @@ def set_up(mesh: TriangleMesh, name: str, symmetry: Symmetry, parameters: Parame
 def solve(setup: SymmetrySetup, report: Report, text: str, shares: tuple[float, float], specs: Specs = ()) -> Match:
     """Match the set-up's functions, or others, with these after the symmetry; report from one share to another."""
     source = setup.source if not specs else np.stack([function(setup.mesh, spec) for spec in specs], axis=1)
-    p, (begin, end) = setup.parameters, shares
-    return match(
-        setup.mesh,
-        source,
-        source[setup.symmetry.vertex_map],
-        p,
-        on_iteration=lambda now: report(text, begin + (end - begin) * now.iteration / p.iterations),
-    )
+    return solved(setup, report, text, shares, source, source[setup.symmetry.vertex_map])
 
 
 def bump(mesh: TriangleMesh, vertex: int) -> str:
@@ -127,66 +112,53 @@ def bump(mesh: TriangleMesh, vertex: int) -> str:
 
 
 def places(mesh: TriangleMesh) -> Specs:
-    """The specs of the three coordinates."""
-    return tuple(_place(axis, mesh) for axis in "xyz")
+    """The three coordinates from the mesh's middle in sqrt(area), so that sigma weighs them alike on all meshes."""
+    middles = mesh.vertices.mean(axis=0) / mesh.length_scale
+    return tuple(
+        f"expression:{axis}/{mesh.length_scale:.6g}-({round(middle, 6) + 0.0:g})"
+        for axis, middle in zip("xyz", middles, strict=True)
+    )
 
 
-def _place(axis: str, mesh: TriangleMesh) -> str:
-    """The spec of a coordinate from the mesh's middle in sqrt(area), so that sigma weighs it alike on all meshes."""
-    middle = mesh.vertices[:, "xyz".index(axis)].mean() / mesh.length_scale
-    return f"expression:{axis}/{mesh.length_scale:.6g}-({round(middle, 6) + 0.0:g})"
-
-
-def sampled(mesh: TriangleMesh) -> IntArray:
+def _sampled(mesh: TriangleMesh) -> IntArray:
     """Vertices on which maps are measured, evenly taken: exact geodesics cost much more than the map."""
     return np.linspace(0, len(mesh.vertices) - 1, min(_SAMPLE, len(mesh.vertices))).astype(np.int64)
 
 
-def map_error(match: Match, symmetry: Symmetry) -> FloatArray:
-    """How far the point map at tau is from the symmetry, along the surface, in sqrt(area), at `sampled` vertices."""
-    sample = sampled(match.mesh)
-    [error] = geodesics(match.mesh, symmetry.vertex_map[sample], _at(match.point_map(), sample))
-    return np.asarray(error)
+def mean_error(match: Match, symmetry: Symmetry) -> float:
+    """Mean distance of the point map at tau from the symmetry, along the surface, in sqrt(area)."""
+    sample = _sampled(match.mesh)
+    return float(geodesics(match.mesh, symmetry.vertex_map[sample], _at(match.point_map(), sample)).mean())
 
 
-def measures(match: Match, symmetry: Symmetry) -> tuple[Measure, ...]:
+def measures(match: Match, symmetry: Symmetry) -> list[Measure]:
     """Mismatch, map error and drift, and the exact flow lines as a witness.
 
     Flow lines are walked against the flow: a vertex's value came from where its line ends.
     """
-    mesh, tau, sample = match.mesh, match.parameters.tau, sampled(match.mesh)
+    mesh, tau, sample = match.mesh, match.parameters.tau, _sampled(match.mesh)
     [drift] = geodesics(mesh, sample, _at(match.point_map(2 * tau), sample))
     lines = flow_lines(mesh, match.velocity, project_onto_surface(mesh, mesh.vertices[sample]), -tau, tau)
     ends = project_onto_surface(mesh, np.array([line.positions[-1] for line in lines]))
-    reached_points = _at(match.point_map(), sample)
-    error, by_lines = geodesics(mesh, symmetry.vertex_map[sample], reached_points, ends)
-    apart = np.linalg.norm(ends.positions - reached_points.positions, axis=1) / mesh.length_scale
-    reached, kept = float(error.mean()), float(drift.mean())
-    return (
+    points = _at(match.point_map(), sample)
+    error, by_lines = geodesics(mesh, symmetry.vertex_map[sample], points, ends)
+    apart = np.linalg.norm(ends.positions - points.positions, axis=1) / mesh.length_scale
+    reached, kept = error.mean(), drift.mean()
+    correct = "the points and the coordinate functions are smoothly mapped to the correct values"
+    small = "some drift is noticeable, yet it is relatively small"
+    return [
         Measure("mismatch of the functions", match.mismatch),
-        Measure(
-            "map error at τ, mean, geodesic / √area",
-            reached,
-            claim="the points and the coordinate functions are smoothly mapped to the correct values",
-            reproduces=reached < _CORRECT,
-        ),
-        Measure("map error at τ, 95th percentile", float(np.quantile(error, 0.95))),
-        Measure(
-            "drift at 2 τ, mean, geodesic / √area",
-            kept,
-            claim="some drift is noticeable, yet it is relatively small",
-            reproduces=kept < _SMALL_DRIFT,
-        ),
-        Measure("drift at 2 τ, 95th percentile", float(np.quantile(drift, 0.95))),
-        Measure("map error at τ by exact flow lines, mean", float(by_lines.mean())),
-        Measure("advected points from the ends of exact flow lines, mean", float(apart.mean())),
-    )
+        Measure("map error at τ, mean, geodesic / √area", reached, correct, reached < _CORRECT),
+        Measure("map error at τ, 95th percentile", np.quantile(error, 0.95)),
+        Measure("drift at 2 τ, mean, geodesic / √area", kept, small, kept < _SMALL_DRIFT),
+        Measure("drift at 2 τ, 95th percentile", np.quantile(drift, 0.95)),
+        Measure("map error at τ by exact flow lines, mean", by_lines.mean()),
+        Measure("advected points from the ends of exact flow lines, mean", apart.mean()),
+    ]
 
 
 def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: SurfacePoints) -> FloatArray:
-    """Distance along the surface from each of P vertices to the point of its own, for K sets of points at once, (K, P).
-
-    In sqrt(area).
+    """Distance in sqrt(area) along the surface from each of P vertices to its own point, for K sets of points, (K, P).
 
     Exact on faces around the vertex and at vertices, elsewhere linear between the exact distances of a face's corners,
     which is never less than the distance (Mitchell, Mount, Papadimitriou 1987).
@@ -241,10 +213,10 @@ def map_row(match: Match, marks: IntArray) -> tuple[Panel, ...]:
 
 def setting(setup: SymmetrySetup) -> str:
     """What is matched, in a sentence or two."""
-    mesh, symmetry = setup.mesh, setup.symmetry
+    symmetry = setup.symmetry
     axis = ", ".join(f"{value:.2g}" for value in np.round(symmetry.axis, 3) + 0.0)
     if symmetry.kind == "rotation":
         words = f"rotation by 180 degrees about ({axis}); the three coordinates are matched at once"
     else:
         words = f"mirror plane with normal ({axis}), no map that a flow can reach; one Gaussian is matched"
-    return f"{setup.name}, {len(mesh.vertices):,} vertices, {words}."
+    return f"{setup.where}, {words}."

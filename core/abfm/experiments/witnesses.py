@@ -14,14 +14,9 @@ from abfm.matching.result import Match
 class Witnessed:
     """A match as its witnesses see it.
 
-    Attributes
-    ----------
-    measures : tuple of Measure
-        The mismatch by flow lines, that on the subdivided mesh, and the folded faces, as far as they are known.
-    label : str
-        For the panel of the match: both mismatches.
-    note : str
-        What is not known and why, a sentence after a space; empty if all is known.
+    The measures are the mismatch by flow lines, that on the subdivided mesh, and the folded faces, as far as they are
+    known; the label, for the panel of the match, has both mismatches; the note is what is not known and why, a sentence
+    after a space, empty if all is known.
     """
 
     measures: tuple[Measure, ...]

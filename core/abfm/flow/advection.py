@@ -45,24 +45,19 @@ class LinearizedFlow:
         return self.pattern.product(self.values, f[self.pattern.order])[self.pattern.rank]
 
 
-class Flow:
+class Advection:
     """Composition of the flows of N fields, each over ``tau / N``.
 
     Parameters
     ----------
-    mesh : TriangleMesh
     fields : (N, F, 2) array
         Frame coefficients, in the mesh's units.
-    tau : float
-        End time.
     linearized : bool
         ``id - t D_v`` per field instead of ``exp(-t D_v)``.
     workspace : Workspace, optional
-        Memory of an earlier flow on the same mesh to use again, which forgets that flow's terms.
-    tolerance : float
-        Truncation of the exponentials, relative to the function's largest value.
-    clustered : bool
-        Whether exponentials hold vertices of thin triangles together, see `abfm.flow.clusters`.
+        That of an earlier flow on the same mesh, whose terms are forgotten.
+    tolerance, clustered
+        Those of `ExponentialFlow`.
     """
 
     def __init__(
@@ -88,8 +83,7 @@ class Flow:
     def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:
         """Advect ``f`` (V,) to time tau: one trajectory per field; the last one's ``end`` is the result.
 
-        With ``keep`` the terms of all functions are kept for `backward`, as far as they fit, until another flow uses
-        the workspace.
+        With ``keep`` the terms of all functions are kept for `backward`, as far as they fit.
         """
         trajectories: list[Trajectory] = []
         for part in self.parts:
@@ -103,26 +97,19 @@ class Flow:
             mu = self.parts[j].backward(trajectories[j], mu, gradient[j])
 
     def at(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Function ``f`` (V,) carried to each of the times (T,) -> (T, V).
-
-        Beyond tau the last field goes on. A negative time ``-t`` undoes the flow to ``t``: the same steps with the sign
-        changed, in reverse order (exact for exponentials, not for linearised steps).
-        """
-        times = np.asarray(times, dtype=np.float64)
+        """Function ``f`` (V,) carried to each of the times (T,) -> (T, V), see `abfm.Flow`."""
         out = np.empty((len(times), len(f)))
         order = np.argsort(np.abs(times), kind="stable")
-        ahead, back = order[times[order] >= 0], order[times[order] < 0]
-        if len(ahead):
-            out[ahead] = self._ahead(f, times[ahead])
-        if len(back):
-            out[back] = self._back(f, times[back])
+        part = self.parts[0]
+        is_one = isinstance(part, ExponentialFlow) and len(self.parts) == 1
+        for chosen, carry in ((order[times[order] >= 0], self._ahead), (order[times[order] < 0], self._back)):
+            if len(chosen):
+                out[chosen] = (part.span if is_one else carry)(f, times[chosen])
         return out
 
     def _ahead(self, f: FloatArray, times: FloatArray) -> FloatArray:
+        """At ascending times."""
         out = np.empty((len(times), len(f)))
-        part = self.parts[0]
-        if isinstance(part, ExponentialFlow) and len(self.parts) == 1:
-            return part.span(f, times)
         owner = np.maximum(np.ceil(times / self.step * (1 - 1e-12)) - 1, 0)
         for j in range(int(owner[-1]) + 1):
             part = self.parts[min(j, len(self.parts) - 1)]
@@ -134,8 +121,7 @@ class Flow:
         return out
 
     def _back(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        if isinstance(self.parts[0], ExponentialFlow) and len(self.parts) == 1:
-            return self.parts[0].span(f, times)
+        """At negative times, each by itself."""
         out = np.empty((len(times), len(f)))
         for row, t in enumerate(-times):
             last = max(int(np.ceil(t / self.step * (1 - 1e-12))) - 1, 0)
@@ -148,21 +134,16 @@ class Flow:
 
 
 def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> FloatArray:
-    """Function carried along a field for a time: ``exp(-t D_v) f`` (Eq. 4).
+    """Function carried along a field for a time: ``exp(-t D_v) f`` (Eq. 4), (V,) or (V, C).
 
     Parameters
     ----------
-    mesh : TriangleMesh
     velocity : (F, 3) array
         Tangent vectors, in the mesh's length unit per unit of time.
     f : (V,) or (V, C) array
         One value or row per vertex of the mesh, or of its file.
     t : float
         Time of either sign.
-
-    Returns
-    -------
-    Array of shape (V,) or (V, C).
 
     Raises
     ------

@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.errors import ParameterError
 from abfm.flow.flow_lines import FacePoints, check_start, fields_in_a_row
-from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
-from abfm.flow.walking import vector_at, walk_straight
+from abfm.flow.smooth_flow import SmoothFlow, smooth_flow, vector_at, walk_straight
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import kernel
@@ -44,10 +43,10 @@ def flow_map(
     start: FacePoints | None = None,
     between: Callable[[], None] | None = None,
 ) -> SurfacePoints:
-    """Carry points of the surface along a field, or along N fields in a row, each for ``tau / N``.
+    """Carry P points of the surface along a field, or along N fields in a row, each for ``tau / N``.
 
-    A point that comes to the boundary goes on along it with the part of the field that leads along it; where none does
-    it rests.
+    At the boundary a point goes on with the part of the field that leads along it; where none does it rests. The
+    points that come back have distances 0.
 
     Parameters
     ----------
@@ -62,11 +61,6 @@ def flow_map(
         For example `SurfacePoints`. All V vertices by default.
     between : callable, optional
         Called again and again in this thread; what it raises ends the work.
-
-    Returns
-    -------
-    SurfacePoints
-        P points with distances 0.
 
     Raises
     ------
@@ -87,7 +81,7 @@ def flow_map(
     sides = np.einsum("fcx,fkx->fck", corners[:, 1:] - corners[:, :1], face_frames(unit))
     places = np.einsum("pc,pck->pk", barycentric[:, 1:], sides[faces])
     sizes = np.sqrt(face_areas(unit))
-    for field in reversed(fields) if backwards else fields:
+    for field in fields[::-1] if backwards else fields:
         flow = smooth_flow(unit, field / mesh.length_scale)
         for begin in range(0, len(faces), _CHUNK):
             if between is not None:
@@ -97,7 +91,7 @@ def flow_map(
     return _points(mesh, faces, places)
 
 
-def _check_work(mesh: TriangleMesh, fields: list[FloatArray], duration: float) -> None:
+def _check_work(mesh: TriangleMesh, fields: FloatArray, duration: float) -> None:
     """Refuse fields along which the walks would not end."""
     sizes = np.sqrt(face_areas(mesh)) / mesh.length_scale
     with np.errstate(over="ignore", invalid="ignore"):

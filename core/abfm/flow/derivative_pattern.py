@@ -23,8 +23,8 @@ _BLOCKED = 20_000  # vertices from which blocks pay
 class DerivativePattern:
     """The fixed sparsity of ``D_v`` on a mesh (vertex adjacency with diagonal) and what fills it from a field.
 
-    Vertices are renumbered so that neighbours are close in memory. Entries come in groups, see `derivative_kernels`.
-    Where vertices are held together, see `abfm.flow.clusters`, rows and columns are clusters, with one value each.
+    Vertices are renumbered so that neighbours are close in memory; entries come in groups, see `derivative_kernels`.
+    Where vertices are held together (`abfm.flow.clusters`), rows and columns are clusters, with one value each.
 
     Attributes
     ----------
@@ -33,18 +33,14 @@ class DerivativePattern:
         vertex's own one, and ``order`` the clusters' vertices, one after the other.
     shares : (V,) array or None
         Share of each vertex in its cluster's area; None where each vertex is one.
-    indptr : (V + 1,) array
-        First group of each row.
-    indices : (G, 7) array
-        Columns; the row itself where a group is padded.
+    indptr, indices : (V + 1,), (G, 7) arrays
+        First group of each row, and columns; the row itself where a group is padded.
     bounds : (B + 1,) array
         Blocks of rows whose neighbours are in the same, the next or the last block.
     faces, slopes, inverse_areas
         What `assemble_derivative` takes, in the mesh's order.
-    positions : (F, 3, 3) array
-        Entry of row corner a, column corner b, among all ``7 G``.
-    transpose : (7 G,) array
-        Entry with row and column exchanged.
+    positions, transpose : (F, 3, 3), (7 G,) arrays
+        Entry of row corner a, column corner b, among all ``7 G``; and entry with row and column exchanged.
     """
 
     order: IndexArray

@@ -8,6 +8,7 @@ The derivative is that of the sum as computed, so it is exact whatever the trunc
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
@@ -46,8 +47,7 @@ _open_counts: list[RowProducts] = []
 def counted_row_products() -> Iterator[RowProducts]:
     """Count what all series and adjoints in the process cost inside the block, whatever the machine.
 
-    A term of a series on V vertices is V row products, and so is one of its adjoint; series that are cut off because
-    they overflow do not count.
+    A term of a series on V vertices is V row products, and so is one of its adjoint; not where it overflows.
     """
     products = RowProducts()
     _open_counts.append(products)
@@ -64,17 +64,14 @@ def _count(terms: int, size: int) -> None:
 
 
 class Workspace:
-    """Memory for the terms of series, kept between evaluations: about 560 MB, and as much for scratch where it is full.
+    """Memory for the terms of series of functions with so many values, kept between evaluations.
 
-    The array is larger, but touched only as far as used. Beyond a million vertices one short series takes more.
-
-    Parameters
-    ----------
-    size : int
-        Rows of ``D_v``.
+    About 560 MB, and as much for scratch where it is full. The array is larger, but touched only as far as used. Beyond
+    a million vertices one short series takes more. ``lock`` is for those that share it between threads.
     """
 
     def __init__(self, size: int) -> None:
+        self.lock = threading.Lock()
         rows = _MEMORY // size
         self.longest_segment = float(np.clip(2 * rows - _likely_terms(rows), _SHORT_SEGMENT, _LONG_SEGMENT))
         self.block = len(_bessel_coefficients(self.longest_segment))
@@ -110,10 +107,7 @@ def _bessel_coefficients(x: float) -> FloatArray:
 
 @dataclass
 class Segment:
-    """One series of a trajectory: where it started, how many terms it summed, and the terms if they were kept.
-
-    They are there as long as the workspace's ``generation`` is this one.
-    """
+    """One series: where it started, how many terms it summed, and these while the workspace has this generation."""
 
     start: FloatArray
     count: int
@@ -123,7 +117,7 @@ class Segment:
 
 @dataclass
 class Trajectory:
-    """What the adjoint of an advection needs: equal segments of time ``step``, and the final function."""
+    """What the adjoint of an advection needs: segments of time ``step`` each, and the final function."""
 
     step: float
     segments: list[Segment]
@@ -135,10 +129,8 @@ class ExponentialFlow:
 
     Parameters
     ----------
-    mesh : TriangleMesh
     v : (F, 2) array
         Frame coefficients of the field, in the mesh's units.
-    workspace : Workspace
     tolerance : float
         Where the series is truncated, relative to ``max |f|``, per segment.
     clustered : bool

@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike
 from abfm.calculus.vector_fields import check_field
 from abfm.errors import ParameterError
 from abfm.flow import tracing
-from abfm.flow.face_flow import FaceFlow, face_flow
+from abfm.flow.tracing import FaceFlow, face_flow
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]
 STEP_LIMIT = 100_000
+"""Edges and vertices that a path may meet."""
 _ENDINGS: dict[int, Ending] = {
     tracing.GOING: "step limit",
     tracing.BOUNDARY: "boundary",
@@ -45,12 +46,8 @@ class FlowLine:
     ----------
     times : (K,) array
         When each place is reached: from 0 up, or from 0 down against the flow.
-    positions : (K, 3) array
-        In the mesh's units.
-    faces : (K,) array of int
-        A face that holds each place.
-    barycentric : (K, 3) array
-        Weights of that face's corners.
+    positions, faces, barycentric : (K, 3), (K,), (K, 3) arrays
+        Each place, in the mesh's units, a face that holds it, and the weights of its corners.
     ended : str
         Why the path ends: "time" where the whole duration was walked; "boundary" where it left the mesh; "stagnation"
         where the field is zero or pushes in from all sides, so that the point rests there; "step limit".
@@ -70,12 +67,7 @@ class FlowLine:
 
 
 def flow_lines(
-    mesh: TriangleMesh,
-    velocity: ArrayLike,
-    start: FacePoints,
-    duration: float,
-    tau: float | None = None,
-    step_limit: int = STEP_LIMIT,
+    mesh: TriangleMesh, velocity: ArrayLike, start: FacePoints, duration: float, tau: float | None = None
 ) -> list[FlowLine]:
     """Walk points along a field, or along N fields in a row, exactly from edge to edge.
 
@@ -92,51 +84,45 @@ def flow_lines(
         How long to walk. Negative: against the flow of the first field.
     tau : float, optional
         End time of the N fields, each of which lasts ``tau / N``; the last one goes on. Needed for several fields.
-    step_limit : int
-        How many edges and vertices a path may meet.
 
     Raises
     ------
     ParameterError
-        If an array has another shape or values that are not finite, a start is not in the mesh, or ``duration``,
-        ``tau`` or ``step_limit`` is out of range.
+        If an array has another shape or values that are not finite, a start is not in the mesh, or ``duration`` or
+        ``tau`` is out of range.
     """
     fields = fields_in_a_row(mesh, velocity)
     faces, barycentric = check_start(mesh, start)
     if np.ndim(duration) or not np.isfinite(duration):
         raise ParameterError(f"duration is {duration}; expected a finite time")
-    if step_limit < 1:
-        raise ParameterError(f"step_limit is {step_limit}; expected at least 1")
     if len(fields) > 1 and tau is None:
         raise ParameterError(f"velocity has {len(fields)} fields but tau is missing: say when the last one ends")
     if tau is not None and not (np.isfinite(tau) and tau > 0):
         raise ParameterError(f"tau is {tau}; expected a positive time")
-    sign = -1 if duration < 0 else 1
-    length = abs(float(duration))
-    if sign < 0:
-        fields = [-fields[0]]
+    if duration < 0:
+        fields = -fields[:1]
     changes = np.arange(1, len(fields)) * (tau or 0.0) / len(fields)
-    ends = [*changes[changes < length], length]
+    ends = [*changes[changes < abs(duration)], abs(float(duration))]
     flows = [face_flow(mesh, field) for field in fields[: len(ends)]]
-    walk = _Walk(mesh, flows, ends, step_limit, sign)
+    walk = _Walk(mesh, flows, ends, -1 if duration < 0 else 1)
     return [walk.line(f, b) for f, b in zip(faces, barycentric, strict=True)]
 
 
 class _Walk:
     """Fields, the times at which each ends, and memory for one path."""
 
-    def __init__(self, mesh: TriangleMesh, flows: list[FaceFlow], ends: list[float], limit: int, sign: int) -> None:
+    def __init__(self, mesh: TriangleMesh, flows: list[FaceFlow], ends: list[float], sign: int) -> None:
         self.mesh, self.flows, self.ends, self.sign = mesh, flows, ends, sign
-        self._times = np.empty(limit + 1)
-        self._faces = np.empty(limit + 1, dtype=np.int64)
-        self._weights = np.empty((limit + 1, 3))
+        self._times, self._weights = np.empty(STEP_LIMIT + 1), np.empty((STEP_LIMIT + 1, 3))
+        self._faces = np.empty(STEP_LIMIT + 1, dtype=np.int64)
 
     def line(self, face: int, barycentric: FloatArray) -> FlowLine:
         where, b = np.array([face, -1]), barycentric.copy()
         count, status = 0, tracing.STAGNATION
         for flow, begin, end in zip(self.flows, [0.0, *self.ends], self.ends, strict=False):
             if status == tracing.STAGNATION:
-                count = self._write(count, begin, where, b)
+                self._times[count], self._faces[count], self._weights[count] = begin, where[0], b
+                count += 1
             where[1] = -1
             count, status = tracing.trace(flow, where, b, begin, end, self._times, self._faces, self._weights, count)
             if status == tracing.BOUNDARY or count == len(self._times):
@@ -146,18 +132,11 @@ class _Walk:
         ended: Ending = "time" if self._times[count - 1] == self.ends[-1] else _ENDINGS[status]
         return FlowLine(self.sign * self._times[:count], positions, faces, weights, ended)
 
-    def _write(self, count: int, time: float, where: IntArray, b: FloatArray) -> int:
-        self._times[count], self._faces[count], self._weights[count] = time, where[0], b
-        return count + 1
 
+def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
+    """N fields (N, F, 3), of which one may come as (F, 3).
 
-def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> list[FloatArray]:
-    """N fields (F, 3), given as (F, 3) or (N, F, 3).
-
-    Raises
-    ------
-    ParameterError
-        If they have another shape or values that are not finite.
+    Raises a ParameterError if they have another shape or values that are not finite.
     """
     array = np.asarray(velocity, dtype=np.float64)
     if array.ndim == 2:
@@ -165,16 +144,15 @@ def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> list[FloatArray]
     if array.ndim != 3 or not len(array):
         expected = (len(mesh.faces), 3)
         raise ParameterError(f"velocity has shape {np.shape(velocity)}; expected {expected}, or N of these in a row")
-    return [check_field(mesh, field, "velocity") for field in array]
+    for field in array:
+        check_field(mesh, field, "velocity")
+    return array
 
 
 def check_start(mesh: TriangleMesh, start: FacePoints) -> tuple[IntArray, FloatArray]:
     """Faces (P,) and barycentric weights (P, 3) of points.
 
-    Raises
-    ------
-    ParameterError
-        If they are not points of the mesh.
+    Raises a ParameterError if they are not points of the mesh.
     """
     faces, barycentric = np.asarray(start.faces), np.asarray(start.barycentric, dtype=np.float64)
     if faces.ndim != 1 or not np.issubdtype(faces.dtype, np.integer) or barycentric.shape != (len(faces), 3):

@@ -20,14 +20,8 @@ BOUNDS = (0.05, 0.1, 0.25)
 
 @dataclass(frozen=True, eq=False)
 class MapAccuracy:
-    """Errors of a map.
-
-    Attributes
-    ----------
-    vertices : (S,) array of int
-        The vertices that were measured, ascending: rows of the map.
-    errors : (S,) array
-        Geodesic distance between each one's image and its true image, over the square root of the surface's area.
+    """Errors of a map: of the vertices (S,) that were measured, ascending, the geodesic distances (S,) between each
+    one's image and its true image, over the square root of the surface's area.
     """
 
     vertices: IntArray
@@ -110,10 +104,10 @@ def map_accuracy(
 
 
 def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArray) -> float:
-    """Distance along the surface from a vertex to a point in a face.
+    """Distance along the surface from a vertex to a point in a face, at least the straight one in space.
 
     Distance is convex in flat places, so its linear interpolation between the corners is never too short, and neither
-    is a way over a corner: the smaller of both, at least the straight distance in space.
+    is a way over a corner: the smaller of both.
     """
     corners = mesh.faces[face]
     place = barycentric @ mesh.vertices[corners]

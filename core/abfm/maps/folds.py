@@ -40,10 +40,9 @@ def folds(
     Parameters
     ----------
     carried : callable
-        The map: points of the surface to points of the surface.
-    faces : (S,) array of int
-    corners : (S, 3, 3) array
-        Where it takes their vertices.
+        The map, for points of the surface.
+    faces, corners : (S,), (S, 3, 3) arrays
+        The faces, and where the map takes their vertices.
     most : int
         Faces that are cut into parts: of more, so many evenly chosen ones stand for all.
     """

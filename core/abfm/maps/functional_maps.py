@@ -43,15 +43,9 @@ def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArra
 
 
 def functional_map(source: TriangleMesh, target: TriangleMesh, points: SurfacePoints, k: int) -> FloatArray:
-    """Functional map of a point map: ``Phi_target^+ P Phi_source``, (k, k).
+    """Functional map in k eigenfunctions, ``Phi_target^+ P Phi_source``, (k, k), of a point map.
 
-    Parameters
-    ----------
-    source, target : TriangleMesh
-    points : SurfacePoints
-        Where on the source each vertex of the target goes.
-    k : int
-        How many eigenfunctions of each.
+    That says where on the source each vertex of the target goes.
 
     Raises
     ------
@@ -62,16 +56,7 @@ def functional_map(source: TriangleMesh, target: TriangleMesh, points: SurfacePo
 
 
 def carry(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike) -> FloatArray:
-    """Carry a function of the source to the target, ``Phi_target C Phi_source^+ h``: always smooth.
-
-    Parameters
-    ----------
-    C : (k_target, k_source) array
-    h : (V_source,) or (V_source, C) array
-
-    Returns
-    -------
-    (V_target,) or (V_target, C) array
+    """Carry a function of the source, of one channel or several, to the target: ``Phi_target C Phi_source^+ h``.
 
     Raises
     ------
@@ -92,15 +77,6 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Surfa
     ``Phi_source`` instead would carry the target's delta functions back by the adjoint of ``C``, which is its inverse
     only where ``C`` is orthogonal. Nothing makes that map continuous.
 
-    Parameters
-    ----------
-    C : (k_target, k_source) array
-
-    Returns
-    -------
-    SurfacePoints
-        A vertex of the source for every vertex of the target.
-
     Raises
     ------
     ParameterError
@@ -117,15 +93,8 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Surfa
 def zoom_out(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, k: int, step: int = 1) -> FloatArray:
     """Refine a functional map to k eigenfunctions, (k, k), by going to points and back with ever more [MRR*19].
 
-    The way to points is `point_map`: by the adjoint, errors of the start stay.
-
-    Parameters
-    ----------
-    C : (k_target, k_source) array
-        The start, no larger than k.
-    k : int
-    step : int
-        How many eigenfunctions come in at a time.
+    ``C`` (k_target, k_source) is the start, and ``step`` eigenfunctions come in at a time. The way to points is
+    `point_map`: by the adjoint, errors of the start stay.
 
     Raises
     ------

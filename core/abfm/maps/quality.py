@@ -32,12 +32,8 @@ on average, those that did by up to 0.13.
 class MapQuality:
     """What tells a map from none.
 
-    Attributes
-    ----------
-    largest_distance, rms_distance : float
-        How far its points were from the surface before they were brought onto it, in sqrt(area) of the surface.
-    folded : float
-        Share of the faces, 0 to 1, that the map turns over (`abfm.maps.surface_points.Distortion.flipped`).
+    How far its points were from the surface before they were brought onto it, in sqrt(area) of the surface; and the
+    share of the faces, 0 to 1, that it turns over (`abfm.maps.surface_points.Distortion.flipped`).
     """
 
     largest_distance: float
@@ -71,16 +67,7 @@ class MapQuality:
 
 
 def map_quality(mesh: TriangleMesh, points: SurfacePoints, onto: TriangleMesh | None = None) -> MapQuality:
-    """Measure a map that takes each vertex of a mesh to a point.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        The surface that is mapped.
-    points : SurfacePoints
-        Where each of its V vertices goes.
-    onto : TriangleMesh, optional
-        The surface that the points are on, by default the mesh itself.
+    """Measure a map that takes each of a mesh's V vertices to a point, of another surface or the mesh itself.
 
     Raises
     ------

@@ -31,14 +31,10 @@ class SurfacePoints:
 
     Attributes
     ----------
-    faces : (P,) array of int
-        The face that holds each point.
-    barycentric : (P, 3) array
-        Weights of the face's three corners, non-negative, summing to 1.
-    positions : (P, 3) array
-        The points in space, in the mesh's units.
-    distances : (P,) array
-        How far each given point was from the surface, in the mesh's units.
+    faces, barycentric : (P,), (P, 3) arrays
+        The face that holds each point, and weights of its corners, non-negative, summing to 1.
+    positions, distances : (P, 3), (P,) arrays
+        The points in space, and how far each given point was from the surface, in the mesh's units.
     """
 
     faces: IntArray
@@ -55,10 +51,8 @@ class Distortion:
     ----------
     singular_values : (F, 2) array
         Largest and smallest stretch ``s_1 >= s_2 >= 0``.
-    area : (F,) array
-        ``s_1 s_2``: mapped area over area. 1 where the map keeps area.
-    conformal : (F,) array
-        ``s_1 / s_2 >= 1``: quasi-conformal factor. 1 where the map keeps angles; inf where a face collapses.
+    area, conformal : (F,) arrays
+        ``s_1 s_2``: mapped area over area; and ``s_1 / s_2 >= 1``, which is inf where a face collapses.
     flipped : (F,) array of bool
         True where the mapped face looks against the surface that it landed on.
     """
@@ -70,15 +64,9 @@ class Distortion:
 
 
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:
-    """Find the closest point of the surface to each point.
+    """Find the closest point of the surface to each of P points (P, 3) in space, in the mesh's units.
 
-    Distances are exact up to rounding. Where several faces are equally close the choice is fixed, so that the same
-    input gives the same output.
-
-    Parameters
-    ----------
-    points : (P, 3) array
-        Points in space, in the mesh's units.
+    Distances are exact up to rounding; where several faces are equally close the choice is fixed.
 
     Raises
     ------
@@ -99,7 +87,7 @@ def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints
 
 
 def vertex_points(mesh: TriangleMesh, vertices: ArrayLike) -> SurfacePoints:
-    """Vertices (P,), by index, as points of the surface: a vertex-to-vertex map as the maps of this package are kept.
+    """Vertices (P,), by index, as points of the surface.
 
     Raises
     ------
@@ -119,18 +107,10 @@ def vertex_points(mesh: TriangleMesh, vertices: ArrayLike) -> SurfacePoints:
 
 
 def pull_back(mesh: TriangleMesh, points: SurfacePoints, h: ArrayLike) -> FloatArray:
-    """Evaluate a vertex function at points of the surface (linear inside each face).
+    """Evaluate a vertex function (V,) or (V, C) at P points, linearly inside each face: (P,) or (P, C).
 
-    With ``points`` the flow map of every vertex this is ``h`` composed with the map, as point-to-point maps transfer
-    functions; with ``h`` the positions of a second map it is the composition of both.
-
-    Parameters
-    ----------
-    h : (V,) or (V, C) array
-
-    Returns
-    -------
-    (P,) or (P, C) array
+    With ``points`` a map of every vertex this is ``h`` composed with the map; with ``h`` the positions of a second map
+    it is the composition of both.
 
     Raises
     ------
@@ -156,16 +136,13 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMe
     """Measure the distortion of the map that is linear on faces and takes each vertex to its mapped position.
 
     The Jacobian of a face, ``J = sum_i x_i (grad phi_i)^T`` with ``x_i`` the mapped corners, has the singular values
-    ``s_1 >= s_2``. Area and angles are those of the flat mapped triangle in space, whose corners lie on the surface.
-    A face counts as flipped where its mapped normal makes an obtuse angle with the surface's normal at the point
-    closest to its mapped centroid; a collapsed face does not count. For flow maps the error is of first order in the
-    edge length, that of the map itself of second.
+    ``s_1 >= s_2``. Flipped are faces as `turned_over` has them, collapsed ones not. For flow maps the error is of first
+    order in the edge length, that of the map itself of second.
 
     Parameters
     ----------
     mapped_positions : (V, 3) array
-        Where the map takes each vertex, in the units of ``onto``; for a flow map the ``positions`` of its
-        `SurfacePoints`.
+        Where the map takes each vertex, in the units of ``onto``.
     onto : TriangleMesh, optional
         The surface that the map leads to, by default the mesh itself.
 

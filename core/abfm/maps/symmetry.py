@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError
 from abfm.maps.surface_points import map_vertices_to_nearest, project_onto_surface
-from abfm.mesh import TriangleMesh
+from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
 
 Kind = Literal["mirror", "rotation"]
@@ -34,13 +34,11 @@ class Symmetry:
 
     Attributes
     ----------
-    kind : "mirror" or "rotation"
     order : int
         After how many times everything is back: 2 for a mirror, n for a rotation by ``2 pi / n``.
-    axis : (3,) array
-        Unit normal of the mirror's plane, or axis of the rotation; its largest component is positive.
-    centre : (3,) array
-        A point of the plane or the axis, in the mesh's units.
+    axis, centre : (3,) arrays
+        Unit normal of the mirror's plane, or axis of the rotation, with its largest component positive; and a point of
+        the plane or the axis, in the mesh's units.
     linear : (3, 3) array
         Orthogonal, with determinant -1 for a mirror and 1 for a rotation.
     vertex_map : (V,) array of int
@@ -80,16 +78,8 @@ def detect_symmetry(mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: f
     two moments are equal, the mirrors and rotations that carry one of three vertices to another one as far from the
     centroid. The best are refined by turns of closest points and best axes (not for orders above 2), then tried on all
     vertices. Of several symmetries permutations of the vertices go before others, then smaller errors before
-    larger ones, then the one that moves the surface most is chosen. Made once per mesh.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    kind : "mirror" or "rotation"
-    order : int
-        Of a rotation by ``2 pi / order``.
-    tolerance : float
-        Largest `Symmetry.error` that counts as symmetric.
+    larger ones, then the one that moves the surface most is chosen. Made once per mesh. ``tolerance`` is the largest
+    `Symmetry.error` that counts as symmetric.
 
     Raises
     ------
@@ -102,10 +92,7 @@ def detect_symmetry(mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: f
         raise ParameterError(f"kind is {kind!r}; expected {' or '.join(map(repr, KINDS))}")
     if order not in (range(2, 3) if kind == "mirror" else range(2, 1001)):
         raise ParameterError(f"order is {order!r}; expected 2 for a mirror and 2 to 1000 for a rotation")
-    key = (__name__, kind, order)
-    if key not in mesh.cache:
-        mesh.cache[key] = _best(mesh, kind, order)
-    found: Symmetry = mesh.cache[key]
+    found = _best(mesh, kind, order)
     if not found.error <= tolerance:
         what = "mirror plane" if kind == "mirror" else f"axis of rotation by {360 / order:g} degrees"
         raise SymmetryError(
@@ -116,6 +103,7 @@ def detect_symmetry(mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: f
     return found
 
 
+@per_mesh
 def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
     """The symmetry to choose, whatever its error."""
     unit = mesh.normalized()
@@ -156,9 +144,8 @@ def _principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
     centroid = np.average(corners.mean(axis=1), axis=0, weights=areas)
     offsets = corners - centroid
     middles = offsets.mean(axis=1)
-    moments = np.einsum("f,fcx,fcy->xy", areas, offsets, offsets) + 9 * np.einsum(
-        "f,fx,fy->xy", areas, middles, middles
-    )
+    moments = np.einsum("f,fcx,fcy->xy", areas, offsets, offsets)
+    moments += 9 * np.einsum("f,fx,fy->xy", areas, middles, middles)
     return centroid, np.linalg.eigh(moments)[1].T
 
 
@@ -173,8 +160,7 @@ def _references(x: FloatArray) -> list[int]:
 def _axes_between(mesh: TriangleMesh, x: FloatArray, p: int, kind: Kind, order: int) -> FloatArray:
     """Axes (K, 3) of the symmetries that carry vertex p to one of the vertices that are like it.
 
-    Like it are those as far from the centroid with as much area around them, and those apart from each other that are
-    as far from the centroid.
+    Like it are those as far from the centroid, with as much area around them or apart from each other.
     """
     distance = np.linalg.norm(x, axis=1)
     unlike = np.abs(distance - distance[p])
@@ -194,14 +180,10 @@ def _axes_between(mesh: TriangleMesh, x: FloatArray, p: int, kind: Kind, order: 
     along = np.sqrt(np.maximum(distance[p] ** 2 - (half / np.sin(np.pi / order)) ** 2, 0))
     usable = (height > _FAR) & (along <= height * (1 + _FAR))
     cosine = np.minimum(along[usable] / height[usable], 1)[:, None]
-    inside, across = (
-        _unit_rows(middle[usable]),
-        normal[usable] / np.maximum(np.linalg.norm(normal[usable], axis=1), _FAR)[:, None],
-    )
-    sine = np.sqrt(1 - cosine**2)
-    return _unit_rows(
-        np.concatenate([cosine * inside + sign * sine * across for sign in ((1, -1) if order > 2 else (1,))])
-    )
+    inside = _unit_rows(middle[usable])
+    across = normal[usable] / np.maximum(np.linalg.norm(normal[usable], axis=1), _FAR)[:, None]
+    signs = (1, -1) if order > 2 else (1,)
+    return _unit_rows(np.concatenate([cosine * inside + sign * np.sqrt(1 - cosine**2) * across for sign in signs]))
 
 
 def _unit_rows(vectors: FloatArray) -> FloatArray:

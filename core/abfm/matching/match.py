@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
 from abfm.matching.energy.energy import MatchingEnergy
-from abfm.matching.judging.solvability import Problem
 from abfm.matching.judging.verdict import Outcome, advice
 from abfm.matching.judging.verification import look
 from abfm.matching.result import Match
 from abfm.matching.solving.control import CancelledError, Control
-from abfm.matching.solving.iteration import Iteration
+from abfm.matching.solving.record import Iteration
 from abfm.matching.solving.solve import Solver
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
@@ -39,10 +38,8 @@ def match(
 
     Parameters
     ----------
-    mesh : TriangleMesh
     f, g : (V,) or (V, C) arrays
         Source and target, one or several channels.
-    parameters : Parameters, optional
     mask : (V,) array, optional
         Weight of the mismatch at each vertex, not negative.
     weights : (C,) array, optional
@@ -56,10 +53,6 @@ def match(
         Called after every iteration, in this thread.
     control : Control, optional
         To pause, resume or cancel from elsewhere.
-
-    Returns
-    -------
-    Match
 
     Raises
     ------
@@ -77,22 +70,13 @@ def match(
     try:
         if between is not None:
             between()
-        verified, folded = look(
-            energy.mesh,
-            energy.source,
-            energy.target,
-            to_ambient(energy.mesh, fields),
-            energy.parameters.tau,
-            energy.mask,
-            energy.weights,
-            between,
-        )
+        verified, folded = look(energy, to_ambient(energy.mesh, fields), energy.parameters.tau, between)
     except (ParameterError, CancelledError):  # too fast for walks, or no time for them
         verified, folded = np.nan, np.nan
     last = np.array(solver.stage_of) == solver.stage_of[-1]
     energies = np.array(solver.history)[last, 0]
     verdict = advice(
-        Problem(energy.mesh, energy.source, energy.target, energy.mask, energy.weights),
+        energy,
         Outcome(advected, mismatch, reason, verified, folded, energies=energies, unmatched=solver.unmatched),
         energy.parameters,
     )

@@ -4,30 +4,25 @@ from __future__ import annotations
 
 import json
 import os
-import threading
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.channels import channels
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.calculus.vector_fields import to_frame
-from abfm.errors import AbfmError, AdvectionError, ParameterError, ResultError
-from abfm.flow.advection import Flow
-from abfm.flow.exponential import Workspace
+from abfm.errors import AbfmError, ResultError
+from abfm.flow.flow import Flow
 from abfm.io import load_arrays, save_arrays
 from abfm.maps.functional_maps import spectral_coefficients
-from abfm.maps.surface_points import Distortion, SurfacePoints, distortion, project_onto_surface
+from abfm.maps.surface_points import Distortion, SurfacePoints, distortion
 from abfm.matching.judging.verdict import Kind, Verdict
 from abfm.matching.judging.verification import Verification, verify
 from abfm.matching.schedule import MATCHED
-from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray, IntArray
-
-_ONE_AT_A_TIME = threading.Lock()  # all flows on a mesh work in the same memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +75,11 @@ class Match:
     weights: FloatArray
     channels_given: bool
 
+    @cached_property
+    def flow(self) -> Flow:
+        """The flow of the fields."""
+        return Flow(self.mesh, self.velocity, self.parameters.tau, self.parameters.method)
+
     def advect(self, t: ArrayLike) -> FloatArray:
         """The source carried to time ``t``, in the shape it was given; beyond tau the flow goes on.
 
@@ -88,19 +88,8 @@ class Match:
         return self.push(self.source if self.channels_given else self.source[:, 0], t)
 
     def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
-        """Any function (V,) or (V, C) carried along the same flow to time ``t``; a negative time undoes the flow.
-
-        Linearised steps are undone by the same steps with the sign changed, in reverse order, which is not an exact
-        inverse. An array of times (T,) gives (T, ...).
-
-        Raises
-        ------
-        FunctionError
-            If ``h`` does not fit the mesh.
-        AdvectionError
-            If the flow overflows or is too long.
-        """
-        return push(self.mesh, self.velocity, self.parameters, h, t)
+        """Any function carried along the same flow to time ``t``, see `abfm.Flow.push`; a negative time undoes it."""
+        return self.flow.push(h, t)
 
     def start_for(self, parameters: Parameters) -> FloatArray:
         """The fields (N, F, 3) as a start with other parameters (see `abfm.match`): by another tau they move as far."""
@@ -108,13 +97,8 @@ class Match:
         return faster
 
     def point_map(self, t: float | None = None) -> SurfacePoints:
-        """Where each vertex's value came from at time ``t`` (tau by default), as points on the surface.
-
-        The flow carries the coordinate functions; the closest point of the surface to what arrives is the answer. A
-        negative time gives the inverse map: where each vertex goes.
-        """
-        time = self.parameters.tau if t is None else t
-        return project_onto_surface(self.mesh, self.push(self.mesh.vertices, time))
+        """Where each vertex's value came from at time ``t`` (tau by default), see `abfm.Flow.point_map`."""
+        return self.flow.point_map(t)
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
         """The flow to time ``t`` (tau by default) in the first k eigenfunctions: ``Phi^+ exp(-t D_v) Phi``, (k, k).
@@ -122,8 +106,7 @@ class Match:
         Coefficients of a function go in, those of the carried function come out (section 4; see
         `abfm.maps.functional_maps`).
         """
-        time = self.parameters.tau if t is None else t
-        return spectral_coefficients(self.mesh, self.push(eigenbasis(self.mesh.normalized(), k)[1], time), k)
+        return spectral_coefficients(self.mesh, self.flow.advect(eigenbasis(self.mesh.normalized(), k)[1], t), k)
 
     def distortion(self, t: float | None = None) -> Distortion:
         """Per-face distortion of the map that takes each vertex to where it is at time ``t`` (tau by default)."""
@@ -176,37 +159,6 @@ class Match:
                 **({"folded": self.folded} if np.isfinite(self.folded) else {}),
             },
         )
-
-
-def push(mesh: TriangleMesh, velocity: FloatArray, parameters: Parameters, h: ArrayLike, t: ArrayLike) -> FloatArray:
-    """A function (V,) or (V, C) carried along fields (N, F, 3) to time ``t``, as `Match.push` does.
-
-    The fields need not be those of a match that has ended: a display may show each iterate's flow.
-
-    Raises
-    ------
-    FunctionError
-        If ``h`` does not fit the mesh.
-    AdvectionError
-        If the flow overflows or is too long.
-    """
-    times = np.atleast_1d(np.asarray(t, dtype=np.float64))
-    if times.ndim != 1 or not np.isfinite(times).all():
-        raise ParameterError(f"t is {t!r}; expected a finite time or a list of them")
-    rows = channels(mesh, h, "h")
-    fields = to_frame(mesh, velocity)  # time does not depend on the units: those of the mesh will do
-    with _ONE_AT_A_TIME:
-        flow = Flow(mesh, fields, parameters.tau, parameters.method == "linearised", _workspace(mesh))
-        carried = np.stack([flow.at(row, times) for row in rows], axis=-1)
-    if not np.isfinite(carried).all():
-        raise AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
-    carried = carried.reshape(len(times), len(mesh.vertices), *np.shape(h)[1:])
-    return carried if np.ndim(t) else carried[0]
-
-
-@per_mesh
-def _workspace(mesh: TriangleMesh) -> Workspace:
-    return Workspace(len(mesh.vertices))
 
 
 def former_verdict(mismatch: float, stop_reason: str) -> Verdict:

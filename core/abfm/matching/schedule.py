@@ -39,18 +39,12 @@ class Stage:
         As the parameters give them.
     reach : float
         Of its norm of mismatches, in sqrt(area); 0 for that of the parameters.
-    iterations : int
-        At most.
-    until : int
-        Of all iterations together, at most.
-    patient : bool
-        Whether it goes on to the end of its iterations, or only as long as it pays.
-    paying : float
-        Share of its energy that must be gained again and again.
-    goal : float
-        Mismatch at which it ends.
-    needed_above : float
-        It is left out where the mismatch is this small already.
+    iterations, until : int
+        At most, of its own and of all together.
+    patient, paying : bool, float
+        Whether it goes on to the end of its iterations, or while it gains this share of its energy again and again.
+    goal, needed_above : float
+        Mismatch at which it ends, and up to which it is left out.
     last : bool
         Whether it is on the mesh itself with the last sigma or a smaller one.
     balanced : bool

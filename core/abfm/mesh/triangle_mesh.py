@@ -15,23 +15,23 @@ from abfm.mesh.checks import check, twice_areas
 from abfm.mesh.topology import connected, next_corner, pinched_vertices
 from abfm.types import BoolArray, FloatArray, IntArray
 
-Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
+Others = ParamSpec("Others")
 Entry = TypeVar("Entry", bound=np.generic)
 
 
 def per_mesh(
-    build: Callable[Concatenate[TriangleMesh, Arguments], Result],
-) -> Callable[Concatenate[TriangleMesh, Arguments], Result]:
-    """Decorate ``build(mesh, ...)`` so that its result is made once per mesh and arguments, and kept with the mesh."""
+    build: Callable[Concatenate[TriangleMesh, Others], Result],
+) -> Callable[Concatenate[TriangleMesh, Others], Result]:
+    """Decorate ``build(mesh, ...)`` so that its result for these arguments is made once per mesh and kept with it."""
 
     @wraps(build)
-    def cached(mesh: TriangleMesh, /, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
-        key = (build.__module__, build.__qualname__, arguments, *named.items())
+    def cached(mesh: TriangleMesh, /, *others: Others.args, **named: Others.kwargs) -> Result:
+        key = (build.__module__, build.__qualname__, *others, *named.items())
         if key not in mesh.cache:  # another thread may build it meanwhile: there is only one
-            mesh.cache.setdefault(key, build(mesh, *arguments, **named))
-        kept: Result = mesh.cache[key]
-        return kept
+            mesh.cache.setdefault(key, build(mesh, *others, **named))
+        found: Result = mesh.cache[key]
+        return found
 
     return cached
 

@@ -13,8 +13,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from abfm.numerics import own_process
-from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests
+from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests, is_factored_apart
 from abfm.types import FloatArray
 
 try:
@@ -28,14 +27,11 @@ Solve = Callable[[FloatArray], FloatArray]
 def factor(matrix: sparse.csr_array) -> Solve:
     """Factor a sparse symmetric positive definite matrix once; the result solves for one right-hand side (n,).
 
-    Raises
-    ------
-    MemoryError
-        If there is not enough memory; where the work is in another process (`own_process.factor_from`), when solving.
+    Raises a MemoryError if there is not enough memory; inside `own_process.factoring_apart`, when solving.
     """
     if matrix.shape[0] == 0:  # a mesh without inner vertices; both libraries refuse it
         return np.copy
-    if own_process.factor_from is not None and _work(matrix) >= own_process.factor_from:
+    if is_factored_apart(_work(matrix)):
         return _Elsewhere(matrix)
     if CholeskySolverD is None:
         return splu(

@@ -1,4 +1,7 @@
-"""Strong Wolfe line search [Nocedal & Wright 2006, algorithms 3.5 and 3.6] that survives non-finite values."""
+"""Strong Wolfe line search [Nocedal & Wright 2006, algorithms 3.5 and 3.6].
+
+SciPy's does not survive energies that are not finite, and asks for slopes where the value alone rules a step out.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,9 @@ def strong_wolfe(
     first: float,
     longest: float,
 ) -> Trial[Point] | None:
-    """Find a step length with sufficient decrease and, unless it is ``longest``, a flatter slope.
+    """Find a step length with sufficient decrease and, unless it is ``longest``, a flatter slope; None without one.
+
+    A value that is not finite counts as infinite: the step is shortened.
 
     Parameters
     ----------
@@ -50,14 +55,9 @@ def strong_wolfe(
     slope_at : callable
         Evaluation to slope along the direction: asked for only where the value is low enough.
     start : Trial
-        The trial of length 0; its slope is negative.
+        That of length 0; its slope is negative.
     first, longest : float
-        First and longest length to try.
-
-    Returns
-    -------
-    The accepted trial. None if no length decreases the value. A value that is not finite counts as infinite: the step
-    is shortened.
+        Lengths to try.
     """
     low, high = start, None
     length = min(first, longest)

@@ -1,4 +1,7 @@
-"""Preconditioned L-BFGS [Nocedal & Wright 2006, ch. 7] as an iterator: init, step, stop test."""
+"""Preconditioned L-BFGS [Nocedal & Wright 2006, ch. 7] as an iterator: init, step, stop test.
+
+SciPy's has no preconditioner, and cannot stop between two iterations or learn from an earlier run.
+"""
 
 from __future__ import annotations
 
@@ -44,21 +47,17 @@ class State(Generic[Point]):
     x : array
         The iterate; it never has a higher energy than the one before.
     point : Point
-        Evaluation at ``x``.
+        Evaluation at ``x``, with gradient ``g``.
     preconditioned : array
-        ``H_0 g`` for the gradient ``g`` at ``x``.
+        ``H_0 g``.
     pairs : tuple of Pair
         Latest ones, oldest first.
     scale : float
         Factor of ``H_0`` in the next direction.
-    gradient_norm : float
-        ``sqrt(<g, H_0 g>)``, the norm dual to the preconditioner's.
-    first_norm : float
-        The same at the first iterate.
+    gradient_norm, first_norm : float
+        ``sqrt(<g, H_0 g>)``, the norm dual to the preconditioner's, here and at the first iterate.
     length : float
         ``size`` of the latest step; the next search begins with at most twice as much.
-    iteration, evaluations : int
-        Counts since `LBFGS.init`.
     failed : bool
         The line search found no lower energy: ``x`` is the iterate before.
     """
@@ -71,8 +70,6 @@ class State(Generic[Point]):
     gradient_norm: float
     first_norm: float
     length: float = 0.0
-    iteration: int = 0
-    evaluations: int = 1
     failed: bool = False
 
 
@@ -82,17 +79,15 @@ class LBFGS(Generic[Point]):
     Parameters
     ----------
     evaluate : callable
-        Array to evaluation with ``energy`` and ``gradient``; the energy may be infinite. The gradient is asked for only
-        where it is needed, at the latest before the next evaluation.
+        Array to evaluation; the energy may be infinite. The gradient is asked for only where it is needed, at the
+        latest before the next evaluation.
     precondition : callable, optional
         ``H_0``: applies a symmetric positive definite approximation of the inverse Hessian. Without it ``H_0`` is the
         usual multiple of the identity, ``<s, y> / <y, y>``.
     memory : int
         Number of pairs kept.
-    size : callable, optional
-        Length of a step as the user measures it.
-    longest : float
-        No step is longer than this in ``size``.
+    size, longest : callable, float
+        Length of a step as the user measures it, and the most that it may be.
     tolerance : float
         Converged when the gradient's norm is this fraction of the first one.
     """
@@ -133,17 +128,7 @@ class LBFGS(Generic[Point]):
         direction = -self._inverse_hessian(state)
         slope = _inner(direction, state.point.gradient)
         if not slope < 0:
-            return self._without_memory(state, 0)
-        evaluations = 0
-
-        def along(length: float) -> Point:
-            nonlocal evaluations
-            evaluations += 1
-            return self.evaluate(state.x + length * direction)
-
-        def slope_at(point: Point) -> float:
-            return _inner(direction, point.gradient)
-
+            return self._without_memory(state)
         full = self.size(direction)
         longest = self.longest / full if full > 0 else 1.0
         first = 1.0
@@ -152,10 +137,14 @@ class LBFGS(Generic[Point]):
         elif not state.pairs and not self.precondition:
             first = min(1.0, 1.0 / float(np.abs(direction).sum()))
         origin = Trial(0.0, state.point.energy, slope, state.point)
-        trial = strong_wolfe(along, slope_at, origin, first, longest)
-        if trial is None:
-            return self._without_memory(state, evaluations)
-        return self._accept(state, trial, direction, evaluations)
+        trial = strong_wolfe(
+            lambda length: self.evaluate(state.x + length * direction),
+            lambda point: _inner(direction, point.gradient),
+            origin,
+            first,
+            longest,
+        )
+        return self._accept(state, trial, direction) if trial else self._without_memory(state)
 
     def stop_reason(self, state: State[Point]) -> str | None:
         """Why to stop at this iterate, or None to go on."""
@@ -167,13 +156,11 @@ class LBFGS(Generic[Point]):
             return "converged"  # the decrease that a step of H_0 promises is below the energy's own rounding
         return None
 
-    def _without_memory(self, state: State[Point], evaluations: int) -> State[Point]:
-        forgetful = replace(state, pairs=(), scale=1.0, evaluations=state.evaluations + evaluations)
+    def _without_memory(self, state: State[Point]) -> State[Point]:
+        forgetful = replace(state, pairs=(), scale=1.0)
         return self.step(forgetful) if state.pairs else replace(forgetful, failed=True)
 
-    def _accept(
-        self, state: State[Point], trial: Trial[Point], direction: FloatArray, evaluations: int
-    ) -> State[Point]:
+    def _accept(self, state: State[Point], trial: Trial[Point], direction: FloatArray) -> State[Point]:
         """The next iterate; the pair is kept only if the energy bends upwards along the step.
 
         A preconditioner is scaled by the root of the usual ``<s, y> / <y, H_0 y>``. The mismatch bends the energy far
@@ -200,8 +187,6 @@ class LBFGS(Generic[Point]):
             float(np.sqrt(_inner(gradient, preconditioned))),
             state.first_norm,
             self.size(s),
-            state.iteration + 1,
-            state.evaluations + evaluations,
         )
 
     def _inverse_hessian(self, state: State[Point]) -> FloatArray:

@@ -5,6 +5,7 @@ Both ends are ours: they speak pickle through pipes, one answer for every reques
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import signal
@@ -12,15 +13,31 @@ import subprocess
 import sys
 import weakref
 from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import IO, Any
 
-factor_from: int | None = None
-"""Unknowns from which linear systems are factored in such a process, fewer for such with long rows; None, the default,
-for never.
+_SMALLEST = 15_000  # unknowns; cholespy factors fewer within a few frames of a window
+_factored_apart: ContextVar[float] = ContextVar("unknowns of linear systems that are factored apart", default=math.inf)
 
-cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. A program with a window sets this;
-others have no use for it.
-"""
+
+@contextmanager
+def factoring_apart(unknowns: float = _SMALLEST) -> Iterator[None]:
+    """Factor linear systems of so many unknowns and more, or of fewer with long rows, in processes of their own.
+
+    cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. So what works beside a window
+    works inside this block; it holds for this thread alone, and what others do stays as it is.
+    """
+    before = _factored_apart.set(unknowns)
+    try:
+        yield
+    finally:
+        _factored_apart.reset(before)
+
+
+def is_factored_apart(unknowns: float) -> bool:
+    """Whether this thread has asked for it, for systems of this size."""
+    return unknowns >= _factored_apart.get()
 
 
 class ProcessEndedError(Exception):
@@ -28,13 +45,7 @@ class ProcessEndedError(Exception):
 
 
 class OwnProcess:
-    """Runs ``python -m module``, which serves `Requests`, until it is closed or nothing refers to it any more.
-
-    Parameters
-    ----------
-    module : str
-        Its name, dotted.
-    """
+    """Runs ``python -m module``, which serves `Requests`, until it is closed or nothing refers to it any more."""
 
     def __init__(self, module: str) -> None:
         self._process = subprocess.Popen([sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
@@ -43,10 +54,7 @@ class OwnProcess:
     def send(self, message: object) -> None:
         """Send one message.
 
-        Raises
-        ------
-        ProcessEndedError
-            If nobody is there to read it.
+        Raises a ProcessEndedError if nobody is there to read it.
         """
         assert self._process.stdin is not None
         try:
@@ -57,10 +65,7 @@ class OwnProcess:
     def receive(self) -> Any:
         """Wait, while other threads go on, for one message.
 
-        Raises
-        ------
-        ProcessEndedError
-            If none will come.
+        Raises a ProcessEndedError if none will come.
         """
         assert self._process.stdout is not None
         try:

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.flow.smooth_flow import SmoothFlow
-from abfm.flow.walking import vector_at, walk_straight
+from abfm.flow.smooth_flow import SmoothFlow, vector_at, walk_straight
 from abfm.numerics.kernels import kernel
 from abfm.streaks.noise import hashed
 from abfm.streaks.texels import Canvas, FloatImage, between_known, weigh_texel

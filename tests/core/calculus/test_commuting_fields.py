@@ -9,7 +9,8 @@ from abfm.calculus import operators as op
 from abfm.calculus.commuting_fields import commuting_fields, relative_bracket
 from abfm.calculus.vector_fields import lie_bracket, lie_bracket_of, to_ambient, to_frame
 from abfm.errors import ParameterError
-from abfm.numerics import cholesky, own_process
+from abfm.numerics import cholesky
+from abfm.numerics.own_process import factoring_apart
 from tests.core import torus_calculus as exact
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.surfaces import SURFACES, last_order, moved, norm, relative_error, renumbered
@@ -216,6 +217,6 @@ def test_the_same_field_where_systems_are_factored_in_another_process(monkeypatc
 
     elsewhere = cholesky._Elsewhere
     monkeypatch.setattr(cholesky, "_Elsewhere", counted)
-    monkeypatch.setattr(own_process, "factor_from", 10_000)  # more than there are unknowns, but rows are long
-    np.testing.assert_array_equal(commuting_fields(mesh, v), here)
+    with factoring_apart(10_000):  # more than there are unknowns, but rows are long
+        np.testing.assert_array_equal(commuting_fields(mesh, v), here)
     assert len(apart) == 1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from abfm.calculus.vector_fields import lie_bracket_of
-from abfm.experiments import figure_06
+from abfm.experiments.figure_06 import EXPERIMENT
 from tests.shapes import ellipsoid, open_cylinder
 
 
@@ -19,7 +19,7 @@ def values(findings, *words):
 
 @pytest.fixture(scope="module")
 def own():
-    return figure_06.EXPERIMENT.run(figure_06.EXPERIMENT.set_up(None, True), quiet)
+    return EXPERIMENT.run(EXPERIMENT.set_up(None, True), quiet)
 
 
 @pytest.mark.parametrize("name", ["sphere", "torus, about the axis", "torus, around the tube"])
@@ -36,20 +36,24 @@ def test_the_printed_sign_carries_the_other_way(own):
     assert all(m.reproduces is False and m.value > 0.5 for m in printed)
 
 
-@pytest.mark.parametrize("around_tube", [False, True])
-def test_exact_answers_begin_with_the_field_and_come_back_after_a_full_turn(around_tube):
-    case = figure_06._on_torus(24, around_tube)
+@pytest.fixture(scope="module", params=["sphere", "torus, about the axis", "torus, around the tube"])
+def levels(request):
+    """The cases of one of the experiment's own surfaces, coarse to fine."""
+    (levels,) = [levels for levels in EXPERIMENT.set_up(None, True).cases if levels[0].name == request.param]
+    return levels
+
+
+def test_exact_answers_begin_with_the_field_and_come_back_after_a_full_turn(levels):
+    case = levels[0]
     np.testing.assert_array_equal(case.exact(0.0), case.u)
     np.testing.assert_allclose(case.exact(2.0), case.u, atol=1e-12)
     assert abs(case.exact(1.0) - case.u).max() > 0.1 * abs(case.u).max()
 
 
-@pytest.mark.parametrize("around_tube", [False, True])
-def test_exact_answers_solve_the_equation_of_the_pushforward(around_tube):
-    """``d/dt u = -[v, u]`` in the angles, where ``v`` is constant: the components move along."""
+def test_exact_answers_solve_the_equation_of_the_pushforward(levels):
+    """``d/dt u = -[v, u]``: on the torus in the angles, where ``v`` is constant and the components move along."""
     errors = []
-    for n in (24, 48):
-        case = figure_06._on_torus(n, around_tube)
+    for case in levels:
         rate = (case.exact(1e-4) - case.exact(-1e-4)) / 2e-4
         bracket = lie_bracket_of(case.mesh, case.v, case.u)
         errors.append(np.linalg.norm(rate + bracket) / np.linalg.norm(rate))
@@ -59,8 +63,8 @@ def test_exact_answers_solve_the_equation_of_the_pushforward(around_tube):
 
 @pytest.mark.parametrize("mesh", [ellipsoid(3, 1.0, 0.7, 1.6), open_cylinder(24, 12)], ids=["ellipsoid", "cylinder"])
 def test_on_any_mesh_carried_fields_derive_carried_functions(mesh):
-    setup = figure_06.EXPERIMENT.set_up(mesh, True)
-    findings = figure_06.EXPERIMENT.run(setup, quiet)
+    setup = EXPERIMENT.set_up(mesh, True)
+    findings = EXPERIMENT.run(setup, quiet)
     assert all(np.isfinite(measure.value) for measure in findings.measures)
     for t in ("0.125", "0.25"):
         ours, printed = values(findings, "D_w", f"t = {t},")
@@ -69,4 +73,4 @@ def test_on_any_mesh_carried_fields_derive_carried_functions(mesh):
         assert same < 1e-9
     (row,) = findings.sheet.rows
     assert [panel.frame for panel in row] == ["field", "source", "result", "result"]
-    assert setup.velocity.shape == (1, len(mesh.faces), 3)
+    assert setup.flow.velocity.shape == (1, len(mesh.faces), 3)

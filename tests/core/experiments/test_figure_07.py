@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm.experiments.figure_07 import EXPERIMENT, _smoothness, _spread_gap
+from abfm.experiments.figure_07 import EXPERIMENT, smoothness, spread_gap
 from abfm.functions import function
 from tests.shapes import ellipsoid, torus
 
@@ -26,7 +26,7 @@ def test_a_straight_path_is_as_smooth_as_can_be() -> None:
     mesh = torus(12, 8)
     start, end = function(mesh, "coordinate:x"), function(mesh, "coordinate:y")
     path = np.array([start + t * (end - start) for t in np.linspace(0, 1, 6)])
-    length, step, turn, rise = (measure.value for measure in _smoothness(mesh, path, end))
+    length, step, turn, rise = (measure.value for measure in smoothness(mesh, path, end))
     assert (length, step, rise) == pytest.approx((1, 1, 1))
     assert turn < 1e-12
 
@@ -35,7 +35,7 @@ def test_a_kink_shows() -> None:
     mesh = torus(12, 8)
     f = function(mesh, "coordinate:x")
     path = np.array([f, 2 * f, 3 * f, 2 * f, f])  # turns round: a change of two steps
-    turn = _smoothness(mesh, path, f)[2]
+    turn = smoothness(mesh, path, f)[2]
     assert turn.value == pytest.approx(2)
     assert not turn.reproduces
 
@@ -43,15 +43,15 @@ def test_a_kink_shows() -> None:
 def test_values_spread_alike_whatever_their_places() -> None:
     mesh = ellipsoid(2, 1, 1, 1)
     x, y = function(mesh, "coordinate:x"), function(mesh, "coordinate:y")
-    assert _spread_gap(mesh, x, y) < 0.01
-    assert _spread_gap(mesh, x, x + 0.5) == pytest.approx(0.5, rel=1e-3)  # ties may sort otherwise
+    assert spread_gap(mesh, x, y) < 0.01
+    assert spread_gap(mesh, x, x + 0.5) == pytest.approx(0.5, rel=1e-3)  # ties may sort otherwise
 
 
 def test_sign_of_the_target_is_the_one_whose_values_fit() -> None:
     mesh = ellipsoid(3, 1, 0.8, 0.6)
     setup = EXPERIMENT.set_up(mesh, True)
     source, target = setup.source[:, 0], setup.target[:, 0]
-    assert _spread_gap(mesh, source, target) <= 1.02 * _spread_gap(mesh, source, -target)
+    assert spread_gap(mesh, source, target) <= 1.02 * spread_gap(mesh, source, -target)
     np.testing.assert_allclose(np.abs(target), np.abs(function(mesh, "eigenfunction:8")))
 
 

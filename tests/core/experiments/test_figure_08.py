@@ -6,7 +6,7 @@ import numpy as np
 
 from abfm.calculus.operators import gradient
 from abfm.calculus.vector_fields import to_ambient
-from abfm.experiments.figure_08 import EXPERIMENT, _rate
+from abfm.experiments.figure_08 import EXPERIMENT, seen_rate
 from abfm.flow.advection import advect
 from tests.shapes import open_cylinder, torus
 
@@ -25,10 +25,10 @@ def test_field_is_found() -> None:
 
 def test_target_is_the_source_carried_by_the_field() -> None:
     setup = EXPERIMENT.set_up(torus(24, 12), True)
-    carried = advect(setup.mesh, setup.hidden, setup.source, setup.parameters.tau)
+    carried = advect(setup.mesh, setup.hidden.velocity[0], setup.source, setup.parameters.tau)
     np.testing.assert_array_equal(setup.target, carried)
     assert np.abs(setup.target - setup.source).max() > 0.3
-    assert setup.velocity is None
+    assert setup.flow is None
 
 
 def test_motion_along_level_lines_is_not_seen() -> None:
@@ -36,8 +36,8 @@ def test_motion_along_level_lines_is_not_seen() -> None:
     f = mesh.vertices[:, 2]
     slope = to_ambient(mesh, (gradient(mesh) @ f).reshape(-1, 2))
     normals = np.cross(*np.moveaxis(np.diff(mesh.vertices[mesh.faces], axis=1), 1, 0))
-    assert _rate(mesh, np.cross(normals, slope), f[None]) < 1e-12
-    assert _rate(mesh, slope, f[None]) > 0.1
+    assert seen_rate(mesh, np.cross(normals, slope), f[None]) < 1e-12
+    assert seen_rate(mesh, slope, f[None]) > 0.1
 
 
 def test_on_another_mesh_with_a_boundary() -> None:

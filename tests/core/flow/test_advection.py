@@ -10,7 +10,7 @@ import abfm
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.errors import AdvectionError
-from abfm.flow.advection import Flow, advect
+from abfm.flow.advection import Advection, advect
 from abfm.flow.derivative_pattern import derivative_pattern
 from abfm.flow.series_kernels import bessel_coefficients
 from tests.core.fields import bump, rotation_field, wavy_field
@@ -110,7 +110,7 @@ def test_backward_is_the_adjoint_of_forward_in_f(linearized, count):
     fields = np.stack([to_frame(mesh, wavy_field(mesh, seed)) for seed in range(count)])
     rng = np.random.default_rng(1)
     f, mu = rng.normal(size=(2, len(mesh.vertices)))
-    flow = Flow(mesh, fields, 0.2, linearized)
+    flow = Advection(mesh, fields, 0.2, linearized)
     trajectories = flow.forward(f, keep=True)
     left = mu @ trajectories[-1].end
     for j in reversed(range(count)):
@@ -122,7 +122,7 @@ def test_kept_and_recomputed_terms_give_the_same_derivative():
     mesh = MESHES["closed"].normalized()
     fields = to_frame(mesh, wavy_field(mesh, 1))[None]
     f, mu = np.random.default_rng(2).normal(size=(2, len(mesh.vertices)))
-    flow = Flow(mesh, fields, 1.5)
+    flow = Advection(mesh, fields, 1.5)
     gradients = np.zeros((2, *fields.shape))
     for keep, gradient in zip((True, False), gradients, strict=True):
         flow.backward(flow.forward(f, keep), mu, gradient)
@@ -153,7 +153,7 @@ def test_times_inside_beyond_and_before(linearized, count):
     fields = 0.2 * np.stack([to_frame(mesh, wavy_field(mesh, seed)) for seed in range(count)])
     f = bump(mesh, mesh.vertices[0], 0.2)
     times = np.array([0.0, 0.13, -0.2, 0.5, 1.0, 1.7, -1.0, 0.25, -1.3])
-    states = Flow(mesh, fields, 1.0, linearized).at(f, times)
+    states = Advection(mesh, fields, 1.0, linearized).at(f, times)
     for t, state in zip(times, states, strict=True):
         assert state == pytest.approx(reference_states(mesh, fields, f, 1.0, linearized, t), abs=1e-8)
 
@@ -225,7 +225,7 @@ def test_bessel_coefficients_are_those_of_scipy(x):
 def test_tolerance_bounds_the_truncation(tolerance):
     mesh = MESHES["closed"].normalized()
     v, f = to_frame(mesh, wavy_field(mesh, 1))[None], bump(mesh, mesh.vertices[5], 0.2)
-    exact, rough = (Flow(mesh, v, 1.0, tolerance=each).forward(f)[-1] for each in (1e-14, tolerance))
+    exact, rough = (Advection(mesh, v, 1.0, tolerance=each).forward(f)[-1] for each in (1e-14, tolerance))
     assert rough.segments[0].count < exact.segments[0].count
     assert np.abs(rough.end - exact.end).max() <= tolerance * np.abs(f).max()
 
@@ -239,7 +239,7 @@ def test_several_terms_in_one_sweep_are_the_same_terms(monkeypatch):
     for least in (10**9, 0):
         monkeypatch.setattr("abfm.flow.derivative_pattern._BLOCKED", least)
         fresh = abfm.TriangleMesh(mesh.vertices, mesh.faces)
-        flow = Flow(fresh, to_frame(fresh, v)[None], 0.7, tolerance=1e-13)
+        flow = Advection(fresh, to_frame(fresh, v)[None], 0.7, tolerance=1e-13)
         gradient = np.zeros((1, len(mesh.faces), 2))
         trajectories = flow.forward(f, keep=True)
         flow.backward(trajectories, mu, gradient)
@@ -259,7 +259,7 @@ def test_little_memory_changes_nothing_but_the_time(monkeypatch):
     results = []
     for memory in (70_000_000, 70 * len(mesh.vertices)):
         monkeypatch.setattr("abfm.flow.exponential._MEMORY", memory)
-        flow = Flow(mesh, fields, 4.0)
+        flow = Advection(mesh, fields, 4.0)
         gradient = np.zeros_like(fields)
         [trajectory] = flow.forward(f, keep=True)
         flow.backward([trajectory], mu, gradient)

@@ -222,9 +222,10 @@ class TestEndings:
             assert_array_equal(line.times, [0])
             assert_allclose(line.at(0.5), line.positions[0], rtol=0, atol=0)
 
-    def test_step_limit(self) -> None:
+    def test_step_limit(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("abfm.flow.flow_lines.STEP_LIMIT", 1000)
         mesh = icosphere(2)
-        [line] = flow_lines(mesh, rotation_field(mesh, AXIS), centre(0), 1e300, step_limit=1000)
+        [line] = flow_lines(mesh, rotation_field(mesh, AXIS), centre(0), 1e300)
         assert line.ended == "step limit"
         assert len(line.times) == 1001
 
@@ -237,7 +238,10 @@ class TestEndings:
         for mesh in (icosphere(1), open_cylinder(8, 5)):
             corners = Start(np.arange(3), np.eye(3))
             for start in (random_start(mesh, 4), corners):
-                for line in flow_lines(mesh, velocity, start, duration, step_limit=2000):
+                with pytest.MonkeyPatch.context() as monkeypatch:
+                    monkeypatch.setattr("abfm.flow.flow_lines.STEP_LIMIT", 2000)
+                    lines = flow_lines(mesh, velocity, start, duration)
+                for line in lines:
                     assert np.isfinite(line.positions).all()
                     assert np.isfinite(line.times).all()
                     assert abs(line.times[-1]) <= abs(duration)
@@ -286,5 +290,3 @@ class TestRefusals:
             flow_lines(self.mesh, np.stack([self.velocity] * 2), centre(0), 1.0)
         with pytest.raises(ParameterError, match="positive time"):
             flow_lines(self.mesh, self.velocity, centre(0), 1.0, tau=-1.0)
-        with pytest.raises(ParameterError, match="step_limit"):
-            flow_lines(self.mesh, self.velocity, centre(0), 1.0, step_limit=0)

@@ -8,8 +8,7 @@ from numpy.testing import assert_allclose
 
 from abfm.calculus.operators import face_frames
 from abfm.flow.flow_lines import flow_lines
-from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
-from abfm.flow.walking import walk_straight
+from abfm.flow.smooth_flow import SmoothFlow, smooth_flow, walk_straight
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.streaks.streamlines import direction

@@ -8,11 +8,10 @@ import pytest
 from abfm.assets import asset_path
 from abfm.errors import AbfmError
 from abfm.experiments.given_flow import feet, stream_field
+from abfm.flow.flow import Flow
 from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE, MapQuality, map_quality
 from abfm.maps.surface_points import distortion, project_onto_surface, vertex_points
-from abfm.matching.result import push
 from abfm.mesh import TriangleMesh, load_mesh
-from abfm.parameters import Parameters
 from tests.shapes import icosphere, square, torus
 
 
@@ -95,7 +94,7 @@ SURFACES = {"eight": load_mesh(asset_path("eight.off")), "torus": torus(40, 20),
 def test_maps_without_a_warning_are_near_exact_flow_lines(name: str, modes: dict[int, float], speed: float) -> None:
     mesh = SURFACES[name]
     field = stream_field(mesh, modes, speed)
-    points = project_onto_surface(mesh, push(mesh, field[None], Parameters(tau=1.0), mesh.vertices, 1.0))
+    points = Flow(mesh, field).point_map()
     found = map_quality(mesh, points)
     errors = np.linalg.norm(points.positions - feet(mesh, field, np.ones(1))[0], axis=1) / mesh.length_scale
     if found.warning is None:

@@ -11,7 +11,9 @@ import trimesh
 from abfm import Parameters, TriangleMesh, function, load_match
 from abfm.calculus.eigenbasis import eigenbasis
 from abfm.experiments.experiment import Setup
-from abfm.experiments.given_fields import tangent
+from abfm.experiments.given_flow import tangent
+from abfm.experiments.set_up_apart import given
+from abfm.flow.flow import Flow
 from abfm.maps.quality import map_quality
 from abfm_viewer.cli import main
 from tests.shapes import ellipsoid, icosphere
@@ -29,10 +31,10 @@ def turned(tmp_path_factory):
         sources=("coordinate:x",),
         targets=("expression:-x",),
         parameters=Parameters(),
-        velocity=velocity,
+        flow=Flow(mesh, velocity),
     )
     path = tmp_path_factory.mktemp("map") / "turned.npz"
-    setup.given.save(path)
+    given(setup).save(path)
     return path
 
 
@@ -75,10 +77,10 @@ def wild(tmp_path_factory):
         sources=("coordinate:x",),
         targets=("coordinate:x",),
         parameters=Parameters(tau=0.5),
-        velocity=tangent(mesh, velocity[0])[None],
+        flow=Flow(mesh, tangent(mesh, velocity[0]), 0.5),
     )
     path = tmp_path_factory.mktemp("map") / "wild.npz"
-    setup.given.save(path)
+    given(setup).save(path)
     return path
 
 
@@ -130,9 +132,9 @@ def test_vertices_that_no_face_uses_have_no_place_and_keep_their_values(tmp_path
         sources=("coordinate:x",),
         targets=("coordinate:x",),
         parameters=Parameters(),
-        velocity=np.zeros((1, len(mesh.faces), 3)),
+        flow=Flow(mesh, np.zeros((len(mesh.faces), 3))),
     )
-    setup.given.save(tmp_path / "still.npz")
+    given(setup).save(tmp_path / "still.npz")
     assert main(["map", str(tmp_path / "still.npz"), "--out", str(tmp_path / "map.txt")]) == 0
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "map.txt"), [-1, *range(1, len(sphere.vertices) + 1)])
     table = np.arange(2.0 * mesh.file_vertex_count).reshape(-1, 2)

@@ -5,8 +5,12 @@ from __future__ import annotations
 import threading
 import time
 
+import numpy as np
+import pytest
+
 from abfm import FunctionError
-from abfm_viewer.computing.background import Latest
+from abfm.numerics.own_process import is_factored_apart
+from abfm_viewer.computing.background import Jobs, Latest
 from tests.viewer.sessions import until
 
 
@@ -33,6 +37,15 @@ def test_only_the_newest_of_several_requests_is_computed():
     latest.close()
 
 
+def test_large_systems_are_factored_apart_beside_the_frame_loop_and_small_ones_and_others_here():
+    latest = Latest[list[bool]]("test")
+    latest.ask("sizes", lambda: [is_factored_apart(size) for size in (14_000, 15_000)])
+    until(lambda: latest.key == "sizes")
+    assert latest.value == [False, True]
+    assert not is_factored_apart(10**9)
+    latest.close()
+
+
 def test_an_error_is_told_in_one_line_and_forgotten_with_the_next_request():
     latest = Latest[int]("test")
 
@@ -46,6 +59,102 @@ def test_an_error_is_told_in_one_line_and_forgotten_with_the_next_request():
     until(lambda: latest.key == "good")
     assert (latest.value, latest.error) == (3, "")
     latest.close()
+
+
+@pytest.fixture
+def held():
+    """A `Latest` whose jobs wait for each other's leave: the latest, a function that makes jobs, what they did."""
+    latest, leave, begun = Latest[str]("test"), {}, []
+
+    def job(name):
+        leave[name] = threading.Event()
+
+        def compute():
+            begun.append(name)
+            assert leave[name].wait(10)
+            return name
+
+        return compute
+
+    def end(name):
+        until(lambda: name in begun)
+        leave[name].set()
+
+    yield latest, job, begun, end
+    for event in leave.values():
+        event.set()
+    latest.close()
+
+
+def test_what_is_there_and_asked_for_again_stays_though_something_else_was_under_way(held):
+    latest, job, begun, end = held
+    latest.ask("there", job("there"))
+    end("there")
+    until(lambda: not latest.busy)
+    latest.ask("under way", job("under way"))
+    until(lambda: begun == ["there", "under way"])
+    assert latest.ask("there", job("there")) == "there"
+    end("under way")
+    latest.close(10)  # when it has ended
+    assert not latest.busy
+    assert (latest.key, latest.ask("there", job("there"))) == ("there", "there")
+    assert begun == ["there", "under way"]
+
+
+def test_what_is_under_way_and_asked_for_again_is_not_computed_twice(held):
+    latest, job, begun, end = held
+    under_way = job("under way")
+    latest.ask("under way", under_way)
+    until(lambda: begun == ["under way"])
+    latest.ask("other", job("other"))
+    latest.ask("under way", under_way)
+    end("under way")
+    until(lambda: latest.ask("under way", under_way) == "under way")
+    assert not latest.busy
+    assert begun == ["under way"]
+
+
+def test_until_the_newest_is_there_the_one_before_is_shown_if_it_is_about_the_same(held):
+    latest, job, _, end = held
+    assert latest.newest("sphere", 1, job("first")) is None
+    end("first")
+    until(lambda: not latest.busy)
+    assert latest.newest("sphere", 2, job("second")) == "first"
+    assert latest.newest("torus", 2, job("third")) is None
+    assert latest.newest("sphere", 1, job("first")) == "first"
+
+
+def test_keys_have_the_same_arrays_if_these_are_the_same_objects():
+    latest, values, calls = Latest[int]("test", at_once=True), np.zeros(3), []
+
+    def count():
+        calls.append(1)
+        return len(calls)
+
+    assert [latest.ask(("a", values), count), latest.ask(("a", values), count)] == [1, 1]
+    assert latest.ask(("a", values.copy()), count) == 2
+
+
+def test_what_is_computed_at_once_is_there_at_once_in_this_thread():
+    latest, threads = Latest[int]("test", at_once=True), []
+    for number in (1, 2):
+        assert latest.ask(number, lambda number=number: threads.append(threading.current_thread()) or number) == number
+        assert not latest.busy
+    assert set(threads) == {threading.current_thread()}
+
+
+def test_jobs_of_one_owner_tell_and_end_together():
+    jobs = Jobs()
+    one, other = jobs.latest("job one"), jobs.latest("job two")
+    may_end = threading.Event()
+    one.ask("a", lambda: may_end.wait(10))
+    other.ask("b", lambda: 1 / 0)
+    assert jobs.busy
+    may_end.set()
+    until(lambda: not jobs.busy)
+    assert jobs.error == "ZeroDivisionError: division by zero"
+    jobs.close()
+    assert not {"job one", "job two"} & {thread.name for thread in threading.enumerate()}
 
 
 def test_closing_ends_the_thread_but_does_not_wait_long_for_a_job():

@@ -84,7 +84,8 @@ def test_what_is_not_there_is_named_with_what_is_near(gui):
 def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
     pressed = []
 
-    def draw(ui, session):
+    def draw(context):
+        ui = context.ui
         for side in ("source", "target"):
             with ui.group(side), ui.disabled(side in disabled):
                 if ui.button("bump"):

@@ -27,12 +27,12 @@ def exported(gui, button, path, seconds=60):
     gui.click(button)
     gui.type("file name", path.name, enter=False)
     gui.click("Save")
-    gui.wait(lambda s: path.exists() and not s.exporter.running, seconds)
-    assert not gui.session.exporter.failed, gui.session.exporter.message
+    gui.wait(lambda _: path.exists() and not gui.window.exporter.running, seconds)
+    assert not gui.window.exporter.failed, gui.window.exporter.message
 
 
 def test_sizes_and_settings(matched):
-    exporter = matched.session.exporter
+    exporter = matched.window.exporter
     for name, size in (("4K", (3840, 2160)), ("8K", (7680, 4320)), ("HD", (1280, 720)), ("full HD", (1920, 1080))):
         matched.choose("size", name)
         assert (exporter.picture.width, exporter.picture.height) == size
@@ -81,9 +81,9 @@ def test_a_movie_is_given_up(small, tmp_path):
     small.type("seconds", "20")
     small.click("Save movie...")
     small.type("file name", "long.mp4")
-    small.wait(lambda s: s.exporter.running)
+    small.wait(lambda _: small.window.exporter.running)
     small.click("Cancel export")
-    small.wait(lambda s: not s.exporter.running)
+    small.wait(lambda _: not small.window.exporter.running)
     assert not (tmp_path / "long.mp4").exists()
 
 

@@ -17,7 +17,7 @@ MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "fu
 def calm(gui):
     """Wait until nothing is computed in the background, of which the next frames may yet ask for something."""
     gui.frames(5)
-    gui.wait(lambda s: not s.busy)
+    gui.wait(lambda _: not gui.window.shown.busy)
     gui.frames(5)
 
 
@@ -47,7 +47,8 @@ def test_arrows_and_streaks(matched):
     assert matched.session.view.fade
     calm(matched)
     matched.check("animate")
-    matched.wait(lambda s: s.quantities._streaks.value is not None and len(s.quantities._streaks.value.images) > 1)
+    streaks = matched.window.shown.quantities._streaks
+    matched.wait(lambda _: streaks.value is not None and len(streaks.value.images) > 1)
     phase = matched.session.player.phase
     matched.frames(5)
     assert matched.session.player.phase != phase
@@ -134,7 +135,7 @@ def test_the_comparison_has_surfaces_of_its_own(matched):
     np.testing.assert_allclose(scene.paints[blend].values, 0.5 * (source + target), atol=1e-6)
     matched.check("linear blend", False)
     matched.check("optimal transport")
-    matched.wait(lambda s: not s.mass_transport.busy)
+    matched.wait(lambda _: not matched.window.shown.mass_transport.busy)
     assert scene.names == ("source", "advected", "optimal transport", "error", "target")
     found = scene.paints["optimal transport"].values
     weights = vertex_areas(matched.session.mesh)

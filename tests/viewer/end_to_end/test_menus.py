@@ -9,7 +9,6 @@ from PIL import Image
 from abfm import Parameters, load_mesh
 from abfm_viewer.appearance import colormaps
 from abfm_viewer.document.document import LAYOUTS
-from abfm_viewer.window import shortcuts
 from abfm_viewer.window.menus import UI_SCALES
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
@@ -39,7 +38,7 @@ def test_a_mesh_is_opened_and_is_recent_then(gui, sphere_file):
     gui.wait(lambda s: len(s.mesh.vertices) == 162 and s.values("target") is not None)
     np.testing.assert_array_equal(gui.session.mesh.faces, load_mesh(sphere_file).faces)
     gui.menu("File", "Recent", "Clear recent")
-    assert gui.window.documents.recent() == []
+    assert gui.window.files.recent() == []
 
 
 def recent_label(gui):
@@ -95,7 +94,7 @@ def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
     matched.type("file name", "first", enter=False)
     matched.click("Save", within="Save the project")
     matched.click("Replace")
-    matched.wait(lambda _: not matched.window.documents.saving)
+    matched.wait(lambda _: not matched.window.files.saving)
     matched.click("Reset to defaults", within="Parameters")
     matched.menu("File", "Open project...")
     matched.double_click("first.abfm")
@@ -107,7 +106,7 @@ def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
     np.testing.assert_array_equal(opened.mesh.faces, saved.mesh.faces)
     np.testing.assert_array_equal(opened.result.velocity, saved.result.velocity)
     np.testing.assert_array_equal(opened.runs[0].energies, saved.runs[0].energies)
-    matched.wait(lambda s: not s.busy)
+    matched.wait(lambda _: not matched.window.shown.busy)
     assert not matched.session.unsaved
 
 
@@ -200,13 +199,13 @@ def test_help_is_closed_again(gui):
 
 def test_every_shortcut_is_listed_and_does_something(gui, monkeypatch):
     called = []
-    for shortcut in shortcuts.SHORTCUTS:
-        monkeypatch.setattr(gui.window.actions, shortcut.action, lambda name=shortcut.action: called.append(name))
-    for shortcut in shortcuts.SHORTCUTS:
-        for chord in shortcut.chords:
+    for action in gui.window.actions.all:
+        monkeypatch.setattr(action, "do", lambda action=action: called.append(action))
+    for action in gui.window.actions.all:
+        for chord in action.chords:
             called.clear()
             gui.key(chord)
-            assert called == [shortcut.action], chord
+            assert called == [action], chord
 
 
 def test_quitting_asks_about_unsaved_work(matched, tmp_path):

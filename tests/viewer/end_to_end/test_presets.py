@@ -32,7 +32,7 @@ def test_a_figure_is_ready_to_match(presets, figure):
     values = np.stack([session.functions.evaluate(channel.target) for channel in session.channels], axis=1)
     np.testing.assert_allclose(values, setup.target, atol=1e-12)
     assert not session.unsaved
-    assert (session.result is None) == (setup.velocity is None)
-    if setup.velocity is not None:
-        np.testing.assert_array_equal(session.result.velocity, setup.velocity)
+    assert (session.result is None) == (setup.flow is None)
+    if setup.flow is not None:
+        np.testing.assert_array_equal(session.result.velocity, setup.flow.velocity)
     assert presets.errors == {}

@@ -28,7 +28,7 @@ def check(matched, tmp_path, request):
     """Compares the window with a snapshot, or writes it."""
 
     def compare(name):
-        matched.wait(lambda s: not s.busy and not s.notice.text)
+        matched.wait(lambda s: not matched.window.shown.busy and not s.notice.text)
         matched.frames(5)
         actual, expected = tmp_path / name, SNAPSHOTS / name
         matched.screenshot(actual)

@@ -108,8 +108,9 @@ def test_the_next_match_can_start_from_the_current_field(matched):
 def test_scrubbing_and_dragging_go_on_during_a_run(running):
     running.drag("time", 0.4)
     assert running.session.time == pytest.approx(0.4, abs=0.01)
-    running.wait(lambda s: s.busy == "")
-    before = running.session.shown.advected().copy()
+    shown = running.window.shown
+    running.wait(lambda _: shown.busy == "")
+    before = shown.flow.advected().copy()
     running.drag("time", 1.6)
-    running.wait(lambda s: abs(s.shown.advected() - before).max() > 0.01)
+    running.wait(lambda _: abs(shown.flow.advected() - before).max() > 0.01)
     assert running.session.solver.running

@@ -8,9 +8,9 @@ import pytest
 
 def shown(gui):
     """The advected function at the shown time, when it is known exactly."""
-    gui.wait(lambda s: s.shown.settled)
-    gui.wait(lambda s: not s.busy)
-    return gui.session.shown.advected().copy()
+    gui.wait(lambda _: gui.window.shown.flow.settled)
+    gui.wait(lambda _: not gui.window.shown.busy)
+    return gui.window.shown.flow.advected().copy()
 
 
 def test_scrubbing_goes_from_the_source_to_the_match_and_beyond(matched):

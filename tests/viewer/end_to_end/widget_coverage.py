@@ -21,7 +21,7 @@ class Coverage:
     def see(self, widgets: Iterable[Widget]) -> None:
         """Remember what a frame shows; what is drawn to be looked at, and files in a list, are left out."""
         for widget in widgets:
-            if widget.enabled and widget.kind not in ("plot", "canvas"):
+            if widget.enabled and widget.kind != "plot":
                 self.seen.add(_name(widget))
 
     def use(self, widget: Widget) -> None:

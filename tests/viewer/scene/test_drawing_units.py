@@ -62,12 +62,13 @@ def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
     """Arrows and a flow line are drawn, a vertex is picked where it is seen, and a moved camera is kept."""
     with Driver(document_file(moved(scale, offset), tmp_path), size=(860, 600)) as gui:
         gui.session.set_view("look", arrows=True)
-        vertex = int(np.argmax(gui.session.mesh.vertices @ gui.window.scene._front_view(gui.session).direction))
+        vertex = int(np.argmax(gui.session.mesh.vertices @ gui.window.scene._front_view().direction))
         gui.session.add_point("lines", gui.window.scene.nearest("advected", gui.session.mesh.vertices[vertex]).point)
-        gui.wait(lambda s: not s.busy and not s.quantities.busy)
+        shown = gui.window.shown
+        gui.wait(lambda _: not shown.busy and not shown.quantities.busy)
         gui.frames(3)
-        shown = {name for name, _ in gui.window.scene.overlays.structures()}
-        assert shown == {"advected"}
+        drawn = {name for name, _ in gui.window.scene.overlays.structures()}
+        assert drawn == {"advected"}
         x, y, _ = viewport.projected(gui.session.mesh.vertices[vertex] + gui.window.scene.offsets["source"])[0]
         hit = gui.window.scene.pick((x, y))
         assert hit is not None

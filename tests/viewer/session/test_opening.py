@@ -13,21 +13,22 @@ import pytest
 from abfm import MeshError, Parameters, load_match, match
 from abfm_viewer.document.document import Channel, Point
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.session import opening as documents
-from abfm_viewer.session.opening import Documents, open_session
+from abfm_viewer.session import session_files
+from abfm_viewer.session.opening import open_session
 from abfm_viewer.session.session import Session
+from abfm_viewer.session.session_files import SessionFiles
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
 
 
 class Desk:
-    """A session with its documents and the questions that were asked."""
+    """A session with its files and the questions that were asked."""
 
     def __init__(self, session: Session, folder: Path) -> None:
         self.session = session
         self.state = StateFolder(folder)
         self.questions: list[tuple[str, str, dict[str, Callable[[], None] | None]]] = []
-        self.documents = Documents(session, self.state, lambda *question: self.questions.append(question))
+        self.files = SessionFiles(session, self.state, lambda *question: self.questions.append(question))
 
     def wait(self, condition: Callable[[], bool]) -> None:
         """Update until something holds."""
@@ -40,17 +41,17 @@ class Desk:
     def update(self) -> None:
         """What the window does in every frame."""
         self.session.update()
-        self.documents.update()
+        self.files.update()
 
     def settle(self) -> None:
         """Wait until nothing is opened, computed or written."""
         for _ in range(3):  # what ended since the last update is taken in by the next one
             self.update()
-            self.wait(lambda: not self.session.busy and not self.documents.saving and self.session.channels != ())
+            self.wait(lambda: not self.session.busy and not self.files.saving and self.session.channels != ())
 
     def open(self, path: Path) -> None:
         """Open a file and wait."""
-        self.documents.open(path)
+        self.files.open(path)
         self.settle()
 
 
@@ -60,7 +61,7 @@ def desk(tmp_path):
     desk = Desk(Session(icosphere(2), "sphere.off"), tmp_path / "state")
     desk.settle()
     yield desk
-    desk.documents.close()
+    desk.files.close()
     desk.session.close()
 
 
@@ -85,7 +86,7 @@ def test_a_project_reopens_identical(desk, tmp_path):
     desk.settle()
     assert session.unsaved
     path = tmp_path / "my work ☃.abfm"
-    desk.documents.save(path)
+    desk.files.save(path)
     desk.settle()
     assert not session.unsaved
     assert session.path == path
@@ -106,7 +107,7 @@ def test_a_project_reopens_identical(desk, tmp_path):
     assert again.session.values("source") == pytest.approx(np.linspace(0, 1, len(after.mesh.vertices)))
     assert not again.session.unsaved
     assert again.session.path == path
-    again.documents.save(tmp_path / "copy.abfm")
+    again.files.save(tmp_path / "copy.abfm")
     again.settle()
     assert (tmp_path / "copy.abfm").read_bytes() == path.read_bytes()
     assert again.state.recent() == [tmp_path / "copy.abfm", path]
@@ -126,7 +127,7 @@ def test_a_result_opens_with_its_functions_and_is_not_outdated(desk, tmp_path):
     assert not session.outdated
     assert not session.unsaved
     assert session.time == found.parameters.tau
-    desk.documents.save(tmp_path / "result.abfm")
+    desk.files.save(tmp_path / "result.abfm")
     desk.settle()
     (tmp_path / "two words.npz").unlink()
     desk.open(tmp_path / "result.abfm")
@@ -155,7 +156,7 @@ def test_save_goes_to_the_file_of_the_document_that_undo_came_back_to(desk, tmp_
     session = desk.session
     session.set_parameter(alpha=3)
     for name in ("first", "second"):
-        desk.documents.save(tmp_path / f"{name}.abfm")
+        desk.files.save(tmp_path / f"{name}.abfm")
         desk.settle()
     desk.open(tmp_path / "first.abfm")
     assert session.path == tmp_path / "first.abfm"
@@ -172,7 +173,7 @@ def test_several_components_are_offered_and_one_opened(desk, tmp_path):
     faces = np.concatenate([a.faces, b.faces + len(a.vertices)])
     (tmp_path / "two.off").write_text(off_text(vertices, faces))
     was = desk.session.document
-    desk.documents.open(tmp_path / "two.off")
+    desk.files.open(tmp_path / "two.off")
     desk.wait(lambda: bool(desk.questions))
     assert desk.session.document is was
     _, text, answers = desk.questions[0]
@@ -207,7 +208,7 @@ def test_what_cannot_be_opened_is_one_line_and_changes_nothing(desk, tmp_path, n
 def test_a_failed_save_keeps_the_work_unsaved_and_does_not_go_on(desk, tmp_path):
     desk.session.set_parameter(alpha=3)
     done = []
-    desk.documents.save(tmp_path / "no folder" / "a.abfm", then=lambda: done.append(1))
+    desk.files.save(tmp_path / "no folder" / "a.abfm", then=lambda: done.append(1))
     desk.settle()
     assert desk.session.notice.is_error
     assert desk.session.notice.text.startswith("not saved: cannot write")
@@ -216,18 +217,18 @@ def test_a_failed_save_keeps_the_work_unsaved_and_does_not_go_on(desk, tmp_path)
 
 
 def test_saves_are_written_in_order_and_each_is_told(desk, tmp_path, monkeypatch):
-    slow = documents.write_project
+    slow = session_files._write_project
 
     def write(*words):
         time.sleep(0.05)
         slow(*words)
 
-    monkeypatch.setattr(documents, "write_project", write)
+    monkeypatch.setattr(session_files, "_write_project", write)
     done = []
     for name in "abc":
-        desk.documents.save(tmp_path / f"{name}.abfm", then=lambda name=name: done.append(name))
-    desk.documents.when_saved(lambda: done.append("end"))
-    assert desk.documents.saving
+        desk.files.save(tmp_path / f"{name}.abfm", then=lambda name=name: done.append(name))
+    desk.files.when_saved(lambda: done.append("end"))
+    assert desk.files.saving
     desk.settle()
     assert done == ["a", "b", "c", "end"]
     assert sorted(path.name for path in tmp_path.glob("*.abfm")) == ["a.abfm", "b.abfm", "c.abfm"]
@@ -235,7 +236,7 @@ def test_saves_are_written_in_order_and_each_is_told(desk, tmp_path, monkeypatch
 
 def test_changes_made_while_saving_stay_unsaved(desk, tmp_path):
     desk.session.set_parameter(alpha=3)
-    desk.documents.save(tmp_path / "a.abfm")
+    desk.files.save(tmp_path / "a.abfm")
     desk.session.set_parameter(alpha=4)
     desk.settle()
     assert desk.session.unsaved
@@ -247,7 +248,7 @@ def test_a_session_begins_with_any_kind_of_file_and_nothing_to_undo(desk, tmp_pa
     found = solved(desk.session)
     found.save(tmp_path / "m.npz")
     desk.session.change("solve", result=found, channels=(Channel("coordinate:x", "coordinate:y"),))
-    desk.documents.save(tmp_path / "p.abfm")
+    desk.files.save(tmp_path / "p.abfm")
     desk.settle()
     for name in ("m.npz", "p.abfm"):
         session = open_session(tmp_path / name)

@@ -130,7 +130,6 @@ def test_match_shows_the_end_of_the_flow(session):
     assert session.history.undo_label == "move in time"  # moving to the end is not a step
     until(lambda: session.solver.finished, session)
     assert session.solver.reason == session.result.stop_reason
-    np.testing.assert_array_equal(session.shown.advected(), session.result.advected[:, 0])
     assert len(session.document.runs) == 1
     assert not session.outdated
     assert session.history.undo_label == "match"
@@ -279,44 +278,6 @@ def test_undo_to_another_mesh_ends_the_run(session):
 # What is shown
 
 
-def test_during_a_run_the_newest_iterate_is_shown_at_tau_and_followed_elsewhere(endless):
-    solving(endless)
-    endless.solver.pause()
-    time.sleep(0.1)
-    iterate = endless.solver.snapshot.iteration
-    np.testing.assert_array_equal(endless.shown.advected(), iterate.advected[:, 0])
-    assert not endless.shown.flow.final
-    assert endless.shown.flow.velocity is iterate.velocity
-    endless.set_time(0.5)
-    until(lambda: (endless.shown.advected(), not endless.shown.busy)[1], endless)
-    early = endless.shown.advected()
-    expected = endless.shown.flow.carry(endless.values("source"), np.array([0.5]))[0]
-    assert np.linalg.norm(early - expected) < 5e-3 * np.linalg.norm(expected)
-
-    endless.solver.resume()
-    until(lambda: endless.solver.snapshot.iteration.iteration > iterate.iteration + 30, endless)
-    until(lambda: not np.allclose(endless.shown.advected(), early, atol=1e-4), endless)  # the span followed
-
-
-def test_after_another_tau_the_shown_time_keeps_its_place_in_the_flow(session):
-    matched(session)
-    session.set_time(0.5)
-    session.set_parameter(tau=2.0)
-    assert (session.time, session.end) == (1.0, 4.0)
-    assert session.shown.time == 0.5
-    assert session.outdated
-
-
-def test_a_settled_time_is_exact(session):
-    matched(session)
-    session.set_time(0.3)
-    time.sleep(0.2)
-    until(lambda: session.shown.advected() is not None and not session.shown.busy, session)
-    until(lambda: (session.shown.advected(), not session.busy)[1], session)
-    exact = session.result.advect(0.3)[:, 0]
-    np.testing.assert_allclose(session.shown.advected(), exact, atol=1e-12)
-
-
 def test_playing_moves_the_time_and_is_no_step(session):
     session.player.toggle()
     until(lambda: session.time > 0.01, session)
@@ -443,27 +404,6 @@ def test_notices_do_not_stay_forever(session, monkeypatch):
     session.set_parameter(alpha=0.3)  # the next action
     session.update()
     assert session.notice.text == ""
-
-
-@pytest.mark.parametrize("share", [0.3, 1.0, 1.7])
-def test_what_does_not_change_stays_the_same_array(session, share):
-    """By which the surfaces know that there is nothing to draw again."""
-    matched(session)
-    session.set_time(share * session.parameters.tau)
-    until(lambda: (session.shown.advected(), session.shown.settled and not session.shown.busy)[1], session)
-    assert session.shown.advected() is session.shown.advected()
-    until(lambda: session.shown.coordinates() is not None and not session.shown.busy, session)
-    assert session.shown.coordinates() is session.shown.coordinates()
-
-
-def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endless):
-    solving(endless)
-    endless.solver.pause()
-    endless.set_time(0.3)
-    until(lambda: (endless.shown.advected(), not endless.shown.busy)[1], endless)
-    assert endless.shown.advected() is endless.shown.advected()
-    endless.set_time(endless.parameters.tau)
-    assert endless.shown.advected() is endless.shown.advected()
 
 
 @pytest.mark.parametrize("factor", ["1e300", "1e-40"])

@@ -10,7 +10,7 @@ import pytest
 
 import abfm
 from abfm import AdvectionError
-from abfm_viewer.computing.background import Latest
+from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.shown.carried import Carried, FlowState, span
 from tests.viewer.sessions import PAIR, QUICK, SPHERE, until
 
@@ -27,10 +27,15 @@ def state(match):
 
 
 @pytest.fixture
-def carried():
-    carried = Carried("test")
-    yield carried
-    carried.close()
+def jobs():
+    jobs = Jobs()
+    yield jobs
+    jobs.close()
+
+
+@pytest.fixture
+def carried(jobs):
+    return Carried("test", jobs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,38 +77,38 @@ def test_where_the_flow_overflows_beyond_tau_the_span_ends_there(match):
     np.testing.assert_array_equal(over.at(1.7), over.at(1.0))  # the last one known
 
 
-def test_a_flow_that_is_too_fast_for_any_time_is_an_error_and_no_end(match, carried):
+def test_a_flow_that_is_too_fast_for_any_time_is_an_error_and_no_end(match, carried, jobs):
     state = Limited(SPHERE, match.velocity, match.parameters, end=0.0)
     assert carried.at(state, match.source[:, 0], 0.5, settled=True) is None
-    until(lambda: not carried.busy)
+    until(lambda: not jobs.busy)
     assert carried.error == "the flow overflows"
     assert carried.at(state, match.source[:, 0], 0.5, settled=True) is None
 
 
-def test_at_time_0_the_function_is_there_at_once(match, state, carried):
+def test_at_time_0_the_function_is_there_at_once(match, state, carried, jobs):
     source = match.source[:, 0]
     assert carried.at(state, source, 0.0, settled=True) is source
-    assert not carried.busy
+    assert not jobs.busy
 
 
-def test_scrubbing_shows_blends_and_a_settled_time_is_exact(match, state, carried):
+def test_scrubbing_shows_blends_and_a_settled_time_is_exact(match, state, carried, jobs):
     source = match.source[:, 0]
     assert carried.at(state, source, 0.3, settled=False) is None
-    until(lambda: not carried.busy)
+    until(lambda: not jobs.busy)
     assert distance(carried.at(state, source, 0.3, settled=False), match.advect(0.3)) < 2e-3
     carried.at(state, source, 0.3, settled=True)
-    until(lambda: not carried.busy)
+    until(lambda: not jobs.busy)
     assert distance(carried.at(state, source, 0.3, settled=True), match.advect(0.3)) < 1e-12
 
 
-def test_while_a_new_flow_is_followed_the_old_one_is_shown(match, state, carried):
+def test_while_a_new_flow_is_followed_the_old_one_is_shown(match, state, carried, jobs):
     source = match.source[:, 0]
     carried.at(state, source, 0.5, settled=False)
-    until(lambda: not carried.busy)
+    until(lambda: not jobs.busy)
     faster = FlowState(SPHERE, 1.1 * match.velocity, match.parameters, final=False)
     stale = carried.at(faster, source, 0.5, settled=False)
     assert distance(stale, match.advect(0.5)) < 2e-3
-    until(lambda: not carried.busy)
+    until(lambda: not jobs.busy)
     assert distance(carried.at(faster, source, 0.5, settled=False), match.advect(0.55)) < 5e-3
     assert carried.at(faster, SPHERE.vertices, 0.5, settled=False) is None  # of another shape: nothing to show
 

@@ -15,9 +15,10 @@ from abfm.calculus.operators import gradient
 from abfm.calculus.vector_fields import pushforward, to_ambient
 from abfm.streaks import line_integral
 from abfm_viewer.appearance.colormaps import color_range, linear_table
-from abfm_viewer.shown import field_quantities, related_fields
+from abfm_viewer.shown import field_parts, field_quantities, streaks
 from abfm_viewer.shown.carried import FlowState
-from abfm_viewer.shown.related_fields import carried_gradient
+from abfm_viewer.shown.field_parts import carried_gradient
+from abfm_viewer.shown.shown import Shown
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
 from tests.core.texel_weights import texel_weights
@@ -33,6 +34,13 @@ def session(monkeypatch):
     until(lambda: session.solver.finished, session)
     yield session
     session.close()
+
+
+@pytest.fixture
+def shown(session):
+    shown = Shown(session)
+    yield shown
+    shown.close()
 
 
 @pytest.fixture
@@ -53,32 +61,33 @@ def show(session, **values):
     session.amend(view=replace(session.view, **values))
 
 
-def texture(session):
+def texture(shown):
     """The streaks coloured by what is advected now, when there is nothing better to come."""
+    session = shown.session
     values = session.values("source"), session.values("target")
     found = None
 
     def is_final():
         nonlocal found
-        advected = session.shown.advected()
-        found = session.quantities.texture(session, advected, color_range(*values))
-        return found is not None and not session.shown.busy and not session.quantities.busy
+        advected = shown.flow.advected()
+        found = shown.quantities.texture(advected, color_range(*values))
+        return found is not None and not shown.flow.busy and not shown.quantities.busy
 
     until(is_final, session)
     return found
 
 
-def test_streaks_are_computed_once_and_take_the_colours_of_every_time(session, convolutions):
-    at_end = texture(session)
-    assert texture(session) is at_end
+def test_streaks_are_computed_once_and_take_the_colours_of_every_time(session, shown, convolutions):
+    at_end = texture(shown)
+    assert texture(shown) is at_end
     session.set_time(0.0)
-    at_start = texture(session)
+    at_start = texture(shown)
     assert at_start.streaks is at_end.streaks
     assert abs(at_start.colors - at_end.colors).max() > 0.2
     assert len(convolutions) == 1
 
 
-def test_what_is_still_to_come_is_said(session, monkeypatch):
+def test_what_is_still_to_come_is_said(session, shown, monkeypatch):
     may_go_on = threading.Event()
     decompose, convolve = helmholtz_hodge.helmholtz_hodge, line_integral.line_integral_convolution
 
@@ -91,25 +100,25 @@ def test_what_is_still_to_come_is_said(session, monkeypatch):
 
     monkeypatch.setattr(helmholtz_hodge, "helmholtz_hodge", late(decompose))
     monkeypatch.setattr(line_integral, "line_integral_convolution", late(convolve))
-    until(lambda: not session.busy, session)
+    until(lambda: not shown.busy, session)
     show(session, part="curl-free", streaks=True)
-    session.quantities.field(session)
-    assert session.busy == "computing the field"
+    shown.quantities.field()
+    assert shown.busy == "computing the field"
     may_go_on.set()
-    until(lambda: session.quantities.field(session) and not session.quantities.finding, session)
-    assert session.busy == ""
+    until(lambda: shown.quantities.field() and not shown.quantities.finding, session)
+    assert shown.busy == ""
     may_go_on.clear()
     colors = color_range(session.values("source"), session.values("target"))
-    assert session.quantities.texture(session, session.shown.advected(), colors) is None
-    assert session.busy == "computing streaks"
+    assert shown.quantities.texture(shown.flow.advected(), colors) is None
+    assert shown.busy == "computing streaks"
     may_go_on.set()
-    texture(session)
-    assert session.busy == ""
+    texture(shown)
+    assert shown.busy == ""
 
 
-def test_coloured_streaks_are_those_of_the_function_and_darker(session):
-    found = texture(session)
-    atlas, values = found.streaks.atlas, session.shown.advected()
+def test_coloured_streaks_are_those_of_the_function_and_darker(session, shown):
+    found = texture(shown)
+    atlas, values = found.streaks.atlas, shown.flow.advected()
     colors = color_range(session.values("source"), session.values("target"))
     bright = streak_texture(atlas, np.ones((atlas.size, atlas.size), dtype=np.float32), values, colors)
     assert (found.colors <= bright + 1e-6).all()
@@ -123,8 +132,8 @@ def test_coloured_streaks_are_those_of_the_function_and_darker(session):
     np.testing.assert_allclose(bright[rows, columns], expected, rtol=0, atol=0.01)
 
 
-def test_streaks_without_a_function_are_grey(session):
-    found = texture(session)
+def test_streaks_without_a_function_are_grey(session, shown):
+    found = texture(shown)
     image = found.streaks.images[0]
     grey = streak_texture(found.streaks.atlas, image)
     np.testing.assert_allclose(grey, streak_texture(found.streaks.atlas, (image / 255).astype(np.float32)), atol=1e-6)
@@ -132,20 +141,20 @@ def test_streaks_without_a_function_are_grey(session):
     assert grey[image == 255].min() > grey[image == 0].max()
 
 
-def test_moving_streaks_are_computed_once_for_all_phases(session, convolutions):
+def test_moving_streaks_are_computed_once_for_all_phases(session, shown, convolutions):
     show(session, animate=True)
-    first = texture(session)
-    assert len(first.streaks.images) == field_quantities._PHASES
+    first = texture(shown)
+    assert len(first.streaks.images) == streaks._PHASES
     session.player.phase = (session.player.phase + 0.4) % 1
-    second = texture(session)
+    second = texture(shown)
     assert second.streaks is first.streaks
     assert abs(second.colors - first.colors).max() > 0.1
     assert len(convolutions) == 1
 
 
-def test_phases_between_are_blended_and_the_last_leads_to_the_first(session):
+def test_phases_between_are_blended_and_the_last_leads_to_the_first(session, shown):
     show(session, animate=True)
-    streaks = texture(session).streaks
+    streaks = texture(shown).streaks
     images = streaks.images.astype(float)
     np.testing.assert_array_equal(streaks.at(0.0), streaks.at(1.0))
     np.testing.assert_array_equal(streaks.at(3 / len(images)), images[3])
@@ -155,47 +164,48 @@ def test_phases_between_are_blended_and_the_last_leads_to_the_first(session):
     assert max(steps) < 1.5 * min(steps)
 
 
-def test_fading_streaks_have_less_contrast(session, convolutions):
-    full = texture(session).streaks
+def test_fading_streaks_have_less_contrast(session, shown, convolutions):
+    full = texture(shown).streaks
     show(session, fade=True)
-    faded = texture(session).streaks
+    faded = texture(shown).streaks
     used = full.atlas.texel_faces >= 0
     slow = faded.field.speed[full.atlas.texel_faces] < 0.2 * faded.field.speed.max()
     assert faded.images[0][used & slow].std() < 0.35 * full.images[0][used & slow].std()
     assert len(convolutions) == 2
 
 
-def test_another_result_has_other_streaks(session, convolutions):
-    first = texture(session)
+def test_another_result_has_other_streaks(session, shown, convolutions):
+    first = texture(shown)
     session.set_parameter(alpha=1.0)
     session.match()
     until(lambda: session.solver.finished, session)
-    assert texture(session).streaks is not first.streaks
+    assert texture(shown).streaks is not first.streaks
     assert len(convolutions) == 2
 
 
-def shown_field(session, part):
+def shown_field(shown, part):
     """The field that a part of the view gives, when there is nothing better to come."""
+    session = shown.session
     session.set_view("show", part=part)
-    session.quantities.field(session)
-    until(lambda: not session.quantities.busy and session.quantities.field(session) is not None, session)
-    return session.quantities.field(session)
+    shown.quantities.field()
+    until(lambda: not shown.quantities.busy and shown.quantities.field() is not None, session)
+    return shown.quantities.field()
 
 
-def test_the_commuting_field_is_that_of_the_flow_and_says_how_well_it_commutes(session):
+def test_the_commuting_field_is_that_of_the_flow_and_says_how_well_it_commutes(session, shown):
     velocity = session.result.velocity[0]
-    found = shown_field(session, "commuting")
+    found = shown_field(shown, "commuting")
     np.testing.assert_array_equal(found.velocity, commuting_fields(session.mesh, velocity)[0])
     assert f"{relative_bracket(session.mesh, velocity, found.velocity):.3g}" in found.note
-    assert not session.quantities.error
+    assert not shown.quantities.error
 
 
-def test_the_sources_gradient_is_carried_to_the_shown_time(session):
+def test_the_sources_gradient_is_carried_to_the_shown_time(session, shown):
     source, tau = session.values("source"), session.parameters.tau
     start = to_ambient(session.mesh, (gradient(session.mesh) @ source).reshape(-1, 2))
     for time in (0.0, 0.5 * tau, tau):
         session.set_time(time)
-        found = shown_field(session, "carried gradient").velocity
+        found = shown_field(shown, "carried gradient").velocity
         expected = pushforward(session.mesh, session.result.velocity[0], start, time)
         np.testing.assert_allclose(found, expected, atol=1e-9 * abs(expected).max())
 
@@ -213,18 +223,18 @@ def test_a_gradient_is_carried_along_several_fields_one_after_the_other():
     np.testing.assert_allclose(carried_gradient(flow, f, 1.0), pushforward(mesh, velocity[2], after, 0.6), atol=1e-12)
 
 
-def test_a_commuting_field_that_cannot_be_computed_says_why(session, monkeypatch):
-    flow = session.shown.flow
+def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monkeypatch):
+    flow = shown.flow.state
     with pytest.raises(AbfmError, match="zero"):
-        related_fields.commuting(FlowState(flow.mesh, 0 * flow.velocity, flow.parameters), 0)
+        field_parts.commuting(FlowState(flow.mesh, 0 * flow.velocity, flow.parameters), 0)
     with pytest.raises(AbfmError, match="ended"):
-        related_fields.commuting(FlowState(flow.mesh, flow.velocity, flow.parameters, final=False), 0)
-    monkeypatch.setattr(related_fields, "_LARGEST", 100)
+        field_parts.commuting(FlowState(flow.mesh, flow.velocity, flow.parameters, final=False), 0)
+    monkeypatch.setattr(field_parts, "_LARGEST", 100)
     session.set_view("show", part="commuting")
-    session.quantities.field(session)
-    until(lambda: not session.quantities.busy, session)
-    assert "up to 100 vertices; this mesh has 642" in session.quantities.error
+    shown.quantities.field()
+    until(lambda: not shown.quantities.busy, session)
+    assert "up to 100 vertices; this mesh has 642" in shown.quantities.error
     session.set_view("show", part="whole")
-    session.quantities.field(session)
-    until(lambda: not session.quantities.busy, session)
-    assert not session.quantities.error
+    shown.quantities.field()
+    until(lambda: not shown.quantities.busy, session)
+    assert not shown.quantities.error

@@ -13,8 +13,9 @@ from abfm.baselines import linear_blend, optimal_transport
 from abfm_viewer.document.document import COLORINGS
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown import mass_transport
-from abfm_viewer.shown.field_quantities import Field
+from abfm_viewer.shown.field_parts import Field
 from abfm_viewer.shown.paint import Painter, _most, surfaces
+from abfm_viewer.shown.shown import Shown
 from tests.viewer.sessions import SPHERE, opened, until
 
 
@@ -23,13 +24,25 @@ def matched():
     session = opened()
     session.match()
     until(lambda: session.solver.finished, session)
-    yield session
+    shown = Shown(session)
+    yield shown
+    shown.close()
     session.close()
 
 
 @pytest.fixture
-def session(matched):
-    document = matched.document
+def shown(matched):
+    return matched
+
+
+@pytest.fixture
+def painter(shown):
+    return Painter(shown)
+
+
+@pytest.fixture
+def session(shown):
+    matched, document = shown.session, shown.session.document
     yield matched
     matched.amend(**vars(document))
     until(lambda: not matched.obstacle, matched)
@@ -57,11 +70,10 @@ def test_surfaces_stand_in_the_order_of_the_flow(session, view, names):
     assert surfaces(session) == names
 
 
-def test_all_functions_share_one_range_and_one_bar(session):
+def test_all_functions_share_one_range_and_one_bar(session, painter):
     show(session, blend=True, transport=True)
-    painter = Painter()
-    until(lambda: painter.paint(session, "optimal transport"))
-    paints = [painter.paint(session, name) for name in surfaces(session)]
+    until(lambda: painter.paint("optimal transport"))
+    paints = [painter.paint(name) for name in surfaces(session)]
     assert {paint.bar for paint in paints} == {"function"}
     low = min(session.values(side).min() for side in ("source", "target"))
     high = max(session.values(side).max() for side in ("source", "target"))
@@ -69,135 +81,130 @@ def test_all_functions_share_one_range_and_one_bar(session):
     assert {(paint.colors.low, paint.colors.high) for paint in paints} == {(0.0, high)}
 
 
-def test_a_signed_function_has_a_range_with_zero_in_the_middle(session):
+def test_a_signed_function_has_a_range_with_zero_in_the_middle(session, shown):
     session.set_spec("source", "eigenfunction:2")
     until(lambda: not session.obstacle, session)
-    colors = Painter().paint(session, "source").colors
+    colors = Painter(shown).paint("source").colors
     assert colors.low == -colors.high < 0
 
 
-def test_a_paint_is_the_same_object_until_what_it_shows_changes(session):
-    painter = Painter()
-    before = painter.paint(session, "target")
-    assert painter.paint(session, "target") is before
+def test_a_paint_is_the_same_object_until_what_it_shows_changes(session, painter):
+    before = painter.paint("target")
+    assert painter.paint("target") is before
     show(session, colormap="viridis")
-    assert painter.paint(session, "target").colors.colormap == "viridis"
+    assert painter.paint("target").colors.colormap == "viridis"
 
 
 @pytest.mark.parametrize("coloring", COLORINGS)
 @pytest.mark.parametrize("share", [0.4, 1.0])
-def test_surfaces_that_do_not_change_are_not_drawn_again(session, coloring, share):
+def test_surfaces_that_do_not_change_are_not_drawn_again(session, coloring, share, shown, painter):
     show(session, coloring=coloring, blend=True, transport=True, error=True)
     session.set_time(share * session.parameters.tau)
-    painter = Painter()
 
     def paints():
-        return [painter.paint(session, name) for name in surfaces(session)]
+        return [painter.paint(name) for name in surfaces(session)]
 
     def settled():
         paints()
-        busy = session.busy or session.quantities.busy or session.mass_transport.busy
-        return session.shown.settled and not busy
+        busy = shown.busy or shown.quantities.busy or shown.mass_transport.busy
+        return shown.flow.settled and not busy
 
     until(settled)
     assert paints()[1].title != "advected" or coloring == "function"
     assert all(now is before for now, before in zip(paints(), paints(), strict=True))
 
 
-def test_the_linear_blend_follows_the_time(session):
+def test_the_linear_blend_follows_the_time(session, shown):
     show(session, blend=True)
     tau = session.parameters.tau
     for time, share in ((0.0, 0.0), (0.25 * tau, 0.25), (tau, 1.0), (1.5 * tau, 1.0)):
         session.amend(time=time)
         expected = linear_blend(session.values("source"), session.values("target"), share, 1.0)
-        np.testing.assert_allclose(Painter().paint(session, "linear blend").values, expected)
+        np.testing.assert_allclose(Painter(shown).paint("linear blend").values, expected)
 
 
-def settled_transport(session, painter):
+def settled_transport(shown, painter):
     """What the surface of optimal transport shows when nothing better is to come."""
-    until(lambda: (painter.paint(session, "optimal transport"), session.mass_transport.busy)[1] is False)
-    return painter.paint(session, "optimal transport")
+    until(lambda: (painter.paint("optimal transport"), shown.mass_transport.busy)[1] is False)
+    return painter.paint("optimal transport")
 
 
-def test_optimal_transport_follows_the_time_and_ends_at_tau(session):
+def test_optimal_transport_follows_the_time_and_ends_at_tau(session, shown, painter):
     show(session, transport=True)
-    painter, tau = Painter(), session.parameters.tau
+    tau = session.parameters.tau
     for time, share in ((0.25 * tau, 0.25), (tau, 1.0), (1.5 * tau, 1.0)):
         session.amend(time=time)
         source, target = session.values("source"), session.values("target")
         expected = optimal_transport(session.mesh, source, target, share, sharpen=True)
-        np.testing.assert_array_equal(settled_transport(session, painter).values, expected)
+        np.testing.assert_array_equal(settled_transport(shown, painter).values, expected)
 
 
-def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(session, monkeypatch):
+def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(session, monkeypatch, shown, painter):
     show(session, transport=True)
-    painter = Painter()
     session.amend(time=0.0)
-    before = settled_transport(session, painter)
+    before = settled_transport(shown, painter)
     go_on = threading.Event()
     compute = mass_transport._transported
     monkeypatch.setattr(mass_transport, "_transported", lambda *inputs: (go_on.wait(30), compute(*inputs))[1])
     session.amend(time=0.5 * session.parameters.tau)
-    assert painter.paint(session, "optimal transport") is before
-    assert session.mass_transport.busy
+    assert painter.paint("optimal transport") is before
+    assert shown.mass_transport.busy
     go_on.set()
-    assert abs(settled_transport(session, painter).values - before.values).max() > 0.1
+    assert abs(settled_transport(shown, painter).values - before.values).max() > 0.1
 
 
-def test_negative_functions_have_no_optimal_transport_and_say_why(session):
+def test_negative_functions_have_no_optimal_transport_and_say_why(session, shown, painter):
     show(session, transport=True)
-    painter = Painter()
     session.set_spec("source", "eigenfunction:2")
     until(lambda: not session.obstacle, session)
-    bare = settled_transport(session, painter)
+    bare = settled_transport(shown, painter)
     assert bare.title == "optimal transport: no values"
     assert np.ptp(bare.values) == 0
-    assert "f is negative at" in session.mass_transport.error
-    assert painter.paint(session, "linear blend") is not None
+    assert "f is negative at" in shown.mass_transport.error
+    assert painter.paint("linear blend") is not None
     session.undo()
     until(lambda: not session.obstacle, session)
-    assert settled_transport(session, painter).title == "optimal transport"
-    assert not session.mass_transport.error
+    assert settled_transport(shown, painter).title == "optimal transport"
+    assert not shown.mass_transport.error
 
 
-def test_the_error_is_that_of_the_shown_time_and_its_range_ends_with_it(session):
+def test_the_error_is_that_of_the_shown_time_and_its_range_ends_with_it(session, shown):
     session.amend(time=session.parameters.tau)
-    paint = Painter().paint(session, "error")
+    paint = Painter(shown).paint("error")
     expected = abs(session.values("target") - session.result.advected[:, 0])
     np.testing.assert_array_equal(paint.values, expected)
     assert (paint.colors.low, paint.colors.high) == (0, expected.max())
     assert f"{expected.max():.3g}" in paint.bar
 
 
-def test_coordinates_are_colours_between_the_ends_of_the_mesh(session):
+def test_coordinates_are_colours_between_the_ends_of_the_mesh(session, shown):
     show(session, coloring="coordinates")
-    colors = Painter().paint(session, "source").values
+    colors = Painter(shown).paint("source").values
     assert colors.shape == SPHERE.vertices.shape
     np.testing.assert_array_equal(colors.argmax(axis=0), SPHERE.vertices.argmax(axis=0))
     assert (colors.min(), colors.max()) == (0, 1)
 
 
-def test_a_side_without_values_shows_none_and_the_other_one_stays(session):
-    painter = Painter()
-    target = painter.paint(session, "target").values
+def test_a_side_without_values_shows_none_and_the_other_one_stays(session, painter):
+    target = painter.paint("target").values
     session.set_spec("source", "eigenfunction:100000")
     until(lambda: session.error("eigenfunction:100000"), session)
-    bare = painter.paint(session, "source")
+    bare = painter.paint("source")
     assert bare.title == "source: no values"
     assert bare.colors is None
     assert np.ptp(bare.values) == 0
-    assert painter.paint(session, "target") is None  # keeps what it showed: no range is known
+    assert painter.paint("target") is None  # keeps what it showed: no range is known
     session.undo()
     until(lambda: not session.obstacle, session)
-    assert painter.paint(session, "source").title == "source"
-    np.testing.assert_array_equal(painter.paint(session, "target").values, target)
+    assert painter.paint("source").title == "source"
+    np.testing.assert_array_equal(painter.paint("target").values, target)
 
 
-def test_speed_is_in_units_of_the_mesh(session):
+def test_speed_is_in_units_of_the_mesh(session, painter):
     """So that graphics cards can draw it, however large or small the mesh's numbers are."""
     show(session, coloring="speed")
-    painter, found = Painter(), []
-    until(lambda: found.append(painter.paint(session, "advected")) or found[-1].kind == "face values", session)
+    found = []
+    until(lambda: found.append(painter.paint("advected")) or found[-1].kind == "face values", session)
     speed = np.linalg.norm(session.result.velocity[0], axis=1)
     np.testing.assert_allclose(found[-1].values, speed / SPHERE.length_scale)
     assert found[-1].colors.high == found[-1].values.max()
@@ -210,7 +217,7 @@ def test_speed_has_the_same_colours_on_meshes_of_any_size(scale):
     field = Field(mesh, velocity, np.linalg.norm(velocity, axis=1), {})
     session = Session(mesh, "sphere")
     try:
-        paint = Painter()._speed(session, field, "speed")
+        paint = Painter(Shown(session))._speed(field, "speed")
     finally:
         session.close()
     assert 0.1 < paint.values.max() < 1

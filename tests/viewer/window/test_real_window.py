@@ -7,9 +7,9 @@ import sys
 
 import av
 import pytest
-from tests.viewer.real_window import opened
 
 from abfm.assets import asset_path
+from tests.viewer.window.real_window import opened
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Xvfb is Linux's")
 

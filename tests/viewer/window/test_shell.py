@@ -20,8 +20,6 @@ from abfm_viewer.automation import driver as automation
 from abfm_viewer.automation.driver import Driver, DriverError
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.window import shortcuts
-from abfm_viewer.window.actions import Actions
 from abfm_viewer.window.keyboard import _parts
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
@@ -59,28 +57,29 @@ def opened(gui: Driver, vertices: int) -> None:
 
 def idle(gui: Driver) -> None:
     """Wait until everything is read and written."""
-    gui.wait(lambda s: not s.busy and not gui.window.documents.saving, 30)
+    gui.wait(lambda _: not gui.window.shown.busy and not gui.window.files.saving, 30)
     gui.frames(3)
 
 
 # Shortcuts
 
 
-def test_keys_are_unique_and_each_one_does_something():
-    chords = [chord for shortcut in shortcuts.SHORTCUTS for chord in shortcut.chords]
+def test_keys_are_unique_and_each_one_does_something(gui):
+    actions = gui.window.actions.all
+    chords = [chord for action in actions for chord in action.chords]
     assert len(chords) == len(set(chords))
-    for shortcut in shortcuts.SHORTCUTS:
-        assert callable(getattr(Actions, shortcut.action, None)) or shortcut.action == "reset_camera"
-        for chord in shortcut.chords:
+    for action in actions:
+        assert callable(action.do)
+        for chord in action.chords:
             assert _parts(chord)[0] > 0
 
 
-def test_the_list_in_help_names_every_key():
-    text = "\n".join(keys for keys, _ in shortcuts.listed())
-    for shortcut in shortcuts.SHORTCUTS:
-        assert shortcut.hint in text
-    assert shortcuts.hint("save").endswith("+S")
-    assert shortcuts.hint("no such action") == ""
+def test_the_list_in_help_names_every_key(gui):
+    actions = gui.window.actions
+    text = "\n".join(keys for keys, _ in actions.listed())
+    for action in actions.all:
+        assert action.hint in text
+    assert actions.save.hint.endswith("+S")
 
 
 def test_keys_move_in_time_and_change_the_view(gui):
@@ -120,7 +119,7 @@ def test_keys_start_hold_and_end_the_solver(gui):
 
 
 def test_files_are_saved_and_matches_start_with_what_is_being_typed(gui, tmp_path):
-    gui.window.documents.save(tmp_path / "first.abfm")
+    gui.window.files.save(tmp_path / "first.abfm")
     idle(gui)
     gui.type("tau", "3", enter=False)
     gui.key("ctrl+s")
@@ -226,7 +225,7 @@ def test_a_mesh_is_opened_by_clicks(gui, mesh_file):
     idle(gui)
     assert gui.session.notice.text.startswith("opened a sphere.off")
     gui.menu("File", "Recent", "Clear recent")
-    assert gui.window.documents.recent() == []
+    assert gui.window.files.recent() == []
 
 
 def test_a_mesh_is_opened_by_a_double_click_in_another_folder(gui, mesh_file, tmp_path):
@@ -366,7 +365,7 @@ def test_closing_with_unsaved_work_asks(gui, tmp_path):
     gui.session.set_parameter(alpha=3)
     gui.menu("File", "Quit")
     gui.frames(2)
-    gui.window.actions.quit()  # a second press of the window's own button
+    gui.window.actions.quit.do()  # a second press of the window's own button
     gui.click("Go back")
     gui.frames(2)
     assert not gui.window.closing
@@ -422,7 +421,7 @@ def test_the_look_of_an_opened_project_is_no_preference(state, tmp_path):
     state.set_preference("ui_scale", 1.0)
     for first in (icosphere(2), tmp_path / "dark.abfm"):
         with Driver(first) as gui:
-            gui.window.documents.open(tmp_path / "dark.abfm")
+            gui.window.files.open(tmp_path / "dark.abfm")
             opened(gui, 42)
             gui.frames(3)
             assert (gui.session.view.theme, gui.session.view.ui_scale) == ("dark", 1)
@@ -521,7 +520,7 @@ def test_bad_words_are_one_line_and_status_2(words, expected, capsys):
 
 def test_recent_files_begin_with_the_one_on_the_command_line(state, mesh_file):
     with Driver(mesh_file) as gui:
-        assert gui.window.documents.recent() == [Path(mesh_file)]
+        assert gui.window.files.recent() == [Path(mesh_file)]
         assert imgui.GetIO().DisplaySize[0] > 0
 
 
@@ -548,7 +547,7 @@ while session.obstacle:
 session.set_view("look", streaks=True)
 session.set_parameter(iterations=10 if sys.argv[1] == "streaks" else 100_000, tolerance=0)
 session.match()
-while not (session.quantities._streaks.busy if sys.argv[1] == "streaks" else session.solver.snapshot):
+while not (window.shown.quantities._streaks.busy if sys.argv[1] == "streaks" else session.solver.snapshot):
     window.frame()
 window.close()
 """
@@ -565,7 +564,7 @@ def test_closing_in_the_middle_of_work_leaves_nothing_behind(moment, tmp_path):
 def test_quitting_during_a_run_asks_and_saves_its_best_field(gui, tmp_path):
     path = tmp_path / "run.abfm"
     gui.session.set_parameter(iterations=100_000, tolerance=0.0, sigma=1e-6)
-    gui.window.documents.save(path)
+    gui.window.files.save(path)
     idle(gui)
     gui.session.match()
     gui.wait(lambda s: s.solver.run is not None and len(s.solver.run.stages) > 5)

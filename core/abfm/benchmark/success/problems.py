@@ -13,8 +13,9 @@ from abfm.benchmark.watched import LEVEL
 from abfm.calculus.geodesics import geodesic_distance
 from abfm.functions import function
 from abfm.maps.symmetry import SymmetryError, detect_symmetry
+from abfm.matching.energy.problem import Problem
 from abfm.matching.judging.resolution import RESOLVED, resolution
-from abfm.matching.judging.solvability import Problem, range_bound
+from abfm.matching.judging.solvability import different_peaks, range_bound
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -46,19 +47,8 @@ _OFF_MIRROR = 0.2  # of sqrt(area): how far a landmark is from its image
 class SuccessProblem:
     """A source and a target on a mesh, and what kind of problem they make.
 
-    Attributes
-    ----------
-    mesh_name : str
-    index : int
-        Number of the problem on its mesh.
-    mesh : TriangleMesh
-    family : one of `FAMILIES`
-    source, target : str
-        The functions, as `abfm.function` and the command line read them.
-    width : float or None
-        One of `WIDTHS`; None for families without.
-    distance : str or None
-        One of `DISTANCES`; None for families without.
+    `index` is its number on its mesh; source and target are as `abfm.function` and the command line read them. Width is
+    one of `WIDTHS` and distance one of `DISTANCES`, None for families without.
     """
 
     mesh_name: str
@@ -82,7 +72,7 @@ class SuccessProblem:
         """All that tells it from others, whether the mesh resolves it, and what is known to be in any flow's way."""
         edges = self.resolution()
         f, g = self.functions()
-        problem = Problem(self.mesh, f[None], g[None])
+        problem = Problem(self.mesh, f, g)
         least = range_bound(problem)
         return {
             "mesh": self.mesh_name,
@@ -96,7 +86,7 @@ class SuccessProblem:
             "edges_per_width": edges,
             "resolved": edges >= RESOLVED,
             "least": least,
-            "solvable": least <= LEVEL and problem.different_peaks() is None,
+            "solvable": least <= LEVEL and different_peaks(problem) is None,
         }
 
 

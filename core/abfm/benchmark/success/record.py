@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
 
+from abfm.benchmark.problem import Problem
 from abfm.benchmark.success.problems import SuccessProblem
 from abfm.benchmark.watched import LEVEL, watched_match
 from abfm.errors import AbfmError
@@ -42,21 +44,15 @@ class Record:
 
     Attributes
     ----------
-    mismatch : float
-        ``||f_tau - g|| / ||g||`` by the solver's own flow.
-    verified : float
-        The same by flow lines of the continuous field, see `abfm.verify`.
-    folded, overturned : float
-        Shares of the faces, likewise.
+    verified, folded, overturned : float
+        Mismatch by flow lines of the continuous field, and shares of the faces, see `abfm.verify`.
     iterations, evaluations : int
         Up to the last iterate, on all meshes together.
     row_products : int
         Rows of ``D_v`` multiplied by all advections and adjoints, see `abfm.flow.exponential.counted_row_products`:
         factorisations, flow lines and what else the solver does come on top.
-    seconds : float
-        Of the match on a mesh of which nothing was known; the verification here, by every vertex, is not included.
-    seconds_to_level : float
-        Until the mismatch on the mesh itself was at most `LEVEL`; inf if it never was.
+    seconds, seconds_to_level : float
+        As `Watched` has them, on a mesh of which nothing was known; the verification here is not included.
     stop_reason : str
         As `abfm.Match.stop_reason`, or "time limit", or the error.
     verdict : str
@@ -85,30 +81,20 @@ class Record:
 
 
 def run_problem(problem: SuccessProblem, parameters: Parameters, limit: float = 120.0) -> Record:
-    """Match and verify.
-
-    Parameters
-    ----------
-    problem : SuccessProblem
-    parameters : Parameters
-    limit : float
-        Seconds after which the match ends with what it has.
-    """
+    """Match and verify; after some seconds the match ends with what it has."""
     source, target = problem.functions()
     mesh = TriangleMesh(problem.mesh.vertices, problem.mesh.faces)  # nothing computed yet
     start = perf_counter()
     with counted_row_products() as products:
         try:
-            watched = watched_match(mesh, source, target, parameters, limit)
+            watched = watched_match(Problem(mesh, source, target), parameters, limit)
         except AbfmError as error:
             return Record(stop_reason=str(error), seconds=perf_counter() - start, row_products=products.count)
     found, last = watched.found, watched.last
     verified, folded, overturned = math.nan, math.nan, math.nan
-    try:
+    with suppress(AbfmError):  # of fields along which flow lines do not end
         witness = verify(problem.mesh, source, target, found.velocity, parameters.tau, subdivided=False)
         verified, folded, overturned = witness.mismatch, witness.folded, witness.overturned
-    except AbfmError:  # fields along which flow lines do not end
-        pass
     return Record(
         mismatch=found.mismatch,
         verified=verified,

@@ -10,6 +10,7 @@ from typing import Any
 from abfm.benchmark.machine import in_words
 from abfm.benchmark.success.problems import DISTANCES, FAMILIES, WIDTHS
 from abfm.benchmark.success.record import CONFIRMED, UNFOLDED
+from abfm.benchmark.tables import aligned, markdown
 from abfm.benchmark.watched import LEVEL
 
 Row = dict[str, Any]
@@ -19,17 +20,12 @@ _ARROW = " → "
 
 def format_success(report: dict[str, Any]) -> str:
     """The report of `run_success` as aligned lines of text."""
-    table = _table(report)
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    lines = ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in table]
-    return "\n".join([*lines, "", *_context(report)])
+    return "\n".join([*aligned(_table(report)), "", *_context(report)])
 
 
 def success_table(report: dict[str, Any]) -> str:
     """The report of `run_success` as a table in Markdown."""
-    header, *rows = _table(report)
-    lines = [f"| {' | '.join(row)} |" for row in (header, ("---",) * len(header), *rows)]
-    return "\n".join([*lines, "", "\n\n".join(_context(report))])
+    return "\n".join([*markdown(_table(report)), "", "\n\n".join(_context(report))])
 
 
 def _table(report: dict[str, Any]) -> list[tuple[str, ...]]:
@@ -42,13 +38,16 @@ def _table(report: dict[str, Any]) -> list[tuple[str, ...]]:
 def _groups(rows: list[Row]) -> Iterator[tuple[str, list[Row]]]:
     """Names of groups, and what is in them; those without problems are left out."""
     yield "all", rows
-    groups: list[tuple[str, dict[str, Any]]] = [("resolved", {"resolved": True})]
-    groups += [(f"distance {distance}", {"distance": distance}) for distance in DISTANCES]
-    groups += [(f"width {width:g}", {"width": width}) for width in WIDTHS]
-    groups += [(family, {"family": family}) for family in FAMILIES]
-    groups += [("solvable", {"solvable": True}), ("solvable, resolved", {"solvable": True, "resolved": True})]
-    groups += [(f"solvable, {distance}", {"solvable": True, "distance": distance}) for distance in DISTANCES]
-    for name, wanted in groups:
+    groups: dict[str, dict[str, Any]] = {
+        "resolved": {"resolved": True},
+        **{f"distance {distance}": {"distance": distance} for distance in DISTANCES},
+        **{f"width {width:g}": {"width": width} for width in WIDTHS},
+        **{family: {"family": family} for family in FAMILIES},
+        "solvable": {"solvable": True},
+        "solvable, resolved": {"solvable": True, "resolved": True},
+        **{f"solvable, {distance}": {"solvable": True, "distance": distance} for distance in DISTANCES},
+    }
+    for name, wanted in groups.items():
         group = [row for row in rows if all(row["problem"][key] == value for key, value in wanted.items())]
         if group:
             yield name, group
@@ -57,19 +56,18 @@ def _groups(rows: list[Row]) -> Iterator[tuple[str, list[Row]]]:
 def _cells(name: str, group: list[Row], versions: list[str]) -> tuple[str, ...]:
     resolved = [row for row in group if row["problem"]["resolved"]]
     records = [[row[version] for row in group] for version in versions]
-    counts = (
-        [str(sum(record["success"] for record in each)) for each in records],
-        [str(sum(row[version]["confirmed"] for row in resolved)) for version in versions],
-    )
+
+    def count(among: list[Row], key: str) -> str:
+        counts = [str(sum(row[version][key] for row in among)) for version in versions]
+        return f"{_ARROW.join(counts)} of {len(among)}"
+
     return (
         name,
-        f"{_ARROW.join(counts[0])} of {len(group)}",
-        f"{_ARROW.join(counts[1])} of {len(resolved)}",
-        _ARROW.join(_median(each, "mismatch") for each in records),
-        _ARROW.join(_median(each, "verified") for each in records),
+        count(group, "success"),
+        count(resolved, "confirmed"),
+        *(_ARROW.join(_median(each, key) for each in records) for key in ("mismatch", "verified")),
         _ARROW.join(_unfolded(each) for each in records),
-        _ratio(group, versions, "row_products"),
-        _ratio(group, versions, "seconds"),
+        *(_ratio(group, versions, cost) for cost in ("row_products", "seconds")),
     )
 
 
@@ -95,7 +93,7 @@ def _context(report: dict[str, Any]) -> list[str]:
     """What the columns mean, and where this was measured."""
     settings = report["settings"]
     versions = list(settings["versions"])
-    sums = [sum(row[version]["seconds"] for row in report["rows"]) for version in versions]
+    sums = [f"{sum(row[version]['seconds'] for row in report['rows']):.0f} s" for version in versions]
     first, last = versions[0], versions[-1]
     return [
         f"{_ARROW.join(versions)}. Succeeded: mismatch at most {LEVEL:g}. Confirmed: at most {CONFIRMED:g} by flow "
@@ -103,5 +101,5 @@ def _context(report: dict[str, Any]) -> list[str]:
         f"Unfolded: share of matches that fold at most {100 * UNFOLDED:g}% of the faces. Products, seconds: what "
         f"{first} costs over what {last} costs, median over problems in which both succeed.",
         f"{len(report['rows'])} problems on {len(settings['meshes'])} meshes, seed {settings['seed']}; "
-        f"{_ARROW.join(f'{total:.0f} s' for total in sums)} in all. {in_words(report['machine'])}.",
+        f"{_ARROW.join(sums)} in all. {in_words(report['machine'])}.",
     ]

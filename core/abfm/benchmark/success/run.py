@@ -41,9 +41,8 @@ def run_success(
     Returns
     -------
     dict
-        Only numbers, text, lists and dictionaries: ``rows``, with the ``problem`` and a record under the name of
-        every version, then ``settings`` and ``machine``. After an interruption by Ctrl-C, ``interrupted`` is true and
-        rows are those that were finished.
+        Only numbers, text, lists and dictionaries: ``rows``, with the ``problem`` and a record under the name of every
+        version, then ``settings`` and ``machine``. ``interrupted`` is true after Ctrl-C: rows are those finished.
     """
     say = tell or (lambda line: None)
     rows: list[dict[str, Any]] = []

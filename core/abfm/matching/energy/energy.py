@@ -5,22 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.channels import channels
-from abfm.calculus.operators import function_norm_matrix, vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.errors import AdvectionError, FunctionError, ParameterError
-from abfm.flow.advection import Flow
+from abfm.errors import AdvectionError, ParameterError
+from abfm.flow.advection import Advection
 from abfm.flow.derivative_pattern import clustered_pattern
 from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Workspace
 from abfm.matching.energy.bracket import BracketGradient
-from abfm.matching.energy.far_metric import FarMetric
-from abfm.matching.energy.mismatch import channel_weights, relative_mismatch, vertex_mask
-from abfm.matching.energy.regularizer import Regularizer, regularizer
+from abfm.matching.energy.problem import Problem
+from abfm.matching.energy.terms import DataTerm, RegularityTerm, data_term, regularity_term
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
 from abfm.parameters import Parameters
@@ -29,16 +26,9 @@ from abfm.types import FloatArray
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The energy at one point.
+    """The energy at one point: total and two terms, infinite where the flow overflows, and the source carried, (C, V).
 
-    Attributes
-    ----------
-    energy, regularity, mismatch : float
-        Total and its two terms; infinite where the flow overflows.
-    advected : (C, V) array
-        Source carried to the end time.
-    differentiate : callable
-        Computes the gradient; faster before than after the next evaluation of the energy.
+    To differentiate is faster before than after the next evaluation of the energy.
     """
 
     energy: float
@@ -53,29 +43,21 @@ class Evaluation:
         return self.differentiate()
 
 
-class MatchingEnergy:
+class MatchingEnergy(Problem):
     """Regularity of the fields plus mismatch of the advected source, with the exact or the paper's gradient.
 
     ``E(v) = dtau/2 sum_j v_j^T G_F D_alpha v_j + 1/(2 sigma^2) sum_c w_c dg_c^T G_V C_beta dg_c`` with
     ``dg = f_tau - g`` (Eq. 6); the mesh is scaled to unit area. A norm of second order has ``D_alpha^2``, a sigma that
-    is relative is multiplied by `function_size`, and early stages measure ``dg`` with a `reach`.
+    is relative is multiplied by `function_size`, and early stages measure ``dg`` with a `reach`: `abfm.matching.energy.
+    terms` has them all.
 
     Parameters
     ----------
-    mesh : TriangleMesh
-    f, g : (V,) or (V, C) arrays
-        Source and target.
-    parameters : Parameters
-    mask : (V,) array, optional
-        Weight of the mismatch at each vertex, not negative.
-    weights : (C,) array, optional
-        Weight of each channel's mismatch, not negative.
+    f, g, mask, weights
+        As `abfm.match` takes them.
 
     Attributes
     ----------
-    function_size : float
-        The larger of the two functions' deviations from their means, in L2 with mask and weights, all channels
-        together; 1 where both are constant.
     vertex_count : int
         Values of a function that is advected: vertices, or clusters of them.
     """
@@ -89,36 +71,27 @@ class MatchingEnergy:
         mask: ArrayLike | None = None,
         weights: ArrayLike | None = None,
     ) -> None:
-        self.mesh = mesh.normalized()
+        super().__init__(mesh.normalized(), f, g, mask, weights)
         self.length_scale = mesh.length_scale
         self.parameters = parameters
-        self.source, self.target = channels(mesh, f, "source"), channels(mesh, g, "target")
-        if len(self.source) != len(self.target):
-            raise FunctionError(
-                f"source has {len(self.source)} and target {len(self.target)} channels; give as many of each"
-            )
-        self.mask = vertex_mask(mesh, mask)
-        self.weights = channel_weights(weights, len(self.source))
-        self.metric = function_norm_matrix(self.mesh, parameters.beta, self.mask)
-        self._regularizers = {parameters.alpha: regularizer(self.mesh, parameters.alpha, parameters.order)}
-        self._areas = vertex_areas(self.mesh) if self.mask is None else vertex_areas(self.mesh) * self.mask
-        self.function_size = max(self._deviation(self.source), self._deviation(self.target)) or 1.0
         self.shape = (parameters.segments, len(mesh.faces), 2)
         self.step = parameters.tau / parameters.segments
         self.vertex_count = len(mesh.vertices)
         self._clustered = False
         self._workspace = Workspace(len(mesh.vertices))
-        self._far_metrics: dict[float, FarMetric] = {}
+        self._regularizers = {parameters.alpha: regularity_term(self.mesh, parameters, parameters.alpha)}
+        self._data_terms = {0.0: data_term(self, parameters, 0.0)}
 
     def __call__(self, velocity: ArrayLike) -> tuple[float, FloatArray]:
         """Value, and Euclidean gradient (N, F, 3), at fields (N, F, 3) on the mesh scaled to unit area."""
         result = self.evaluate(to_frame(self.mesh, check_fields(velocity, self.shape)), self.parameters.sigma)
         return result.energy, to_ambient(self.mesh, result.gradient)
 
-    def flow(self, fields: FloatArray, tolerance: float = TOLERANCE) -> Flow:
+    def flow(self, fields: FloatArray, tolerance: float = TOLERANCE) -> Advection:
         """The flow of frame coefficients (N, F, 2)."""
-        linearised = self.parameters.method == "linearised"
-        return Flow(self.mesh, fields, self.parameters.tau, linearised, self._workspace, tolerance, self._clustered)
+        p = self.parameters
+        linearised = p.method == "linearised"
+        return Advection(self.mesh, fields, p.tau, linearised, self._workspace, tolerance, self._clustered)
 
     def evaluate(
         self,
@@ -131,8 +104,8 @@ class MatchingEnergy:
     ) -> Evaluation:
         """Energy and gradient at frame coefficients (N, F, 2), with ``sigma`` and ``alpha`` for the parameters'.
 
-        With a ``reach`` the mismatch is measured by a `FarMetric`; a ``target`` (C, V) takes the place of g;
-        ``tolerance`` truncates the advection, and the gradient is that of the truncated sum.
+        A ``reach`` is that of the data term; a ``target`` (C, V) takes the place of g; ``tolerance`` truncates the
+        advection, and the gradient is that of the truncated sum.
         """
         apply = self.regularizer(alpha).apply
         momentum = self.step * np.stack([apply(v) for v in fields])
@@ -146,11 +119,9 @@ class MatchingEnergy:
 
     def mismatch_energy(self, advected: FloatArray, sigma: float) -> float:
         """The second term of the energy for a source (C, V) that was carried by whatever means."""
-        difference = advected - self.target
-        size = sum(
-            w * kernels.inner(kernels.product(self.metric, d), d) for w, d in zip(self.weights, difference, strict=True)
-        )
-        return float(0.5 * size / self.sigma(sigma) ** 2)
+        value_and_residual = self.data_term(0.0).value_and_residual
+        values = [value_and_residual(*each)[0] for each in zip(advected, self.target, self.weights, strict=True)]
+        return float(sum(values) / self.sigma(sigma) ** 2)
 
     def sigma(self, sigma: float) -> float:
         """The sigma of the energy, in the functions' unit, for one as the parameters give it."""
@@ -164,7 +135,7 @@ class MatchingEnergy:
         energy._workspace = Workspace(energy.vertex_count)
         return energy
 
-    def regularizer(self, alpha: float | None = None) -> Regularizer:
+    def regularizer(self, alpha: float | None = None) -> RegularityTerm:
         """The norm of fields, with the parameters' alpha or another one.
 
         The latest other one is kept: on a large mesh the factors of each take hundreds of megabytes.
@@ -174,38 +145,33 @@ class MatchingEnergy:
         if alpha not in self._regularizers:
             for other in self._regularizers.keys() - {usual}:
                 del self._regularizers[other]
-            self._regularizers[alpha] = Regularizer(self.mesh, alpha, self.parameters.order)
+            self._regularizers[alpha] = regularity_term(self.mesh, self.parameters, alpha)
         return self._regularizers[alpha]
 
-    def far_metric(self, reach: float) -> FarMetric:
-        """The norm of early stages, scaled so that the mismatch of source and target keeps its L2 energy."""
-        if reach not in self._far_metrics:
-            self._far_metrics[reach] = FarMetric(self.mesh, self._areas, reach, self.source - self.target, self.weights)
-        return self._far_metrics[reach]
-
-    def _deviation(self, functions: FloatArray) -> float:
-        means = functions @ self._areas / self._areas.sum()
-        return float(np.sqrt(self.weights @ ((functions - means[:, None]) ** 2 @ self._areas)))
+    def data_term(self, reach: float) -> DataTerm:
+        """What measures the mismatch, of early stages with a reach."""
+        if reach not in self._data_terms:
+            self._data_terms[reach] = data_term(self, self.parameters, reach)
+        return self._data_terms[reach]
 
     def _mismatch(
         self, fields: FloatArray, sigma: float, reach: float, target: FloatArray | None, tolerance: float
     ) -> tuple[float, FloatArray, Callable[[], FloatArray]]:
         flow = self.flow(fields, tolerance)
-        measure = self.far_metric(reach) if reach else partial(kernels.product, self.metric)
+        value_and_residual = self.data_term(reach).value_and_residual
         target = self.target if target is None else target
-        advected = np.empty_like(self.source)
+        advected, residuals = np.empty_like(self.source), np.empty_like(self.source)
         mismatch = 0.0
         by_bracket = self.parameters.gradient == "bracket" and self.parameters.method == "nonlinear"
-        residuals = np.empty_like(self.source)
         trajectories = []
         for c, f in enumerate(self.source):
             trajectories.append(flow.forward(f, keep=not by_bracket))
             advected[c] = trajectories[c][-1].end
             if not np.isfinite(advected[c]).all():
                 raise AdvectionError("the advected function overflows")
-            difference = advected[c] - target[c]
-            residuals[c] = self.weights[c] / self.sigma(sigma) ** 2 * measure(difference)
-            mismatch += 0.5 * kernels.inner(residuals[c], difference)
+            weight = self.weights[c] / self.sigma(sigma) ** 2
+            value, residuals[c] = value_and_residual(advected[c], target[c], weight)
+            mismatch += value
 
         def differentiate() -> FloatArray:
             if by_bracket:
@@ -217,7 +183,7 @@ class MatchingEnergy:
 
         return mismatch, advected, differentiate
 
-    def _bracket_gradient(self, fields: FloatArray, flow: Flow, residuals: FloatArray) -> FloatArray:
+    def _bracket_gradient(self, fields: FloatArray, flow: Advection, residuals: FloatArray) -> FloatArray:
         p = self.parameters
         starts = [[trajectory.segments[0].start for trajectory in flow.forward(f)] for f in self.source]
         gradient = np.empty(self.shape)
@@ -244,22 +210,11 @@ class MatchingEnergy:
         except AdvectionError:
             return np.full_like(self.source, np.nan)
 
-    def relative_mismatch(self, advected: FloatArray) -> float:
-        """``||f_tau - g|| / ||g||`` in L2 over all channels (C, V), with mask and weights; ``||f||`` where g is 0."""
-        return relative_mismatch(self.mesh, advected, self.target, self.source, self.mask, self.weights)
-
-    def relative_norm(self, functions: FloatArray) -> float:
-        """Norm of functions (C, V) over that of g, as `relative_mismatch` measures."""
-        return self.relative_mismatch(functions + self.target)
-
 
 def check_fields(velocity: ArrayLike, shape: tuple[int, int, int], name: str = "velocity") -> FloatArray:
     """Fields as (N, F, 3), for the shape (N, F, 2) of the unknowns; one field may come as (F, 3).
 
-    Raises
-    ------
-    ParameterError
-        If the shape is another one or a value is not finite.
+    Raises a ParameterError if the shape is another one or a value is not finite.
     """
     field = np.asarray(velocity, dtype=np.float64)
     expected = (*shape[:2], 3)

@@ -16,7 +16,7 @@ from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import flow_map
 from abfm.maps.surface_points import pull_back
 from abfm.matching.energy.energy import Evaluation, MatchingEnergy
-from abfm.matching.judging.resolution import resolution
+from abfm.matching.judging.resolution import narrowest
 from abfm.matching.judging.verdict import NEARLY
 from abfm.types import FloatArray
 
@@ -36,14 +36,7 @@ class Best(NamedTuple):
 class Confirmation(NamedTuple):
     """What flow lines say of fields; all inf for fields that are too fast.
 
-    Attributes
-    ----------
-    mismatch : float
-        Over the norm of g.
-    energy : float
-        With a sigma.
-    left : float
-        The mismatch in the unit of sigma.
+    The mismatch over the norm of g, the energy with a sigma, and the mismatch that is left in the unit of sigma.
     """
 
     mismatch: float
@@ -75,18 +68,13 @@ def is_walked(energy: MatchingEnergy) -> bool:
 
 def is_resolved(energy: MatchingEnergy) -> bool:
     """Whether the mesh carries the functions at all; where it does not, flow lines leave much in any case."""
-    counting = energy.weights > 0
-    functions = np.concatenate([energy.source[counting], energy.target[counting]])
-    return resolution(energy.mesh, functions.T) >= _EDGES
+    return narrowest(energy) >= _EDGES
 
 
 def by_flow_lines(energy: MatchingEnergy, x: FloatArray, between: Callable[[], None]) -> FloatArray:
     """The source carried along the continuous fields, (C, V).
 
-    Raises
-    ------
-    ParameterError
-        If the fields lead over too many faces.
+    Raises a ParameterError if the fields lead over too many faces.
     """
     fields = to_ambient(energy.mesh, x)
     points = flow_map(energy.mesh, fields, energy.parameters.tau, backwards=True, between=between)

@@ -50,17 +50,11 @@ def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
 
 
 def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
-    """Number of peaks and pits of a function (V,) that stand out by a share of its range; of a constant 0 and 0.
-
-    Parameters
-    ----------
-    share : float
-        Least persistence, as a fraction of ``max f - min f``, 0 to 1.
-    """
+    """Number of peaks and pits of a function (V,) that stand out by a share of its range; of a constant 0 and 0."""
     return _count(_both(mesh, f), share * float(np.ptp(f)))
 
 
-def different_peaks(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> tuple[Extrema, Extrema] | None:
+def peaks_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> tuple[Extrema, Extrema] | None:
     """Peaks and pits of two functions (V,) where they differ beyond doubt, else None.
 
     Beyond doubt: one has more that stand out by 0.3 of the larger range than the other has by 0.1 of it. Then every
@@ -92,7 +86,8 @@ def _deaths(edges: IndexArray, rank: IndexArray) -> IndexArray:
     """Rank at which the peak at each rank meets a higher one, (V,); rank 0 is the highest vertex.
 
     A vertex that is no peak meets a higher one at its own rank; the highest peak lasts to the end. Edges (E, 2) are
-    looked at in the order of their lower ends; components of what is above are kept by their highest ranks.
+    looked at in the order of their lower ends; components of what is above are kept by their highest ranks. SciPy's
+    components of a graph would not tell when they meet.
     """
     size = rank.size
     starts = np.zeros(size + 1, dtype=np.int64)

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import edge_areas
+from abfm.matching.energy.problem import Problem
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -17,7 +18,7 @@ _CONSTANT = 1e-9  # a range so small against the values is rounding
 
 
 def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
-    """How many edges the narrow features of a function span; of several channels the least, inf for constants.
+    """How many edges the narrow features of a function (V,) or (V, C) span, at least; inf for constants.
 
     Half the function's range over its change along an edge: over that which the function exceeds on a quarter of its
     variation ``int |grad f|^2``. That makes it the width over the edge length, to within 15 percent, of a Gaussian
@@ -26,16 +27,18 @@ def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
     bumps that are much lower do not count. Only changes along edges matter: adding constants, scaling the function and
     scaling the mesh change nothing.
 
-    Parameters
-    ----------
-    f : (V,) or (V, C) array
-
     Raises
     ------
     FunctionError
         If ``f`` does not fit the mesh.
     """
     return min(_of_channel(mesh, channel) for channel in channels(mesh, f, "f"))
+
+
+def narrowest(problem: Problem) -> float:
+    """`resolution` of source and target, of the channels that count."""
+    counting = problem.weights > 0
+    return resolution(problem.mesh, np.concatenate([problem.source[counting], problem.target[counting]]).T)
 
 
 def _of_channel(mesh: TriangleMesh, f: FloatArray) -> float:

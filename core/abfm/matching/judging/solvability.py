@@ -7,13 +7,10 @@ not tell.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from abfm.calculus.operators import l2_norm, vertex_areas
-from abfm.matching.judging.peaks import Extrema, different_peaks
-from abfm.mesh import TriangleMesh
+from abfm.matching.energy.problem import Problem
+from abfm.matching.judging.peaks import Extrema, peaks_apart
 from abfm.types import FloatArray, IntArray
 
 VANISHED = 0.2
@@ -31,100 +28,58 @@ Of the same matches all that moved had changed by 0.4 or more after five iterati
 _EQUAL = 1e-9  # of the largest value: a smaller range is a constant
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """A source f and a target g, and where and how much their mismatch counts.
+def vanished(problem: Problem, advected: FloatArray) -> bool:
+    """Whether the flow squeezed the source to nothing (C, V), though the target is not flat."""
+    least = min(problem.deviation(problem.source), problem.deviation(problem.target))
+    return problem.deviation(advected) < VANISHED * least
 
-    Attributes
-    ----------
-    mesh : TriangleMesh
-    source, target : (C, V) arrays
-    mask : (V,) array or None
-        Weight of the mismatch at each vertex, not negative. Values of the source may come from where it is 0.
-    weights : (C,) array or None
-        Weight of each channel's mismatch, not negative.
+
+def stood_still(problem: Problem, advected: FloatArray) -> bool:
+    """Whether the flow left the source where it was, though the target is elsewhere."""
+    return problem.norm(advected - problem.source) < STILL * problem.norm(problem.source - problem.target)
+
+
+def distance(problem: Problem) -> float:
+    """How far the source has to go, in sqrt(area): between the centres of what it has too much and too little of.
+
+    Straight through space, of the channel where it is most; 0 where nothing is too much, or nothing too little.
     """
+    excess = (problem.source - problem.target)[_counting(problem)] * problem.areas
+    more, less = np.maximum(excess, 0), np.maximum(-excess, 0)
+    known = (more.sum(axis=1) > 0) & (less.sum(axis=1) > 0)
+    if not known.any():
+        return 0.0
+    mesh = problem.mesh
+    here, there = (part @ mesh.vertices / part.sum(axis=1)[:, None] for part in (more[known], less[known]))
+    return float(np.linalg.norm(here - there, axis=1).max()) / mesh.length_scale
 
-    mesh: TriangleMesh
-    source: FloatArray
-    target: FloatArray
-    mask: FloatArray | None = None
-    weights: FloatArray | None = None
 
-    def norm(self, functions: FloatArray) -> float:
-        """L2 norm over channels (C, V), with mask and weights."""
-        root = np.ones(len(functions)) if self.weights is None else np.sqrt(self.weights)
-        return l2_norm(self.mesh, (root[:, None] * functions).T, self.mask)
+def source_is_constant(problem: Problem) -> bool:
+    """Whether every channel that counts has one value all over the surface."""
+    return _constant(problem.source[_counting(problem)])
 
-    def mismatch(self, functions: FloatArray) -> float:
-        """``||functions - g|| / ||g||``, as the solver has it: ``||f||``, or 1, in place of 0."""
-        scale = self.norm(self.target) or self.norm(self.source) or 1.0
-        return self.norm(functions - self.target) / scale
 
-    def deviation(self, functions: FloatArray) -> float:
-        """Norm of channels (C, V) less the mean of each, by the mask."""
-        areas = self._areas()
-        return self.norm(functions - (functions @ areas / areas.sum())[:, None])
+def target_is_constant(problem: Problem) -> bool:
+    """Whether every channel that counts has one value wherever the mask is above 0."""
+    return _constant(problem.target[_counting(problem)][:, problem.areas > 0])
 
-    def vanished(self, advected: FloatArray) -> bool:
-        """Whether the flow squeezed the source to nothing, though the target is not flat."""
-        least = min(self.deviation(self.source), self.deviation(self.target))
-        return self.deviation(advected) < VANISHED * least
 
-    def stood_still(self, advected: FloatArray) -> bool:
-        """Whether the flow left the source where it was, though the target is elsewhere."""
-        return self.norm(advected - self.source) < STILL * self.norm(self.source - self.target)
+def worst_channel(problem: Problem) -> int:
+    """The channel whose target has most that the source has no values for."""
+    return int(np.argmax((within_range(problem) - problem.target) ** 2 @ problem.areas * problem.weights))
 
-    def distance(self) -> float:
-        """How far the source has to go, in sqrt(area): between the centres of what it has too much and too little of.
 
-        Straight through space, of the channel where it is most; 0 where nothing is too much, or nothing too little.
-        """
-        excess = (self.source - self.target)[self._counting()] * self._areas()
-        more, less = np.maximum(excess, 0), np.maximum(-excess, 0)
-        known = (more.sum(axis=1) > 0) & (less.sum(axis=1) > 0)
-        if not known.any():
-            return 0.0
-        here, there = (part @ self.mesh.vertices / part.sum(axis=1)[:, None] for part in (more[known], less[known]))
-        return float(np.linalg.norm(here - there, axis=1).max()) / self.mesh.length_scale
+def different_peaks(problem: Problem) -> tuple[int, Extrema, Extrema] | None:
+    """The first channel that counts whose source and target differ in their peaks or pits, and how many each has.
 
-    def source_is_constant(self) -> bool:
-        """Whether every channel that counts has one value all over the surface."""
-        return _constant(self.source[self._counting()])
-
-    def target_is_constant(self) -> bool:
-        """Whether every channel that counts has one value wherever the mask is above 0."""
-        return _constant(self.target[self._counting()][:, self._areas() > 0])
-
-    def worst_channel(self) -> int:
-        """The channel whose target has most that the source has no values for."""
-        missing = (within_range(self) - self.target) ** 2 @ self._areas()
-        return int(np.argmax(missing if self.weights is None else missing * self.weights))
-
-    def target_range(self, channel: int) -> tuple[float, float]:
-        """Least and largest value of a channel of the target where the mask is above 0."""
-        values = self.target[channel, self._areas() > 0]
-        return float(values.min()), float(values.max())
-
-    def different_peaks(self) -> tuple[int, Extrema, Extrema] | None:
-        """The first channel that counts whose source and target differ in their peaks or pits, and how many each has.
-
-        None where they do not, or where a mask leaves vertices out, which may hide peaks of the target.
-        """
-        if not (self._areas() > 0).all():
-            return None
-        for channel in self._counting():
-            found = different_peaks(self.mesh, self.source[channel], self.target[channel])
+    None where they do not, or where a mask leaves vertices out, which may hide peaks of the target.
+    """
+    if (problem.areas > 0).all():
+        for channel in _counting(problem):
+            found = peaks_apart(problem.mesh, problem.source[channel], problem.target[channel])
             if found is not None:
                 return int(channel), *found
-        return None
-
-    def _areas(self) -> FloatArray:
-        areas = vertex_areas(self.mesh)
-        return areas if self.mask is None else areas * self.mask
-
-    def _counting(self) -> IntArray:
-        return np.arange(len(self.source)) if self.weights is None else np.flatnonzero(self.weights)
+    return None
 
 
 def within_range(problem: Problem) -> FloatArray:
@@ -139,7 +94,12 @@ def range_bound(problem: Problem) -> float:
 
     What a flow carries has only values of the source, so ``|f_tau - g| >= |clip(g, min f, max f) - g|`` everywhere.
     """
-    return problem.mismatch(within_range(problem))
+    return problem.relative_mismatch(within_range(problem))
+
+
+def _counting(problem: Problem) -> IntArray:
+    """Channels whose weight is not 0."""
+    return np.flatnonzero(problem.weights)
 
 
 def _constant(functions: FloatArray) -> bool:

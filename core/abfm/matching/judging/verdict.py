@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
+from abfm.matching.energy.problem import Problem
+from abfm.matching.judging import solvability
 from abfm.matching.judging.peaks import Extrema
-from abfm.matching.judging.solvability import Problem, range_bound
 from abfm.matching.schedule import MATCHED
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
@@ -21,10 +22,7 @@ CONFIRMED = 2.0
 """Flow lines confirm a mismatch if they leave at most this many times as much: 0.1 of a match, 0.3 of a near one."""
 FOLDED = 0.1
 """Share of folded faces beyond which the map of a flow is not to be trusted; an exact flow folds none."""
-RESOLVED = 2.0
-"""Edges per width of a function below which the mesh does not carry it."""
 
-_MOVING = 10  # iterations after which whatever will move has moved
 _RECENT, _FALLING = 10, 0.01  # an energy still falls that has fallen by this share within so many iterations
 _FURTHER = 3.0  # how much larger or smaller a parameter is advised
 _USUAL_ALPHA = 0.02  # advised in place of 0
@@ -39,16 +37,12 @@ class Outcome:
     ----------
     advected : (C, V) array
         Source carried to tau.
-    mismatch : float
-        ``||f_tau - g|| / ||g||`` of the discrete flow.
+    mismatch, verified : float
+        ``||f_tau - g|| / ||g||`` of the discrete flow, and where flow lines carry the source; NaN if unknown.
     stop_reason : str
         "converged", "iteration limit", "line search failed" or "cancelled".
-    verified : float
-        The same mismatch where flow lines carry the source; NaN if unknown.
     folded : float
         Share of the faces, 0 to 1, that the flow's map turns over; NaN if unknown.
-    edges_per_width : float
-        Width of the narrower function, in edges of the mesh; NaN if unknown.
     energies : (n,) array or None
         Energy of each iterate of the last stage, to tell whether it still fell; None counts as falling.
     unmatched : float
@@ -60,7 +54,6 @@ class Outcome:
     stop_reason: str
     verified: float = math.nan
     folded: float = math.nan
-    edges_per_width: float = math.nan
     energies: FloatArray | None = None
     unmatched: float = math.nan
 
@@ -71,12 +64,11 @@ class Verdict:
 
     Attributes
     ----------
-    kind : "matched", "nearly", "not reached" or "impossible"
+    kind : str
         Impossible: no flow would do. Not reached: not by this flow, which may still be worth having.
-    reason : str
-        The first and the last mismatch, and what they mean: one line without a full stop.
-    advice : str
-        What to try, likewise; empty where nothing is needed.
+    reason, advice : str
+        The first and the last mismatch, and what they mean; and what to try, empty where nothing is needed. Each is one
+        line without a full stop.
     """
 
     kind: Kind
@@ -94,51 +86,30 @@ def advice(problem: Problem, outcome: Outcome, parameters: Parameters) -> Verdic
     return case.impossible() or case.unconfirmed() or case.by_size() or case.not_reached()
 
 
-def early_warning(problem: Problem, advected: FloatArray, iteration: int) -> str | None:
-    """What looks wrong while a match runs, in one line without a full stop; None where nothing does.
-
-    A source that vanishes may come back in a later stage of cooling, but mostly does not.
-
-    Parameters
-    ----------
-    advected : (C, V) array
-        Source carried to tau by the fields so far.
-    iteration : int
-        Iterations so far; that a source stands still is not told before the tenth.
-    """
-    if problem.mismatch(advected) <= NEARLY:
-        return None
-    if problem.vanished(advected):
-        return "the source is being squeezed to nothing instead of moved: it may be too far from the target"
-    if iteration >= _MOVING and problem.stood_still(advected):
-        return "the source hardly moves: it may be too far from the target, or sigma too large"
-    return None
-
-
 class _Case:
     """A match under the rules, each of which gives a verdict or None."""
 
     def __init__(self, problem: Problem, outcome: Outcome, parameters: Parameters) -> None:
         self.problem, self.outcome, self.parameters = problem, outcome, parameters
-        self.bound = range_bound(problem)
+        self.bound = solvability.range_bound(problem)
         self.true_mismatch = max(outcome.mismatch, self.bound)
-        self.first = problem.mismatch(problem.source)
+        self.first = problem.relative_mismatch(problem.source)
         self.known = not math.isnan(outcome.verified)
         self.raised = outcome.unmatched > parameters.sigma
 
     @cached_property
     def different_peaks(self) -> tuple[int, Extrema, Extrema] | None:
-        return self.problem.different_peaks()
+        return solvability.different_peaks(self.problem)
 
     def impossible(self) -> Verdict | None:
         """Values that the source lacks, or cannot lose; functions that were alike from the start are no such case."""
-        problem = self.problem
         if max(self.first, self.outcome.mismatch) <= MATCHED:
             return None
-        if problem.source_is_constant() and not problem.target_is_constant():
+        flat, to_flat = solvability.source_is_constant(self.problem), solvability.target_is_constant(self.problem)
+        if flat and not to_flat:
             why = "the source is constant, and no flow changes that"
             return self._verdict("impossible", why, "take a source that has the target's values")
-        if problem.target_is_constant() and not problem.source_is_constant():
+        if to_flat and not flat:
             why = "the target is constant and the source is not, and a flow keeps every value of the source"
             return self._verdict("impossible", why, "take a target that has the source's values in other places")
         if self.bound > NEARLY:
@@ -154,7 +125,7 @@ class _Case:
             if self.different_peaks:
                 return self._of_peaks()
             why = f"the flow lines confirm only {verified:.2g}, so the discrete flow is not one here"
-            return self._unresolved() or self._verdict("not reached", why, self._smoother())
+            return self._verdict("not reached", why, self._smoother())
         if folded > FOLDED and not self.known:
             return self._verdict("not reached", f"{self._folds()}, which no flow does", self._smoother())
         return None
@@ -179,19 +150,17 @@ class _Case:
     def not_reached(self) -> Verdict:
         """The most telling cause of a mismatch that is large."""
         problem, outcome = self.problem, self.outcome
-        if problem.vanished(outcome.advected):
+        if solvability.vanished(problem, outcome.advected):
             why = "the flow squeezed the source to nothing instead of moving it, as nothing led it to the target"
             return self._verdict("not reached", why, self._further())
         if outcome.stop_reason == "cancelled":
             return self._verdict("not reached", "it was cancelled", "go on from this field")
-        if problem.stood_still(outcome.advected):
+        if solvability.stood_still(problem, outcome.advected):
             more = f"; {self._more_iterations()}" if self._still_falls() else ""
             why = "the source hardly moved, as moving costs more smoothness than it gains"
             return self._verdict("not reached", why, f"{self._smaller('sigma')}; or {self._further()}{more}")
         if self.different_peaks:
             return self._of_peaks()
-        if unresolved := self._unresolved():
-            return unresolved
         if self._still_falls():
             return self._verdict("not reached", "it was still falling", self._more_iterations())
         if outcome.stop_reason == "line search failed":
@@ -202,16 +171,13 @@ class _Case:
 
     def _verdict(self, kind: Kind, why: str, advised: str) -> Verdict:
         before, after = f"{self.first:.2g}", f"{self.outcome.mismatch:.2g}"
-        if before == after:
-            change = f"the mismatch stayed at {after}"
-        else:
-            change = f"the mismatch {'fell' if self.outcome.mismatch < self.first else 'rose'} from {before} to {after}"
+        moved = f"{'fell' if self.outcome.mismatch < self.first else 'rose'} from {before} to"
+        change = f"the mismatch {'stayed at' if before == after else moved} {after}"
         if self.known:
             change += f" ({self.outcome.verified:.2g} by flow lines)"
         if self.raised:
-            change += (
-                f" with sigma raised to {self.outcome.unmatched:.2g}, which is what smooth flows leave of the functions"
-            )
+            unmatched = f"{self.outcome.unmatched:.2g}"
+            change += f" with sigma raised to {unmatched}, which is what smooth flows leave of the functions"
         return Verdict(kind, f"{change}: {why}" if why else change, advised)
 
     def _of_peaks(self, kind: Kind = "not reached") -> Verdict:
@@ -220,18 +186,11 @@ class _Case:
         why = f"{self._of(channel)}the source has {here}, the target {there}, and flows neither split nor join them"
         return self._verdict(kind, why, "expect a match in part, or smooth the function that has more of them")
 
-    def _unresolved(self) -> Verdict | None:
-        if not self.outcome.edges_per_width < RESOLVED:
-            return None
-        why = f"the functions are only {self.outcome.edges_per_width:.2g} edges of the mesh wide"
-        return self._verdict("not reached", why, f"a finer mesh, or functions at least {RESOLVED:g} edges wide")
-
     def _missing_values(self) -> str:
-        channel = self.problem.worst_channel()
-        low, high = self.problem.target_range(channel)
-        source = self.problem.source[channel]
+        channel = solvability.worst_channel(self.problem)
+        source, target = self.problem.source[channel], self.problem.target[channel, self.problem.areas > 0]
         return (
-            f"{self._of(channel)}the target has values from {low:.3g} to {high:.3g}, the source from "
+            f"{self._of(channel)}the target has values from {target.min():.3g} to {target.max():.3g}, the source from "
             f"{source.min():.3g} to {source.max():.3g}, and no flow changes values: {self.bound:.2g} is the least left"
         )
 
@@ -254,9 +213,8 @@ class _Case:
 
     def _further(self) -> str:
         """What leads a source to a target that is far away."""
-        reach = getattr(self.parameters, "reach", None)  # not every version has one
-        needed = max(self.problem.distance(), _NEAR)
-        if reach is not None and reach < needed:
+        needed = max(solvability.distance(self.problem), _NEAR)
+        if self.parameters.reach < needed:
             return f"a larger reach, such as {needed:.2g} of sqrt(area)"
         return "wider functions that overlap, or targets in between, each match started from the last one's field"
 
@@ -267,19 +225,18 @@ class _Case:
         alpha = f", or {self._smaller('alpha')}" if self.parameters.alpha else ""
         sigma = self._smaller("sigma")
         if self.raised:
-            size = max(self.problem.deviation(self.problem.source), self.problem.deviation(self.problem.target))
-            sigma = f"an absolute sigma, which is never raised, such as {self._sigma / _FURTHER * size:.2g}"
+            size = self.outcome.unmatched / _FURTHER * self.problem.function_size
+            sigma = f"an absolute sigma, which is never raised, such as {size:.2g}"
         return f"to come closer with a rougher field, {sigma}{alpha}"
 
     def _larger(self, name: Literal["alpha", "sigma"]) -> str:
-        value = self._sigma if name == "sigma" else self.parameters.alpha
-        return f"a larger {name}, such as {_FURTHER * value or _USUAL_ALPHA:.2g}"
+        return f"a larger {name}, such as {_FURTHER * self._last(name) or _USUAL_ALPHA:.2g}"
 
     def _smaller(self, name: Literal["alpha", "sigma"]) -> str:
-        value = self._sigma if name == "sigma" else self.parameters.alpha
-        return f"a smaller {name}, such as {value / _FURTHER:.2g}"
+        return f"a smaller {name}, such as {self._last(name) / _FURTHER:.2g}"
 
-    @property
-    def _sigma(self) -> float:
-        """The last one that the match had."""
+    def _last(self, name: Literal["alpha", "sigma"]) -> float:
+        """What the match had in the end."""
+        if name == "alpha":
+            return self.parameters.alpha
         return self.outcome.unmatched if self.raised else self.parameters.sigma

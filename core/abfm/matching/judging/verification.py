@@ -19,22 +19,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.channels import channels
 from abfm.calculus.operators import face_frames
-from abfm.calculus.vector_fields import to_frame
-from abfm.errors import AdvectionError, FunctionError, MeshError
-from abfm.flow.advection import Flow
+from abfm.errors import AdvectionError, MeshError
 from abfm.flow.continuous_flow import flow_map
-from abfm.flow.exponential import Workspace
+from abfm.flow.flow import Flow
 from abfm.flow.flow_lines import fields_in_a_row
 from abfm.flow.smooth_flow import smooth_flow
 from abfm.maps.folds import MOST, folds
 from abfm.maps.surface_points import SurfacePoints, pull_back, vertex_points
-from abfm.matching.energy.mismatch import channel_weights, relative_mismatch, vertex_mask
-from abfm.matching.judging.resolution import RESOLVED, resolution
+from abfm.matching.energy.problem import Problem, relative_mismatch
+from abfm.matching.judging.resolution import RESOLVED, narrowest
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated
 from abfm.mesh.subdivision import subdivided as subdivided_mesh
+from abfm.parameters import Method
 from abfm.types import FloatArray, IntArray
 
 SUBDIVIDED_LIMIT = 200_000
@@ -57,12 +55,10 @@ class Verification:
     subdivided : float
         The same by the matrix exponential of the continuous fields on the midpoint subdivision, with f and g
         interpolated; inf where it overflows or would take very long, NaN where it was not asked.
-    folded : float
-        Share of the faces, by number, that the inverse flow folds: see `folds.folds`. The flow of a continuous
-        field tears nothing, so this is small even for rough fields.
-    overturned : float
-        Share of the faces whose three carried vertices alone look turned over: what the vertex-to-vertex map does.
-        Several percent where a smooth flow stretches much, tens of percent where the field is noise.
+    folded, overturned : float
+        Shares of the faces that the inverse flow folds, and whose carried vertices alone look turned over, see
+        `folds.folds`. The first is small even for rough fields, as the flow of a continuous field tears nothing; the
+        second several percent where a smooth flow stretches much, tens of percent where the field is noise.
     resolution : float
         How many edges the narrow features of source and target span, mask or not (`resolution.resolution`).
     """
@@ -118,30 +114,21 @@ def verify(
     weights: ArrayLike | None = None,
     linearised: bool = False,
     subdivided: bool = True,
-    between: Callable[[], None] | None = None,
 ) -> Verification:
     """Ask independent witnesses whether fields carry a source to a target.
 
     Parameters
     ----------
-    mesh : TriangleMesh
-    source, target : (V,) or (V, C) arrays
+    source, target, mask, weights
+        As `abfm.match` takes them.
     velocity : (N, F, 3) or (F, 3) array
         Tangent fields in a row, each for ``tau / N``, in the mesh's length unit per unit of time, such as
         ``match.velocity``.
-    tau : float
-        End time.
-    mask : (V,) array, optional
-        Weight of the mismatch at each vertex, not negative.
-    weights : (C,) array, optional
-        Weight of each channel's mismatch, not negative.
     linearised : bool
         On the subdivided mesh take the linearised steps ``id - tau / N D_v`` instead of the exponentials.
     subdivided : bool
         Whether to ask on the subdivided mesh, which takes most of the time. Above `SUBDIVIDED_LIMIT` vertices it is
         not asked.
-    between : callable, optional
-        Called again and again in this thread; what it raises ends the work.
 
     Raises
     ------
@@ -149,68 +136,39 @@ def verify(
         If an array or ``tau`` does not fit, or the fields lead over too many faces, see
         `abfm.flow.continuous_flow.flow_map`.
     """
-    f, g = channels(mesh, source, "source"), channels(mesh, target, "target")
-    if len(f) != len(g):
-        raise FunctionError(f"source has {len(f)} and target {len(g)} channels; give as many of each")
-    of_vertices, of_channels = vertex_mask(mesh, mask), channel_weights(weights, len(f))
-    fields = np.stack(fields_in_a_row(mesh, velocity))
-    everywhere = np.arange(len(mesh.faces))
-    lines, folded, overturned = _by_flow_lines(
-        mesh, f, g, fields, tau, of_vertices, of_channels, everywhere, MOST, between
-    )
+    problem = Problem(mesh, source, target, mask, weights)
+    fields = fields_in_a_row(mesh, velocity)
+    lines, folded, overturned = _by_flow_lines(problem, fields, tau, np.arange(len(mesh.faces)), MOST)
     on_fine = np.nan
     if subdivided and len(mesh.vertices) <= SUBDIVIDED_LIMIT:
-        on_fine = _on_subdivided(mesh, f, g, fields, tau, of_vertices, of_channels, linearised, between)
-    used = of_channels > 0
-    return Verification(
-        flow_lines=lines,
-        subdivided=on_fine,
-        folded=folded,
-        overturned=overturned,
-        resolution=resolution(mesh, np.concatenate([f[used], g[used]]).T),
-    )
+        on_fine = _on_subdivided(problem, fields, tau, "linearised" if linearised else "nonlinear")
+    return Verification(lines, on_fine, folded, overturned, narrowest(problem))
 
 
 def look(
-    mesh: TriangleMesh,
-    source: FloatArray,
-    target: FloatArray,
-    velocity: FloatArray,
-    tau: float,
-    mask: FloatArray | None,
-    weights: FloatArray,
-    between: Callable[[], None] | None = None,
+    problem: Problem, velocity: FloatArray, tau: float, between: Callable[[], None] | None = None
 ) -> tuple[float, float]:
-    """`Verification.flow_lines` and `Verification.folded`, for arrays that are known to fit, in less time.
+    """`Verification.flow_lines` and `Verification.folded`, for fields (N, F, 3) that are known to fit, in less time.
 
-    On meshes of more than `FEW` vertices so many, those of evenly chosen faces, stand for all.
-
-    Parameters
-    ----------
-    source, target : (C, V) arrays
-    velocity : (N, F, 3) array
-    mask : (V,) array or None
-    weights : (C,) array
+    On meshes of more than `FEW` vertices so many, those of evenly chosen faces, stand for all. ``between`` is called
+    again and again in this thread; what it raises ends the work.
     """
-    faces = np.arange(len(mesh.faces))
-    if len(mesh.vertices) > FEW:
-        faces = np.linspace(0, len(mesh.faces) - 1, FEW // 2).astype(np.int64)
-    return _by_flow_lines(mesh, source, target, velocity, tau, mask, weights, faces, _MOST_CUT, between)[:2]
+    faces = np.arange(len(problem.mesh.faces))
+    if len(problem.mesh.vertices) > FEW:
+        faces = np.linspace(0, len(faces) - 1, FEW // 2).astype(np.int64)
+    return _by_flow_lines(problem, velocity, tau, faces, _MOST_CUT, between)[:2]
 
 
 def _by_flow_lines(
-    mesh: TriangleMesh,
-    source: FloatArray,
-    target: FloatArray,
+    problem: Problem,
     fields: FloatArray,
     tau: float,
-    mask: FloatArray | None,
-    weights: FloatArray,
     faces: IntArray,
     most: int,
-    between: Callable[[], None] | None,
+    between: Callable[[], None] | None = None,
 ) -> tuple[float, float, float]:
     """The mismatch at the vertices of some faces (S,), and the shares of `folds.folds` among these faces."""
+    mesh, source, mask = problem.mesh, problem.source, problem.mask
 
     def carried(start: SurfacePoints) -> SurfacePoints:
         return flow_map(mesh, fields, tau, backwards=True, start=start, between=between)
@@ -222,43 +180,27 @@ def _by_flow_lines(
     weight[asked] = 1.0 if mask is None else mask[asked]
     found = np.zeros_like(source)
     found[:, asked] = pull_back(mesh, points, source.T).T
-    return relative_mismatch(mesh, found, target, source, weight, weights), folded, overturned
+    return relative_mismatch(mesh, found, problem.target, source, weight, problem.weights), folded, overturned
 
 
-def _on_subdivided(
-    mesh: TriangleMesh,
-    f: FloatArray,
-    g: FloatArray,
-    fields: FloatArray,
-    tau: float,
-    mask: FloatArray | None,
-    weights: FloatArray,
-    linearised: bool,
-    between: Callable[[], None] | None,
-) -> float:
+def _on_subdivided(problem: Problem, fields: FloatArray, tau: float, method: Method) -> float:
     """The mismatch on the subdivided mesh, NaN where there is none because a face is too thin."""
+    mesh, mask = problem.mesh, problem.mask
     try:
         fine = subdivided_mesh(mesh)
     except MeshError:
         return np.nan
-    source, target = (np.ascontiguousarray(interpolated(mesh, h.T).T) for h in (f, g))
-    carried, workspace = source, Workspace(len(fine.vertices))
-    for field in fields:
-        coefficients = to_frame(fine, _on_children(mesh, fine, field))
-        try:
-            flow = Flow(fine, coefficients[None], tau / len(fields), linearised, workspace)
-            rows = []
-            for row in carried:
-                if between is not None:
-                    between()
-                rows.append(flow.forward(row)[-1].end)
-        except AdvectionError:
-            return np.inf
-        carried = np.stack(rows)
-        if not np.isfinite(carried).all():
-            return np.inf
+    source, target = (np.ascontiguousarray(interpolated(mesh, h.T).T) for h in (problem.source, problem.target))
+    carried, duration = source.T, tau / len(fields)
+    try:
+        for field in fields:  # one by one, as each takes its memory
+            carried = Flow(fine, _on_children(mesh, fine, field), duration or 1.0, method).push(carried, duration)
+    except AdvectionError:
+        return np.inf
+    if mask is not None:  # on an edge the least of its ends, so that what it hides nowhere matters
+        mask = np.concatenate([mask, mask[mesh.edges].min(axis=1)])
     with np.errstate(over="ignore"):
-        return relative_mismatch(fine, carried, target, source, _least(mesh, mask), weights)
+        return relative_mismatch(fine, np.ascontiguousarray(carried.T), target, source, mask, problem.weights)
 
 
 def _on_children(mesh: TriangleMesh, fine: TriangleMesh, field: FloatArray) -> FloatArray:
@@ -269,8 +211,3 @@ def _on_children(mesh: TriangleMesh, fine: TriangleMesh, field: FloatArray) -> F
     at_centres = vectors[:, None, 0] + np.einsum("fqj,fjk->fqk", places, vectors[:, 1:])
     on_children: FloatArray = np.einsum("fqk,fkx->fqx", at_centres, face_frames(mesh)).reshape(-1, 3)
     return on_children
-
-
-def _least(mesh: TriangleMesh, mask: FloatArray | None) -> FloatArray | None:
-    """The mask on the subdivided mesh: on an edge the least of its ends, so that what it hides nowhere matters."""
-    return None if mask is None else np.concatenate([mask, mask[mesh.edges].min(axis=1)])

@@ -30,19 +30,11 @@ def calmed(
     mesh : TriangleMesh
         The finer one, scaled to unit area.
     x : (N, F, 2) array
-        Frame coefficients there.
+        Frame coefficients there. What comes back is zero where no flow stays finite.
     mismatch : float
         Relative mismatch on the coarser mesh.
     evaluate : callable
-        What is known of fields on the finer mesh, and the relative mismatch that they leave; what it raises ends the
-        work.
-
-    Returns
-    -------
-    (N, F, 2) array
-        Zero where no flow stays finite.
-    Point
-        What is known of them.
+        What is known of fields on the finer mesh, and the relative mismatch that they leave.
     """
     area = 1 / len(mesh.vertices)
     calm, least = None, np.inf

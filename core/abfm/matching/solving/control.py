@@ -10,18 +10,21 @@ class CancelledError(Exception):
 
 
 class Control:
-    """Pause, resume or cancel a `match` from another thread; takes effect within one evaluation of the energy."""
+    """Pause, resume or cancel a `match` from another thread; takes effect within one evaluation of the energy.
+
+    ``cancelled`` and ``brief`` say whether it was cancelled, and briefly.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._running = threading.Event()
         self._running.set()
-        self._cancelled = self._briefly = False
+        self.cancelled = self.brief = False
 
     def pause(self) -> None:
         """Hold the solve before its next evaluation."""
         with self._lock:
-            if not self._cancelled:  # a cancelled solve must still end
+            if not self.cancelled:  # a cancelled solve must still end
                 self._running.clear()
 
     def resume(self) -> None:
@@ -34,21 +37,11 @@ class Control:
         Where that is only to go on from, ``briefly`` leaves out what takes its time: the result is not verified.
         """
         with self._lock:
-            self._cancelled, self._briefly = True, briefly
+            self.cancelled, self.brief = True, briefly
             self._running.set()
-
-    @property
-    def cancelled(self) -> bool:
-        """Whether `cancel` was called."""
-        return self._cancelled
-
-    @property
-    def brief(self) -> bool:
-        """Whether it was cancelled briefly."""
-        return self._briefly
 
     def wait(self) -> None:
         """Return when the solve may go on; raise `CancelledError` if it must not."""
         self._running.wait()
-        if self._cancelled:
+        if self.cancelled:
             raise CancelledError

@@ -9,7 +9,7 @@ import numpy as np
 from abfm.errors import FunctionError
 from abfm.matching.energy.energy import Evaluation, MatchingEnergy
 from abfm.matching.judging.confirmation import Best, is_walked
-from abfm.matching.judging.solvability import Problem, range_bound
+from abfm.matching.judging.solvability import range_bound
 from abfm.matching.schedule import Stage
 from abfm.matching.solving.balance import ROUND, balanced
 from abfm.matching.solving.calming import calmed
@@ -24,16 +24,9 @@ _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradien
 
 @dataclass(frozen=True)
 class Progress:
-    """What a descent goes on from.
+    """What a descent goes on from: the best on the latest stage's level, and the latest stage that was minimised.
 
-    Attributes
-    ----------
-    best : Best, optional
-        On the level of the latest stage.
-    learned : State, optional
-        The iterate whose pairs tell how the energy bends there.
-    before : Stage, optional
-        The latest one that was minimised.
+    The pairs of the iterate ``learned`` tell how the energy bends there.
     """
 
     best: Best | None = None
@@ -46,10 +39,8 @@ class Descent:
 
     Attributes
     ----------
-    levels : list of Level
-        At first those with the mesh itself.
-    level : int
-        Where the latest stage was.
+    levels, level : list of Level, int
+        At first those with the mesh itself; and where the latest stage was.
     progress : Progress
         May be set to what it was before, on the same level, or to ``Progress()`` to begin anew.
     reason : str
@@ -62,7 +53,7 @@ class Descent:
         self.progress = Progress()
         self.reason = "iteration limit"
         self._parameters, self._record, self._control = energy.parameters, record, control
-        self._least = range_bound(Problem(energy.mesh, energy.source, energy.target, energy.mask, energy.weights))
+        self._least = range_bound(energy)
 
     @property
     def best(self) -> Best:
@@ -131,7 +122,7 @@ class Descent:
                 continue
             self.progress = Progress(Best(current.x, current.point), current, stage)
             energies.append(current.point.energy)
-            self._record.add(self.levels, stage, self.best, current)
+            self._record.add(self.levels, stage, self.best)
         self.reason = ended or "iteration limit"
         return self.best
 

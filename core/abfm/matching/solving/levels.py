@@ -9,16 +9,15 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.clusters import vertex_clusters
 from abfm.matching.energy.energy import MatchingEnergy
-from abfm.matching.judging.resolution import resolution
+from abfm.matching.judging.resolution import narrowest
 from abfm.matching.solving.transfer import Transfer
-from abfm.mesh import TriangleMesh
+from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.coarsening import coarsened
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
@@ -31,11 +30,7 @@ _WORTH = 3.0  # times as many vertices as the coarsest mesh: smaller meshes are 
 _EDGES = 3.0  # that a function's features span at least on a mesh of their own choice
 _COST = 2.0  # of all iterations on the mesh as it is, in iterations with vertices held together
 _LEAST = 2  # iterations that are always spent
-
-
 _PATIENCE = 0.05  # seconds between two looks at whether to go on waiting
-_LOCKS: WeakKeyDictionary[TriangleMesh, threading.Lock] = WeakKeyDictionary()
-_LOCKS_LOCK = threading.Lock()
 
 
 class Level:
@@ -67,8 +62,8 @@ class Level:
     def affordable(self, iterations: int, x: FloatArray) -> int:
         """How many of so many iterations to spend here, from frame coefficients (N, F, 2) on.
 
-        Where a few thin triangles set the cost of an evaluation it can be fifty times what it is with their vertices
-        held together, and there these iterations have been made already. What is spent is what they would cost there.
+        Where thin triangles set the cost it can be fifty times what it is with their vertices held together, where
+        these iterations have been made already. What is spent is what they would cost there.
         """
         if self._cheaper is None:
             return iterations
@@ -83,8 +78,7 @@ def levels(finest: list[Level], between: Callable[[], None]) -> list[Level]:
     size = len(energy.mesh.vertices)
     counts, edges = _vertex_counts(energy.mesh, energy.parameters), np.inf
     if counts and not energy.parameters.levels:
-        counting = energy.weights > 0
-        edges = resolution(energy.mesh, np.concatenate([energy.source[counting], energy.target[counting]]).T)
+        edges = narrowest(energy)
     for count in counts:
         between()
         if edges >= _EDGES > edges * np.sqrt(count / size):
@@ -133,14 +127,17 @@ def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
 @contextmanager
 def _making(mesh: TriangleMesh, between: Callable[[], None] = lambda: None) -> Iterator[None]:
     """One thread at a time for the coarser mesh of a mesh; ``between`` is called while another one is at it."""
-    with _LOCKS_LOCK:
-        lock = _LOCKS.setdefault(mesh, threading.Lock())
-    while not lock.acquire(timeout=_PATIENCE):
+    while not _lock(mesh).acquire(timeout=_PATIENCE):
         between()
     try:
         yield
     finally:
-        lock.release()
+        _lock(mesh).release()
+
+
+@per_mesh
+def _lock(mesh: TriangleMesh) -> threading.Lock:
+    return threading.Lock()
 
 
 def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
@@ -154,10 +151,6 @@ def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
     return [int(count * (COARSEST / count) ** (step / steps)) for step in range(1, steps + 1)]
 
 
+@per_mesh
 def _transfer(fine: TriangleMesh, coarse: TriangleMesh) -> Transfer:
-    """Made once for two meshes, and kept with the fine one."""
-    key = (__name__, coarse)
-    if key not in fine.cache:
-        fine.cache[key] = Transfer(coarse, fine)
-    transfer: Transfer = fine.cache[key]
-    return transfer
+    return Transfer(coarse, fine)

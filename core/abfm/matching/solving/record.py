@@ -3,18 +3,64 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
-
-import numpy as np
+from dataclasses import dataclass
+from functools import cached_property, partial
 
 from abfm.calculus.vector_fields import to_ambient
-from abfm.matching.energy.energy import Evaluation
 from abfm.matching.judging.confirmation import Best
 from abfm.matching.schedule import Stage
-from abfm.matching.solving.iteration import Iteration
 from abfm.matching.solving.levels import Level
-from abfm.numerics.optimizer import State
 from abfm.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Iteration:
+    """One iterate; what it looks like on the mesh is computed when it is first asked for.
+
+    Attributes
+    ----------
+    iteration, stage : int
+        Number of steps taken, all stages together, 0 at the start; and which stage, from 0.
+    level, levels : int
+        Which mesh, from 0, the coarsest, of how many; the last one is the mesh itself. Where that has thin triangles it
+        is the last but one, too, with their vertices held together, see `abfm.flow.clusters`.
+    vertices : int
+        Of that mesh; clusters of them where some are held together.
+    reach, sigma, alpha : float
+        Values in this stage.
+    energy, regularity, mismatch_energy : float
+        Total and its terms, on the mesh of this level scaled to unit area.
+    mismatch : float
+        ``||f_tau - g|| / ||g||`` on the mesh of this level.
+    evaluations : int
+        Evaluations of energy and gradient so far.
+    """
+
+    iteration: int
+    stage: int
+    level: int
+    levels: int
+    vertices: int
+    reach: float
+    sigma: float
+    alpha: float
+    energy: float
+    regularity: float
+    mismatch_energy: float
+    mismatch: float
+    evaluations: int
+    _velocity: Callable[[], FloatArray]
+    _advected: Callable[[], FloatArray]
+
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """The fields, (N, F, 3), in the input's units."""
+        return self._velocity()
+
+    @cached_property
+    def advected(self) -> FloatArray:
+        """The source carried to tau, (V, C); on a coarser level what was carried there, interpolated."""
+        return self._advected()
 
 
 class Record:
@@ -44,8 +90,8 @@ class Record:
         """Whether the latest iterate is on this level."""
         return bool(self.history) and self._level == level
 
-    def add(self, levels: list[Level], stage: Stage, best: Best, step: State[Evaluation] | None = None) -> None:
-        """The next iterate, on one of these levels: where the level begins, or what a step led to."""
+    def add(self, levels: list[Level], stage: Stage, best: Best) -> None:
+        """The next iterate, on one of these levels."""
         point, self._level = best.point, stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
         self.stage_of.append(len(self.schedule) - 1)
@@ -66,8 +112,6 @@ class Record:
                 regularity=point.regularity,
                 mismatch_energy=point.mismatch,
                 mismatch=energy.relative_mismatch(point.advected),
-                gradient_norm=step.gradient_norm if step else np.nan,
-                step_length=step.length if step else 0.0,
                 evaluations=self.evaluations,
                 _velocity=partial(_velocity_on_the_mesh, levels[stage.level :], best.x),
                 _advected=partial(_functions_on_the_mesh, levels[stage.level :], point.advected),

@@ -8,18 +8,16 @@ from itertools import pairwise, zip_longest
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.vector_fields import to_ambient
+from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import ParameterError
-from abfm.matching.energy.energy import Evaluation, MatchingEnergy
+from abfm.matching.energy.energy import Evaluation, MatchingEnergy, check_fields
 from abfm.matching.judging.confirmation import Best, Confirmation, confirmation, is_resolved, is_walked
 from abfm.matching.schedule import MATCHED, REACHED, Stage, finish, gradual, search
 from abfm.matching.solving.calming import calmed
 from abfm.matching.solving.control import CancelledError, Control
 from abfm.matching.solving.descent import Descent, Progress
-from abfm.matching.solving.iteration import Iteration
 from abfm.matching.solving.levels import levels
-from abfm.matching.solving.record import Record
-from abfm.matching.solving.warm_start import start_fields
+from abfm.matching.solving.record import Iteration, Record
 from abfm.types import FloatArray
 
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
@@ -54,7 +52,7 @@ class Solver:
     def run(self, start: ArrayLike | None) -> tuple[FloatArray, FloatArray, str]:
         """Fields (N, F, 2) on the mesh, the source carried by them (C, V), and why the solve stopped."""
         descent = self._descent
-        fields = None if start is None else start_fields(self.energy, start)
+        fields = None if start is None else _start_fields(self.energy, start)
         try:
             if fields is not None and not self._is_lost(fields):
                 self._finish(fields, warm=True)
@@ -227,3 +225,21 @@ class Solver:
         if descent.level < len(descent.levels) - 1 and self.energy.relative_mismatch(advected) > max(at_rest, 1.0):
             return np.zeros_like(x), self.energy.source  # lost on the way to the mesh itself
         return x, advected
+
+
+def _start_fields(energy: MatchingEnergy, start: ArrayLike) -> FloatArray:
+    """Given fields (F, 3) or (M, F, 3) in the input's units as frame coefficients (N, F, 2).
+
+    Those of M segments are averaged over, or repeated in, the N of the energy's parameters.
+    """
+    count = max(len(np.asarray(start)), 1) if np.ndim(start) == 3 else 1
+    fields = check_fields(start, (count, *energy.shape[1:]), "start") / energy.length_scale
+    return to_frame(energy.mesh, np.tensordot(_averages(count, energy.parameters.segments), fields, 1))
+
+
+def _averages(given: int, wanted: int) -> FloatArray:
+    """Weights (wanted, given) that average over even parts of a time what is constant on other even parts."""
+    begins, others = np.arange(wanted)[:, None] * given, np.arange(given) * wanted
+    overlaps = np.minimum(begins + given, others + wanted) - np.maximum(begins, others)
+    weights: FloatArray = np.maximum(overlaps, 0) / given
+    return weights

@@ -3,6 +3,7 @@
 import gc
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from scipy.sparse.linalg import spsolve
 from abfm.calculus.operators import Matrix, cotangent_laplacian, face_areas, vector_norm_matrix, vertex_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.energy.regularizer import Regularizer, regularizer
-from abfm.numerics import cholesky, own_process
+from abfm.numerics import cholesky
 from abfm.numerics.cholesky import factor
+from abfm.numerics.own_process import factoring_apart
 from tests.core.fields import rotation_field
 from tests.core.surfaces import SURFACES
 from tests.core.verification import observed_orders
@@ -174,6 +176,7 @@ def test_same_input_same_bits():
 _OUTLIVES = """
 import ctypes
 from scipy import sparse
+from abfm.numerics.own_process import factoring_apart
 from abfm.numerics.cholesky import factor
 ctypes.pythonapi.Py_IncRef(ctypes.py_object(factor(sparse.csr_array(sparse.eye_array(3)))))
 """
@@ -206,21 +209,21 @@ def test_factor_solves(by_cholespy, monkeypatch):
     np.testing.assert_array_equal(factor(Matrix((0, 0)))(np.empty(0)), np.empty(0))
 
 
-def test_factors_in_processes_of_their_own_give_the_same_bits(monkeypatch):
+def test_factors_in_processes_of_their_own_give_the_same_bits():
     mesh = icosphere(3)
     m = random_field(mesh)
     expected = Regularizer(mesh, 0.1).inverse(m)
-    monkeypatch.setattr(own_process, "factor_from", 1000)  # the edges' system, not the vertices'
     apart = Regularizer(mesh, 0.1)
-    for _ in range(2):
-        np.testing.assert_array_equal(apart.inverse(m), expected)
+    with factoring_apart(1000):  # the edges' system, not the vertices'
+        for _ in range(2):
+            np.testing.assert_array_equal(apart.inverse(m), expected)
     elsewhere = [isinstance(solve, cholesky._Elsewhere) for solve in apart._solvers]
     assert sorted(elsewhere) == [False, True]
 
 
-def test_a_process_that_was_ended_is_told_as_want_of_memory(monkeypatch):
-    monkeypatch.setattr(own_process, "factor_from", 1)
-    solve = factor(sparse.csr_array(2 * sparse.eye_array(3)))
+def test_a_process_that_was_ended_is_told_as_want_of_memory():
+    with factoring_apart(1):
+        solve = factor(sparse.csr_array(2 * sparse.eye_array(3)))
     np.testing.assert_allclose(solve(np.array([2.0, 4.0, 6.0])), [1, 2, 3], rtol=1e-12)
     solve._process.close()
     for _ in range(2):
@@ -228,12 +231,25 @@ def test_a_process_that_was_ended_is_told_as_want_of_memory(monkeypatch):
             solve(np.ones(3))
 
 
-def test_a_factor_that_nobody_needs_ends_its_process(monkeypatch):
-    monkeypatch.setattr(own_process, "factor_from", 1)
-    solve = factor(sparse.csr_array(sparse.eye_array(3)))
+def test_a_factor_that_nobody_needs_ends_its_process():
+    with factoring_apart(1):
+        solve = factor(sparse.csr_array(sparse.eye_array(3)))
     solve(np.ones(3))
     process = solve._process._process
     assert process.poll() is None
     del solve
     gc.collect()
     assert process.poll() is not None
+
+
+def test_systems_are_factored_apart_only_where_that_was_asked_for():
+    matrix = sparse.csr_array(sparse.eye_array(3))
+    found = []
+    with factoring_apart(1):
+        with factoring_apart(4):
+            found.append(factor(matrix))
+        other = threading.Thread(target=lambda: found.append(factor(matrix)))
+        other.start()
+        other.join()
+    found.append(factor(matrix))
+    assert not any(isinstance(solve, cholesky._Elsewhere) for solve in found)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from abfm.matching.judging.peaks import Extrema, different_peaks, peaks, persistence
+from abfm.matching.judging.peaks import Extrema, peaks, peaks_apart, persistence
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from tests.core.fields import bump
@@ -134,13 +134,13 @@ def test_functions_that_are_near_are_never_told_different(seed):
     rng = np.random.default_rng(seed)
     f = np.sin(6 * SPHERE.vertices @ rng.normal(size=(3, 2))).sum(axis=1)
     g = f + rng.uniform(-0.09, 0.09, len(f)) * np.ptp(f)
-    assert different_peaks(SPHERE, f, g) is None
+    assert peaks_apart(SPHERE, f, g) is None
 
 
 def test_functions_with_other_peaks_are_told():
-    found = different_peaks(SPHERE, gaussians(1), gaussians(3))
+    found = peaks_apart(SPHERE, gaussians(1), gaussians(3))
     assert found == (Extrema(1, 1), Extrema(3, 1))
     assert str(found[1]) == "3 peaks and 1 pit"
-    assert different_peaks(SPHERE, -gaussians(3), -gaussians(1)) == (Extrema(1, 3), Extrema(1, 1))
-    assert different_peaks(SPHERE, gaussians(2), -3 * gaussians(2)) == (Extrema(2, 1), Extrema(1, 2))
-    assert different_peaks(SPHERE, gaussians(2), gaussians(2)) is None
+    assert peaks_apart(SPHERE, -gaussians(3), -gaussians(1)) == (Extrema(1, 3), Extrema(1, 1))
+    assert peaks_apart(SPHERE, gaussians(2), -3 * gaussians(2)) == (Extrema(2, 1), Extrema(1, 2))
+    assert peaks_apart(SPHERE, gaussians(2), gaussians(2)) is None

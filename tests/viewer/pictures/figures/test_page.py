@@ -45,7 +45,7 @@ def test_the_page_has_everything_and_needs_nothing_else():
             "two & more",
             "f < g",
             "a <sphere>",
-            (Measure("mismatch", 0.0123, 0.05, "small", True), Measure("drift", 0.5)),
+            (Measure("mismatch", 0.0123, "small", True, 0.05), Measure("drift", 0.5)),
             Image.new("RGB", (4, 3), "red"),
         ),
         Entry(9, "a symmetry", "it works", problem="Not on this mesh: no symmetry", notes=("beyond <colours>",)),
@@ -69,7 +69,7 @@ def test_the_page_has_everything_and_needs_nothing_else():
 
 
 def test_what_fails_and_what_does_not_reproduce_is_said():
-    failing = Measure("mismatch", 0.2, 0.05, "matches", False)
+    failing = Measure("mismatch", 0.2, "matches", False, 0.05)
     text = page([Entry(3, "t", "c", measures=(failing,))])
     assert re.search(r"0\.05 <span class=\"bad\">no</span>", text)
     assert text.count('class="bad">no') == 2

@@ -13,25 +13,23 @@ import numpy as np
 from scipy import sparse
 
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
+from abfm.matching.energy.quadratic import QuadraticMismatch
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray
 
 
-class FarMetric:
-    """``c A_w (A + s L)^-1 A_w`` on vertex functions, with ``s = reach^2``; one Cholesky solve.
+class FarMismatch(QuadraticMismatch):
+    """With the matrix ``c A_w (A + s L)^-1 A_w`` on vertex functions, ``s = reach^2``: one Cholesky solve.
 
     Parameters
     ----------
-    mesh : TriangleMesh
     areas : (V,) array
         ``A_w``: vertex areas with the mask.
     reach : float
         In the mesh's length unit; positive.
-    residuals : (C, V) array
-        Mismatch that shall have the same energy in this norm and in L2, which fixes ``c``.
-    weights : (C,) array
-        Of the channels.
+    residuals, weights : (C, V), (C,) arrays
+        Mismatch, with weights of the channels, that shall have the same energy here and in L2, which fixes ``c``.
     """
 
     def __init__(

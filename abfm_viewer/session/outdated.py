@@ -7,45 +7,38 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from abfm_viewer.computing.evaluation import Evaluated
+from abfm_viewer.computing.memo import Memo
 from abfm_viewer.document.document import Document
 
 if TYPE_CHECKING:
     from abfm import Match
 
 
-class Comparison:
+class Outdated:
     """Compares them when one of them changed, and remembers the answer for the frames between."""
 
     def __init__(self) -> None:
-        self._seen: list[object] = []
+        self._now = Memo[bool]()
+        self._result: Match | None = None
         self._answer = False
 
-    def outdated(self, document: Document, specs: tuple[str, ...], found: Evaluated) -> bool:
+    def now(self, document: Document, specs: tuple[str, ...], found: Evaluated) -> bool:
         """Whether the result was found for another problem; False without a result.
 
-        While new functions are being computed, the answer is the one before.
-
-        Parameters
-        ----------
-        document : Document
-        specs : tuple of str
-            Of all its functions.
-        found : Evaluated
-            Their values, as far as known.
+        `found` are the values of all its functions, as far as known: while new ones are being computed, the answer is
+        the one before.
         """
         result = document.result
         if result is None:
             return False
         values = [found.values.get(spec) for spec in specs]
-        seen: list[object] = [result, document.parameters, document.channels, document.mask, *values]
-        before = self._seen
-        if len(seen) == len(before) and all(now is then for now, then in zip(seen, before, strict=True)):
+
+        def compare() -> bool:
+            if result is not self._result or found.errors or all(value is not None for value in values):
+                self._result, self._answer = result, _differs(result, document, found)
             return self._answer
-        is_new = not before or result is not before[0]
-        if is_new or found.errors or all(value is not None for value in values):
-            self._answer = _differs(result, document, found)
-        self._seen = seen
-        return self._answer
+
+        return self._now.get((result, document.parameters, document.channels, document.mask, *values), compare)
 
 
 def _differs(result: Match, document: Document, found: Evaluated) -> bool:

@@ -10,7 +10,7 @@ import abfm
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.energy.energy import MatchingEnergy
-from abfm.matching.energy.far_metric import FarMetric
+from abfm.matching.energy.far_mismatch import FarMismatch
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from tests.core.fields import bump, rotation_field
@@ -31,10 +31,10 @@ def random(mesh: TriangleMesh, seed: int) -> FloatArray:
     return np.random.default_rng(seed).normal(size=len(mesh.vertices))
 
 
-def metric(mesh: TriangleMesh, reach: float, areas: FloatArray | None = None) -> FarMetric:
+def metric(mesh: TriangleMesh, reach: float, areas: FloatArray | None = None) -> FarMismatch:
     """Scaled for a random mismatch."""
     areas = vertex_areas(mesh) if areas is None else areas
-    return FarMetric(mesh, areas, reach, random(mesh, 0)[None], ONE)
+    return FarMismatch(mesh, areas, reach, random(mesh, 0)[None], ONE)
 
 
 @pytest.mark.parametrize("reach", REACHES)
@@ -53,7 +53,7 @@ def test_the_mismatch_it_was_made_for_keeps_its_energy(mesh: TriangleMesh, reach
     """All channels together, with mask and weights."""
     residuals = np.stack([random(mesh, 1), 10 * random(mesh, 2), random(mesh, 3)])
     weights, areas = np.array([1.0, 0.3, 0.0]), vertex_areas(mesh) * np.abs(random(mesh, 4))
-    far = FarMetric(mesh, areas, reach, residuals, weights)
+    far = FarMismatch(mesh, areas, reach, residuals, weights)
     found = sum(w * float(r @ far(r)) for w, r in zip(weights, residuals, strict=True))
     assert found == pytest.approx(float(weights @ (residuals**2 @ areas)), rel=1e-12)
 
@@ -63,7 +63,7 @@ def test_constants_have_the_energy_of_l2_whatever_the_reach() -> None:
     for mesh in SURFACES.values():
         unit = mesh.normalized()
         flat = np.ones(len(mesh.vertices))
-        far = FarMetric(unit, vertex_areas(unit), 0.7, 3 * flat[None], ONE)
+        far = FarMismatch(unit, vertex_areas(unit), 0.7, 3 * flat[None], ONE)
         np.testing.assert_allclose(far(flat), vertex_areas(unit), rtol=1e-10)
 
 
@@ -85,7 +85,7 @@ def test_spherical_harmonics_are_damped_by_their_eigenvalues() -> None:
         mesh = icosphere(subdivisions)
         x, y, z = mesh.vertices.T
         first, others = z, {2: x * y, 3: x * y * z}
-        far = FarMetric(mesh, vertex_areas(mesh), reach, first[None], ONE)
+        far = FarMismatch(mesh, vertex_areas(mesh), reach, first[None], ONE)
         damped = [h @ far(h) / (h @ (vertex_areas(mesh) * h)) for h in others.values()]
         expected = [(1 + 2 * reach**2) / (1 + degree * (degree + 1) * reach**2) for degree in others]
         errors.append(np.abs(np.array(damped) / expected - 1).max())
@@ -123,7 +123,7 @@ def test_at_the_start_the_energy_is_that_of_l2() -> None:
     for reach in REACHES:
         found = E.evaluate(np.zeros(E.shape), 0.1, reach)
         assert found.energy == pytest.approx(E.evaluate(np.zeros(E.shape), 0.1).energy, rel=1e-9)
-        assert E.far_metric(reach) is E.far_metric(reach)
+        assert E.data_term(reach) is E.data_term(reach)
 
 
 def test_equal_functions_have_no_mismatch_and_no_derivative() -> None:

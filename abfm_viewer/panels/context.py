@@ -1,0 +1,29 @@
+"""What panels, menus and keys draw with and act on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from abfm_viewer.dialogs import Dialogs
+from abfm_viewer.session.exporter import Exporter
+from abfm_viewer.session.opening import MESHES
+from abfm_viewer.session.session import Session
+from abfm_viewer.session.session_files import SessionFiles
+from abfm_viewer.shown.shown import Shown
+from abfm_viewer.widgets.toolkit import Ui
+
+
+@dataclass(frozen=True)
+class Context:
+    """One window's parts."""
+
+    ui: Ui
+    session: Session
+    shown: Shown
+    exporter: Exporter
+    files: SessionFiles
+    dialogs: Dialogs
+
+    def open_mesh(self) -> None:
+        """Ask for a mesh and open it."""
+        self.dialogs.open("Open a mesh", MESHES, self.files.open)

@@ -1,0 +1,57 @@
+"""Which frames draw the surfaces anew where that takes longer than a frame, as without a graphics card.
+
+Surfaces that follow a solve or show moving streaks then wait, so that the window answers in the other frames.
+"""
+
+from __future__ import annotations
+
+import time as clock
+
+from abfm_viewer.session.session import Session
+
+_SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25
+_FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for drawing
+_AT_ONCE = 3  # pictures of a run that do not wait: the start, and that something moves
+_SLOW_REDRAWS_APART = 2.0  # new textures, of moving streaks
+
+
+class Pacing:
+    """Counts frames, and the pictures of a run.
+
+    Attributes
+    ----------
+    redraw_seconds : float
+        How long it took to draw the surfaces lately.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self.redraw_seconds = 0.0
+        self._session = session
+        self._frames_behind = 0
+        self._run: object = None
+        self._pictures_of_run = 0
+        self._textured_at = 0.0
+
+    def waits(self, name: str, is_first: bool) -> bool:
+        """Whether a surface keeps its colours for this frame; asked once a frame for each, the first one first."""
+        session = self._session
+        if self.redraw_seconds <= _SLOW_REDRAW:
+            return False
+        if session.view.animate and name == "advected":
+            return clock.perf_counter() < self._textured_at + _SLOW_REDRAWS_APART * self.redraw_seconds
+        worker = session.solver.worker
+        if worker is None or worker is not self._run or self._pictures_of_run < _AT_ONCE:
+            return False
+        if is_first:
+            frames = max(_FRAMES_PER_SLOW_REDRAW, round(_FRAMES_PER_SECOND_OF_REDRAW * self.redraw_seconds))
+            self._frames_behind = (self._frames_behind + 1) % frames
+        return self._frames_behind != 0 and not session.dragging
+
+    def count(self, is_new: bool, is_texture: bool) -> None:
+        """Take in that the advected surface was drawn, with other colours than before or the same."""
+        if is_new and is_texture:
+            self._textured_at = clock.perf_counter()
+        worker = self._session.solver.worker
+        if worker is not self._run:
+            self._run, self._pictures_of_run = worker, 0
+        self._pictures_of_run += is_new

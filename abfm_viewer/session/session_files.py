@@ -1,0 +1,185 @@
+"""Opening and saving a session's files in the background."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from abfm import MeshError, TriangleMesh, load_mesh
+from abfm_viewer.computing.background import one_line
+from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.document.document import Document
+from abfm_viewer.session.opening import MESHES, PROJECT, RESULT, known_values, read_project, read_result
+from abfm_viewer.session.session import Session
+
+if TYPE_CHECKING:
+    from abfm_viewer.files.state_folder import StateFolder
+
+Ask = Callable[[str, str, Mapping[str, Callable[[], None] | None]], None]
+
+
+@dataclass
+class _Writing:
+    """A file that is being written, and what to do when it is."""
+
+    future: Future[None]
+    document: Document
+    path: Path
+    then: list[Callable[[], None]]
+
+
+class SessionFiles:
+    """Opens and saves a session's files in the background.
+
+    Parameters
+    ----------
+    state : StateFolder
+        Where recent files are kept.
+    ask : callable
+        Puts a question to the user: title, text, and the answers with what they do.
+    """
+
+    def __init__(self, session: Session, state: StateFolder | None, ask: Ask) -> None:
+        self._session = session
+        self._state = state
+        self._ask = ask
+        self._writer = ThreadPoolExecutor(1, thread_name_prefix="save")
+        self._writing: list[_Writing] = []
+
+    @property
+    def saving(self) -> bool:
+        """Whether a file is being written."""
+        return bool(self._writing)
+
+    def open(self, path: Path) -> None:
+        """Open a file in the background; what is open now stays in the history."""
+        path = path.expanduser().absolute()
+        reader = self._reader(path)
+        if reader is None:
+            known = ", ".join((*MESHES, PROJECT, RESULT))
+            self._session.say(f"{path.name} cannot be opened: expected a file that ends in {known}", is_error=True)
+        else:
+            self._session.load(f"opening {path.name}", partial(reader, path))
+
+    def open_first(self, paths: list[Path]) -> None:
+        """Open the first of several files that were dropped on the window."""
+        self.open(paths[0])
+        if len(paths) > 1:
+            self._session.say(f"opening {paths[0].name}, the first of {len(paths)} files ...")
+
+    def open_figure(self, figure: int) -> None:
+        """Open a figure of the paper in the background, ready to match."""
+        self._session.load(f"setting up figure {figure}", partial(self._read_figure, figure))
+
+    def save(self, path: Path, then: Callable[[], None] | None = None) -> None:
+        """Write the project in the background, and do something when it is written."""
+        document = self._session.document
+        self._session.say(f"saving {path.name} ...")
+        future = self._writer.submit(_write_project, path, document, self._session.functions)
+        self._writing.append(_Writing(future, document, path, [then] if then else []))
+
+    def when_saved(self, then: Callable[[], None]) -> None:
+        """Do something when the file that is being written is."""
+        self._writing[-1].then.append(then)
+
+    def update(self) -> None:
+        """Take in which files were written: call once per frame."""
+        while self._writing and self._writing[0].future.done():
+            done = self._writing.pop(0)
+            error = done.future.exception()
+            if error is not None:
+                self._session.say(f"not saved: {one_line(error)}", is_error=True)
+                continue
+            self._session.mark_saved(done.document, done.path)
+            self._remember(done.path)
+            for then in done.then:
+                then()
+
+    def recent(self) -> list[Path]:
+        """Files that were opened or saved, the latest first."""
+        return self._state.recent() if self._state else []
+
+    def forget_recent(self) -> None:
+        """Forget them."""
+        if self._state:
+            self._state.clear_recent()
+
+    def _remember(self, path: Path) -> None:
+        if self._state:
+            self._state.add_recent(path)
+
+    def close(self) -> None:
+        """Finish writing."""
+        self._writer.shutdown()
+
+    def _reader(self, path: Path) -> Callable[[Path], Callable[[], None]] | None:
+        name = path.name.lower()
+        if name.endswith(PROJECT):
+            return self._read_project
+        if name.endswith(RESULT):
+            return self._read_result
+        return self._read_mesh if name.endswith(MESHES) else None
+
+    def _read_mesh(self, path: Path) -> Callable[[], None]:
+        try:
+            return partial(self._show_mesh, path, load_mesh(path))
+        except MeshError as error:
+            reason = str(error)
+        try:
+            largest = load_mesh(path, largest_component=True)
+        except MeshError:
+            raise MeshError(reason) from None
+        text = f"{path.name} has several components, and one is needed: {' '.join(largest.messages)}"
+        buttons = {"Open the largest": partial(self._show_mesh, path, largest), "Do not open": None}
+        return partial(self._ask, "Open the largest component?", text, buttons)
+
+    def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
+        self._show(path, partial(self._session.set_mesh, mesh, path.name), " ".join(mesh.messages))
+
+    def _read_project(self, path: Path) -> Callable[[], None]:
+        document, known = read_project(path)
+
+        def restore() -> None:
+            here = self._session.view.ui_scale  # the size that the user needs on this screen
+            self._session.restore(replace(document, view=replace(document.view, ui_scale=here)), known, path)
+
+        return partial(self._show, path, restore)
+
+    def _read_result(self, path: Path) -> Callable[[], None]:
+        document, known = read_result(path)
+
+        def restore() -> None:
+            view = replace(self._session.view, camera=None, front=None)
+            self._session.restore(replace(document, view=view), known, None)
+
+        return partial(self._show, path, restore)
+
+    def _read_figure(self, figure: int) -> Callable[[], None]:
+        from abfm_viewer.document.presets import figure_document
+
+        document, known = figure_document(figure, self._session.view)
+        ready = "press Play, its field is given" if document.result else "press Match"
+
+        def show() -> None:
+            self._session.restore(document, known, None)
+            self._session.say(f"figure {figure} is ready: {ready}")
+
+        return show
+
+    def _show(self, path: Path, show: Callable[[], None], messages: str = "") -> None:
+        left, unsaved = self._session.document.name, self._session.unsaved
+        show()
+        self._remember(path)
+        back = f"Undo returns to {left}, which was not saved." if unsaved else ""
+        self._session.say(f"opened {path.name}. {messages} {back}")
+
+
+def _write_project(path: Path, document: Document, functions: Functions) -> None:
+    """Write a project with the values of functions that came from other files."""
+    from abfm_viewer.files.project import save_project  # not before: it loads what the first frame does without
+
+    save_project(path, document, known_values(document, functions))

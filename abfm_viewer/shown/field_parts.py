@@ -1,0 +1,129 @@
+"""The parts of the flow's field that can be drawn, coloured and traced, and the fields that belong to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from abfm import AbfmError
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
+from abfm_viewer.document.document import HODGE_PARTS, FieldPart
+from abfm_viewer.shown.carried import FlowState
+
+_LARGEST = 15_000  # vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """One part of one of the flow's fields, or a field that belongs to it.
+
+    Attributes
+    ----------
+    velocity : (F, 3) array
+        In the input's units.
+    speed : (F,) array
+    shares : dict of FieldPart to float
+        Of the squared norm of the whole field, for each Helmholtz-Hodge part; empty where these were not asked for.
+    unit : str
+        Of the speed.
+    note : str
+        What else is to be said, if anything.
+    dimension : int
+        The power of a length in that unit.
+    """
+
+    mesh: TriangleMesh
+    velocity: FloatArray
+    speed: FloatArray
+    shares: dict[FieldPart, float] = field(default_factory=dict)
+    unit: str = "the mesh's length per time"
+    note: str = ""
+    dimension: int = 1
+
+
+def acting_segment(flow: FlowState, time: float) -> int:
+    """Which of N fields acts at a time."""
+    count = flow.parameters.segments
+    return min(int(time / flow.parameters.tau * count * (1 - 1e-12)), count - 1)
+
+
+def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
+    """A part of one of the flow's fields, or the field that commutes with it (see `commuting`)."""
+    velocity = flow.velocity[segment]
+    shares: dict[FieldPart, float] = {}
+    note = ""
+    if part == "commuting":
+        velocity, bracket = commuting(flow, segment)
+        note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
+    elif part != "whole":
+        from abfm.calculus.helmholtz_hodge import helmholtz_hodge
+        from abfm.calculus.operators import face_areas
+
+        parts = dict(zip(HODGE_PARTS, helmholtz_hodge(flow.mesh, velocity), strict=True))
+        norms = {name: float(face_areas(flow.mesh) @ (v**2).sum(axis=1)) for name, v in parts.items()}
+        shares = {name: norm / max(sum(norms.values()), 1e-300) for name, norm in norms.items()}
+        velocity = parts[part]
+    return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), shares, note=note)
+
+
+def carried_part(flow: FlowState, function: FloatArray, time: float) -> Field:
+    """The gradient of a function (V,), carried along the flow to a time (see `carried_gradient`)."""
+    velocity = carried_gradient(flow, function, time)
+    speed = np.linalg.norm(velocity, axis=1)
+    return Field(flow.mesh, velocity, speed, unit="the source's unit per length", dimension=-1)
+
+
+def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
+    """The smoothest field (F, 3) that commutes with one of the flow's, and the bracket relative to both.
+
+    Raises
+    ------
+    AbfmError
+        During a run, on a large mesh, or if the field is zero.
+    """
+    from abfm.calculus.commuting_fields import (  # not before: the first frame does without
+        commuting_fields,
+        relative_bracket,
+    )
+
+    if not flow.final:
+        raise AbfmError("the field that commutes is computed when the run has ended")
+    count = len(flow.mesh.vertices)
+    if count > _LARGEST:
+        raise AbfmError(f"commuting fields are computed on up to {_LARGEST:,} vertices; this mesh has {count:,}")
+    velocity = flow.velocity[segment]
+    if not velocity.any():
+        raise AbfmError("the field is zero, with which every field commutes")
+    found = commuting_fields(flow.mesh, velocity)[0]
+    return found, relative_bracket(flow.mesh, velocity, found)
+
+
+def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> FloatArray:
+    """The gradient of a function (V,), carried along the flow's fields one after the other to a time, (F, 3).
+
+    Raises
+    ------
+    AbfmError
+        If the flow is too long, or the carried field overflows.
+    """
+    from abfm.calculus.operators import gradient
+    from abfm.calculus.vector_fields import pushforward, to_ambient
+
+    field = to_ambient(flow.mesh, (gradient(flow.mesh) @ function).reshape(-1, 2))
+    ends = np.linspace(0, flow.parameters.tau, len(flow.velocity) + 1)
+    ends[-1] = max(ends[-1], time)  # beyond tau the last field goes on
+    for velocity, start, end in zip(flow.velocity, ends, ends[1:], strict=False):
+        if time > start:
+            field = pushforward(flow.mesh, velocity, field, min(end, time) - start)
+    return field
+
+
+def derivative(field: Field, kind: str) -> FloatArray:
+    """Divergence or curl at the vertices, (V,)."""
+    from abfm.calculus.operators import curl, divergence
+    from abfm.calculus.vector_fields import to_frame
+
+    operator = divergence(field.mesh) if kind == "divergence" else curl(field.mesh)
+    return np.asarray(operator @ to_frame(field.mesh, field.velocity).ravel())

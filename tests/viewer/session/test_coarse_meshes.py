@@ -1,0 +1,43 @@
+"""The coarser meshes that a match begins on are made while the user looks at the mesh."""
+
+from __future__ import annotations
+
+import pytest
+
+import abfm.matching.solving.levels
+from abfm_viewer.document.document import Document
+from abfm_viewer.session.session import Session
+from tests.viewer.sessions import PAIR, SPHERE, opened, until
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """For which meshes and numbers of levels they were made."""
+    asked = []
+    monkeypatch.setattr(
+        abfm.matching.solving.levels, "prepare", lambda mesh, parameters: asked.append((mesh, parameters.levels))
+    )
+    return asked
+
+
+def test_they_are_made_once_for_a_mesh_and_a_number_of_levels(asked):
+    session = opened()
+    until(lambda: asked, session)
+    for changes in ({"sigma": 0.1}, {"levels": 2}):
+        session.set_parameter(**changes)
+        until(lambda: not session._coarse_meshes.busy)
+        for _ in range(3):
+            session.update()
+            until(lambda: not session._coarse_meshes.busy)
+    assert asked == [(SPHERE, 0), (SPHERE, 2)]
+    session.close()
+
+
+def test_pictures_off_the_screen_need_none(asked):
+    session = Session(SPHERE, "sphere", at_once=True)
+    session.restore(Document(SPHERE, "sphere", channels=(PAIR,)), {}, None)
+    session.update()
+    assert not session.obstacle
+    session.update()
+    assert asked == []
+    session.close()

@@ -1,0 +1,121 @@
+"""The flow that is shown of a session, and what it carries, at every time and during a run."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from abfm_viewer.session.session import Session
+from abfm_viewer.shown.shown import Shown
+from tests.viewer.sessions import ENDLESS, opened, until
+
+
+@pytest.fixture
+def watched():
+    """What pictures show of a session."""
+    made = []
+
+    def watch(session):
+        made.append(Shown(session))
+        return made[-1]
+
+    yield watch
+    for shown in made:
+        shown.close()
+
+
+@pytest.fixture
+def session():
+    session = opened()
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def endless():
+    session = opened(ENDLESS)
+    yield session
+    session.close()
+
+
+def matched(session: Session) -> Session:
+    session.match()
+    until(lambda: session.solver.finished, session)
+    return session
+
+
+def solving(session: Session, rows: int = 5) -> Session:
+    session.match()
+    until(lambda: session.solver.run and len(session.solver.run.stages) > rows, session)
+    return session
+
+
+def test_after_a_match_its_end_is_shown(session, watched):
+    shown = watched(matched(session))
+    np.testing.assert_array_equal(shown.flow.advected(), session.result.advected[:, 0])
+
+
+def test_during_a_run_the_newest_iterate_is_shown_at_tau_and_followed_elsewhere(endless, watched):
+    shown = watched(endless)
+    solving(endless)
+    endless.solver.pause()
+    time.sleep(0.1)
+    iterate = endless.solver.snapshot.iteration
+    np.testing.assert_array_equal(shown.flow.advected(), iterate.advected[:, 0])
+    assert not shown.flow.state.final
+    assert shown.flow.state.velocity is iterate.velocity
+    endless.set_time(0.5)
+    until(lambda: (shown.flow.advected(), not shown.flow.busy)[1], endless)
+    early = shown.flow.advected()
+    expected = shown.flow.state.carry(endless.values("source"), np.array([0.5]))[0]
+    assert np.linalg.norm(early - expected) < 5e-3 * np.linalg.norm(expected)
+
+    endless.solver.resume()
+    until(lambda: endless.solver.snapshot.iteration.iteration > iterate.iteration + 30, endless)
+    until(lambda: not np.allclose(shown.flow.advected(), early, atol=1e-4), endless)  # the span followed
+
+
+def test_after_another_tau_the_shown_time_keeps_its_place_in_the_flow(session, watched):
+    shown = watched(session)
+    matched(session)
+    session.set_time(0.5)
+    session.set_parameter(tau=2.0)
+    assert (session.time, session.end) == (1.0, 4.0)
+    assert shown.flow.time == 0.5
+    assert session.outdated
+
+
+def test_a_settled_time_is_exact(session, watched):
+    shown = watched(session)
+    matched(session)
+    session.set_time(0.3)
+    time.sleep(0.2)
+    until(lambda: shown.flow.advected() is not None and not shown.flow.busy, session)
+    until(lambda: (shown.flow.advected(), not shown.busy)[1], session)
+    exact = session.result.advect(0.3)[:, 0]
+    np.testing.assert_allclose(shown.flow.advected(), exact, atol=1e-12)
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0, 1.7])
+def test_what_does_not_change_stays_the_same_array(session, share, watched):
+    """By which the surfaces know that there is nothing to draw again."""
+    shown = watched(session)
+    matched(session)
+    session.set_time(share * session.parameters.tau)
+    until(lambda: (shown.flow.advected(), shown.flow.settled and not shown.flow.busy)[1], session)
+    assert shown.flow.advected() is shown.flow.advected()
+    until(lambda: shown.flow.coordinates() is not None and not shown.flow.busy, session)
+    assert shown.flow.coordinates() is shown.flow.coordinates()
+
+
+def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endless, watched):
+    shown = watched(endless)
+    solving(endless)
+    endless.solver.pause()
+    endless.set_time(0.3)
+    until(lambda: (shown.flow.advected(), not shown.flow.busy)[1], endless)
+    assert shown.flow.advected() is shown.flow.advected()
+    endless.set_time(endless.parameters.tau)
+    assert shown.flow.advected() is shown.flow.advected()
