@@ -6,9 +6,7 @@ from pathlib import Path
 
 from abfm import FunctionError
 from abfm.functions import Family, Spec, Sum, parse
-from abfm.functions.expression import Expression
 from abfm.functions.permuted import Permuted
-from abfm.functions.values_file import ValuesFile
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.panels.context import Context
 
@@ -57,8 +55,9 @@ def _short(tree: Spec) -> str:
         return f"{_short(tree.function)}, {Path(tree.path).name}"
     if not isinstance(tree, Family):
         return "function"
-    if isinstance(tree, ValuesFile):
-        return cut(Path(tree.path).name, _LONGEST, len)
-    if isinstance(tree, Expression):
-        return cut(tree.formula, _LONGEST, len)
-    return tree.family if tree.positional is None else f"{tree.family} {getattr(tree, tree.positional)}"
+    if tree.positional is None:
+        return tree.family
+    word = str(getattr(tree, tree.positional))
+    if any(parameter.kind.suffixes for parameter in tree.parameters()):
+        return cut(Path(word).name, _LONGEST, len)
+    return cut(word, _LONGEST, len) if tree.is_open_ended else f"{tree.family} {word}"

@@ -105,14 +105,8 @@ def _hover(ui: Ui, run: Run) -> None:
     mouse_x, _ = implot.GetPlotMousePos()
     at = int(np.clip(round(mouse_x), 0, len(run.stages) - 1))
     _marks("##here", [at], ui.colors.accent, ui.px(1))
-    total, regularity, mismatch = run.energies[at]
-    lines = [
-        f"iteration {at}{', restarted here' if at in run.restarts else ''}",
-        _course(run, at),
-        f"total {total:.4g}",
-        f"regularity {regularity:.4g}",
-        f"mismatch {mismatch:.4g}",
-    ]
+    lines = [f"iteration {at}{', restarted here' if at in run.restarts else ''}", _course(run, at)]
+    lines += [f"{name} {energy:.4g}" for name, energy in zip(_NAMES, run.energies[at], strict=True)]
     imgui.SetTooltip("\n".join(lines))
 
 
@@ -158,6 +152,4 @@ def _range(curves: Sequence[FloatArray]) -> tuple[float, float]:
     """A little more than the curves need."""
     values = np.concatenate(curves)
     values = values[np.isfinite(values)]
-    if not len(values):
-        return 0.1, 10.0
-    return 0.7 * float(values.min()), 1.5 * float(values.max())
+    return (0.7 * float(values.min()), 1.5 * float(values.max())) if len(values) else (0.1, 10.0)

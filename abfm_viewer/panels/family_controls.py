@@ -3,88 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from abfm import FunctionError, TriangleMesh
-from abfm.functions import Family, Parameter
-from abfm.functions.indicator import Indicator
+from abfm.functions import Family, Parameter, Spec, parse
+from abfm.functions.family import VERTICES
 from abfm_viewer.widgets.toolkit import Ui
 
 Put = Callable[[Family, str], None]
 """Takes a changed function and the label of the widget that changed it."""
 
 
-@dataclass(frozen=True)
-class _Range:
-    """The ends of a slider."""
-
-    low: float
-    high: float
-    log: bool = False
-    whole: bool = False
-
-
-_RANGES = {
-    ("gaussian", "width"): _Range(0.01, 1, log=True),
-    ("gaussian", "height"): _Range(-2, 2),
-    ("eigenfunction", "index"): _Range(0, 50, whole=True),
-    ("hks", "time"): _Range(1e-4, 1, log=True),
-    ("hks", "eigenpairs"): _Range(1, 256, whole=True),
-    ("wks", "energy"): _Range(0, 10),
-    ("wks", "width"): _Range(0.01, 10, log=True),
-    ("wks", "eigenpairs"): _Range(1, 256, whole=True),
-    ("indicator", "radius"): _Range(0.01, 1, log=True),
-}
-_TIPS = {
-    "vertex": "Where it is, counted as in the mesh file; of several, with commas, the nearest counts.",
-    "formula": "In x, y and z, with sin, exp, sqrt, abs, min, where and the like, and comparisons. Enter takes it.",
-    "eigenpairs": "How many terms the sum has: more are sharper and take longer.",
-}
-_DISC = ("vertex", "x", "y", "z", "radius")
+def begun(example: str, mesh: TriangleMesh, vertex: int) -> Spec:
+    """A family's example, made for a mesh and a vertex as its file counts."""
+    return parse(example.format(vertex=vertex, middle=f"{mesh.vertices[:, 1].mean():.3g}"))
 
 
 def draw(ui: Ui, function: Family, mesh: TriangleMesh, put: Put) -> None:
-    """Draw a widget for each parameter."""
-    if isinstance(function, Indicator):
-        function = _draw_shape(ui, function, mesh, put)
+    """Draw a widget for each parameter that the function has, and first the choice of its shape."""
+    function = _draw_shape(ui, function, mesh, put)
+    shape = function.shapes.get(function.shape())
     for parameter in function.parameters():
-        if _is_shown(function, parameter.name):
+        is_replaced = parameter.instead_of and getattr(function, parameter.name) is None
+        if not is_replaced and (shape is None or parameter.name in shape.parameters):
             _draw_parameter(ui, function, parameter, mesh, put)
 
 
-def _is_shown(function: Family, name: str) -> bool:
-    """Not x, y and z beside a vertex; of an indicator, what its shape has."""
-    if name in ("x", "y", "z"):
-        return getattr(function, name) is not None
-    return not isinstance(function, Indicator) or (name in _DISC) == (function.radius is not None)
-
-
-def _draw_shape(ui: Ui, function: Indicator, mesh: TriangleMesh, put: Put) -> Indicator:
-    now = "disc" if function.radius is not None else "half-space"
-    chosen = ui.combo("shape", now, ("disc", "half-space"), "A geodesic disc, or what lies above or below a plane.")
+def _draw_shape(ui: Ui, function: Family, mesh: TriangleMesh, put: Put) -> Family:
+    if not function.shapes:
+        return function
+    about = ", or ".join(shape.summary for shape in function.shapes.values())
+    now = function.shape()
+    chosen = ui.combo("shape", now, tuple(function.shapes), f"{about[0].upper()}{about[1:]}.")
     if chosen != now:
-        if chosen == "disc":
-            function = Indicator(vertex=(int(mesh.vertex_ids[0]),), radius=0.2)
-        else:
-            function = Indicator(axis="y", above=float(f"{mesh.vertices[:, 1].mean():.3g}"))
-        put(function, "shape")
+        other = begun(function.shapes[chosen].example, mesh, int(mesh.vertex_ids[0]))
+        assert isinstance(other, Family)
+        put(other, "shape")
+        return other
     return function
 
 
 def _draw_parameter(ui: Ui, function: Family, parameter: Parameter, mesh: TriangleMesh, put: Put) -> None:
-    name, value = parameter.name, getattr(function, parameter.name)
+    """Draw a combo, a slider or a box to type into, whichever the kind of value asks for."""
+    name, kind, value = parameter.name, parameter.kind, getattr(function, parameter.name)
     unit = f" ({parameter.unit})" if parameter.unit else ""
-    tip = _TIPS.get(name) or f"{parameter.summary[0].upper()}{parameter.summary[1:]}{unit}."
+    tip = f"{parameter.summary[0].upper()}{parameter.summary[1:]}{unit}."
+    ends = parameter.slider(function, mesh) if callable(parameter.slider) else parameter.slider
     new: object = value
-    ends = _range(function, name, mesh)
-    if parameter.kind.choices and value is not None:
-        new = ui.combo(name, value, parameter.kind.choices, tip)
+    if kind.choices and value is not None:
+        new = ui.combo(name, value, kind.choices, tip)
     elif ends is not None and value is not None:
-        number = ui.number(name, float(value), ends.low, ends.high, tip, log=ends.log, whole=ends.whole)
+        number = ui.number(name, float(value), ends.low, ends.high, tip, log=ends.log, whole=kind.whole)
         if number is not None:
-            new = round(number) if ends.whole and number == round(number) else number
+            new = round(number) if kind.whole and number == round(number) else number
     else:
-        typed = ui.text(name, _text(value), tip, hint=_hint(function, parameter))
+        written = ",".join(map(str, value)) if isinstance(value, tuple) else str("" if value is None else value)
+        typed = ui.text(name, written, tip, hint="" if parameter.required else parameter.empty)
         if typed is not None:
             new = typed if typed.strip() or parameter.required else parameter.default
     if new != value:
@@ -95,33 +69,13 @@ def _draw_parameter(ui: Ui, function: Family, parameter: Parameter, mesh: Triang
 
 def _change(ui: Ui, function: Family, name: str, new: object, mesh: TriangleMesh, put: Put) -> None:
     """Take a new value, or say in place why not."""
-    values = {"vertex": new, "x": None, "y": None, "z": None} if name == "vertex" else {name: new}
+    replaced = {other.name: None for other in function.parameters() if other.instead_of == name}
     try:
-        changed = replace(function, **values)
-        for vertex in getattr(changed, "vertex", None) or ():
-            mesh.local_vertex(vertex)
+        changed = replace(function, **{name: new}, **replaced)
+        for parameter in changed.parameters():
+            if parameter.kind is VERTICES:
+                for vertex in getattr(changed, parameter.name) or ():
+                    mesh.local_vertex(vertex)
         put(changed, name)
     except FunctionError as error:
         ui.refuse(name, str(error))
-
-
-def _range(function: Family, name: str, mesh: TriangleMesh) -> _Range | None:
-    if isinstance(function, Indicator) and name in ("above", "below") and function.axis is not None:
-        along = mesh.vertices[:, "xyz".index(function.axis)]
-        low, high = float(along.min()), float(along.max())
-        return _Range(low, high) if low < high else None
-    return _RANGES.get((function.family, name))
-
-
-def _text(value: object) -> str:
-    if value is None:
-        return ""
-    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
-
-
-def _hint(function: Family, parameter: Parameter) -> str:
-    if parameter.name == "vertex":
-        return "at x, y, z"
-    if isinstance(function, Indicator):
-        return "no bound"
-    return "" if parameter.required else "automatic"

@@ -8,9 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from abfm import FunctionError
-from abfm.functions import Family, Spec, families, parse
+from abfm.functions import Family, Parameter, Spec, families, parse
 from abfm.functions.permuted import Permuted
-from abfm.functions.values_file import SUFFIXES, ValuesFile
 from abfm.maps.symmetry import KINDS
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import Side
@@ -19,19 +18,6 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.session.active_gaussian import active_gaussian
 
 _SEVERAL = "several terms"
-_FIRST = {
-    "gaussian": "gaussian:vertex={vertex},width=0.1",
-    "eigenfunction": "eigenfunction:1",
-    "hks": "hks",
-    "wks": "wks",
-    "curvature": "curvature:mean",
-    "coordinate": "coordinate:y",
-    "geodesic": "geodesic:vertex={vertex}",
-    "shape-diameter": "shape-diameter",
-    "indicator": "indicator:vertex={vertex},radius=0.2",
-    "expression": "expression:sin(10*x)*z",
-}
-"""What a family begins with, but for files; `vertex` is where the function was."""
 _FAMILY_TIP = "What kind of function it is. Sums of several kinds can be typed below.\n\n{name}: {summary}"
 _SPEC_TIP = "The function as text: terms with +, anything by hand. Enter takes it."
 _NO_MAP, _MAP_FILE = "none", "file..."
@@ -52,8 +38,9 @@ def draw(context: Context, side: Side) -> None:
         editor.draw_gaussians(editor.bump)
     elif isinstance(editor.inner, Family):
         family_controls.draw(ui, editor.inner, session.mesh, editor.put_inner)
-    if isinstance(editor.inner, ValuesFile) and ui.button("Browse...", "Choose the file."):
-        editor.choose_file()
+        file = _file_of(type(editor.inner))
+        if file is not None and ui.button("Browse...", "Choose the file."):
+            editor.choose_file(type(editor.inner), file)
     editor.draw_map()
     typed = ui.text("spec", spec, _SPEC_TIP)
     if typed is not None:
@@ -62,6 +49,12 @@ def draw(context: Context, side: Side) -> None:
     problem = session.error(spec)
     if problem:
         ui.note(problem, "error")
+
+
+def _file_of(family: type[Family]) -> Parameter | None:
+    """The parameter that names a file of values."""
+    files = (parameter for parameter in family.parameters() if parameter.kind.suffixes)
+    return None if family is Permuted else next(files, None)
 
 
 class _Editor:
@@ -85,19 +78,27 @@ class _Editor:
 
     def put_inner(self, function: Spec, label: str) -> None:
         """Take a function in the place of the one inside the vertex map."""
-        self.put(str(function if self._map is None else replace(self._map, function=function)), label)
+        self.put(str(self._mapped(function)), label)
+
+    def _mapped(self, function: Spec) -> Spec:
+        return function if self._map is None else replace(self._map, function=function)
 
     def draw_family(self) -> None:
         """The combo of families; a new one begins with a function that is valid on this mesh."""
-        names = [cls.family for cls in families() if cls is not Permuted]
+        known = {cls.family: cls for cls in families()}
+        names = [name for name in known if known[name] is not Permuted]
         now = self._family()
-        about = next((cls.summary() for cls in families() if cls.family == now), "A sum of functions.")
+        about = known[now].summary() if now in known else "A sum of functions."
         tip = _FAMILY_TIP.format(name=now, summary=about)
         chosen = self._ui.combo("family", now, names if now in names else [*names, now], tip)
-        if chosen == "file" != now:
-            self.choose_file()
-        elif chosen != now:
-            self.put_inner(parse(_FIRST[chosen].format(vertex=self._vertex())), "family")
+        if chosen == now:
+            return
+        family, file = known[chosen], _file_of(known[chosen])
+        if file is not None:
+            self.choose_file(family, file)
+        else:
+            example = family.example or family.family
+            self.put_inner(family_controls.begun(example, self._session.mesh, self._vertex()), "family")
 
     def draw_gaussians(self, bump: int) -> None:
         """The controls of one Gaussian, and which one of several it is."""
@@ -125,30 +126,25 @@ class _Editor:
         words = [_NO_MAP, *KINDS, _MAP_FILE]
         chosen = self._ui.combo("vertex map", now, words if now in words else [now, *words], _MAP_TIP)
         if chosen == _MAP_FILE:
-            self._choose("Open a vertex map", lambda path: Permuted(path=path, function=self.inner))
+            (file,) = Permuted.parameters()
+            self._choose("Open a vertex map", file, lambda path: Permuted(path=path, function=self.inner))
         elif chosen == _NO_MAP != now:
             self.put(str(self.inner), "vertex map")
         elif chosen != now:
             self.put(str(Permuted(path=chosen, function=self.inner)), "vertex map")
 
-    def choose_file(self) -> None:
-        """Let the user choose a file of values; nothing changes before."""
-        wrapper = self._map
+    def choose_file(self, family: type[Family], file: Parameter) -> None:
+        """Let the user choose the file that a function of a family reads; nothing changes before."""
+        self._choose("Open values at the vertices", file, lambda path: self._mapped(family(**{file.name: path})))
 
-        def function(path: str) -> Spec:
-            values = ValuesFile(path=path)
-            return values if wrapper is None else replace(wrapper, function=values)
-
-        self._choose("Open values at the vertices", function)
-
-    def _choose(self, title: str, function: Callable[[str], Spec]) -> None:
+    def _choose(self, title: str, file: Parameter, function: Callable[[str], Spec]) -> None:
         def take(path: Path) -> None:
             try:
                 self._session.set_spec(self._side, str(function(str(path))))
             except FunctionError as error:
                 self._session.say(str(error), is_error=True)
 
-        self._dialogs.open(title, SUFFIXES, take)
+        self._dialogs.open(title, file.kind.suffixes, take)
 
     def _put_bump(self, bump: int, gaussian: Family, label: str) -> None:
         values = {parameter.name: getattr(gaussian, parameter.name) for parameter in gaussian.parameters()}

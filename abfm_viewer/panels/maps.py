@@ -7,27 +7,20 @@ import numpy as np
 from abfm_viewer.document.document import Coloring
 from abfm_viewer.panels.context import Context
 
-_COLORINGS: tuple[Coloring, ...] = (
-    "function",
-    "coordinates",
-    "checker",
-    "area distortion",
-    "conformal distortion",
-)
-_TIPS = (
-    "The advected function itself.",
-    "The coordinates as red, green and blue, carried by the flow.",
-    "A checkerboard, carried by the flow.",
-    "How much larger (red) or smaller (blue) the map makes each face.",
-    "How much the map stretches each face in one direction more than in the other.",
-)
+_COLORINGS: dict[Coloring, str] = {
+    "function": "The advected function itself.",
+    "coordinates": "The coordinates as red, green and blue, carried by the flow.",
+    "checker": "A checkerboard, carried by the flow.",
+    "area distortion": "How much larger (red) or smaller (blue) the map makes each face.",
+    "conformal distortion": "How much the map stretches each face in one direction more than in the other.",
+}
 
 
 def draw(context: Context) -> None:
     """Draw the choice of the map's picture, and the points that are followed."""
     ui, session = context.ui, context.session
     view, quantities = session.view, context.shown.quantities
-    chosen = ui.radio(_COLORINGS, view.coloring, _TIPS)
+    chosen = ui.radio(tuple(_COLORINGS), view.coloring, tuple(_COLORINGS.values()))
     session.set_view(f"color by {chosen}", coloring=chosen)
     if view.coloring in ("area distortion", "conformal distortion"):
         found = quantities.distortion()
@@ -43,13 +36,11 @@ def draw(context: Context) -> None:
         quality = quantities.map_quality()
         if quality is not None and quality.warning:
             ui.note(f"Warning: {quality.warning}.", "error")
-    follow = ui.checkbox(
-        "follow clicked points", view.tool == "follow a point", "A click on a surface marks a point, which then moves."
-    )
-    if follow != (view.tool == "follow a point"):
+    follows = view.tool == "follow a point"
+    follow = ui.checkbox("follow clicked points", follows, "A click on a surface marks a point, which then moves.")
+    if follow != follows:
         session.set_view("choose what a click does", tool="follow a point" if follow else "nothing")
-    paths = quantities.paths()
-    for point, path in zip(session.document.points, paths, strict=False):
+    for point, path in zip(session.document.points, quantities.paths(), strict=False):
         x, y, z = path.at(context.shown.flow.time)
         corner = session.mesh.faces[point.face][int(np.argmax(point.barycentric))]
         ui.note(f"from vertex {session.mesh.vertex_ids[corner]} to ({x:.4g}, {y:.4g}, {z:.4g})")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from abfm import AbfmError, ParameterError, Parameters
 from abfm.experiments import TITLES
@@ -17,12 +17,11 @@ from abfm_viewer.widgets.toolkit import Ui
 
 _OWN, _DEFAULTS = "own values", "defaults"
 _INITIAL = Parameters()
-_HELP = {entry.name: entry.metadata for entry in fields(Parameters)}
+_FIELDS = {entry.name: entry for entry in fields(Parameters)}
 
 
-@dataclass(frozen=True)
-class _Number:
-    """A parameter's slider, and what its tooltip says besides what the parameter does.
+class _About(NamedTuple):
+    """What a parameter's tooltip says besides what the parameter does, and its slider.
 
     Attributes
     ----------
@@ -30,69 +29,52 @@ class _Number:
         Where the paper has it.
     remedy : str
         What to try when the result is bad.
+    low, high : float
+        The ends of a number's slider.
+    log : bool
     """
 
-    name: str
-    low: float
-    high: float
     place: str
     remedy: str
+    low: float = 0
+    high: float = 0
     log: bool = False
-    whole: bool = False
 
 
-_MODEL = (
-    _Number(
-        "alpha", 1e-4, 1e4, "section 3, Eq. 3", "Smaller if the target is missed, larger if the field is rough.", True
+_ABOUT = {
+    "alpha": _About(
+        "section 3, Eq. 3", "Smaller if the target is missed, larger if the field is rough.", 1e-4, 1e4, log=True
     ),
-    _Number("beta", 0, 1, "section 3, Eq. 3", "0 is mostly best; try 1e-4 if the target's edges are blurred.", True),
-    _Number(
-        "order",
-        1,
-        2,
-        "only 1",
-        "2 keeps fields continuous; 1 fits more closely, with fields whose flow differs.",
-        whole=True,
-    ),
-    _Number(
-        "sigma",
-        1e-4,
-        1,
+    "beta": _About("section 3, Eq. 3", "0 is mostly best; try 1e-4 if the target's edges are blurred.", 0, 1, log=True),
+    "order": _About("only 1", "2 keeps fields continuous; 1 fits more closely, with fields whose flow differs.", 1, 2),
+    "sigma": _About(
         "Eq. 3, section 7, where it is absolute",
         "Smaller if the match is loose, larger if the field is wild. It is relative to the functions, whatever their "
         "scale and width, unless sigma_unit is absolute: half as large asks for half the mismatch.",
-        True,
+        1e-4,
+        1,
+        log=True,
     ),
-)
-_WAY = (
-    _Number("reach", 0, 2, "", "Larger if the source shrinks where it is instead of moving to the target."),
-    _Number(
-        "tau", 0.1, 10, "Eq. 3, section 7", "Leave it and change alpha: mostly only speed and tau trade places.", True
+    "sigma_unit": _About("absolute", "relative, which fits functions of any scale and width."),
+    "reach": _About("", "Larger if the source shrinks where it is instead of moving to the target.", 0, 2),
+    "tau": _About(
+        "Eq. 3, section 7", "Leave it and change alpha: mostly only speed and tau trade places.", 0.1, 10, log=True
     ),
-)
-_SEGMENTS = _Number("segments", 1, 40, "Eq. 6, section 5", "More if linearised steps leave noise.", whole=True)
-_BRACKET = (
-    _Number("substeps", 1, 200, "section 7", "More if the line search fails early.", True, True),
-    _Number("quadrature", 1, 50, "Eq. 9", "More if the line search fails early.", whole=True),
-)
-_EFFORT = (
-    _Number("iterations", 1, 2000, "section 7", "More if it ended at the iteration limit.", True, True),
-    _Number("cooling_stages", 1, 6, "section 7, Table 1", "More if functions far apart do not meet.", whole=True),
-    _Number("levels", 0, 5, "", "More if a large mesh takes long, 1 if its coarser ones lose thin parts.", whole=True),
-)
-_ADVANCED = (
-    _Number("balance", 0, 1, "", "Larger if flow lines confirm less than the match shows, 0 for the match alone."),
-    _Number("cooling_factor", 1.5, 100, "section 7, Table 1", "Smaller if a new stage undoes the last one.", True),
-    _Number("stage_iterations", 0, 200, "section 7", "More if the energy still falls where a stage ends.", whole=True),
-    _Number("memory", 1, 100, "section 7", "More if it is slow, fewer if memory runs out.", whole=True),
-    _Number("max_displacement", 0.01, 1, "", "Smaller if the field overshoots in the first iterations.", True),
-    _Number("tolerance", 0, 0.1, "", "Smaller if it converges too early.", True),
-)
-_WORDS = {
-    "sigma_unit": ("absolute", "relative, which fits functions of any scale and width."),
-    "method": ("Eqs. 4 and 5, section 5", "nonlinear if the result is jagged."),
-    "gradient": ("Eqs. 7 and 9", "adjoint, which is exact."),
-    "preconditioner": ("section 7", "hodge, which is faster on all but the coarsest meshes."),
+    "method": _About("Eqs. 4 and 5, section 5", "nonlinear if the result is jagged."),
+    "segments": _About("Eq. 6, section 5", "More if linearised steps leave noise.", 1, 40),
+    "gradient": _About("Eqs. 7 and 9", "adjoint, which is exact."),
+    "substeps": _About("section 7", "More if the line search fails early.", 1, 200, log=True),
+    "quadrature": _About("Eq. 9", "More if the line search fails early.", 1, 50),
+    "iterations": _About("section 7", "More if it ended at the iteration limit.", 1, 2000, log=True),
+    "cooling_stages": _About("section 7, Table 1", "More if functions far apart do not meet.", 1, 6),
+    "levels": _About("", "More if a large mesh takes long, 1 if its coarser ones lose thin parts.", 0, 5),
+    "balance": _About("", "Larger if flow lines confirm less than the match shows, 0 for the match alone.", 0, 1),
+    "cooling_factor": _About("section 7, Table 1", "Smaller if a new stage undoes the last one.", 1.5, 100, log=True),
+    "stage_iterations": _About("section 7", "More if the energy still falls where a stage ends.", 0, 200),
+    "memory": _About("section 7", "More if it is slow, fewer if memory runs out.", 1, 100),
+    "max_displacement": _About("", "Smaller if the field overshoots in the first iterations.", 0.01, 1, log=True),
+    "tolerance": _About("", "Smaller if it converges too early.", 0, 0.1, log=True),
+    "preconditioner": _About("section 7", "hodge, which is faster on all but the coarsest meshes."),
 }
 _MASK_TIP = (
     "A function that weighs the mismatch at each vertex, 0 or more: where it is 0, anything may happen. Any spec, for "
@@ -106,27 +88,18 @@ def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     parameters = session.parameters
     _preset(ui, session)
-    for number in _MODEL:
-        _number(ui, session, number)
-    _choice(ui, session, "sigma_unit")
-    for number in _WAY:
-        _number(ui, session, number)
-    _choice(ui, session, "method")
-    _number(ui, session, _SEGMENTS)
+    _controls(ui, session, "alpha", "beta", "order", "sigma", "sigma_unit", "reach", "tau", "method", "segments")
     with ui.disabled(parameters.method == "linearised"):
-        _choice(ui, session, "gradient")
+        _controls(ui, session, "gradient")
         with ui.disabled(parameters.gradient == "adjoint"):
-            for number in _BRACKET:
-                _number(ui, session, number)
-    for number in _EFFORT:
-        _number(ui, session, number)
+            _controls(ui, session, "substeps", "quadrature")
+    _controls(ui, session, "iterations", "cooling_stages", "levels")
     _mask(ui, session)
     draw_switches(ui, session)
     with ui.section("Advanced", False) as is_open:
         if is_open:
-            for number in _ADVANCED:
-                _number(ui, session, number)
-            _choice(ui, session, "preconditioner")
+            _controls(ui, session, "balance", "cooling_factor", "stage_iterations", "memory", "max_displacement")
+            _controls(ui, session, "tolerance", "preconditioner")
     enabled = parameters != _INITIAL
     if ui.button("Reset to defaults", "All parameters as they are at first.", enabled=enabled, width=-1):
         session.set_parameter(label="reset the parameters", **_INITIAL.to_dict())
@@ -145,36 +118,24 @@ def _preset(ui: Ui, session: Session) -> None:
             ui.accept_all()
 
 
-def _number(ui: Ui, session: Session, number: _Number) -> None:
-    name = number.name
-    value = ui.number(
-        name,
-        getattr(session.parameters, name),
-        number.low,
-        number.high,
-        _tip(name, number.place, number.remedy),
-        log=number.log,
-        whole=number.whole,
-    )
-    if value is not None:
-        _set(ui, session, name, value)
-
-
-def _choice(ui: Ui, session: Session, name: str) -> None:
-    value = getattr(session.parameters, name)
-    chosen = ui.combo(name, value, CHOICES[name], _tip(name, *_WORDS[name]))
-    if chosen != value:
-        _set(ui, session, name, chosen)
-    ui.refusal(name)
-
-
-def _set(ui: Ui, session: Session, name: str, value: Any) -> None:
-    """Change a parameter, or say in place why not."""
-    try:
-        session.set_parameter(name, **{name: value})
-        ui.refuse(name, "")
-    except ParameterError as error:
-        ui.refuse(name, str(error))
+def _controls(ui: Ui, session: Session, *names: str) -> None:
+    """Draw the widgets of some parameters, which say in place why a value is refused."""
+    for name in names:
+        about, value = _ABOUT[name], getattr(session.parameters, name)
+        new: Any
+        if name in CHOICES:
+            new = ui.combo(name, value, CHOICES[name], _tip(name))
+        else:
+            whole = _FIELDS[name].type == "int"
+            new = ui.number(name, value, about.low, about.high, _tip(name), log=about.log, whole=whole)
+        if new is not None and new != value:
+            try:
+                session.set_parameter(name, **{name: new})
+                ui.refuse(name, "")
+            except ParameterError as error:
+                ui.refuse(name, str(error))
+        if name in CHOICES:
+            ui.refusal(name)
 
 
 def _mask(ui: Ui, session: Session) -> None:
@@ -192,9 +153,9 @@ def _mask(ui: Ui, session: Session) -> None:
 
 
 @cache
-def _tip(name: str, place: str, remedy: str) -> str:
-    help, symbol = _HELP[name]["help"], _HELP[name]["symbol"]
-    default = getattr(_INITIAL, name)
+def _tip(name: str) -> str:
+    help, symbol = _FIELDS[name].metadata["help"], _FIELDS[name].metadata["symbol"]
+    default, (place, remedy, *_) = getattr(_INITIAL, name), _ABOUT[name]
     shown = f"{default:g}" if isinstance(default, int | float) else default
     in_paper = ", ".join(filter(None, [symbol.strip("*"), place])) or "not there"
     return f"{help[0].upper()}{help[1:]}. Default: {shown}.\nIn the paper: {in_paper}.\nBad result? {remedy}"

@@ -3,35 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Literal
+from dataclasses import Field, asdict, dataclass, field, fields
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from abfm.errors import ParameterError
 
 Method = Literal["nonlinear", "linearised"]
-Gradient = Literal["adjoint", "bracket"]
-Preconditioner = Literal["hodge", "none"]
-SigmaUnit = Literal["relative", "absolute"]
 
 _LARGEST_ALPHA = 1e7
 _SMALLEST, _LARGEST = 1e-30, 1e30  # numbers other than 0, whose squares neither underflow nor overflow
 _MANY = 1_000_000_000
-
-_BOUNDS = ("minimum", "open", "maximum")
-
-CHOICES = {
-    "method": ("nonlinear", "linearised"),
-    "gradient": ("adjoint", "bracket"),
-    "preconditioner": ("hodge", "none"),
-    "sigma_unit": ("relative", "absolute"),
-}
 
 PAPER: dict[str, Any] = {"order": 1, "reach": 0.0, "levels": 1, "sigma_unit": "absolute", "balance": 0.0}
 """What makes the energy and the course of its minimisation those of the paper; also what files of before had."""
 
 
 def _parameter(
-    default: Any, symbol: str, help: str, minimum: float | None = None, open: bool = False, maximum: int = _MANY
+    default: Any, symbol: str, help: str, minimum: float | None = None, maximum: int = _MANY, *, open: bool = False
 ) -> Any:
     metadata = {"symbol": symbol, "help": help, "minimum": minimum, "open": open, "maximum": maximum}
     return field(default=default, metadata=metadata)
@@ -50,64 +38,50 @@ class Parameters:
         If a value is out of range, not a number, or not one of the choices.
     """
 
-    tau: float = _parameter(1.0, "τ", "end time of the flow; larger deformations may need more", 0, True)
+    tau: float = _parameter(1.0, "τ", "end time of the flow; larger deformations may need more", 0, open=True)
     alpha: float = _parameter(
         0.01, "α", "smoothness of the field: weight of its Hodge Laplacian; lowered where that does not match", 0
     )
     beta: float = _parameter(0.0, "β", "weight of the mismatch's gradient: above 0, slopes must match as well", 0)
     order: int = _parameter(
-        2,
-        "",
-        "order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as computed",
-        1,
-        False,
-        2,
+        2, "", "order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as computed", 1, 2
     )
     sigma: float = _parameter(
         0.02,
         "σ",
         "weight of the match against the smoothness: smaller matches closer; raised to what smooth flows leave",
         0,
-        True,
+        open=True,
     )
-    sigma_unit: SigmaUnit = _parameter(
+    sigma_unit: Literal["relative", "absolute"] = _parameter(
         "relative", "", "sigma as a fraction of the functions' deviation from their mean in L2, or as the paper has it"
     )
     reach: float = _parameter(
-        1.0,
-        "",
-        "how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper",
-        0,
-        False,
-        10,
+        1.0, "", "how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper", 0, 10
     )
     balance: float = _parameter(
-        0.5, "", "weight of flow lines against the discrete advection in the end; 0 as the paper", 0, False, 1
+        0.5, "", "weight of flow lines against the discrete advection in the end; 0 as the paper", 0, 1
     )
-    levels: int = _parameter(0, "", "meshes from coarse to fine; 1 only the mesh itself, 0 by its size", 0, False, 10)
+    levels: int = _parameter(0, "", "meshes from coarse to fine; 1 only the mesh itself, 0 by its size", 0, 10)
     method: Method = _parameter("nonlinear", "", "exponential flow, or the first two terms of the exponential")
-    segments: int = _parameter(
-        0, "N", "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)", 0, False, 1000
-    )
-    gradient: Gradient = _parameter(
+    segments: int = _parameter(0, "N", "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)", 0, 1000)
+    gradient: Literal["adjoint", "bracket"] = _parameter(
         "adjoint", "", "exact derivative of the discrete energy, or the paper's by brackets"
     )
     substeps: int = _parameter(10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1)
     quadrature: int = _parameter(10, "k", "intervals of the time integral in the bracket gradient", 1)
     iterations: int = _parameter(500, "", "iterations at most, over all cooling stages together", 0)
-    cooling_stages: int = _parameter(
-        3, "*", "stages of sigma, the last one at its value; 1 for no cooling", 1, False, 1000
-    )
-    cooling_factor: float = _parameter(3.0, "*", "sigma is divided by this from stage to stage", 1, True)
+    cooling_stages: int = _parameter(3, "*", "stages of sigma, the last one at its value; 1 for no cooling", 1, 1000)
+    cooling_factor: float = _parameter(3.0, "*", "sigma is divided by this from stage to stage", 1, open=True)
     stage_iterations: int = _parameter(
         0, "*", "iterations of each stage before the last; 0: as long as they pay (paper: share half of all)", 0
     )
-    preconditioner: Preconditioner = _parameter(
+    preconditioner: Literal["hodge", "none"] = _parameter(
         "hodge", "", "exact inverse of the field's norm, or none (the paper's plain L-BFGS)"
     )
-    memory: int = _parameter(30, "", "pairs that L-BFGS remembers", 1, False, 10_000)
+    memory: int = _parameter(30, "", "pairs that L-BFGS remembers", 1, 10_000)
     max_displacement: float = _parameter(
-        0.1, "", "most that one iteration may change tau |v|, as a fraction of sqrt(area)", 0, True
+        0.1, "", "most that one iteration may change tau |v|, as a fraction of sqrt(area)", 0, open=True
     )
     tolerance: float = _parameter(1e-4, "", "converged when the gradient's norm is this fraction of its first one", 0)
 
@@ -118,10 +92,8 @@ class Parameters:
                 if value not in CHOICES[entry.name]:
                     expected = " or ".join(repr(choice) for choice in CHOICES[entry.name])
                     raise ParameterError(f"{entry.name} is {value!r}; expected {expected}")
-                continue
-            whole = entry.type == "int"
-            _check_number(entry.name, value, whole, **{key: entry.metadata[key] for key in _BOUNDS})
-            object.__setattr__(self, entry.name, int(value) if whole else float(value))  # no NumPy scalars
+            else:
+                object.__setattr__(self, entry.name, _checked_number(entry, value))
         if self.alpha > _LARGEST_ALPHA:
             raise ParameterError(
                 f"alpha is {self.alpha:g}; expected at most {_LARGEST_ALPHA:g}, beyond which rounding swamps the norm"
@@ -170,7 +142,15 @@ class Parameters:
         return cls(**(values if PAPER.keys() & values.keys() else {**PAPER, **values}))
 
 
-def _check_number(name: str, value: Any, whole: bool, minimum: float, open: bool, maximum: int) -> None:
+CHOICES: dict[str, tuple[str, ...]] = {
+    name: get_args(hint) for name, hint in get_type_hints(Parameters).items() if get_origin(hint) is Literal
+}
+
+
+def _checked_number(entry: Field[Any], value: Any) -> float:
+    """The value as one of Python's own numbers."""
+    name, whole = entry.name, entry.type == "int"
+    minimum, open, maximum = (entry.metadata[key] for key in ("minimum", "open", "maximum"))
     kind = "a whole number" if whole else "a number"
     bound = f"{'above' if open else 'at least'} {minimum:g}"
     try:
@@ -184,6 +164,7 @@ def _check_number(name: str, value: Any, whole: bool, minimum: float, open: bool
         raise ParameterError(f"{name} is {_shown(value)}; expected {kind} {bound} and at most {maximum}")
     if not whole and value != 0 and not _SMALLEST <= value <= _LARGEST:
         raise ParameterError(f"{name} is {_shown(value)}; expected a number between {_SMALLEST:g} and {_LARGEST:g}")
+    return int(value) if whole else float(value)
 
 
 def _shown(value: Any) -> str:

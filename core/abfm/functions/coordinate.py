@@ -23,6 +23,7 @@ class Coordinate(Family):
 
     family: ClassVar[str] = "coordinate"
     positional: ClassVar[str | None] = "axis"
+    example: ClassVar[str] = "coordinate:y"
     axis: str = parameter(AXIS, "which coordinate")
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:

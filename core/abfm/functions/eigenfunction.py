@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.functions.family import INDEX, Family, parameter
+from abfm.functions.family import INDEX, Family, Slider, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -23,7 +23,8 @@ class Eigenfunction(Family):
 
     family: ClassVar[str] = "eigenfunction"
     positional: ClassVar[str | None] = "index"
-    index: int = parameter(INDEX, "number of the eigenfunction; 0 is the constant")
+    example: ClassVar[str] = "eigenfunction:1"
+    index: int = parameter(INDEX, "number of the eigenfunction; 0 is the constant", slider=Slider(0, 50))
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         if self.index == 0:

@@ -90,7 +90,12 @@ class Expression(Family):
 
     family: ClassVar[str] = "expression"
     positional: ClassVar[str | None] = "formula"
-    formula: str = parameter(Kind("a formula", lambda text: " ".join(text.split())), "formula in x, y and z")
+    is_open_ended: ClassVar[bool] = True
+    example: ClassVar[str] = "expression:sin(10*x)*z"
+    formula: str = parameter(
+        Kind("a formula", lambda text: " ".join(text.split())),
+        "in x, y and z, with sin, exp, sqrt, abs, min, where and the like, and comparisons. Enter takes it",
+    )
 
     def check(self) -> None:
         _value(self.formula, np.full((2, 3), 0.5))

@@ -6,10 +6,10 @@ import inspect
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import MISSING, Field, dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from abfm.errors import FunctionError, did_you_mean
 from abfm.mesh import TriangleMesh
@@ -26,28 +26,84 @@ class Spec(ABC):
 
 @dataclass(frozen=True)
 class Kind:
-    """What a parameter accepts: its name in messages, and how text becomes a value (ValueError where it cannot)."""
+    """What a parameter accepts.
+
+    Attributes
+    ----------
+    name : str
+        In messages.
+    read : callable
+        How text becomes a value; ValueError where it cannot.
+    choices : tuple of str
+        All values, where they are few names.
+    whole : bool
+        Whether its numbers are whole.
+    suffixes : tuple of str
+        Endings of the files that it names.
+    """
 
     name: str
     read: Callable[[str], Any] = field(repr=False)
     choices: tuple[str, ...] = ()
+    whole: bool = False
+    suffixes: tuple[str, ...] = ()
+
+
+class Slider(NamedTuple):
+    """The ends of a parameter's slider; values beyond them can be typed."""
+
+    low: float
+    high: float
+    log: bool = False
+
+
+class Shape(NamedTuple):
+    """One of the ways to describe a function of a family: in words, by an example, and the parameters that it has."""
+
+    summary: str
+    example: str
+    parameters: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One key of a family, as help texts and forms show it; an optional one without a default has default None."""
+    """One key of a family: all that the text form, help texts, messages and forms know about it.
+
+    Attributes
+    ----------
+    name : str
+    kind : Kind
+    summary : str
+        What it means, as the beginning of a sentence in small letters.
+    default : object
+        MISSING where it must be given; an optional one without a default has None.
+    unit : str
+    slider : Slider or callable, optional
+        What a form draws for a number, or what finds it for a function of the family and a mesh.
+    empty : str
+        What None means, as a form says it.
+    instead_of : str
+        Another parameter which, when it is given, takes the place of this one.
+    """
 
     name: str
     kind: Kind
     summary: str
-    unit: str
     default: Any
-    required: bool
+    unit: str = ""
+    slider: Slider | Callable[[Any, TriangleMesh], Slider | None] | None = None
+    empty: str = "automatic"
+    instead_of: str = ""
+
+    @property
+    def required(self) -> bool:
+        """Whether it must be given."""
+        return self.default is MISSING
 
 
-def parameter(kind: Kind, summary: str, *, unit: str = "", default: Any = MISSING) -> Any:
-    """Declare a dataclass field of a family; without ``default`` it must be given."""
-    return field(default=default, metadata={"kind": kind, "summary": summary, "unit": unit})
+def parameter(kind: Kind, summary: str, *, default: Any = MISSING, **more: Any) -> Any:
+    """Declare a dataclass field of a family, with the attributes of :class:`Parameter`."""
+    return field(default=default, metadata={"kind": kind, "summary": summary, "default": default, **more})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +115,10 @@ class Family(Spec):
 
     family: ClassVar[str]
     positional: ClassVar[str | None] = None  # the parameter that may stand without its key
+    is_open_ended: ClassVar[bool] = False  # whether the positional value extends to the end of the text
+    # what a form begins with, unless it is the name alone; {vertex} and {middle}, the mean of y, are the mesh's
+    example: ClassVar[str] = ""
+    shapes: ClassVar[Mapping[str, Shape]] = {}  # by name, where there are several
 
     def __post_init__(self) -> None:
         for p in self.parameters():
@@ -74,7 +134,12 @@ class Family(Spec):
     @cache
     def parameters(cls) -> tuple[Parameter, ...]:
         """All parameters, in the order of the text form."""
-        return tuple(_describe(f) for f in fields(cls) if "kind" in f.metadata)
+        return tuple(Parameter(f.name, **f.metadata) for f in fields(cls) if "kind" in f.metadata)
+
+    def shape(self) -> str:
+        """Which of the shapes it has: the first that has all parameters given."""
+        given = {p.name for p in self.parameters() if getattr(self, p.name) != p.default}
+        return next((name for name, shape in self.shapes.items() if given <= set(shape.parameters)), "")
 
     @classmethod
     def summary(cls) -> str:
@@ -86,12 +151,6 @@ class Family(Spec):
         given.sort(key=lambda item: item[0] != self.positional)
         words = [_text(value) if name == self.positional else f"{name}={_text(value)}" for name, value in given]
         return f"{self.family}:{','.join(words)}" if words else self.family
-
-
-def _describe(f: Field[Any]) -> Parameter:
-    required = f.default is MISSING
-    default = None if required else f.default
-    return Parameter(f.name, f.metadata["kind"], f.metadata["summary"], f.metadata["unit"], default, required)
 
 
 def _read(family: str, p: Parameter, value: Any) -> Any:
@@ -121,55 +180,36 @@ def shown(text: str) -> str:
     return repr(text if len(text) <= 60 else f"{text[:45]}...{text[-10:]}")
 
 
-def _number(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError
-    return value
+def _checked(read: Callable[[str], Any], accepts: Callable[[Any], bool]) -> Callable[[str], Any]:
+    def checked(text: str) -> Any:
+        value = read(text)
+        if not accepts(value):
+            raise ValueError
+        return value
+
+    return checked
 
 
-def _positive(text: str) -> float:
-    value = _number(text)
-    if value <= 0:
-        raise ValueError
-    return value
+_index = _checked(int, lambda value: 0 <= value < 2**31)
+_nonempty = _checked(str, lambda text: bool(text) and "\0" not in text)
 
-
-def _index(text: str) -> int:
-    value = int(text)
-    if not 0 <= value < 2**31:
-        raise ValueError
-    return value
-
-
-def _count(text: str) -> int:
-    return _index(str(int(text) - 1)) + 1
-
-
-def _nonempty(text: str) -> str:
-    if not text or "\0" in text:
-        raise ValueError
-    return text
-
-
-NUMBER = Kind("a finite number", _number)
-POSITIVE = Kind("a number above 0", _positive)
-INDEX = Kind("a whole number, 0 or more", _index)
-INDICES = Kind(
+NUMBER = Kind("a finite number", _checked(float, math.isfinite))
+POSITIVE = Kind("a number above 0", _checked(float, lambda value: 0 < value < math.inf))
+INDEX = Kind("a whole number, 0 or more", _index, whole=True)
+COUNT = Kind("a whole number, 1 or more", _checked(int, lambda value: 0 < value <= 2**31), whole=True)
+VERTICES = Kind(
     "one vertex number or several with commas, counted from 0",
     lambda text: tuple(_index(part) for part in text.split(",")),
 )
-COUNT = Kind("a whole number, 1 or more", _count)
-PATH = Kind("the name of a file", _nonempty)
 WORD = Kind("a name or a number", _nonempty)
+
+
+def file_name(*suffixes: str) -> Kind:
+    """The name of a file with one of some endings."""
+    return Kind("the name of a file", _nonempty, suffixes=suffixes)
 
 
 def choice(*names: str) -> Kind:
     """One of a few names."""
-
-    def read(text: str) -> str:
-        if text not in names:
-            raise ValueError
-        return text
-
-    return Kind(" or ".join([", ".join(names[:-1]), names[-1]]), read, names)
+    listed = " or ".join([", ".join(names[:-1]), names[-1]])
+    return Kind(listed, _checked(str, names.__contains__), names)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from abfm.calculus.geodesics import geodesic_distance
-from abfm.functions.family import NUMBER, POSITIVE, choice, parameter
+from abfm.functions.family import NUMBER, POSITIVE, Slider, choice, parameter
 from abfm.functions.points import AroundPoints
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
@@ -23,8 +23,11 @@ class Gaussian(AroundPoints):
     """
 
     family: ClassVar[str] = "gaussian"
-    width: float = parameter(POSITIVE, "standard deviation", unit="fraction of sqrt(area)", default=0.1)
-    height: float = parameter(NUMBER, "value at the centre", default=1.0)
+    example: ClassVar[str] = "gaussian:vertex={vertex},width=0.1"
+    width: float = parameter(
+        POSITIVE, "standard deviation", unit="fraction of sqrt(area)", default=0.1, slider=Slider(0.01, 1, log=True)
+    )
+    height: float = parameter(NUMBER, "value at the centre", default=1.0, slider=Slider(-2, 2))
     metric: str = parameter(choice("geodesic", "euclidean"), "along the surface or through space", default="geodesic")
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:

@@ -20,6 +20,7 @@ class Geodesic(AroundPoints):
     """
 
     family: ClassVar[str] = "geodesic"
+    example: ClassVar[str] = "geodesic:vertex={vertex}"
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         return geodesic_distance(mesh, self.sources(mesh))

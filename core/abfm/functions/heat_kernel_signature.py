@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.functions.family import COUNT, POSITIVE, Family, parameter
+from abfm.functions.family import COUNT, POSITIVE, Family, Slider, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -31,8 +31,10 @@ class HeatKernelSignature(Family):
     """
 
     family: ClassVar[str] = "hks"
-    time: float = parameter(POSITIVE, "diffusion time", unit="area", default=0.01)
-    eigenpairs: int = parameter(COUNT, "terms of the sum", default=128)
+    time: float = parameter(POSITIVE, "diffusion time", unit="area", default=0.01, slider=Slider(1e-4, 1, log=True))
+    eigenpairs: int = parameter(
+        COUNT, "how many terms the sum has: more are sharper and take longer", default=128, slider=Slider(1, 256)
+    )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         values, functions = eigenbasis(mesh.normalized(), min(self.eigenpairs, len(mesh.vertices)))

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from abfm.calculus.geodesics import geodesic_distance
 from abfm.errors import FunctionError
 from abfm.functions.coordinate import AXIS, along
-from abfm.functions.family import NUMBER, POSITIVE, parameter
+from abfm.functions.family import NUMBER, POSITIVE, Shape, Slider, parameter
 from abfm.functions.points import AroundPoints
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
+
+
+def _extent(function: Indicator, mesh: TriangleMesh) -> Slider | None:
+    """The least and the largest value of the coordinate, if they differ."""
+    assert function.axis is not None
+    height = along(mesh, function.axis)
+    ends = Slider(float(height.min()), float(height.max()))
+    return ends if ends.low < ends.high else None
+
+
+def _bound(summary: str) -> Any:
+    return parameter(NUMBER, summary, unit="length", default=None, slider=_extent, empty="no bound")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,10 +38,19 @@ class Indicator(AroundPoints):
     """
 
     family: ClassVar[str] = "indicator"
-    radius: float | None = parameter(POSITIVE, "radius of the disc", unit="fraction of sqrt(area)", default=None)
+    example: ClassVar[str] = "indicator:vertex={vertex},radius=0.2"
+    shapes: ClassVar[Mapping[str, Shape]] = {
+        "disc": Shape("a geodesic disc", example, ("vertex", "x", "y", "z", "radius")),
+        "half-space": Shape(
+            "what lies above or below a plane", "indicator:axis=y,above={middle}", ("axis", "above", "below")
+        ),
+    }
+    radius: float | None = parameter(
+        POSITIVE, "radius of the disc", unit="fraction of sqrt(area)", default=None, slider=Slider(0.01, 1, log=True)
+    )
     axis: str | None = parameter(AXIS, "coordinate that bounds the half-space", default=None)
-    above: float | None = parameter(NUMBER, "lower bound of that coordinate", unit="length", default=None)
-    below: float | None = parameter(NUMBER, "upper bound of that coordinate", unit="length", default=None)
+    above: float | None = _bound("lower bound of that coordinate")
+    below: float | None = _bound("upper bound of that coordinate")
 
     def check(self) -> None:
         is_disc = self.is_located() or self.radius is not None

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from abfm.errors import FunctionError, did_you_mean
-from abfm.functions.family import PATH, Family, Spec, parameter, quoted, shown
+from abfm.functions.family import Family, Spec, file_name, parameter, quoted, shown
+from abfm.functions.values_file import SUFFIXES
 from abfm.functions.vertex_map_file import read_vertex_map
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh
@@ -24,7 +25,7 @@ class Permuted(Family):
     """
 
     family: ClassVar[str] = "permuted"
-    path: str = parameter(PATH, "file with one vertex number per vertex; or mirror, or rotation")
+    path: str = parameter(file_name(*SUFFIXES), "file with one vertex number per vertex; or mirror, or rotation")
     function: Spec  # given in parentheses after the path
 
     def __str__(self) -> str:

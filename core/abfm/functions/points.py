@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from abfm.errors import FunctionError
-from abfm.functions.family import INDICES, NUMBER, Family, parameter
+from abfm.functions.family import NUMBER, VERTICES, Family, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import IntArray
+
+
+def _coordinate(summary: str) -> Any:
+    return parameter(NUMBER, summary, unit="length", default=None, instead_of="vertex")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,11 +22,14 @@ class AroundPoints(Family):
     """A family centred at ``vertex=`` (as the mesh file counts, from 0) or near ``x=,y=,z=`` (in the file's units)."""
 
     vertex: tuple[int, ...] | None = parameter(
-        INDICES, "vertex as the mesh file counts; of several the nearest counts", default=None
+        VERTICES,
+        "where it is, counted as in the mesh file; of several, with commas, the nearest counts",
+        default=None,
+        empty="at x, y, z",
     )
-    x: float | None = parameter(NUMBER, "instead of vertex: nearest vertex to this point", unit="length", default=None)
-    y: float | None = parameter(NUMBER, "second coordinate of the point", unit="length", default=None)
-    z: float | None = parameter(NUMBER, "third coordinate of the point", unit="length", default=None)
+    x: float | None = _coordinate("instead of vertex: nearest vertex to this point")
+    y: float | None = _coordinate("second coordinate of the point")
+    z: float | None = _coordinate("third coordinate of the point")
 
     def is_located(self) -> bool:
         """Whether any of ``vertex``, ``x``, ``y``, ``z`` is given."""

@@ -62,7 +62,9 @@ class Sum(Spec):
     terms: tuple[Spec, ...]
 
     def __str__(self) -> str:
-        return " + ".join(f"({term})" if isinstance(term, Expression) else str(term) for term in self.terms)
+        return " + ".join(
+            f"({term})" if isinstance(term, Family) and term.is_open_ended else str(term) for term in self.terms
+        )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         total = self.terms[0].evaluate(mesh).copy()
@@ -140,8 +142,8 @@ class _Parser:
             if not re.compile(r"[+)]|$").match(self.text, self.position):
                 self.fail(f"':' after {name}")
             return _build(cls, [])
-        if cls is Expression:
-            return Expression(formula=self.formula())
+        if cls.is_open_ended:
+            return cls(**{str(cls.positional): self.formula()})
         if cls is Permuted:
             return self.permuted(depth)
         return _build(cls, self.arguments())
@@ -161,8 +163,7 @@ class _Parser:
     def formula(self) -> str:
         """Everything up to the end or to a closing parenthesis that the formula did not open."""
         start, depth = self.position, 0
-        while self.position < len(self.text):
-            sign = self.text[self.position]
+        for sign in self.text[start:]:
             depth += (sign == "(") - (sign == ")")
             if depth < 0:
                 break

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from abfm.errors import FunctionError, did_you_mean
-from abfm.functions.family import PATH, WORD, Family, parameter, shown
+from abfm.functions.family import WORD, Family, file_name, parameter, shown
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -26,20 +26,15 @@ class ValuesFile(Family):
 
     family: ClassVar[str] = "file"
     positional: ClassVar[str | None] = "path"
-    path: str = parameter(PATH, ".npy, .csv, .txt or .gii")
+    path: str = parameter(file_name(*SUFFIXES), ".npy, .csv, .txt or .gii")
     column: str | None = parameter(WORD, "column by its name or number, counted from 0", default=None)
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
-        return read_vertex_values(mesh, self.path, self.column)
-
-
-def read_vertex_values(mesh: TriangleMesh, path: str, column: str | None = None) -> FloatArray:
-    """:func:`read_column`, then the values of the vertices that the mesh kept, (V,)."""
-    values = read_column(path, column)
-    try:
-        return mesh.restrict(values)
-    except FunctionError as error:
-        raise FunctionError(f"file {shown(path)}: {error}") from None
+        values = read_column(self.path, self.column)
+        try:
+            return mesh.restrict(values)
+        except FunctionError as error:
+            raise FunctionError(f"file {shown(self.path)}: {error}") from None
 
 
 def read_column(path: str, column: str | None = None) -> FloatArray:
@@ -56,7 +51,16 @@ def read_column(path: str, column: str | None = None) -> FloatArray:
         If the file cannot be read, is no table of numbers, or has no such column.
     """
     names, table = read_table(path)
-    return table[:, _position(path, names, table.shape[1], column)]
+    count = table.shape[1]
+    if column is None and count == 1:
+        return table[:, 0]
+    if column in names:
+        return table[:, names.index(column)]
+    if column is not None and column.isdecimal() and int(column) < count:
+        return table[:, int(column)]
+    available = f"column=0 to {count - 1}" + (f" or one of {', '.join(names[:8])}" if names else "")
+    asked = "" if column is None else f", none called {shown(column)}{did_you_mean(column, names)}"
+    raise FunctionError(f"file {shown(path)} has {count} columns{asked}; choose {available}")
 
 
 def read_table(path: str) -> tuple[list[str], FloatArray]:
@@ -82,18 +86,6 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
         raise FunctionError(f"file {shown(path)} cannot be read: {reason}") from error
     except (ValueError, MemoryError) as error:
         raise FunctionError(f"file {shown(path)} is not a table of numbers: {' '.join(str(error).split())}") from error
-
-
-def _position(path: str, names: list[str], count: int, column: str | None) -> int:
-    if column is None and count == 1:
-        return 0
-    if column in names:
-        return names.index(column)
-    if column is not None and column.isdecimal() and int(column) < count:
-        return int(column)
-    available = f"column=0 to {count - 1}" + (f" or one of {', '.join(names[:8])}" if names else "")
-    asked = "" if column is None else f", none called {shown(column)}{did_you_mean(column, names)}"
-    raise FunctionError(f"file {shown(path)} has {count} columns{asked}; choose {available}")
 
 
 def _as_table(values: np.ndarray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from abfm.calculus.eigenbasis import eigenbasis
 from abfm.errors import FunctionError
-from abfm.functions.family import COUNT, NUMBER, POSITIVE, Family, parameter
+from abfm.functions.family import COUNT, NUMBER, POSITIVE, Family, Slider, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -33,9 +33,15 @@ class WaveKernelSignature(Family):
     """
 
     family: ClassVar[str] = "wks"
-    energy: float = parameter(NUMBER, "logarithm of an eigenvalue", unit="log(1/area)", default=5.0)
-    width: float | None = parameter(POSITIVE, "spread of the energy", unit="log(1/area)", default=None)
-    eigenpairs: int = parameter(COUNT, "terms of the sum", default=128)
+    energy: float = parameter(
+        NUMBER, "logarithm of an eigenvalue", unit="log(1/area)", default=5.0, slider=Slider(0, 10)
+    )
+    width: float | None = parameter(
+        POSITIVE, "spread of the energy", unit="log(1/area)", default=None, slider=Slider(0.01, 10, log=True)
+    )
+    eigenpairs: int = parameter(
+        COUNT, "how many terms the sum has: more are sharper and take longer", default=128, slider=Slider(1, 256)
+    )
 
     def check(self) -> None:
         if self.eigenpairs < 2:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import MeshError
 from abfm.mesh.orientation import faces_to_flip
-from abfm.mesh.topology import corner_fans, edge_slots, edges_of_faces, vertex_components
+from abfm.mesh.topology import corner_fans, edge_slots, edges_of_faces, pinched_vertices, vertex_components
 from abfm.types import BoolArray, FloatArray, IntArray
 
 SMALLEST, LARGEST = 1e-60, 1e60  # squared areas of such sizes neither underflow nor overflow
@@ -50,13 +50,13 @@ class Connectivity(NamedTuple):
 
     edges: IntArray
     face_edges: IntArray
-    slots: IntArray
-    fans: IntArray
+    edge_slots: IntArray
+    corner_fans: IntArray
 
 
 def check(vertices: ArrayLike, faces: ArrayLike, largest_component: bool) -> tuple[Draft, Connectivity]:
     """Refuse, repair or accept a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
-    points = _vertex_array(vertices)
+    points = np.array(_number_array(vertices, "vertices", "(V, 3), coordinates as numbers"), dtype=np.float64)
     triangles = _face_array(faces, len(points))
     draft = Draft(points, triangles, np.arange(len(points)), np.arange(len(triangles)), len(points))
     draft = _drop_unreferenced(draft)
@@ -77,8 +77,20 @@ def check(vertices: ArrayLike, faces: ArrayLike, largest_component: bool) -> tup
         face_edges = _flipped(face_edges, flip)
         slots = edge_slots(face_edges, len(edges))
     fans = corner_fans(slots, len(draft.faces))
-    draft = _warn_of_pinched_vertices(draft, fans)
+    pinched = pinched_vertices(draft.faces, fans, len(draft.vertices))
+    if pinched.any():
+        draft = draft.noting(
+            f"warning: {_count(pinched.sum(), 'vertex is', 'vertices are')} pinched, joining parts that share no edge "
+            f"(for example vertex {draft.vertex_ids[np.argmax(pinched)]}): nothing flows across it"
+        )
     return draft, Connectivity(edges, face_edges, slots, fans)
+
+
+def twice_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Twice the area of every face, (F,)."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    areas: FloatArray = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return areas
 
 
 def _count(number: int, one: str, many: str) -> str:
@@ -100,10 +112,6 @@ def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iuf":
         raise MeshError(f"{name} has shape {array.shape} and type {array.dtype}: give an array of shape {meaning}")
     return array
-
-
-def _vertex_array(vertices: ArrayLike) -> FloatArray:
-    return np.array(_number_array(vertices, "vertices", "(V, 3), coordinates as numbers"), dtype=np.float64)
 
 
 def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
@@ -160,9 +168,7 @@ def _one_component(draft: Draft, largest_component: bool) -> Draft:
     count = component.max() + 1
     if count == 1:
         return draft
-    a, b, c = np.moveaxis(draft.vertices[draft.faces], 1, 0)
-    area = np.bincount(component, np.linalg.norm(np.cross(b - a, c - a), axis=1))
-    largest = component == np.argmax(area)
+    largest = component == np.argmax(np.bincount(component, twice_areas(draft.vertices, draft.faces)))
     if not largest_component:
         stray = np.argmin(largest)
         repeated = len(draft.vertices) - len(np.unique(draft.vertices, axis=0))
@@ -181,24 +187,20 @@ def _one_component(draft: Draft, largest_component: bool) -> Draft:
 
 def _refuse_degenerate_faces(draft: Draft) -> None:
     a, b, c = draft.faces.T
-    repeats = (a == b) | (b == c) | (c == a)
-    if repeats.any():
-        face = int(np.argmax(repeats))
-        raise MeshError(
-            f"{_count(repeats.sum(), 'face is degenerate: it uses', 'faces are degenerate: they use')} a vertex twice "
-            f"(face {draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)}): remove them, {CLEANING}"
-        )
+    _refuse_faces(draft, (a == b) | (b == c) | (c == a), "uses", "use", "a vertex twice", "remove")
     corners = draft.vertices[draft.faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    twice_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     rounding = 4 * np.finfo(np.float64).eps * np.abs(corners).max(axis=(1, 2))
-    flat = twice_area <= (FLATNESS * longest + rounding) * longest
-    if flat.any():
-        face = int(np.argmax(flat))
+    flat = twice_areas(draft.vertices, draft.faces) <= (FLATNESS * longest + rounding) * longest
+    _refuse_faces(draft, flat, "has", "have", "no area", "remove or collapse")
+
+
+def _refuse_faces(draft: Draft, bad: BoolArray, has: str, have: str, defect: str, remedy: str) -> None:
+    if bad.any():
+        face = int(np.argmax(bad))
         raise MeshError(
-            f"{_count(flat.sum(), 'face is degenerate: it has', 'faces are degenerate: they have')} no area (face "
-            f"{draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)}): remove or collapse them, "
-            f"{CLEANING}"
+            f"{_count(bad.sum(), f'face is degenerate: it {has}', f'faces are degenerate: they {have}')} {defect} "
+            f"(face {draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)}): {remedy} them, {CLEANING}"
         )
 
 
@@ -225,15 +227,3 @@ def _refuse_non_manifold_edges(draft: Draft, edges: IntArray, face_edges: IntArr
             f"{_count(int(np.sum(uses > 2)), 'edge has', 'edges have')} more than two faces (vertices {start} and "
             f"{end}, counting from 0: faces {', '.join(map(str, faces[:4]))}): remove the extra sheets, {CLEANING}"
         )
-
-
-def _warn_of_pinched_vertices(draft: Draft, fans: IntArray) -> Draft:
-    vertex_of_fan = np.zeros(fans.max() + 1, dtype=np.int64)
-    vertex_of_fan[fans] = draft.faces
-    pinched = np.bincount(vertex_of_fan) > 1
-    if not pinched.any():
-        return draft
-    return draft.noting(
-        f"warning: {_count(pinched.sum(), 'vertex is', 'vertices are')} pinched, joining parts that share no edge "
-        f"(for example vertex {draft.vertex_ids[np.argmax(pinched)]}): nothing flows across it"
-    )

@@ -7,27 +7,20 @@ import numpy as np
 from abfm.errors import MeshError
 from abfm.mesh.edge_collapse import collapse_edges
 from abfm.mesh.topology import next_corner
-from abfm.mesh.triangle_mesh import TriangleMesh
+from abfm.mesh.triangle_mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
 
 _SMALL = np.int32  # enough for slots of 700 million faces
 _ENOUGH = 1.25  # a mesh that refuses to shrink to this times what was asked is no coarser mesh
 
 
+@per_mesh
 def coarsened(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
     """A mesh of about ``vertex_count`` vertices near the surface; None where the surface cannot be coarsened so far.
 
     Edges collapse in the order of their lengths, so that what comes out is far more even than what went in: needles
     are the first to go. Topology stays. Made once per mesh and count.
     """
-    key = (__name__, vertex_count)
-    if key not in mesh.cache:
-        mesh.cache[key] = _collapse(mesh, vertex_count)
-    found: TriangleMesh | None = mesh.cache[key]
-    return found
-
-
-def _collapse(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
     count = len(mesh.vertices)
     faces = 2 * (vertex_count - mesh.euler_characteristic) - int(mesh.is_boundary_edge.sum() * vertex_count / count)
     if vertex_count >= count or faces < 4:

@@ -58,10 +58,8 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
     if ending is None:
         raise MeshError(f"{path}: the format is not known from the name's ending; known are {', '.join(READERS)}")
     try:
-        contents = _read(file, ending)
-        return TriangleMesh(
-            contents.vertices, contents.faces, largest_component=largest_component, messages=contents.messages
-        )
+        vertices, faces, messages = _read(file, ending)
+        return TriangleMesh(vertices, faces, largest_component=largest_component, messages=messages)
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
 

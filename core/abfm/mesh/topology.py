@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.types import IntArray
+from abfm.types import BoolArray, IntArray
 
 
 def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
@@ -66,3 +66,10 @@ def corner_fans(slots: IntArray, face_count: int) -> IntArray:
     end = next_corner(start)
     links = np.concatenate([np.stack([start[:, 0], end[:, 1]], axis=1), np.stack([end[:, 0], start[:, 1]], axis=1)])
     return connected(3 * face_count, links).reshape(-1, 3)
+
+
+def pinched_vertices(faces: IntArray, fans: IntArray, vertex_count: int) -> BoolArray:
+    """Vertices (V,) with several of the :func:`corner_fans`: there, parts that share no edge touch."""
+    vertex_of_fan = np.zeros(fans.max() + 1, dtype=np.int64)
+    vertex_of_fan[fans] = faces
+    return np.bincount(vertex_of_fan, minlength=vertex_count) > 1

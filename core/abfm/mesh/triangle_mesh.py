@@ -8,16 +8,16 @@ from functools import cached_property, wraps
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import FunctionError
-from abfm.mesh.checks import check
-from abfm.mesh.topology import connected, next_corner
+from abfm.mesh.checks import check, twice_areas
+from abfm.mesh.topology import connected, next_corner, pinched_vertices
 from abfm.types import BoolArray, FloatArray, IntArray
 
 Result = TypeVar("Result")
 Others = ParamSpec("Others")
-Array = TypeVar("Array", bound=np.ndarray[Any, Any])
+Entry = TypeVar("Entry", bound=np.generic)
 
 
 def per_mesh(
@@ -106,18 +106,10 @@ class TriangleMesh:
         messages: Iterable[str] = (),
     ) -> None:
         draft, connectivity = check(vertices, faces, largest_component)
+        arrays = {name: getattr(draft, name) for name in ("vertices", "faces", "vertex_ids", "face_ids")}
+        self.__dict__.update({name: _frozen(array) for name, array in (arrays | connectivity._asdict()).items()})
         self.__dict__.update(
-            vertices=_frozen(draft.vertices),
-            faces=_frozen(draft.faces),
-            vertex_ids=_frozen(draft.vertex_ids),
-            face_ids=_frozen(draft.face_ids),
-            file_vertex_count=draft.input_vertex_count,
-            messages=(*messages, *draft.messages),
-            edges=_frozen(connectivity.edges),
-            face_edges=_frozen(connectivity.face_edges),
-            cache={},
-            edge_slots=_frozen(connectivity.slots),
-            corner_fans=_frozen(connectivity.fans),
+            file_vertex_count=draft.input_vertex_count, messages=(*messages, *draft.messages), cache={}
         )
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
@@ -129,13 +121,14 @@ class TriangleMesh:
     @cached_property
     def length_scale(self) -> float:
         """Square root of the total area: the length unit of the solver."""
-        corners = self.vertices[self.faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        return float(np.sqrt(0.5 * np.linalg.norm(normals, axis=1).sum()))
+        return float(np.sqrt(0.5 * twice_areas(self.vertices, self.faces).sum()))
 
+    @per_mesh
     def normalized(self) -> TriangleMesh:
         """The same mesh scaled to unit area (made once)."""
-        return _normalized(self)
+        scaled = copy.copy(self)
+        scaled.__dict__.update(vertices=_frozen(self.vertices / self.length_scale), length_scale=1.0, cache={})
+        return scaled
 
     @cached_property
     def edge_faces(self) -> IntArray:
@@ -157,9 +150,7 @@ class TriangleMesh:
     @cached_property
     def is_pinched_vertex(self) -> BoolArray:
         """(V,) True where parts of the surface that share no edge touch."""
-        vertex_of_fan = np.empty(self.corner_fans.max() + 1, dtype=np.int64)
-        vertex_of_fan[self.corner_fans] = self.faces
-        return _frozen(np.bincount(vertex_of_fan, minlength=len(self.vertices)) > 1)
+        return _frozen(pinched_vertices(self.faces, self.corner_fans, len(self.vertices)))
 
     @property
     def is_closed(self) -> bool:
@@ -204,7 +195,7 @@ class TriangleMesh:
             raise FunctionError(f"vertex {index} was dropped, as no kept face uses it: choose another")
         return position
 
-    def restrict(self, values: Array) -> Array:
+    def restrict(self, values: NDArray[Entry]) -> NDArray[Entry]:
         """Rows of ``values`` that belong to the kept vertices: (file_vertex_count, ...) or (V, ...) to (V, ...).
 
         Raises
@@ -213,7 +204,7 @@ class TriangleMesh:
             If ``values`` has neither length.
         """
         if len(values) == self.file_vertex_count:
-            return values[self.vertex_ids]  # type: ignore[return-value]
+            return values[self.vertex_ids]
         if len(values) == len(self.vertices):
             return values
         expected = f"{self.file_vertex_count} vertices"
@@ -222,13 +213,6 @@ class TriangleMesh:
         raise FunctionError(f"{len(values)} values were given for a mesh of {expected}: give one per vertex")
 
 
-def _frozen(array: Array) -> Array:
+def _frozen(array: NDArray[Entry]) -> NDArray[Entry]:
     array.flags.writeable = False
     return array
-
-
-@per_mesh
-def _normalized(mesh: TriangleMesh) -> TriangleMesh:
-    scaled = copy.copy(mesh)
-    scaled.__dict__.update(vertices=_frozen(mesh.vertices / mesh.length_scale), length_scale=1.0, cache={})
-    return scaled

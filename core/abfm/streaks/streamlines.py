@@ -32,7 +32,7 @@ class Track(NamedTuple):
     texels : (2 n m + 1,) array of int
         After each of the ``m`` parts of a step; -1 behind the end.
     misses : (2 n m + 1,) array of uint8
-        How far from their centres, see `missed`.
+        How far from their centres: squared, from 1 to 201.
     parts : int
     """
 
@@ -68,12 +68,6 @@ def direction(
     if cosine <= 0.0:
         return 0.0, 0.0
     return cosine * u - sine * v, sine * u + cosine * v
-
-
-@kernel
-def missed(x: float, y: float) -> np.uint8:
-    """How far a place in a texel is from its centre: squared, from 1 to 201."""
-    return np.uint8(1.0 + 400.0 * ((x - 0.5) ** 2 + (y - 0.5) ** 2))
 
 
 @kernel
@@ -119,7 +113,8 @@ def follow(
                 column = charts[f, 3, 0] + x * charts[f, 3, 1] + y * charts[f, 3, 2]
                 row = charts[f, 4, 0] + x * charts[f, 4, 1] + y * charts[f, 4, 2]
                 track.texels[at] = size * int(row) + int(column)
-                track.misses[at] = missed(column - int(column), row - int(row))
+                off = (column - int(column) - 0.5) ** 2 + (row - int(row) - 0.5) ** 2
+                track.misses[at] = np.uint8(1.0 + 400.0 * off)
                 put(charts, f, x, y, place)
             else:
                 track.texels[at] = -1
@@ -204,7 +199,7 @@ def convolve(
     for texel in range(done.size):
         f = canvas.owners[texel]
         inside = f >= 0 and weigh_texel(canvas, texel, b)
-        done[texel] = inside and is_still(flow, f)
+        done[texel] = inside and not flow.vectors[f].any()
         nearest[texel] = _NEW if inside and not done[texel] else 0
     for texel in range(done.size):
         if nearest[texel] != _NEW or between_known(canvas, nearest, texel):
@@ -243,15 +238,6 @@ def convolve(
                 images[picture, target] = (1.0 - share) * values[picture, before] + share * values[picture, after]
     for texel in range(done.size):
         done[texel] = done[texel] or 0 < nearest[texel] < _NEW
-
-
-@kernel
-def is_still(flow: SmoothFlow, f: int) -> bool:
-    """Whether the field is zero all over a face."""
-    total = 0.0
-    for i in range(3):
-        total += abs(flow.vectors[f, i, 0]) + abs(flow.vectors[f, i, 1])
-    return total == 0.0
 
 
 @kernel

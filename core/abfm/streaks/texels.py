@@ -45,19 +45,6 @@ class Canvas(NamedTuple):
 
 
 @kernel
-def draw_affine(owners: IndexArray, coefficients: FloatArray, unused: float, image: FloatImage) -> None:
-    """At each texel's centre (x, y) its face's ``a + b x + c y``, with coefficients (F, 3), into (size, size)."""
-    for row in range(image.shape[0]):
-        for column in range(image.shape[1]):
-            face = owners[row, column]
-            if face < 0:
-                image[row, column] = unused
-            else:
-                a, b, c = coefficients[face]
-                image[row, column] = a + b * (column + 0.5) + c * (row + 0.5)
-
-
-@kernel
 def set_on_shelves(widths: IndexArray, heights: IndexArray, size: int, corners: IndexArray) -> bool:
     """Set rectangles of descending height on shelves of a square; lower left corners (n, 2). Whether they have room."""
     x, y, shelf = 0, 0, 0
@@ -99,16 +86,6 @@ def weigh_texel(canvas: Canvas, texel: int, b: FloatArray) -> bool:
     b[0] = 1.0 - b[1] - b[2]
     inside: bool = min(b[0], b[1], b[2]) >= -ROUNDING
     return inside
-
-
-@kernel
-def known_neighbours(canvas: Canvas, done: IndexArray, texel: int) -> int:
-    """How many of the four texels around are of the same face and done."""
-    count = 0
-    for other in (texel - 1, texel + 1, texel - canvas.size, texel + canvas.size):
-        if 0 <= other < done.size and canvas.owners[other] == canvas.owners[texel] and done[other]:
-            count += 1
-    return count
 
 
 @kernel
@@ -175,11 +152,14 @@ def fill_gaps(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
     for texel in range(done.size):
         if canvas.owners[texel] < 0 or done[texel] or not weigh_texel(canvas, texel, b):
             continue
-        count = known_neighbours(canvas, done, texel)
-        for other in (texel - 1, texel + 1, texel - canvas.size, texel + canvas.size):
-            if 0 <= other < done.size and canvas.owners[other] == canvas.owners[texel] and done[other]:
-                for picture in range(images.shape[0]):
-                    images[picture, texel] += images[picture, other] / count
+        known = [
+            other
+            for other in (texel - 1, texel + 1, texel - canvas.size, texel + canvas.size)
+            if 0 <= other < done.size and canvas.owners[other] == canvas.owners[texel] and done[other]
+        ]
+        for other in known:
+            for picture in range(images.shape[0]):
+                images[picture, texel] += images[picture, other] / len(known)
         done[texel] = True
 
 

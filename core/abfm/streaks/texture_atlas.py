@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.channels import channels
 from abfm.errors import ParameterError
-from abfm.mesh import TriangleMesh
+from abfm.mesh import TriangleMesh, per_mesh
 from abfm.streaks import texels
 from abfm.types import FloatArray, IntArray
 
@@ -37,7 +37,8 @@ class TextureAtlas:
     corners : (F, 3, 2) array
         Where the corners of each face lie, x and y in texels.
     texel_faces : (size, size) array of int32
-        The face that each texel belongs to, -1 where none.
+        The face that each texel belongs to, -1 where none. Texels around a triangle, which linear filtering reads, are
+        its own.
     """
 
     mesh: TriangleMesh
@@ -50,20 +51,6 @@ class TextureAtlas:
     def corner_coordinates(self) -> FloatArray:
         """Texture coordinates (3F, 2) in [0, 1], corner by corner, as polyscope takes them."""
         return self.corners.reshape(-1, 2) / self.size
-
-    def barycentric(self, rows: ArrayLike, columns: ArrayLike) -> FloatArray:
-        """Weights (n, 3) of the centres of texels that belong to a face.
-
-        Texels around a triangle, which linear filtering reads, continue it: some of their weights are negative.
-        """
-        rows, columns = np.asarray(rows), np.asarray(columns)
-        origin, first, second = np.moveaxis(self.corners[self.texel_faces[rows, columns]], 1, 0)
-        u, v = first - origin, second - origin
-        p = np.stack([columns, rows], axis=-1) + 0.5 - origin
-        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-        one = (p[:, 0] * v[:, 1] - p[:, 1] * v[:, 0]) / area
-        two = (u[:, 0] * p[:, 1] - u[:, 1] * p[:, 0]) / area
-        return np.stack([1 - one - two, one, two], axis=1)
 
     def affine(self, h: ArrayLike) -> FloatArray:
         """A vertex function (V,) in texels' coordinates: ``a + b x + c y`` in each face, (F, 3).
@@ -81,18 +68,6 @@ class TextureAtlas:
         along_y = ((h2 - h0) * u[:, 0] - (h1 - h0) * v[:, 0]) / area
         at_zero = h0 - along_x * origin[:, 0] - along_y * origin[:, 1]
         return np.stack([at_zero, along_x, along_y], axis=1)
-
-    def image(self, h: ArrayLike, unused: float = 0.0) -> NDArray[np.float32]:
-        """A vertex function (V,) as a texture (size, size): linear filtering of it is linear in each face.
-
-        Raises
-        ------
-        FunctionError
-            If ``h`` does not fit the mesh.
-        """
-        texture = np.empty((self.size, self.size), dtype=np.float32)
-        texels.draw_affine(self.texel_faces, self.affine(h), unused, texture)
-        return texture
 
 
 def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
@@ -118,13 +93,10 @@ def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
     if rectangles > (size // _SMALLEST) ** 2:
         least = _SMALLEST * int(np.ceil(np.sqrt(rectangles)))
         raise ParameterError(f"size {size} has no room for {len(mesh.faces)} faces: take {least} or more")
-    key = (__name__, "texture_atlas", int(size))
-    if key not in mesh.cache:
-        mesh.cache[key] = _lay_out(mesh, int(size))
-    atlas: TextureAtlas = mesh.cache[key]
-    return atlas
+    return _lay_out(mesh, int(size))
 
 
+@per_mesh
 def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
     order, legs = _legs(mesh)
     area = float((legs[:, 0] * legs[:, 1]).sum()) / 2
@@ -170,8 +142,7 @@ def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArr
     widths = np.ceil((legs[:, 0] + lost) / (1 - lost / heights) - 1e-9)
     sides = np.maximum(np.stack([widths, heights], axis=1), _SMALLEST)
     sides = np.minimum(sides, LARGEST_SIZE + 1).astype(np.int16)
-    sequence = np.argsort(-sides[:, 0], kind="stable")
-    sequence = sequence[np.argsort(-sides[sequence, 1], kind="stable")]
+    sequence = np.lexsort(-sides.T)
     padded = np.concatenate([sides[sequence], np.zeros((len(sides) % 2, 2), dtype=np.int16)])
     rectangles = padded.reshape(-1, 2, 2).max(axis=1).astype(np.int64)
     corners = np.empty_like(rectangles)

@@ -19,6 +19,7 @@ from abfm.streaks.texels import FloatImage
 from abfm.streaks.texture_atlas import TextureAtlas, texture_atlas
 from abfm.types import FloatArray
 from tests.core.fields import rotation_field, tangent, wavy_field
+from tests.core.texel_weights import texel_weights
 from tests.shapes import disc, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
 
@@ -193,7 +194,7 @@ def test_no_field_is_plain_grey() -> None:
     half[still] = 0
     atlas, image = line_integral_convolution(mesh, half, size=256)
     rows, columns = np.nonzero(atlas.texel_faces >= 0)
-    inside = (atlas.barycentric(rows, columns) > 0.02).all(axis=1) & still[atlas.texel_faces[rows, columns]]
+    inside = (texel_weights(atlas, rows, columns) > 0.02).all(axis=1) & still[atlas.texel_faces[rows, columns]]
     assert_array_equal(image[rows[inside], columns[inside]], 0.5)
 
 

@@ -11,6 +11,7 @@ from abfm.errors import FunctionError, ParameterError
 from abfm.mesh import TriangleMesh
 from abfm.streaks.texture_atlas import TextureAtlas, texture_atlas
 from abfm.types import FloatArray
+from tests.core.texel_weights import texel_weights
 from tests.shapes import disc, ellipsoid, icosphere, square, tetrahedron, torus
 
 NEEDLES = TriangleMesh(torus(9, 7).vertices * [1, 1e-5, 0.3], torus(9, 7).faces)
@@ -63,14 +64,16 @@ def test_filtering_a_linear_function_gives_it_back(mesh: TriangleMesh, size: int
     h = np.random.default_rng(1).normal(size=len(mesh.vertices))
     faces, barycentric, places = random_places(atlas, 30)
     expected = (barycentric * h[mesh.faces[faces]]).sum(axis=1)
-    assert_allclose(filtered(atlas, atlas.image(h), places), expected, rtol=0, atol=1e-4)
+    y, x = np.indices(atlas.texel_faces.shape) + 0.5
+    a, b, c = np.moveaxis(atlas.affine(h)[atlas.texel_faces], 2, 0)
+    assert_allclose(filtered(atlas, a + b * x + c * y, places), expected, rtol=0, atol=1e-4)
 
 
 @cases
 def test_texels_map_back_to_their_place(mesh: TriangleMesh, size: int) -> None:
     atlas = texture_atlas(mesh, size)
     rows, columns = np.nonzero(atlas.texel_faces >= 0)
-    barycentric = atlas.barycentric(rows, columns)
+    barycentric = texel_weights(atlas, rows, columns)
     places = np.einsum("nc,ncx->nx", barycentric, atlas.corners[atlas.texel_faces[rows, columns]])
     assert_allclose(places, np.stack([columns, rows], axis=1) + 0.5, rtol=0, atol=1e-9)
     inside = (barycentric >= -1e-9).all(axis=1)
@@ -136,4 +139,4 @@ def test_sizes_out_of_range_are_refused(size: int) -> None:
 
 def test_functions_of_other_meshes_are_refused() -> None:
     with pytest.raises(FunctionError, match="11 values"):
-        texture_atlas(icosphere(0), 64).image(np.zeros(11))
+        texture_atlas(icosphere(0), 64).affine(np.zeros(11))

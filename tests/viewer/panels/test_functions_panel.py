@@ -273,6 +273,14 @@ def test_the_vertex_map_stays_when_what_is_inside_changes(gui, tmp_path):
     assert spec(gui) == "file:gone.npy"
 
 
+def test_a_map_inside_a_map_is_no_file_of_values(gui):
+    gui.type("spec", "permuted:mirror(permuted:mirror(coordinate:x))", within="source")
+    assert gui.text_of("family", within="source") == "permuted"
+    assert "Browse..." not in gui.labels()
+    gui.choose("family", "geodesic", within="source")
+    assert spec(gui).startswith("permuted:mirror(geodesic:vertex=")
+
+
 def test_a_mesh_is_opened_from_its_section(gui, tmp_path):
     lines = ["OFF", f"{len(SPHERE.vertices)} {len(SPHERE.faces)} 0"]
     lines += [" ".join(map(str, row)) for row in SPHERE.vertices.tolist()]

@@ -21,6 +21,7 @@ from abfm_viewer.shown.field_parts import carried_gradient
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
+from tests.core.texel_weights import texel_weights
 from tests.shapes import icosphere
 from tests.viewer.sessions import opened, until
 
@@ -124,7 +125,7 @@ def test_coloured_streaks_are_those_of_the_function_and_darker(session, shown):
     assert (found.colors >= (1 - SHADE) * bright - 1e-6).all()
     rows, columns = np.nonzero(atlas.texel_faces >= 0)
     function = np.einsum(
-        "pc,pc->p", atlas.barycentric(rows, columns), values[atlas.mesh.faces[atlas.texel_faces[rows, columns]]]
+        "pc,pc->p", texel_weights(atlas, rows, columns), values[atlas.mesh.faces[atlas.texel_faces[rows, columns]]]
     )
     share = np.clip((function - colors.low) / (colors.high - colors.low), 0, 1)
     expected = linear_table(colors.colormap, 1024)[(1023 * share + 1e-6).astype(int)]
