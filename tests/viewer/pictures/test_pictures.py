@@ -55,8 +55,8 @@ def test_colours_on_the_surface_are_those_of_the_map():
 
 
 def test_one_sheet_shows_source_times_match_and_target(match):
-    sheet_of_match = np.asarray(pictures.match_picture(match))
-    assert sheet_of_match.shape[1] == sheet.DEFAULT_WIDTH
+    sheet_of_match = np.asarray(pictures.match_picture(match, size=(900, 700)))
+    assert sheet_of_match.shape == (700, 900, 3)
     colors = {tuple(color) for color in sheet_of_match.reshape(-1, 3).tolist()}
     assert {WHITE, BLUE, BLACK, RED} <= colors
     assert len(colors) > 1000

@@ -20,6 +20,9 @@ from abfm_viewer.automation import driver as automation
 from abfm_viewer.automation.driver import Driver, DriverError
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.session.session import Session
+from abfm_viewer.window import shortcuts
+from abfm_viewer.window.actions import Actions
 from abfm_viewer.window.keyboard import _parts
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
@@ -318,13 +321,13 @@ def test_senseless_preferences_are_left_out(state):
 @pytest.fixture
 def crashed(state):
     """The copy that a process left which is gone: a sphere of 162 vertices with another alpha."""
-    with Driver(icosphere(2), size=SIZE) as gui:
-        gui.session.set_parameter(alpha=7)
-        document = gui.session.document
+    session = Session(icosphere(2), "sphere")
+    session.set_parameter(alpha=7)
     done = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
     path = state.path / f"autosave-{int(done.stdout)}.abfm"
     state.path.mkdir(parents=True, exist_ok=True)
-    save_project(path, document, {})
+    save_project(path, session.document, {})
+    session.close()
     return path
 
 
