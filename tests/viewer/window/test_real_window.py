@@ -7,7 +7,6 @@ import sys
 
 import av
 import pytest
-from tests.viewer.window.real_window import opened
 
 from abfm.assets import asset_path
 from tests.viewer.window.real_window import opened

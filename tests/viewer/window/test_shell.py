@@ -21,8 +21,6 @@ from abfm_viewer.automation.driver import Driver, DriverError
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session import Session
-from abfm_viewer.window import shortcuts
-from abfm_viewer.window.actions import Actions
 from abfm_viewer.window.keyboard import _parts
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
