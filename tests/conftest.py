@@ -1,7 +1,18 @@
-"""Options of all tests."""
+"""Options of all tests, the threads that one process may have, and what is checked at the end of a run."""
 
 from __future__ import annotations
+
+import os
+
+from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
+
+for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):  # the last one is Mesa's
+    os.environ.setdefault(_threads, "1")  # with pytest-xdist there is a process for each core
 
 
 def pytest_addoption(parser):
     parser.addoption("--update-snapshots", action="store_true", help="write the pictures of tests/snapshots anew")
+
+
+def pytest_configure(config):
+    config.pluginmanager.register(WidgetCoverage(config), "widget coverage")

@@ -17,7 +17,9 @@ from abfm import Parameters, benchmark, load_match
 from abfm.assets import asset_path
 from abfm_viewer.cli import main
 from abfm_viewer.cli.solving import Outcome
+from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.project import load_project, save_project
+from abfm_viewer.pictures import sheet
 from abfm_viewer.session.opening import document_of_result
 
 HUMAN = str(asset_path("human_A.off"))
@@ -332,12 +334,12 @@ def test_render_writes_movies(suffix, result, project, tmp_path, capsys):
 def test_render_draws_streaks_that_move_in_a_loop(result, tmp_path):
     """The frames of a GIF at one time differ by the streaks alone, from the last to the first as elsewhere."""
     gif = tmp_path / "a.gif"
-    words = ["--streaks", "--from", "1", "--to", "1", "--seconds", "0.8", "--fps", "10", "--size", "480x320"]
+    words = ["--streaks", "--from", "1", "--to", "1", "--seconds", "0.4", "--fps", "10", "--size", "320x240"]
     assert main(["render", str(result), "--out", str(gif), *words]) == 0
     with Image.open(gif) as movie:
-        assert (movie.n_frames, movie.info["loop"]) == (8, 0)
+        assert (movie.n_frames, movie.info["loop"]) == (4, 0)
         frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(movie)]
-    steps = [np.abs(frames[i] - frames[i - 1]).mean() for i in range(8)]
+    steps = [np.abs(frames[i] - frames[i - 1]).mean() for i in range(4)]
     assert 0.1 < max(steps) < 1.5 * min(steps)
 
 
@@ -412,15 +414,21 @@ def test_demo_passes_its_own_test(tmp_path, capsys):
     assert report["mismatch"] <= 0.05
     assert sorted(path.name for path in out.iterdir()) == ["demo.mp4", "demo.npz", "demo.png"]
     assert report["movie"] == str(out / "demo.mp4")
-    assert Image.open(out / "demo.png").width == 1800
+    assert Image.open(out / "demo.png").width == sheet.DEFAULT_WIDTH
     with av.open(str(out / "demo.mp4")) as movie:
         assert len(list(movie.decode(video=0))) == 50
 
 
 def test_demo_fails_when_the_mismatch_stays_high(tmp_path, capsys, monkeypatch):
+    def no_picture(match):
+        raise DrawingError("no time for it")
+
     monkeypatch.setattr("abfm_viewer.cli.demo.Parameters", lambda: Parameters(iterations=1))
+    monkeypatch.setattr("abfm_viewer.pictures.pictures.match_picture", no_picture)
     assert main(["demo", "--out", str(tmp_path), "--quiet"]) == 1
-    assert "the self-test failed" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "note: no picture and no movie: no time for it\n" in told
+    assert "the self-test failed" in told
 
 
 def test_bench_prints_its_report_for_people_and_machines(capsys, monkeypatch):

@@ -1,4 +1,4 @@
-"""The app on a small mesh, driven by mouse and keyboard events, and a record of which widgets the tests used."""
+"""The app on a small mesh, driven by mouse and keyboard events."""
 
 from __future__ import annotations
 
@@ -7,36 +7,17 @@ from dataclasses import replace
 import pytest
 
 from abfm_viewer.automation import Driver
-from abfm_viewer.automation.widget_search import WidgetSearch
-from abfm_viewer.widgets.toolkit import Ui
 from tests.shapes import ellipsoid
-from tests.viewer.end_to_end.widget_coverage import Coverage
 from tests.viewer.sessions import ENDLESS
 
 EGG = ellipsoid(3, 1.0, 0.7, 0.55)
-SIZE = (860, 600)  # drawing takes as long as there are pixels
+SIZE = (640, 480)  # drawing takes as long as there are pixels
 
 
-@pytest.fixture(scope="session", autouse=True)
-def coverage():
-    """What the window showed and what was used of it, over all tests of this folder."""
-    record = Coverage()
-    find, end_frame = WidgetSearch.find, Ui.end_frame
-
-    def recorded_find(self, *args, **options):
-        widget = find(self, *args, **options)
-        record.use(widget)
-        return widget
-
-    def recorded_end_frame(self):
-        end_frame(self)
-        record.see(self.widgets)
-
-    patch = pytest.MonkeyPatch()
-    patch.setattr(WidgetSearch, "find", recorded_find)
-    patch.setattr(Ui, "end_frame", recorded_end_frame)
-    yield record
-    patch.undo()
+@pytest.fixture(scope="module", autouse=True)
+def _recorded(request):
+    with request.config.pluginmanager.get_plugin("widget coverage").recording():
+        yield
 
 
 @pytest.fixture
@@ -46,6 +27,13 @@ def gui(tmp_path):
         gui.window.dialogs.folder = tmp_path
         yield gui
         assert not gui.errors
+
+
+@pytest.fixture(scope="module")
+def one_window():
+    """A window for many tests of a file, which leave it as they found it or do not mind how it is."""
+    with Driver(EGG, size=SIZE) as gui:
+        yield gui
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from PIL import Image
 from abfm_viewer.automation.driver import Driver, DriverError
 from abfm_viewer.widgets.slider_scale import share_of
 from tests.shapes import icosphere
+from tests.viewer.end_to_end.conftest import SIZE
 
 ROOT = Path(__file__).parents[3]
 
@@ -52,9 +53,9 @@ def test_the_example_of_the_documentation(tmp_path):
         ("memory", 40),
     ],
 )
-def test_a_slider_goes_where_it_is_dragged(gui, label, value):
-    if label == "segments":
-        gui.choose("method", "linearised")
+def test_a_slider_goes_where_it_is_dragged(one_window, label, value):
+    gui = one_window
+    gui.session.set_parameter(method="linearised" if label == "segments" else "nonlinear")
     gui.drag(label, value)
     slider = gui.search.find(label, kinds=("slider",))
     pixel = 1 / (slider.rect[2] - slider.rect[0] - 20)
@@ -138,17 +139,17 @@ def test_nothing_is_held_from_one_driver_to_the_next():
         gui.input.press()
         raise ZeroDivisionError
 
-    with pytest.raises(ZeroDivisionError), Driver(icosphere(2), size=(900, 600)) as gui:
+    with pytest.raises(ZeroDivisionError), Driver(icosphere(2), size=SIZE) as gui:
         fail(gui)
-    with Driver(icosphere(2), size=(1000, 640)) as gui:
+    with Driver(icosphere(2), size=(700, 500)) as gui:
         io = imgui.GetIO()
         assert not io.KeyShift
         assert not imgui.IsAnyMouseDown()
-        assert tuple(io.DisplaySize) == (1000, 640)
+        assert tuple(io.DisplaySize) == (700, 500)
         assert not {w.label for w in gui.window.ui.widgets if w.kind == "menu" and w.text == "open"}
         gui.click("alpha")
         gui.input.write("77")
-    with Driver(icosphere(2), size=(900, 600)) as gui:
+    with Driver(icosphere(2), size=SIZE) as gui:
         assert not imgui.GetIO().WantTextInput
         assert gui.text_of("alpha", kind="box") == f"{gui.session.parameters.alpha:g}"
 
@@ -166,6 +167,7 @@ def test_without_pictures_everything_but_pictures_works():
     code = """
 from abfm_viewer.automation import Driver
 from tests.shapes import icosphere
+from tests.viewer.end_to_end.conftest import SIZE
 for size in ((1280, 800), (1000, 640)):
     with Driver(icosphere(2), backend="openGL_mock", size=size) as gui:
         gui.click("Match")
@@ -186,6 +188,6 @@ def test_it_opens_what_the_app_opens(tmp_path, matched):
     matched.type("file name", "b")
     matched.wait(lambda s: not s.unsaved)
     for name in ("a.npz", "b.abfm"):
-        with Driver(tmp_path / name, size=(900, 600)) as again:
+        with Driver(tmp_path / name, size=SIZE) as again:
             assert again.session.result.mismatch == matched.session.result.mismatch
             assert not again.session.unsaved

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 
 
 def test_it_grows_during_a_run_and_keeps_earlier_ones(matched):
@@ -22,8 +23,18 @@ def test_it_grows_during_a_run_and_keeps_earlier_ones(matched):
     assert len(matched.session.document.runs) == 2
 
 
-def test_hovering_shows_values(matched):
+def test_hovering_shows_values(matched, monkeypatch):
+    shown = []
+    monkeypatch.setattr("polyscope.imgui.SetTooltip", shown.append)
+    matched.frames(5)
+    assert not shown
     matched.hover("energy plot")
+    known = len(matched.session.result.energy_history)
+    at = int(re.match(r"iteration (\d+)", shown[-1])[1])
+    assert 0 < at < known - 1
+    total, _, mismatch = matched.session.result.energy_history[at]
+    assert f"{total:.4g}" in shown[-1]
+    assert f"{mismatch:.4g}" in shown[-1]
 
 
 def test_the_table_has_a_row_for_each_iteration(matched, tmp_path):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from abfm import Parameters, load_mesh
 from abfm_viewer.appearance import colormaps
+from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import LAYOUTS
 from abfm_viewer.window.menus import UI_SCALES
 from tests.mesh_writers import off_text
@@ -17,25 +20,46 @@ from tests.viewer.end_to_end.conftest import EGG
 
 @pytest.fixture
 def sphere_file(tmp_path):
-    """Another mesh."""
+    """Another mesh, in a file with a blank in its name."""
     sphere = icosphere(2)
-    path = tmp_path / "sphere.off"
+    path = tmp_path / "a sphere.off"
     path.write_text(off_text(sphere.vertices, sphere.faces))
     return path
 
 
-def test_a_mesh_is_opened_and_is_recent_then(gui, sphere_file):
+def sphere_opened(gui):
+    """Wait until the sphere is shown with its functions."""
+    gui.wait(lambda s: len(s.mesh.vertices) == 162 and s.values("target") is not None)
+    assert not gui.window.dialogs.is_open
+
+
+@pytest.fixture
+def wide(tmp_path):
+    """The app in a window that a whole path fits in."""
+    with Driver(EGG, size=(860, 600)) as gui:
+        gui.window.dialogs.folder = tmp_path
+        yield gui
+        assert not gui.errors
+
+
+def test_a_mesh_is_opened_and_is_recent_then(wide, sphere_file):
+    gui = wide
     gui.menu("File", "Open mesh...")
     gui.click("Cancel", within="Open a mesh")
     assert not gui.window.dialogs.is_open
     gui.menu("File", "Open mesh...")
+    assert not gui.is_enabled("Open")
     gui.click(sphere_file.name)
     gui.click("Open")
-    gui.wait(lambda s: len(s.mesh.vertices) == 162 and s.values("target") is not None)
+    sphere_opened(gui)
+    assert gui.session.document.name == sphere_file.name
     gui.key("ctrl+z")
     assert gui.session.mesh is EGG
-    gui.menu("File", "Recent", recent_label(gui))
-    gui.wait(lambda s: len(s.mesh.vertices) == 162 and s.values("target") is not None)
+    recent = recent_label(gui)
+    assert recent.endswith(sphere_file.name)
+    gui.menu("File", "Recent", recent)
+    sphere_opened(gui)
+    assert gui.session.notice.text.startswith(f"opened {sphere_file.name}")
     np.testing.assert_array_equal(gui.session.mesh.faces, load_mesh(sphere_file).faces)
     gui.menu("File", "Recent", "Clear recent")
     assert gui.window.files.recent() == []
@@ -55,12 +79,19 @@ def test_folders_are_gone_through(gui, tmp_path, sphere_file):
     (tmp_path / "inner").mkdir()
     gui.menu("File", "Open mesh...")
     gui.double_click("inner/")
+    assert gui.text_of("folder") == str(tmp_path / "inner")
     gui.click("Up")
+    assert gui.text_of("folder") == str(tmp_path)
+    gui.double_click("inner/")
+    gui.key("alt+up")
     gui.click(sphere_file.name)
+    assert gui.text_of("folder") == str(tmp_path)
     gui.click("Home")
+    assert gui.text_of("folder") == str(Path.home())
     gui.type("folder", str(tmp_path))
     gui.double_click(sphere_file.name)
-    gui.wait(lambda s: len(s.mesh.vertices) == 162 and s.values("target") is not None)
+    sphere_opened(gui)
+    assert gui.window.dialogs.folder == tmp_path
 
 
 def test_folders_are_gone_through_to_save(gui, tmp_path):
@@ -68,37 +99,58 @@ def test_folders_are_gone_through_to_save(gui, tmp_path):
     (tmp_path / "older.abfm").touch()
     gui.menu("File", "Save project as...")
     gui.click("older.abfm")
+    assert gui.text_of("file name") == "older.abfm"
     gui.double_click("inner/")
     gui.click("Up")
     gui.click("Home")
+    assert gui.text_of("folder") == str(Path.home())
     gui.type("folder", str(tmp_path / "inner"))
     gui.type("file name", "new", enter=False)
     gui.click("Save", within="Save the project")
-    gui.wait(lambda _: (tmp_path / "inner" / "new.abfm").exists())
+    gui.wait(lambda s: s.path == tmp_path / "inner" / "new.abfm" and not s.unsaved)
+    assert is_project(tmp_path / "inner" / "new.abfm")
+    assert (tmp_path / "older.abfm").read_bytes() == b""
+
+
+def is_project(path):
+    """Whether a file begins as projects do."""
+    return path.read_bytes()[:2] == b"PK"
 
 
 def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
+    path = tmp_path / "first.abfm"
+    path.write_text("precious")
     matched.type("sigma", "0.03")
     matched.drag("time", 0.7)
     saved = matched.session.document
     matched.menu("File", "Save project")
-    matched.type("file name", "first", enter=False)
-    matched.click("Save", within="Save the project")
-    matched.wait(lambda s: not s.unsaved)
-    matched.menu("File", "Save project as...")
-    matched.type("file name", "first", enter=False)
+    matched.type("file name", "first")
+    assert matched.window.dialogs.is_asking("Replace the file?")
+    matched.key("esc")
     matched.click("Save", within="Save the project")
     matched.click("Go back", within="Replace the file?")
+    assert path.read_text() == "precious"
     matched.click("Cancel", within="Save the project")
+    assert not matched.window.dialogs.is_open
     matched.menu("File", "Save project as...")
     matched.type("file name", "first", enter=False)
     matched.click("Save", within="Save the project")
     matched.click("Replace")
-    matched.wait(lambda _: not matched.window.files.saving)
+    matched.wait(lambda s: not s.unsaved and not matched.window.files.saving)
+    assert not matched.window.dialogs.is_open
+    assert matched.session.path == path
+    assert is_project(path)
+    matched.session.set_parameter(alpha=4.0)
+    matched.key("ctrl+s")  # asks nothing more
+    matched.wait(lambda s: not s.unsaved)
+    matched.session.set_parameter(alpha=saved.parameters.alpha)
+    matched.key("ctrl+s")
+    matched.wait(lambda s: not s.unsaved)
     matched.click("Reset to defaults", within="Parameters")
     matched.menu("File", "Open project...")
     matched.double_click("first.abfm")
-    matched.wait(lambda s: s.path == tmp_path / "first.abfm" and s.parameters.sigma == 0.03)
+    matched.wait(lambda s: s.path == path and s.parameters.sigma == 0.03)
+    assert "Undo returns to" in matched.session.notice.text
     opened = matched.session.document
     for name in ("channels", "parameters", "mask", "time", "view", "lines", "points", "channel", "side", "bump"):
         assert getattr(opened, name) == getattr(saved, name), name
@@ -112,6 +164,8 @@ def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
 
 def test_undo_goes_back_to_the_start_and_redo_to_the_end(gui):
     start = gui.session.document
+    assert not gui.is_enabled("Undo", within="Edit")
+    gui.key("esc")
     gui.type("alpha", "0.5")
     gui.click("Swap")
     gui.click("Match")
@@ -156,7 +210,9 @@ def test_every_layout_color_map_and_scale(gui):
     for scale in (*UI_SCALES[1:], UI_SCALES[0]):
         gui.menu("View", "UI scale", f"{scale:g}")
         assert gui.session.view.ui_scale == scale
-        assert gui.window.parts.panel[2] - gui.window.parts.panel[0] >= 379
+        width = gui.window.parts.status[2]
+        left, _, right, _ = gui.window.parts.panel
+        assert right - left == pytest.approx(min(380 * scale, width / 2))
 
 
 def test_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
@@ -208,20 +264,23 @@ def test_every_shortcut_is_listed_and_does_something(gui, monkeypatch):
             assert called == [action], chord
 
 
-def test_quitting_asks_about_unsaved_work(matched, tmp_path):
-    matched.menu("File", "Quit")
-    matched.click("Go back")
-    assert not matched.window.closing
-    matched.menu("File", "Quit")
-    matched.click("Save", within="Save before closing?")
-    matched.type("file name", "last")
-    matched.wait(lambda _: matched.window.closing)
+def test_quitting_asks_about_unsaved_work(gui, tmp_path):
+    gui.type("sigma", "0.04")
+    gui.menu("File", "Quit")
+    gui.window.actions.quit.do()  # a second press of the window's own button
+    gui.click("Go back")
+    assert not gui.window.closing
+    assert not gui.window.dialogs.is_open
+    gui.key("ctrl+q")
+    gui.click("Save", within="Save before closing?")
+    gui.type("file name", "last")
+    gui.wait(lambda _: gui.window.closing)
     assert (tmp_path / "last.abfm").exists()
-    matched.window.closing = False
-    matched.type("sigma", "0.03")
-    matched.menu("File", "Quit")
-    matched.click("Don't save")
-    assert matched.window.closing
+    gui.window.closing = False
+    gui.type("sigma", "0.03")
+    gui.menu("File", "Quit")
+    gui.click("Don't save")
+    assert gui.window.closing
 
 
 def test_export_entries_lead_to_the_section(gui):

@@ -29,16 +29,18 @@ from abfm.parameters import CHOICES
         ("tolerance", "0.001", 0.01),
     ],
 )
-def test_a_number_is_typed_and_dragged_and_undone(gui, label, text, slid):
+def test_a_number_is_typed_and_dragged_and_undone(one_window, label, text, slid):
+    gui = one_window
     default = getattr(gui.session.parameters, label)
     gui.type(label, text)
     assert getattr(gui.session.parameters, label) == float(text)
     gui.drag(label, slid)
     assert getattr(gui.session.parameters, label) == pytest.approx(slid, rel=0.25)
-    gui.menu("Edit", "Undo")
+    gui.key("ctrl+z")
     assert getattr(gui.session.parameters, label) == float(text)
-    gui.menu("Edit", "Undo")
+    gui.key("ctrl+z")
     assert getattr(gui.session.parameters, label) == default
+    assert gui.errors == {}
 
 
 def test_the_method_decides_what_can_be_set(gui):

@@ -8,11 +8,12 @@ import pytest
 from abfm.experiments import FIGURES, TITLES, experiment_of
 from abfm_viewer.automation import Driver
 from tests.shapes import icosphere
+from tests.viewer.end_to_end.conftest import SIZE
 
 
 @pytest.fixture(scope="module")
 def presets():
-    with Driver(icosphere(1), size=(1200, 800)) as driver:
+    with Driver(icosphere(1), size=SIZE) as driver:
         yield driver
 
 

@@ -16,81 +16,56 @@ from tests.viewer.end_to_end.likeness import difference
 SNAPSHOTS = Path(__file__).parents[2] / "snapshots"
 
 
-@pytest.fixture(scope="module")
-def matched():
-    """One window for all states, which build on each other in the order of the tests."""
+def compared(gui, name, folder, update):
+    """What is different between the window and a snapshot, which may be written anew."""
+    gui.wait(lambda s: not gui.window.shown.busy and not s.notice.text)
+    gui.frames(5)
+    actual, expected = folder / name, SNAPSHOTS / name
+    gui.screenshot(actual)
+    assert not gui.errors
+    if update:
+        SNAPSHOTS.mkdir(exist_ok=True)
+        shutil.copy(actual, expected)
+    assert expected.exists(), f"there is no {expected}: pytest --update-snapshots writes it"
+    left, top, right, bottom = gui.window.parts.status
+    frames_per_second = ((left + right) / 2, top, right, bottom)
+    return difference(actual, expected, [frames_per_second])
+
+
+def test_the_window_in_its_main_states(tmp_path, request):
+    """One walk through the app: every picture shows what the steps before it left."""
+    found = []
     with Driver(EGG, size=(1280, 800)) as gui:
-        yield gui
 
+        def check(name):
+            found.append(compared(gui, name, tmp_path, request.config.getoption("--update-snapshots")))
 
-@pytest.fixture
-def check(matched, tmp_path, request):
-    """Compares the window with a snapshot, or writes it."""
-
-    def compare(name):
-        matched.wait(lambda s: not matched.window.shown.busy and not s.notice.text)
-        matched.frames(5)
-        actual, expected = tmp_path / name, SNAPSHOTS / name
-        matched.screenshot(actual)
-        assert not matched.errors
-        if request.config.getoption("--update-snapshots"):
-            SNAPSHOTS.mkdir(exist_ok=True)
-            shutil.copy(actual, expected)
-        assert expected.exists(), f"there is no {expected}: pytest --update-snapshots writes it"
-        left, top, right, bottom = matched.window.parts.status
-        frames_per_second = ((left + right) / 2, top, right, bottom)
-        assert difference(actual, expected, [frames_per_second]) == ""
-
-    return compare
-
-
-def test_start(check):
-    check("start.png")
-
-
-def test_after_a_match(matched, check):
-    matched.click("Match")
-    matched.wait(lambda s: s.solver.finished)
-    check("matched.png")
-
-
-def test_energy_plot(matched, check):
-    matched.window.ui.show_section("Energy")
-    check("energy.png")
-
-
-def test_field_arrows(matched, check):
-    matched.check("arrows")
-    matched.window.ui.show_section("Field")
-    check("arrows.png")
-    matched.check("arrows", False)
-
-
-def test_comparison(matched, check):
-    matched.check("linear blend")
-    matched.check("error")
-    matched.window.ui.show_section("Compare")
-    check("compare.png")
-    matched.check("linear blend", False)
-    matched.check("error", False)
-
-
-def test_column_layout(matched, check):
-    matched.menu("View", "Layout", "column")
-    check("column.png")
-    matched.menu("View", "Layout", "row")
-
-
-def test_dark_theme(matched, check):
-    matched.window.ui.show_section("Parameters")
-    matched.menu("View", "Dark theme")
-    check("dark.png")
-
-
-def test_dialog(matched, check):
-    matched.key("f1")
-    check("shortcuts.png")
-    matched.key("esc")
+        check("start.png")
+        gui.click("Match")
+        gui.wait(lambda s: s.solver.finished)
+        check("matched.png")
+        gui.window.ui.show_section("Energy")
+        check("energy.png")
+        gui.check("arrows")
+        gui.window.ui.show_section("Field")
+        check("arrows.png")
+        gui.check("arrows", False)
+        gui.check("linear blend")
+        gui.check("error")
+        gui.window.ui.show_section("Compare")
+        check("compare.png")
+        gui.check("linear blend", False)
+        gui.check("error", False)
+        gui.menu("View", "Layout", "column")
+        check("column.png")
+        gui.menu("View", "Layout", "row")
+        gui.window.ui.show_section("Parameters")
+        gui.menu("View", "Dark theme")
+        check("dark.png")
+        gui.key("f1")
+        check("shortcuts.png")
+    assert "".join(found) == ""
+    assert sorted(path.name for path in SNAPSHOTS.iterdir()) == sorted(path.name for path in tmp_path.glob("*.png"))
 
 
 @pytest.mark.parametrize("change", ["panel", "colors", "word", "shift"])

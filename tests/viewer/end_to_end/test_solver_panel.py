@@ -52,6 +52,7 @@ def test_keys_do_the_same(gui, running):
     assert not gui.session.solver.paused
     gui.key("esc")
     gui.wait(lambda s: s.solver.finished)
+    assert gui.session.solver.reason == "cancelled"
     gui.key("ctrl+enter")
     assert gui.session.solver.running
 

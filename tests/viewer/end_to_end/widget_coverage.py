@@ -1,39 +1,94 @@
-"""Which widgets the window showed, and which of them tests used."""
+"""A plugin of pytest: every widget that the window shows to the tests of this folder is used by one of them.
+
+That is known when all of them ran, in whatever order and in however many processes; then a widget that none used is a
+failure of the whole run.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
-from abfm_viewer.widgets.widget_record import Widget
+import pytest
 
-Name = tuple[str, str]
-"""The section, menu or dialog that a widget is in, and its label."""
+FOLDER = Path(__file__).parent
+DYNAMIC = ("File/Recent", "Open a mesh", "Open a project or a result", "Open values", "Open a vertex map")
+"""Places whose labels are the names of files."""
 _SAVING = ("Save a ", "Save the ", "Export the ")
+_OUTPUT = "widgets"
 
 
-class Coverage:
-    """Names of widgets that were seen where they could be used, and of those that were used."""
+class WidgetCoverage:
+    """Names of widgets that were seen where they could be used, and of those that were used.
 
-    def __init__(self) -> None:
-        self.seen: set[Name] = set()
-        self.used: set[Name] = set()
+    A name is the section, menu or dialog that a widget is in, and its label.
+    """
 
-    def see(self, widgets: Iterable[Widget]) -> None:
-        """Remember what a frame shows; what is drawn to be looked at, and files in a list, are left out."""
-        for widget in widgets:
-            if widget.enabled and widget.kind != "plot":
-                self.seen.add(_name(widget))
+    def __init__(self, config: pytest.Config) -> None:
+        self.seen: set[tuple[str, str]] = set()
+        self.used: set[tuple[str, str]] = set()
+        self._config = config
+        self._files: set[str] = set()
 
-    def use(self, widget: Widget) -> None:
-        """Remember that a test asked for a widget."""
-        self.used.add(_name(widget))
+    @contextmanager
+    def recording(self) -> Iterator[None]:
+        """Remember what windows show, and what tests ask for."""
+        from abfm_viewer.automation.widget_search import WidgetSearch  # not in processes that only hand out tests
+        from abfm_viewer.widgets.toolkit import Ui
 
-    def unused(self, exempt: Iterable[str]) -> set[Name]:
-        """What was seen and not used, but for sections that begin with one of some texts."""
-        return {name for name in self.seen - self.used if not name[0].startswith(tuple(exempt))}
+        find, end_frame = WidgetSearch.find, Ui.end_frame
+
+        def recorded_find(search, *args, **options):
+            widget = find(search, *args, **options)
+            self.used.add(_name(widget))
+            return widget
+
+        def recorded_end_frame(ui):
+            end_frame(ui)
+            # What is drawn to be looked at is left out.
+            self.seen |= {_name(w) for w in ui.widgets if w.enabled and w.kind != "plot"}
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(WidgetSearch, "find", recorded_find)
+            patch.setattr(Ui, "end_frame", recorded_end_frame)
+            yield
+
+    def unused(self) -> list[tuple[str, str]]:
+        """What was seen and not used, but for names of files."""
+        return sorted(name for name in self.seen - self.used if not name[0].startswith(DYNAMIC))
+
+    # Hooks of pytest
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._files.add(Path(report.nodeid.partition("::")[0]).name)
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node) -> None:
+        seen, used = getattr(node, "workeroutput", {}).get(_OUTPUT, ((), ()))
+        self.seen |= set(seen)
+        self.used |= set(used)
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if hasattr(self._config, "workeroutput"):  # a worker of pytest-xdist
+            self._config.workeroutput[_OUTPUT] = (sorted(self.seen), sorted(self.used))
+        elif self._all_ran() and not session.testsfailed and (self.unused() or not self.used):
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter, exitstatus: int) -> None:
+        if self._all_ran():
+            terminalreporter.write_sep("=", f"{len(self.used)} widgets used")
+            for section, label in self.unused():
+                terminalreporter.write_line(f"no end-to-end test uses {label!r} in {section!r}", red=True)
+
+    def _all_ran(self) -> bool:
+        option = self._config.option
+        selected = option.keyword or option.markexpr or option.deselect or getattr(option, "lf", False)
+        chosen = selected or any("::" in word for word in self._config.args)
+        return not chosen and self._files >= {path.name for path in FOLDER.glob("test_*.py")}
 
 
-def _name(widget: Widget) -> Name:
+def _name(widget) -> tuple[str, str]:
     """Where a widget is and what it is called; one name for all channels, and one for all dialogs that save."""
     section = "Save" if widget.section.startswith(_SAVING) else widget.section
     label = "channel" if section == "Functions" and widget.kind == "choice" else widget.label

@@ -17,7 +17,7 @@ from tests.shapes import ellipsoid
 from tests.viewer.sessions import PAIR, SPHERE, opened
 
 EGG = ellipsoid(3, 1.0, 0.7, 0.55)
-SIZE = (900, 640)
+SIZE = (640, 480)
 TWO = "gaussian:vertex=1 + gaussian:vertex=2 + gaussian:vertex=3"
 
 

@@ -59,7 +59,7 @@ def test_pictures_are_the_same(plain, scale, offset):
 @pytest.mark.parametrize(("scale", "offset"), PLACES)
 def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
     """Arrows and a flow line are drawn, a vertex is picked where it is seen, and a moved camera is kept."""
-    with Driver(document_file(moved(scale, offset), tmp_path), size=(860, 600)) as gui:
+    with Driver(document_file(moved(scale, offset), tmp_path), size=(640, 480)) as gui:
         gui.session.set_view("look", arrows=True)
         vertex = int(np.argmax(gui.session.mesh.vertices @ gui.window.scene._front_view().direction))
         gui.session.add_point("lines", gui.window.scene.nearest("advected", gui.session.mesh.vertices[vertex]).point)
