@@ -41,7 +41,7 @@ def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
     def never(*_):
         raise AssertionError("made again")
 
-    monkeypatch.setattr(coarsening, "_collapse", never)
+    monkeypatch.setattr(coarsening, "collapse_edges", never)
     found = all_levels(energy(mesh))
     assert [len(level.energy.mesh.vertices) for level in found] == [50, 200, 800]
     for level in found[:-1]:
@@ -50,21 +50,21 @@ def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
 
 def test_a_match_waits_for_what_is_being_made(monkeypatch):
     mesh = torus(40, 20)
-    begun, collapse, count = threading.Event(), coarsening._collapse, []
+    begun, collapse, face_counts = threading.Event(), coarsening.collapse_edges, []
 
-    def slowly(mesh, vertex_count):
+    def slowly(*arguments):
         begun.set()
-        count.append(vertex_count)
+        face_counts.append(arguments[-1])
         time.sleep(0.2)
-        return collapse(mesh, vertex_count)
+        collapse(*arguments)
 
-    monkeypatch.setattr(coarsening, "_collapse", slowly)
+    monkeypatch.setattr(coarsening, "collapse_edges", slowly)
     ahead = threading.Thread(target=prepare, args=(mesh, COARSER))
     ahead.start()
     assert begun.wait(10)
     assert len(made(mesh)) == 3
     ahead.join()
-    assert count == [200, 50]
+    assert face_counts == [400, 100]
 
 
 def test_who_waits_can_be_cancelled():
