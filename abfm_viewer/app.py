@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+from abfm_viewer import window
 from abfm_viewer.cli.exit_status import exit_status
 
 _DESCRIPTION = """\
@@ -23,7 +24,6 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(words: list[str]) -> int:
     from abfm_viewer.cli.parser import Parser  # not before: Ctrl-C may come while modules load
-    from abfm_viewer.window.open_window import open_window
 
     parser = Parser(prog="abfm-viewer", description=_DESCRIPTION)
     parser.add_argument(
@@ -32,5 +32,5 @@ def _run(words: list[str]) -> int:
     parser.add_argument("--largest-component", action="store_true", help="of several components use the largest")
     parser.set_defaults(parser=parser)
     arguments = parser.parse_whole(words)
-    open_window(arguments.file, "openGL3_glfw", (1280, 800), largest_component=arguments.largest_component).run()
+    window.open_window(arguments.file, "openGL3_glfw", (1280, 800), largest_component=arguments.largest_component).run()
     return 0

@@ -1,3 +1,5 @@
 """Drive the app by the labels of its widgets, with or without a screen."""
 
-from abfm_viewer.automation.driver import Driver as Driver
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

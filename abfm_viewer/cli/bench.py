@@ -7,7 +7,9 @@ import json
 import sys
 from pathlib import Path
 
+import abfm
 from abfm import TriangleMesh, load_mesh
+from abfm_viewer import automation
 from abfm_viewer.cli.exit_status import INTERRUPTED, UsageError
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.options import positive
@@ -62,28 +64,20 @@ def run(arguments: argparse.Namespace) -> int:
             print(line, file=sys.stderr, flush=True)
 
     if arguments.success:
-        from abfm.benchmark import success  # not before: it loads much that the other commands do without
-
-        meshes = _meshes(arguments, {} if arguments.only_given else success.success_meshes())
+        meshes = _meshes(arguments, {} if arguments.only_given else abfm.benchmark.success.success_meshes())
         problems = {"seed": arguments.seed, "count": arguments.problems, "part": arguments.part}
         with interrupted_by_sigterm():
-            report = success.run_success(meshes, tell, **problems)
-        text = success.format_success(report)
+            report = abfm.benchmark.success.run_success(meshes, tell, **problems)
+        text = abfm.benchmark.success.format_success(report)
     elif arguments.arrival:
-        from abfm.benchmark.arrival import format_arrival, run_arrival  # not before, as above
-
-        report = run_arrival(tell)
-        text = format_arrival(report)
+        report = abfm.benchmark.run_arrival(tell)
+        text = abfm.benchmark.format_arrival(report)
     elif arguments.viewer:
-        from abfm_viewer.automation import window_benchmark as viewer_benchmark  # not before: it needs OpenGL
-
-        report = viewer_benchmark.run(tell)
-        text = viewer_benchmark.format_report(report)
+        report = automation.window_benchmark.run(tell)
+        text = automation.window_benchmark.format_report(report)
     else:
-        from abfm import benchmark  # not before, as above
-
-        report = benchmark.run(tell, seconds=arguments.seconds)
-        text = benchmark.format_report(report)
+        report = abfm.benchmark.run(tell, seconds=arguments.seconds)
+        text = abfm.benchmark.format_report(report)
     print(json.dumps(report, allow_nan=False) if arguments.json else text)
     return INTERRUPTED if report.get("interrupted") else 0
 

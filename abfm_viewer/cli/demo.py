@@ -10,9 +10,11 @@ from pathlib import Path
 from abfm import Match, Parameters, load_mesh
 from abfm.assets import asset_path
 from abfm.functions import function
+from abfm_viewer import pictures
 from abfm_viewer.cli.solving import solve
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
+from abfm_viewer.session.opening import document_of_result
 
 SUMMARY = "the main job on a bundled mesh: a self-test that needs no screen"
 DESCRIPTION = """\
@@ -66,15 +68,10 @@ def run(arguments: argparse.Namespace) -> int:
 def _draw(match: Match, picture: Path, movie: Path) -> tuple[bool, str]:
     """Whether a picture and a movie were drawn, or why not."""
     try:
-        from abfm_viewer.pictures.document_pictures import DocumentRenderer  # not before: these need OpenGL
-        from abfm_viewer.pictures.movies import write_movie
-        from abfm_viewer.pictures.sheets.match_picture import match_picture
-        from abfm_viewer.session.opening import document_of_result
-
-        outputs.write_picture(picture, match_picture(match))
+        outputs.write_picture(picture, pictures.match_picture(match))
         document, known = document_of_result(match, movie.with_suffix(".npz"))
-        with DocumentRenderer(document, known, _MOVIE_SIZE) as renderer:
-            write_movie(movie, renderer.frames(0.0, match.parameters.tau, _FRAMES, 0.0), _FPS, _FRAMES)
+        with pictures.DocumentRenderer(document, known, _MOVIE_SIZE) as renderer:
+            pictures.write_movie(movie, renderer.frames(0.0, match.parameters.tau, _FRAMES, 0.0), _FPS, _FRAMES)
     except DrawingError as error:
         return False, str(error)
     return True, ""

@@ -9,8 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import abfm
 from abfm import AbfmError, TriangleMesh
 from abfm.io import write_atomically
+from abfm_viewer import pictures
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm
@@ -53,9 +55,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute, draw and write."""
-    from abfm.experiments import FIGURES  # not before: this loads the solver
-
-    numbers = FIGURES if arguments.figure == "all" else (_number(arguments.figure, FIGURES),)
+    numbers = (
+        abfm.experiments.FIGURES
+        if arguments.figure == "all"
+        else (_number(arguments.figure, abfm.experiments.FIGURES),)
+    )
     mesh = options.mesh(arguments) if arguments.mesh else None
     _make_folder(arguments.out)
     for number in numbers:
@@ -73,9 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
                 _print(entry)
             entries.append(entry)
         if index is not None:
-            from abfm_viewer.pictures.sheets.page import page
-
-            _write_text(index, page(entries))
+            _write_text(index, pictures.page(entries))
     if arguments.json:
         print(json.dumps({"figures": [_described(entry) for entry in entries]}))
     elif index is not None:
@@ -96,13 +98,9 @@ def _make_folder(path: Path) -> None:
         raise UsageError(f"cannot make the folder {path}: {error.strerror or error}; choose another") from None
 
 
-def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespace) -> Entry:
+def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespace) -> pictures.Entry:
     """Run an experiment; when all are wanted, one that a mesh does not allow is told on the page."""
-    from abfm.experiments import experiment_of
-    from abfm_viewer.pictures.sheets.page import Entry
-    from abfm_viewer.pictures.sheets.ranges import captions
-
-    of = experiment_of(number)
+    of = abfm.experiments.experiment_of(number)
     try:
         with share_progress(f"figure {number}", arguments.quiet) as report:
             setup = of.set_up(mesh, False)
@@ -111,21 +109,19 @@ def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespa
             findings = of.run(setup, report)
             report("drawing", 1.0)
             sheet = replace(findings.sheet, up=arguments.up or ("y" if mesh else findings.sheet.up))
-            notes = captions(sheet)
+            notes = pictures.captions(sheet)
             picture, problem = _drawn(sheet, notes)
     except AbfmError as error:
         if arguments.figure != "all":
             raise
-        return Entry(number, of.title, of.claim, problem=f"Not on this mesh: {error}")
-    return Entry(number, of.title, of.claim, findings.setting, findings.measures, picture, problem, notes)
+        return pictures.Entry(number, of.title, of.claim, problem=f"Not on this mesh: {error}")
+    return pictures.Entry(number, of.title, of.claim, findings.setting, findings.measures, picture, problem, notes)
 
 
 def _drawn(sheet: Sheet, notes: list[str]) -> tuple[Image.Image | None, str]:
     """The picture, or why there is none."""
     try:
-        from abfm_viewer.pictures.sheets.figure_picture import figure_picture  # not before: it needs OpenGL
-
-        return figure_picture(sheet, notes), ""
+        return pictures.figure_picture(sheet, notes), ""
     except DrawingError as error:
         return None, f"no picture: {error}"
 

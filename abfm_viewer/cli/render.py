@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from abfm import ParameterError
 from abfm.types import FloatArray
+from abfm_viewer import pictures
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm
@@ -16,6 +17,7 @@ from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.files import outputs
 from abfm_viewer.scene.camera import best_front
+from abfm_viewer.session.opening import read_project, read_result
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
 
 if TYPE_CHECKING:
@@ -88,8 +90,6 @@ def run(arguments: argparse.Namespace) -> int:
     style = arguments.style or ("window" if of_project or is_movie else "sheet")
     _check_options(arguments, style, is_movie)
     with interrupted_by_sigterm():
-        from abfm_viewer.session.opening import read_project, read_result
-
         document, known = read_project(path) if of_project else read_result(path)
         document = _chosen(arguments, document)
         if is_movie:
@@ -161,34 +161,33 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
 def _sheet(arguments: argparse.Namespace, document: Document) -> Image.Image:
     if document.result is None:
         raise ParameterError(f"{arguments.input} holds no result to make a sheet of; add --style window")
-    from abfm_viewer.pictures.sheets.match_picture import match_picture  # not before: it needs OpenGL
 
-    return match_picture(document.result, arguments.time, arguments.size, document.channel, arguments.up or "y")
+    return pictures.match_picture(
+        document.result, arguments.time, arguments.size, document.channel, arguments.up or "y"
+    )
 
 
 def _picture(arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]) -> Image.Image:
     if len(arguments.time or []) > 1:
         raise UsageError("--time is given more than once, and a picture of the window shows one time")
-    from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions  # not before: it needs OpenGL
 
-    choices = PictureOptions(arguments.transparent, not arguments.no_color_bar, not arguments.no_labels)
-    with DocumentRenderer(_turned_up(arguments, document), known, arguments.size or _SIZE[".png"], choices) as renderer:
+    choices = pictures.PictureOptions(arguments.transparent, not arguments.no_color_bar, not arguments.no_labels)
+    with pictures.DocumentRenderer(
+        _turned_up(arguments, document), known, arguments.size or _SIZE[".png"], choices
+    ) as renderer:
         return renderer.picture(arguments.time[0] if arguments.time else document.time)
 
 
 def _movie(arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]) -> None:
-    from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions  # not before: it needs OpenGL
-    from abfm_viewer.pictures.movies import write_movie
-
     fps, start, turntable = arguments.fps or _FPS, arguments.start or 0.0, arguments.turntable or 0.0
     end = document.parameters.tau if arguments.end is None else arguments.end
     count = max(round((arguments.seconds or _SECONDS) * fps), 1)
     cycles = max(round(count / fps / SECONDS_PER_CYCLE), 1)
     width, height = arguments.size or _SIZE[arguments.out.suffix]
-    choices = PictureOptions(False, not arguments.no_color_bar, not arguments.no_labels, turns=bool(turntable))
-    renderer = DocumentRenderer(_turned_up(arguments, document), known, (width, height), choices)
+    choices = pictures.PictureOptions(False, not arguments.no_color_bar, not arguments.no_labels, turns=bool(turntable))
+    renderer = pictures.DocumentRenderer(_turned_up(arguments, document), known, (width, height), choices)
     with renderer, frame_progress(count, arguments.quiet, arguments.progress) as report:
-        write_movie(arguments.out, renderer.frames(start, end, count, turntable, cycles), fps, count, report)
+        pictures.write_movie(arguments.out, renderer.frames(start, end, count, turntable, cycles), fps, count, report)
     print(f"wrote {arguments.out} ({width} x {height}, {count} frame{'s' if count > 1 else ''})")
 
 

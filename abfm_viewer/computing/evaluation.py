@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+import abfm
 from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Latest, one_line
@@ -68,9 +69,6 @@ class Functions:
         FunctionError
             As `abfm.function` does.
         """
-        from abfm.functions import Sum, parse  # not before: they load what the first frame does without
-        from abfm.functions.family import shown
-
         with self._lock:
             if spec in self._cache:
                 self._cache.move_to_end(spec)
@@ -78,14 +76,14 @@ class Functions:
             if spec in self.known:
                 values = self.known[spec]
             else:
-                tree = parse(spec)
+                tree = abfm.functions.parse(spec)
                 if str(tree) != spec:  # values are kept by the one text form of a function
                     return self.evaluate(str(tree))
-                if isinstance(tree, Sum):
+                if isinstance(tree, abfm.functions.Sum):
                     values = np.sum([self.evaluate(str(term)) for term in tree.terms], axis=0)
                 else:
                     values = self.evaluator.values(spec)
-            _check_size(shown(spec), values)
+            _check_size(abfm.functions.shown(spec), values)
             values.flags.writeable = False
             self._cache[spec] = values
             if len(self._cache) > _KEPT:

@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
+import abfm
 from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests
 from abfm.types import FloatArray
+from abfm_viewer.document.defaults import default_functions
 
 OWN_PROCESS_FROM = 20_000
 """Vertices: below, computing is quick, and starting a process is not."""
@@ -87,12 +89,9 @@ class Evaluator:
 def _compute(mesh: TriangleMesh, spec: str | None) -> Any:
     """The values of a function, or the default functions."""
     if spec is None:
-        from abfm_viewer.document.defaults import default_functions
-
         return default_functions(mesh)
-    from abfm.functions import function
 
-    return function(mesh, spec)
+    return abfm.functions.function(mesh, spec)
 
 
 def _serve() -> None:

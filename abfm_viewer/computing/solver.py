@@ -7,7 +7,6 @@ import time as clock
 import traceback
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +16,6 @@ from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.document.document import Channel, Run
-
-if TYPE_CHECKING:
-    from abfm import Iteration, Match
 
 _ITERATIONS_BETWEEN_RESTARTS = 3
 _TIMES_A_PICTURE, _LONGEST_WAIT = 9, 0.2
@@ -51,8 +47,8 @@ class Snapshot:
     """
 
     problem: Problem
-    iteration: Iteration
-    shown: Iteration
+    iteration: abfm.Iteration
+    shown: abfm.Iteration
 
 
 class State(Enum):
@@ -139,7 +135,7 @@ class Solver:
         self.started += 1
         self.problem = problem
         self._next: Problem | None = problem
-        self._result: Match | None = None
+        self._result: abfm.Match | None = None
         self._error = ""
         self._rows = []
         self._restarts: list[int] = []
@@ -191,7 +187,7 @@ class Solver:
         if self.running:
             self._thread.join(seconds)
 
-    def collect(self) -> tuple[Match | None, Run | None, Problem] | None:
+    def collect(self) -> tuple[abfm.Match | None, Run | None, Problem] | None:
         """What a run that has ended leaves; None unless one has ended since the last call."""
         if not self.running or self.problem is None or self._thread.is_alive():
             return None
@@ -235,7 +231,7 @@ class Solver:
                 self._control.pause()
             return None if self.state is State.ENDING and self._result is not None else problem
 
-    def _solve(self, problem: Problem, functions: Functions, start: FloatArray | None) -> Match:
+    def _solve(self, problem: Problem, functions: Functions, start: FloatArray | None) -> abfm.Match:
         sources, targets = (
             np.stack([functions.evaluate(channel.spec(side)) for channel in problem.channels], axis=1)
             for side in ("source", "target")
@@ -245,7 +241,7 @@ class Solver:
             if self.state is State.ENDING:
                 self._control.cancel()
 
-        def solve(from_field: FloatArray | None) -> Match:
+        def solve(from_field: FloatArray | None) -> abfm.Match:
             return abfm.match(
                 problem.mesh,
                 sources,
@@ -265,7 +261,7 @@ class Solver:
                 raise
             return solve(None)  # a field for other parameters may be too fast for these
 
-    def _post(self, problem: Problem, now: Iteration) -> None:
+    def _post(self, problem: Problem, now: abfm.Iteration) -> None:
         self.snapshot = Snapshot(problem, now, self._pictured(problem, now))
         energies = (now.energy, now.regularity, now.mismatch_energy)
         self._rows.append((*energies, now.stage, now.vertices, now.reach))
@@ -273,7 +269,7 @@ class Solver:
         with self._lock:
             self._yield_to_next()
 
-    def _pictured(self, problem: Problem, iteration: Iteration) -> Iteration:
+    def _pictured(self, problem: Problem, iteration: abfm.Iteration) -> abfm.Iteration:
         """The iterate to show: the new one, or an earlier one, so that pictures take a tenth of the time.
 
         An iterate on a coarse mesh may take less time than its picture on a fine one.

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+import abfm
 from abfm import TriangleMesh
-from abfm.calculus.geodesics import geodesic_distance
-from abfm.functions.curvature import vertex_normals
 
 WIDTH = 0.1
 
@@ -17,13 +16,13 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
     The source sits in the middle of the body, halfway between the ends of (nearly) the longest geodesic, and rather on
     the side that looks along z, which most meshes have in front.
     """
-    one_end = int(np.argmax(geodesic_distance(mesh, [0])))
-    from_one_end = geodesic_distance(mesh, [one_end])
+    one_end = int(np.argmax(abfm.calculus.geodesic_distance(mesh, [0])))
+    from_one_end = abfm.calculus.geodesic_distance(mesh, [one_end])
     other_end = int(np.argmax(from_one_end))
-    from_other_end = geodesic_distance(mesh, [other_end])
-    length, normals = from_one_end[other_end], vertex_normals(mesh)
+    from_other_end = abfm.calculus.geodesic_distance(mesh, [other_end])
+    length, normals = from_one_end[other_end], abfm.functions.vertex_normals(mesh)
     source = int(np.argmin(np.maximum(from_one_end, from_other_end) / length - 0.1 * normals[:, 2]))
-    off = np.abs(geodesic_distance(mesh, [source]) / length - 0.25)
+    off = np.abs(abfm.calculus.geodesic_distance(mesh, [source]) / length - 0.25)
     target = int(np.argmin(off - 0.1 * normals @ normals[source]))
     return _gaussian(mesh, source), _gaussian(mesh, target)
 

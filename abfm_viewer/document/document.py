@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
+import abfm
 from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from abfm import Match
 
 Side = Literal["source", "target"]
 Theme = Literal["light", "dark"]
@@ -225,7 +223,7 @@ class Document:
     bump: int = 0
     parameters: Parameters = field(default_factory=Parameters)
     mask: str = ""
-    result: Match | None = None
+    result: abfm.Match | None = None
     runs: tuple[Run, ...] = ()
     time: float = 0.0
     lines: tuple[Point, ...] = ()

@@ -11,15 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from abfm import TriangleMesh
-from abfm.functions import Spec, Sum, parse
-from abfm.functions.gaussian import Gaussian
-from abfm.functions.permuted import Permuted
+from abfm import TriangleMesh, functions
 
 _WIDTH = 0.1
 
 
-def gaussians(spec: str) -> list[Gaussian]:
+def gaussians(spec: str) -> list[functions.Gaussian]:
     """The Gaussians among a function's terms, in their order.
 
     Raises
@@ -27,12 +24,12 @@ def gaussians(spec: str) -> list[Gaussian]:
     FunctionError
         If the text is no spec.
     """
-    return [term for term in _terms(parse(spec)) if isinstance(term, Gaussian)]
+    return [term for term in _terms(functions.parse(spec)) if isinstance(term, functions.Gaussian)]
 
 
 def is_mapped(spec: str) -> bool:
     """Whether a vertex map stands between the Gaussians and what is seen of them."""
-    return isinstance(parse(spec), Permuted)
+    return isinstance(functions.parse(spec), functions.Permuted)
 
 
 def changed(spec: str, bump: int, **values: Any) -> str:
@@ -61,16 +58,16 @@ def added(spec: str, mesh: TriangleMesh) -> str:
     centres = np.concatenate([gaussian.sources(mesh) for gaussian in known]) if known else np.array([0])
     gaps = np.min([np.linalg.norm(mesh.vertices - mesh.vertices[centre], axis=1) for centre in centres], axis=0)
     vertex = int(mesh.vertex_ids[int(np.argmax(gaps))])
-    tree = parse(spec)
-    return _put(tree, (*_terms(tree), Gaussian(vertex=(vertex,), width=width)))
+    tree = functions.parse(spec)
+    return _put(tree, (*_terms(tree), functions.Gaussian(vertex=(vertex,), width=width)))
 
 
 def removed(spec: str, bump: int) -> str:
     """The spec without one Gaussian, unless nothing would be left."""
-    return _with_bump(spec, bump, []) if len(_terms(parse(spec))) > 1 else spec
+    return _with_bump(spec, bump, []) if len(_terms(functions.parse(spec))) > 1 else spec
 
 
-def centre(gaussian: Gaussian, mesh: TriangleMesh) -> int:
+def centre(gaussian: functions.Gaussian, mesh: TriangleMesh) -> int:
     """The vertex it sits at, as the mesh file counts; of several the first.
 
     Raises
@@ -81,21 +78,21 @@ def centre(gaussian: Gaussian, mesh: TriangleMesh) -> int:
     return int(mesh.vertex_ids[gaussian.sources(mesh)[0]])
 
 
-def _terms(tree: Spec) -> tuple[Spec, ...]:
-    inner = tree.function if isinstance(tree, Permuted) else tree
-    return inner.terms if isinstance(inner, Sum) else (inner,)
+def _terms(tree: functions.Spec) -> tuple[functions.Spec, ...]:
+    inner = tree.function if isinstance(tree, functions.Permuted) else tree
+    return inner.terms if isinstance(inner, functions.Sum) else (inner,)
 
 
-def _with_bump(spec: str, bump: int, by: Sequence[Spec]) -> str:
+def _with_bump(spec: str, bump: int, by: Sequence[functions.Spec]) -> str:
     """The spec with other terms in the place of one Gaussian."""
-    tree = parse(spec)
+    tree = functions.parse(spec)
     terms = list(_terms(tree))
-    place = [number for number, term in enumerate(terms) if isinstance(term, Gaussian)][bump]
+    place = [number for number, term in enumerate(terms) if isinstance(term, functions.Gaussian)][bump]
     terms[place : place + 1] = by
     return _put(tree, tuple(terms))
 
 
-def _put(tree: Spec, terms: tuple[Spec, ...]) -> str:
+def _put(tree: functions.Spec, terms: tuple[functions.Spec, ...]) -> str:
     """The text of a sum of terms, inside the vertex map that the tree has."""
-    inner = Sum(terms) if len(terms) > 1 else terms[0]
-    return str(replace(tree, function=inner) if isinstance(tree, Permuted) else inner)
+    inner = functions.Sum(terms) if len(terms) > 1 else terms[0]
+    return str(replace(tree, function=inner) if isinstance(tree, functions.Permuted) else inner)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import abfm
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Document, View
 
@@ -32,9 +33,7 @@ def figure_document(figure: int, view: View) -> tuple[Document, dict[str, FloatA
     AbfmError
         If it cannot be set up.
     """
-    from abfm.experiments.set_up_apart import set_up_apart  # not before: it takes long
-
-    setup, given = set_up_apart(figure)
+    setup, given = abfm.experiments.set_up_apart(figure)
     document = Document(
         setup.mesh,
         setup.name,

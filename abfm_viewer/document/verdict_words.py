@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from abfm import Iteration, Match
-
+import abfm
 
 _OTHERWISE = {
     "cancelled": "The best field so far was kept.",
@@ -16,13 +13,13 @@ _OTHERWISE = {
 """What to say of matches that did not come to their end."""
 
 
-def headline(match: Match) -> str:
+def headline(match: abfm.Match) -> str:
     """How it ended, in a line: ``matched: mismatch 0.012, 0.03 by flow lines, 0.1% folded``."""
     ends = {"cancelled": "cancelled", "given": "field given"}
     return f"{ends.get(match.stop_reason, match.verdict.kind)}: mismatch {numbers(match)}"
 
 
-def explanation(match: Match) -> list[str]:
+def explanation(match: abfm.Match) -> list[str]:
     """Why it ended so, and what to try, each a sentence."""
     if match.stop_reason in _OTHERWISE:
         return [_OTHERWISE[match.stop_reason]]
@@ -31,7 +28,7 @@ def explanation(match: Match) -> list[str]:
     return [f"{verdict.reason[:1].upper()}{verdict.reason[1:]}.", *tried]
 
 
-def numbers(match: Match) -> str:
+def numbers(match: abfm.Match) -> str:
     """The mismatch, and what is known of its verification: ``0.012, 0.03 by flow lines, 0.1% folded``."""
     parts = [f"{match.mismatch:.3g}"]
     if not math.isnan(match.verified_mismatch):
@@ -41,7 +38,7 @@ def numbers(match: Match) -> str:
     return ", ".join(parts)
 
 
-def place(now: Iteration) -> str:
+def place(now: abfm.Iteration) -> str:
     """Where in its course a match is: ``mesh 1/3, stage 2, reach 0.5``."""
     parts = [f"mesh {now.level + 1}/{now.levels}"] if now.levels > 1 else []
     parts.append(f"stage {now.stage + 1}")

@@ -13,6 +13,7 @@ from pathlib import Path
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
+from abfm_viewer.files.project import save_project
 from abfm_viewer.files.state_folder import StateFolder
 
 _PREFIX, _SUFFIX = "autosave-", ".abfm"
@@ -93,8 +94,6 @@ class Autosave:
         self._writer.shutdown()
 
     def _write(self, document: Document, known: Callable[[], Mapping[str, FloatArray]]) -> None:
-        from abfm_viewer.files.project import save_project
-
         self.path.parent.mkdir(parents=True, exist_ok=True)
         save_project(self.path, document, known())
         if self._document is not document:  # discarded meanwhile

@@ -6,16 +6,13 @@ import os
 import tempfile
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from PIL import Image
 
+import abfm
 from abfm import ResultError
 from abfm.io import export_energy_csv, export_ply, export_vtu, write_atomically
 from abfm.types import FloatArray
-
-if TYPE_CHECKING:
-    from abfm import Match
 
 SLOWEST = 0.1
 FASTEST = {".mp4": 120.0, ".gif": 50.0}
@@ -45,7 +42,7 @@ def check(path: Path, suffixes: Collection[str]) -> None:
         raise ResultError(f"cannot write {path}: {error.strerror or error}; choose another place") from None
 
 
-WRITERS: dict[str, Callable[[Path, Match], None]] = {
+WRITERS: dict[str, Callable[[Path, abfm.Match], None]] = {
     ".npz": lambda path, match: match.save(path),
     ".ply": lambda path, match: export_ply(path, match.mesh, _point_data(match), _cell_data(match)),
     ".vtu": lambda path, match: export_vtu(path, match.mesh, _point_data(match), _cell_data(match)),
@@ -53,7 +50,7 @@ WRITERS: dict[str, Callable[[Path, Match], None]] = {
 }
 
 
-def write(path: Path, match: Match) -> None:
+def write(path: Path, match: abfm.Match) -> None:
     """Write a match as the file's suffix says."""
     WRITERS[path.suffix](path, match)
 
@@ -64,12 +61,12 @@ def write_picture(path: Path, picture: Image.Image) -> None:
         picture.save(temporary)
 
 
-def _point_data(match: Match) -> dict[str, FloatArray]:
+def _point_data(match: abfm.Match) -> dict[str, FloatArray]:
     functions = {"source": match.source, "target": match.target, "advected": match.advected}
     return {name: f if f.shape[1] > 1 else f[:, 0] for name, f in functions.items()}
 
 
-def _cell_data(match: Match) -> dict[str, FloatArray]:
+def _cell_data(match: abfm.Match) -> dict[str, FloatArray]:
     if len(match.velocity) == 1:
         return {"velocity": match.velocity[0]}
     return {f"velocity_segment_{number}": field for number, field in enumerate(match.velocity)}

@@ -12,10 +12,11 @@ import os
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+import abfm
 from abfm import Parameters, ResultError, TriangleMesh
 from abfm.io import write_atomically
 from abfm.io.arrays import FORMAT_VERSION, Entry, check_arrays, check_version, open_archive, read_arrays, write_arrays
@@ -24,9 +25,6 @@ from abfm.types import FloatArray
 from abfm_viewer.document.document import Document, Run
 from abfm_viewer.files.plain import from_plain, to_plain
 from abfm_viewer.files.project_checks import check
-
-if TYPE_CHECKING:
-    from abfm import Match
 
 _MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
 _RUN = {
@@ -71,9 +69,7 @@ def save_project(path: str | os.PathLike[str], document: Document, known: Mappin
         arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in (_COURSE if run.has_course else _RUN)}
     plain_result = None
     if result is not None:
-        from abfm.matching.result import match_arrays
-
-        parts = match_arrays(result)
+        parts = abfm.matching.match_arrays(result)
         plain_result = {name: part for name, part in parts.items() if not isinstance(part, np.ndarray)}
         plain_result |= {"parameters": to_plain(result.parameters), "verdict": to_plain(result.verdict)}
         arrays |= {f"result/{name}": part for name, part in parts.items() if isinstance(part, np.ndarray)}
@@ -145,14 +141,13 @@ def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
     return run
 
 
-def _result(state: dict[str, Any], has_mask: bool, arrays: Mapping[str, Any], mesh: TriangleMesh) -> Match:
-    from abfm.matching.judging.verdict import Verdict  # not before: these take long, and are for solved projects only
-    from abfm.matching.result import match_of
-
+def _result(state: dict[str, Any], has_mask: bool, arrays: Mapping[str, Any], mesh: TriangleMesh) -> abfm.Match:
     known = {name: value for name, value in state.items() if value is not None}
     entries = _RESULT | {"mask": _RESULT["mask"]._replace(required=has_mask)}
     given = {**arrays, **{f"result/{name}": value for name, value in known.items()}}
     parts = check_arrays(given, entries, "result/", V=len(mesh.vertices), F=len(mesh.faces))
     parameters = from_plain(Parameters, known.get("parameters"), "project.result.parameters")
-    verdict = from_plain(Verdict, known["verdict"], "project.result.verdict") if "verdict" in known else None
-    return match_of(mesh, parts, parameters, verdict)
+    verdict = (
+        from_plain(abfm.matching.Verdict, known["verdict"], "project.result.verdict") if "verdict" in known else None
+    )
+    return abfm.matching.match_of(mesh, parts, parameters, verdict)

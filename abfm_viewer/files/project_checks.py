@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+import abfm
 from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 
@@ -16,17 +17,16 @@ def terms_from_files(spec: str) -> list[str]:
     FunctionError
         If the text is no spec.
     """
-    from abfm.functions import Spec, Sum, parse  # not before: it takes long
-    from abfm.functions.permuted import Permuted
-    from abfm.functions.values_file import ValuesFile
 
-    def reads_files(term: Spec) -> bool:
-        if isinstance(term, Permuted):
+    def reads_files(term: abfm.functions.Spec) -> bool:
+        if isinstance(term, abfm.functions.Permuted):
             return not term.is_detected or reads_files(term.function)
-        return isinstance(term, ValuesFile) or (isinstance(term, Sum) and any(map(reads_files, term.terms)))
+        return isinstance(term, abfm.functions.ValuesFile) or (
+            isinstance(term, abfm.functions.Sum) and any(map(reads_files, term.terms))
+        )
 
-    tree = parse(spec)
-    terms = tree.terms if isinstance(tree, Sum) else (tree,)
+    tree = abfm.functions.parse(spec)
+    terms = tree.terms if isinstance(tree, abfm.functions.Sum) else (tree,)
     return [str(term) for term in terms if reads_files(term)]
 
 

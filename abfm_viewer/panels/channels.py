@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from abfm import FunctionError
-from abfm.functions import Family, Spec, Sum, parse
-from abfm.functions.permuted import Permuted
+from abfm import FunctionError, functions
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.panels.context import Context
 
@@ -21,7 +19,8 @@ def draw(context: Context) -> None:
     if several:
         for number, channel in enumerate(session.channels):
             weight = "" if channel.weight == 1 else f", weight {channel.weight:g}"
-            label = f"{number + 1}: {_short(parse(channel.source))} to {_short(parse(channel.target))}{weight}"
+            source, target = (_short(functions.parse(spec)) for spec in (channel.source, channel.target))
+            label = f"{number + 1}: {source} to {target}{weight}"
             chosen, _ = ui.row(label, number == session.document.channel)
             if chosen:
                 session.select(channel=number, bump=0)
@@ -46,14 +45,14 @@ def draw(context: Context) -> None:
                 ui.refuse("weight", str(error))
 
 
-def _short(tree: Spec) -> str:
+def _short(tree: functions.Spec) -> str:
     """A function in a word or two, which tell channels of one kind apart."""
-    if isinstance(tree, Sum):
-        words = {term.family if isinstance(term, Family) else "function" for term in tree.terms}
+    if isinstance(tree, functions.Sum):
+        words = {term.family if isinstance(term, functions.Family) else "function" for term in tree.terms}
         return f"{len(tree.terms)} {words.pop()}s" if len(words) == 1 else f"{len(tree.terms)} terms"
-    if isinstance(tree, Permuted):
+    if isinstance(tree, functions.Permuted):
         return f"{_short(tree.function)}, {Path(tree.path).name}"
-    if not isinstance(tree, Family):
+    if not isinstance(tree, functions.Family):
         return "function"
     if tree.positional is None:
         return tree.family

@@ -10,6 +10,7 @@ import numpy as np
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
+import abfm
 from abfm import AbfmError
 from abfm.types import FloatArray
 from abfm_viewer.appearance.theme import Color
@@ -60,10 +61,8 @@ def draw(context: Context) -> None:
 
 def _export(session: Session, run: Run, path: Path) -> None:
     """Write the run that was shown when the button was pressed."""
-    from abfm.io import export_energy_csv  # not before: it loads what the first frame does without
-
     try:
-        export_energy_csv(path, run.energies, run.stages)
+        abfm.io.export_energy_csv(path, run.energies, run.stages)
     except AbfmError as error:
         session.say(str(error), is_error=True)
     else:

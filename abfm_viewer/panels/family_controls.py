@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeAlias
 
-from abfm import FunctionError, TriangleMesh
-from abfm.functions import Family, Parameter, Spec, parse
-from abfm.functions.family import VERTICES
+from abfm import FunctionError, TriangleMesh, functions
 from abfm_viewer.widgets.toolkit import Ui
 
-Put = Callable[[Family, str], None]
+Put: TypeAlias = "Callable[[functions.Family, str], None]"
 """Takes a changed function and the label of the widget that changed it."""
 
 
-def begun(example: str, mesh: TriangleMesh, vertex: int) -> Spec:
+def begun(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
     """A family's example, made for a mesh and a vertex as its file counts."""
-    return parse(example.format(vertex=vertex, middle=f"{mesh.vertices[:, 1].mean():.3g}"))
+    return functions.parse(example.format(vertex=vertex, middle=f"{mesh.vertices[:, 1].mean():.3g}"))
 
 
-def draw(ui: Ui, function: Family, mesh: TriangleMesh, put: Put) -> None:
+def draw(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> None:
     """Draw a widget for each parameter that the function has, and first the choice of its shape."""
     function = _draw_shape(ui, function, mesh, put)
     shape = function.shapes.get(function.shape())
@@ -29,7 +28,7 @@ def draw(ui: Ui, function: Family, mesh: TriangleMesh, put: Put) -> None:
             _draw_parameter(ui, function, parameter, mesh, put)
 
 
-def _draw_shape(ui: Ui, function: Family, mesh: TriangleMesh, put: Put) -> Family:
+def _draw_shape(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> functions.Family:
     if not function.shapes:
         return function
     about = ", or ".join(shape.summary for shape in function.shapes.values())
@@ -37,13 +36,15 @@ def _draw_shape(ui: Ui, function: Family, mesh: TriangleMesh, put: Put) -> Famil
     chosen = ui.combo("shape", now, tuple(function.shapes), f"{about[0].upper()}{about[1:]}.")
     if chosen != now:
         other = begun(function.shapes[chosen].example, mesh, int(mesh.vertex_ids[0]))
-        assert isinstance(other, Family)
+        assert isinstance(other, functions.Family)
         put(other, "shape")
         return other
     return function
 
 
-def _draw_parameter(ui: Ui, function: Family, parameter: Parameter, mesh: TriangleMesh, put: Put) -> None:
+def _draw_parameter(
+    ui: Ui, function: functions.Family, parameter: functions.Parameter, mesh: TriangleMesh, put: Put
+) -> None:
     """Draw a combo, a slider or a box to type into, whichever the kind of value asks for."""
     name, kind, value = parameter.name, parameter.kind, getattr(function, parameter.name)
     unit = f" ({parameter.unit})" if parameter.unit else ""
@@ -67,13 +68,13 @@ def _draw_parameter(ui: Ui, function: Family, parameter: Parameter, mesh: Triang
         ui.refusal(name)
 
 
-def _change(ui: Ui, function: Family, name: str, new: object, mesh: TriangleMesh, put: Put) -> None:
+def _change(ui: Ui, function: functions.Family, name: str, new: object, mesh: TriangleMesh, put: Put) -> None:
     """Take a new value, or say in place why not."""
     replaced = {other.name: None for other in function.parameters() if other.instead_of == name}
     try:
         changed = replace(function, **{name: new}, **replaced)
         for parameter in changed.parameters():
-            if parameter.kind is VERTICES:
+            if parameter.kind is functions.VERTICES:
                 for vertex in getattr(changed, parameter.name) or ():
                     mesh.local_vertex(vertex)
         put(changed, name)

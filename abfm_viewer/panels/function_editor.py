@@ -7,10 +7,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from abfm import FunctionError
-from abfm.functions import Family, Parameter, Spec, families, parse
-from abfm.functions.permuted import Permuted
-from abfm.maps.symmetry import KINDS
+import abfm
+from abfm import FunctionError, functions
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import Side
 from abfm_viewer.panels import family_controls
@@ -36,7 +34,7 @@ def draw(context: Context, side: Side) -> None:
     editor.draw_family()
     if editor.bump is not None:
         editor.draw_gaussians(editor.bump)
-    elif isinstance(editor.inner, Family):
+    elif isinstance(editor.inner, functions.Family):
         family_controls.draw(ui, editor.inner, session.mesh, editor.put_inner)
         file = _file_of(type(editor.inner))
         if file is not None and ui.button("Browse...", "Choose the file."):
@@ -51,10 +49,10 @@ def draw(context: Context, side: Side) -> None:
         ui.note(problem, "error")
 
 
-def _file_of(family: type[Family]) -> Parameter | None:
+def _file_of(family: type[functions.Family]) -> functions.Parameter | None:
     """The parameter that names a file of values."""
     files = (parameter for parameter in family.parameters() if parameter.kind.suffixes)
-    return None if family is Permuted else next(files, None)
+    return None if family is functions.Permuted else next(files, None)
 
 
 class _Editor:
@@ -64,9 +62,9 @@ class _Editor:
         self._ui, self._session, self._dialogs = context.ui, context.session, context.dialogs
         self._side, self._spec = side, spec
         self.bump = active_gaussian(context.session, side)
-        tree = parse(spec)
-        self._map = tree if isinstance(tree, Permuted) else None
-        self.inner: Spec = tree.function if isinstance(tree, Permuted) else tree
+        tree = functions.parse(spec)
+        self._map = tree if isinstance(tree, functions.Permuted) else None
+        self.inner: functions.Spec = tree.function if isinstance(tree, functions.Permuted) else tree
 
     def put(self, spec: str, label: str, bump: int | None = None) -> None:
         """Take a whole spec; if it is refused, say why below the widget of the label. A drag is one step of undo."""
@@ -76,17 +74,17 @@ class _Editor:
         except FunctionError as error:
             self._ui.refuse(label, str(error))
 
-    def put_inner(self, function: Spec, label: str) -> None:
+    def put_inner(self, function: functions.Spec, label: str) -> None:
         """Take a function in the place of the one inside the vertex map."""
         self.put(str(self._mapped(function)), label)
 
-    def _mapped(self, function: Spec) -> Spec:
+    def _mapped(self, function: functions.Spec) -> functions.Spec:
         return function if self._map is None else replace(self._map, function=function)
 
     def draw_family(self) -> None:
         """The combo of families; a new one begins with a function that is valid on this mesh."""
-        known = {cls.family: cls for cls in families()}
-        names = [name for name in known if known[name] is not Permuted]
+        known = {cls.family: cls for cls in functions.families()}
+        names = [name for name in known if known[name] is not functions.Permuted]
         now = self._family()
         about = known[now].summary() if now in known else "A sum of functions."
         tip = _FAMILY_TIP.format(name=now, summary=about)
@@ -123,21 +121,21 @@ class _Editor:
     def draw_map(self) -> None:
         """The combo of vertex maps that the function is composed with."""
         now = _NO_MAP if self._map is None else Path(self._map.path).name
-        words = [_NO_MAP, *KINDS, _MAP_FILE]
+        words = [_NO_MAP, *abfm.maps.KINDS, _MAP_FILE]
         chosen = self._ui.combo("vertex map", now, words if now in words else [now, *words], _MAP_TIP)
         if chosen == _MAP_FILE:
-            (file,) = Permuted.parameters()
-            self._choose("Open a vertex map", file, lambda path: Permuted(path=path, function=self.inner))
+            (file,) = functions.Permuted.parameters()
+            self._choose("Open a vertex map", file, lambda path: functions.Permuted(path=path, function=self.inner))
         elif chosen == _NO_MAP != now:
             self.put(str(self.inner), "vertex map")
         elif chosen != now:
-            self.put(str(Permuted(path=chosen, function=self.inner)), "vertex map")
+            self.put(str(functions.Permuted(path=chosen, function=self.inner)), "vertex map")
 
-    def choose_file(self, family: type[Family], file: Parameter) -> None:
+    def choose_file(self, family: type[functions.Family], file: functions.Parameter) -> None:
         """Let the user choose the file that a function of a family reads; nothing changes before."""
         self._choose("Open values at the vertices", file, lambda path: self._mapped(family(**{file.name: path})))
 
-    def _choose(self, title: str, file: Parameter, function: Callable[[str], Spec]) -> None:
+    def _choose(self, title: str, file: functions.Parameter, function: Callable[[str], functions.Spec]) -> None:
         def take(path: Path) -> None:
             try:
                 self._session.set_spec(self._side, str(function(str(path))))
@@ -146,7 +144,7 @@ class _Editor:
 
         self._dialogs.open(title, file.kind.suffixes, take)
 
-    def _put_bump(self, bump: int, gaussian: Family, label: str) -> None:
+    def _put_bump(self, bump: int, gaussian: functions.Family, label: str) -> None:
         values = {parameter.name: getattr(gaussian, parameter.name) for parameter in gaussian.parameters()}
         self.put(gaussians.changed(self._spec, bump, **values), label, bump)
 
@@ -158,7 +156,7 @@ class _Editor:
 
     def _family(self) -> str:
         """What the combo says."""
-        if isinstance(self.inner, Family):
+        if isinstance(self.inner, functions.Family):
             return self.inner.family
         only_gaussians = len(gaussians.gaussians(self._spec)) == len(getattr(self.inner, "terms", ()))
         return "gaussian" if only_gaussians else _SEVERAL

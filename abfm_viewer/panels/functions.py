@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abfm_viewer.document.document import SIDES
+from abfm_viewer.panels import channels, function_editor
 from abfm_viewer.panels.context import Context
 
 
@@ -12,7 +13,6 @@ def draw(context: Context) -> None:
     if session.active is None:
         ui.note("A source and a target for this mesh are being chosen ...")
         return
-    from abfm_viewer.panels import channels, function_editor  # not before: they load what the first frame does without
 
     channels.draw(context)
     for side in SIDES:

@@ -10,9 +10,11 @@ import polyscope.imgui as imgui
 from abfm import FunctionError, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.computing.memo import Memo
+from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
+from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
@@ -37,9 +39,6 @@ class GaussianMarkers:
                 self._draw_side(ui, session, scene, side, imgui.GetIO().KeyShift and inside)
 
     def _draw_side(self, ui: Ui, session: Session, scene: Scene, side: Side, wanted: bool) -> None:
-        from abfm_viewer.document import gaussians  # not before: it loads what the first frame does without
-        from abfm_viewer.session.active_gaussian import active_gaussian
-
         chosen, mesh = active_gaussian(session, side), session.mesh
         if chosen is None or session.active is None:
             return

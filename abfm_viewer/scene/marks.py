@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+import abfm
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 from abfm_viewer.appearance import material
@@ -23,12 +24,10 @@ _THICK = 0.0035
 
 def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
     """Faces spread over the surface: the largest in each cube of a grid whose size falls with the density, 0 to 1."""
-    from abfm.calculus.operators import face_areas
-
     centers = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
     density = min(max(density, 0.0), 1.0)
     side = 0.12 * (0.15 / 0.12) ** (1 - density) * 10 ** (-0.9 * density)
-    by_size = np.argsort(-face_areas(mesh), kind="stable")
+    by_size = np.argsort(-abfm.calculus.face_areas(mesh), kind="stable")
     cells = np.floor(centers[by_size] / side).astype(np.int64)
     return np.asarray(np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]]))
 
@@ -37,8 +36,6 @@ def draw_arrows(
     name: str, mesh: TriangleMesh, velocity: FloatArray, length: float, density: float, drawn: Drawn, color: Rgb
 ) -> None:
     """Show a field (F, 3) that is not zero everywhere: `length` is that of the fast arrows."""
-    from abfm.calculus.operators import face_normals
-
     speed = np.linalg.norm(velocity, axis=1)
     faces = evenly_spread(mesh, density)
     if not speed[faces].any():
@@ -47,7 +44,10 @@ def draw_arrows(
     faces = faces[speed[faces] > _SLOW * fast]
     capped = np.minimum(1, _LONGEST * fast / speed[faces])
     vectors = (length / fast * capped)[:, None] * velocity[faces]
-    centers = mesh.vertices[mesh.faces[faces]].mean(axis=1) + _HIGH * mesh.length_scale * face_normals(mesh)[faces]
+    centers = (
+        mesh.vertices[mesh.faces[faces]].mean(axis=1)
+        + _HIGH * mesh.length_scale * abfm.calculus.face_normals(mesh)[faces]
+    )
     triangles = arrow_mesh(drawn(centers), vectors, _THICK)
     arrows = ps.register_surface_mesh(name, *triangles, smooth_shade=False, material=material.NAME, color=color[:3])
     arrows.reset_transform()  # polyscope remembers that of earlier structures of this name; likewise below

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+import abfm
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
@@ -17,9 +18,6 @@ from abfm_viewer.scene.marks import Drawn
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.shown.shown import Shown
-
-if TYPE_CHECKING:
-    from abfm.flow.flow_lines import FlowLine
 
 _ARROWS, _LINES, _PATHS, _NOW, _START = (
     "arrows",
@@ -106,10 +104,8 @@ class Overlays:
             _STRUCTURES[name][1](name, error_if_absent=False)
 
 
-def _lifted(mesh: TriangleMesh, line: FlowLine) -> FloatArray:
-    from abfm.calculus.operators import face_normals
-
-    return line.positions + _LIFT * mesh.length_scale * face_normals(mesh)[line.faces]
+def _lifted(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> FloatArray:
+    return line.positions + _LIFT * mesh.length_scale * abfm.calculus.face_normals(mesh)[line.faces]
 
 
 def _placed(viewport: Viewport, home: FloatArray) -> Drawn:

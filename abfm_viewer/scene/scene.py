@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+import abfm
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
@@ -170,10 +171,8 @@ class Scene:
 
     def nearest(self, surface: str, position: FloatArray) -> Hit:
         """The point of a surface nearest to a place in the mesh's own coordinates."""
-        from abfm.maps.surface_points import project_onto_surface
-
         assert self._mesh is not None
-        found = project_onto_surface(self._mesh, position[None])
+        found = abfm.maps.project_onto_surface(self._mesh, position[None])
         return self._hit(surface, int(found.faces[0]), found.barycentric[0])
 
     def _hit(self, surface: str, face: int, weights: FloatArray) -> Hit:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 import time as clock
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+import abfm
 from abfm import FunctionError, Parameters, TriangleMesh
 from abfm_viewer.document.document import EXTRAPOLATION, Channel, Document, Point, Side, View
 from abfm_viewer.document.history import History
-
-if TYPE_CHECKING:
-    from abfm import Match
 
 
 class Editing:
@@ -53,7 +51,7 @@ class Editing:
         return self.document.view
 
     @property
-    def result(self) -> Match | None:
+    def result(self) -> abfm.Match | None:
         """The document's result."""
         return self.document.result
 
@@ -98,11 +96,9 @@ class Editing:
         FunctionError
             If the text is no spec; whether it fits the mesh turns out when it is evaluated.
         """
-        from abfm.functions import parse
-
         if self.active is None:
             raise FunctionError("there is no channel yet: wait for the default functions")
-        parse(spec)
+        abfm.functions.parse(spec)
         changed = replace(self.active, source=spec) if side == "source" else replace(self.active, target=spec)
         if bump is None:
             bump = self.document.bump if side == self.document.side else 0
@@ -201,10 +197,8 @@ class Editing:
         FunctionError
             If the text is no spec.
         """
-        from abfm.functions import parse
-
         if spec:
-            parse(spec)
+            abfm.functions.parse(spec)
         if spec != self.document.mask:
             self.change("change the mask", mask=spec)
 

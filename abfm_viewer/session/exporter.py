@@ -12,8 +12,8 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import abfm
 from abfm import AbfmError
 from abfm.io import write_atomically
 from abfm.numerics.own_process import factoring_apart
@@ -21,9 +21,7 @@ from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.files import outputs
-
-if TYPE_CHECKING:
-    from abfm import Match
+from abfm_viewer.files.project import save_project
 
 Known = Callable[[], dict[str, FloatArray]]
 PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), tuple(outputs.WRITERS)
@@ -107,7 +105,7 @@ class Exporter:
         words = [*self.picture.words(), *self.movie.words(document.parameters.tau)]
         self._start(self._render, path, MOVIES, document, known, words)
 
-    def save_result(self, path: Path, match: Match) -> None:
+    def save_result(self, path: Path, match: abfm.Match) -> None:
         """Write a result in the format of the file's suffix."""
 
         def write() -> str:
@@ -152,8 +150,6 @@ class Exporter:
 
     def _render(self, path: Path, suffixes: tuple[str, ...], document: Document, known: Known, words: list[str]) -> str:
         """Draw a copy of the document in a process of its own, and put the file in its place when it is whole."""
-        from abfm_viewer.files.project import save_project
-
         outputs.check(path, suffixes)
         if path.suffix in outputs.FASTEST and self.movie.fps > outputs.FASTEST[path.suffix]:
             fastest = outputs.FASTEST[path.suffix]

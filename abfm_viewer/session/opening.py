@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+import abfm
 from abfm import AbfmError, load_mesh
 from abfm.mesh.files import READERS
 from abfm.types import FloatArray
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.document.document import Channel, Document, Run
+from abfm_viewer.files.project import load_project
+from abfm_viewer.files.project_checks import terms_from_files
 from abfm_viewer.session.session import Session
-
-if TYPE_CHECKING:
-    from abfm import Match
 
 MESHES = tuple(READERS)
 PROJECT, RESULT = ".abfm", ".npz"
@@ -44,19 +43,15 @@ def open_session(path: Path, largest_component: bool = False) -> Session:
 
 def read_project(path: Path) -> Opened:
     """What a project file holds."""
-    from abfm_viewer.files.project import load_project  # not before: it loads what the first frame does without
-
     return load_project(path)
 
 
 def read_result(path: Path) -> Opened:
     """A document that shows a result of a file."""
-    from abfm import load_match
-
-    return document_of_result(load_match(path), path)
+    return document_of_result(abfm.load_match(path), path)
 
 
-def document_of_result(match: Match, path: Path) -> Opened:
+def document_of_result(match: abfm.Match, path: Path) -> Opened:
     """A document that shows a result at tau; its functions are named by the result's file."""
     channels, mask, known = _functions_of_result(match, path)
     parameters = match.parameters
@@ -73,14 +68,12 @@ def document_of_result(match: Match, path: Path) -> Opened:
     return document, known
 
 
-def _functions_of_result(match: Match, path: Path) -> tuple[tuple[Channel, ...], str, dict[str, FloatArray]]:
+def _functions_of_result(match: abfm.Match, path: Path) -> tuple[tuple[Channel, ...], str, dict[str, FloatArray]]:
     """Channels and mask as specs that name the result's file, and the values (V,) that they stand for."""
-    from abfm.functions.values_file import ValuesFile
-
     known: dict[str, FloatArray] = {}
 
     def spec(column: str, values: FloatArray) -> str:
-        text = str(ValuesFile(path=str(path.absolute()), column=column))
+        text = str(abfm.functions.ValuesFile(path=str(path.absolute()), column=column))
         known[text] = np.array(values)
         return text
 
@@ -94,8 +87,6 @@ def _functions_of_result(match: Match, path: Path) -> tuple[tuple[Channel, ...],
 
 def known_values(document: Document, functions: Functions) -> dict[str, FloatArray]:
     """Values (V,) of the document's functions from files, so that a project does not need these files."""
-    from abfm_viewer.files.project_checks import terms_from_files
-
     specs = [spec for channel in document.channels for spec in (channel.source, channel.target)]
     known = {}
     for term in {term for spec in filter(None, [*specs, document.mask]) for term in terms_from_files(spec)}:

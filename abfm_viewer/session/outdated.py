@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+import abfm
 from abfm_viewer.computing.evaluation import Evaluated
 from abfm_viewer.computing.memo import Memo
 from abfm_viewer.document.document import Document
-
-if TYPE_CHECKING:
-    from abfm import Match
 
 
 class Outdated:
@@ -19,7 +15,7 @@ class Outdated:
 
     def __init__(self) -> None:
         self._now = Memo[bool]()
-        self._result: Match | None = None
+        self._result: abfm.Match | None = None
         self._answer = False
 
     def now(self, document: Document, specs: tuple[str, ...], found: Evaluated) -> bool:
@@ -41,7 +37,7 @@ class Outdated:
         return self._now.get((result, document.parameters, document.channels, document.mask, *values), compare)
 
 
-def _differs(result: Match, document: Document, found: Evaluated) -> bool:
+def _differs(result: abfm.Match, document: Document, found: Evaluated) -> bool:
     """Whether a result was found for other parameters or functions, as far as these are known."""
     channels, mask = document.channels, document.mask
     if result.parameters != document.parameters or len(channels) != result.source.shape[1]:

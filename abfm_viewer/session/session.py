@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import abfm
 from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
@@ -282,6 +283,4 @@ class Session(Editing):
 
 def _make_coarse_meshes(mesh: TriangleMesh, parameters: Parameters) -> None:
     """Those that a match begins on, while the user looks at the mesh; a match that begins earlier waits for them."""
-    from abfm.matching.solving.levels import prepare  # not before: it loads what the first frame does without
-
-    prepare(mesh, parameters)
+    abfm.matching.prepare(mesh, parameters)

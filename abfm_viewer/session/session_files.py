@@ -13,6 +13,8 @@ from abfm import MeshError, TriangleMesh, load_mesh
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.document.document import Document
+from abfm_viewer.document.presets import figure_document
+from abfm_viewer.files.project import save_project
 from abfm_viewer.session.opening import MESHES, PROJECT, RESULT, known_values, read_project, read_result
 from abfm_viewer.session.session import Session
 
@@ -159,8 +161,6 @@ class SessionFiles:
         return partial(self._show, path, restore)
 
     def _read_figure(self, figure: int) -> Callable[[], None]:
-        from abfm_viewer.document.presets import figure_document
-
         document, known = figure_document(figure, self._session.view)
         ready = "press Play, its field is given" if document.result else "press Match"
 
@@ -180,6 +180,4 @@ class SessionFiles:
 
 def _write_project(path: Path, document: Document, functions: Functions) -> None:
     """Write a project with the values of functions that came from other files."""
-    from abfm_viewer.files.project import save_project  # not before: it loads what the first frame does without
-
     save_project(path, document, known_values(document, functions))

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+import abfm
 from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
@@ -51,11 +52,9 @@ class FlowState:
         AdvectionError
             If the flow is too long, or overflows the single precision of what can be shown.
         """
-        from abfm import AdvectionError, Flow  # not before: it loads what the first frame does without
-
-        carried = Flow(self.mesh, self.velocity, self.parameters.tau, self.parameters.method).push(function, times)
+        carried = abfm.Flow(self.mesh, self.velocity, self.parameters.tau, self.parameters.method).push(function, times)
         if np.abs(carried).max() > _LARGEST:
-            raise AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
+            raise abfm.AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
         return carried
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+import abfm
 from abfm import AbfmError
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
@@ -58,11 +59,8 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
         velocity, bracket = commuting(flow, segment)
         note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
     elif part != "whole":
-        from abfm.calculus.helmholtz_hodge import helmholtz_hodge
-        from abfm.calculus.operators import face_areas
-
-        parts = dict(zip(HODGE_PARTS, helmholtz_hodge(flow.mesh, velocity), strict=True))
-        norms = {name: float(face_areas(flow.mesh) @ (v**2).sum(axis=1)) for name, v in parts.items()}
+        parts = dict(zip(HODGE_PARTS, abfm.calculus.helmholtz_hodge(flow.mesh, velocity), strict=True))
+        norms = {name: float(abfm.calculus.face_areas(flow.mesh) @ (v**2).sum(axis=1)) for name, v in parts.items()}
         shares = {name: norm / max(sum(norms.values()), 1e-300) for name, norm in norms.items()}
         velocity = parts[part]
     return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), shares, note=note)
@@ -83,11 +81,6 @@ def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
     AbfmError
         During a run, on a large mesh, or if the field is zero.
     """
-    from abfm.calculus.commuting_fields import (  # not before: the first frame does without
-        commuting_fields,
-        relative_bracket,
-    )
-
     if not flow.final:
         raise AbfmError("the field that commutes is computed when the run has ended")
     count = len(flow.mesh.vertices)
@@ -96,8 +89,8 @@ def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
     velocity = flow.velocity[segment]
     if not velocity.any():
         raise AbfmError("the field is zero, with which every field commutes")
-    found = commuting_fields(flow.mesh, velocity)[0]
-    return found, relative_bracket(flow.mesh, velocity, found)
+    found = abfm.calculus.commuting_fields(flow.mesh, velocity)[0]
+    return found, abfm.calculus.relative_bracket(flow.mesh, velocity, found)
 
 
 def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> FloatArray:
@@ -108,22 +101,16 @@ def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Floa
     AbfmError
         If the flow is too long, or the carried field overflows.
     """
-    from abfm.calculus.operators import gradient
-    from abfm.calculus.vector_fields import pushforward, to_ambient
-
-    field = to_ambient(flow.mesh, (gradient(flow.mesh) @ function).reshape(-1, 2))
+    field = abfm.calculus.to_ambient(flow.mesh, (abfm.calculus.gradient(flow.mesh) @ function).reshape(-1, 2))
     ends = np.linspace(0, flow.parameters.tau, len(flow.velocity) + 1)
     ends[-1] = max(ends[-1], time)  # beyond tau the last field goes on
     for velocity, start, end in zip(flow.velocity, ends, ends[1:], strict=False):
         if time > start:
-            field = pushforward(flow.mesh, velocity, field, min(end, time) - start)
+            field = abfm.calculus.pushforward(flow.mesh, velocity, field, min(end, time) - start)
     return field
 
 
 def derivative(field: Field, kind: str) -> FloatArray:
     """Divergence or curl at the vertices, (V,)."""
-    from abfm.calculus.operators import curl, divergence
-    from abfm.calculus.vector_fields import to_frame
-
-    operator = divergence(field.mesh) if kind == "divergence" else curl(field.mesh)
-    return np.asarray(operator @ to_frame(field.mesh, field.velocity).ravel())
+    operator = abfm.calculus.divergence(field.mesh) if kind == "divergence" else abfm.calculus.curl(field.mesh)
+    return np.asarray(operator @ abfm.calculus.to_frame(field.mesh, field.velocity).ravel())

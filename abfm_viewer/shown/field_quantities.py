@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
+import abfm
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.computing.background import Jobs, Latest
@@ -14,11 +14,6 @@ from abfm_viewer.shown.map_quantities import flow_distortion, flow_quality
 from abfm_viewer.shown.paths import lines_through, paths_from
 from abfm_viewer.shown.shown_flow import ShownFlow
 from abfm_viewer.shown.streaks import Streaks, Texture, coloured, convolved
-
-if TYPE_CHECKING:
-    from abfm.flow.flow_lines import FlowLine
-    from abfm.maps.quality import MapQuality
-    from abfm.maps.surface_points import Distortion
 
 _TEXELS, _TEXELS_OF_PICTURES = 1024, 2048  # along a side; fewer in the window, where textures change while one looks
 _SHOWN_PHASES = 32  # of moving streaks in the window
@@ -32,12 +27,12 @@ class FieldQuantities(Jobs):
         self._session, self._flow = session, flow
         self._field: Latest[Field] = self.latest("field")
         self._scalar: Latest[FloatArray] = self.latest("field values")
-        self._distortion: Latest[Distortion] = self.latest("distortion")
-        self._quality: Latest[MapQuality] = self.latest("map's quality")
+        self._distortion: Latest[abfm.maps.Distortion] = self.latest("distortion")
+        self._quality: Latest[abfm.maps.MapQuality] = self.latest("map's quality")
         self._streaks: Latest[Streaks] = self.latest("streaks")
         self._texture: Latest[Texture] = self.latest("coloured streaks")
-        self._lines: Latest[list[FlowLine]] = self.latest("flow lines")
-        self._paths: Latest[list[FlowLine]] = self.latest("paths")
+        self._lines: Latest[list[abfm.flow.FlowLine]] = self.latest("flow lines")
+        self._paths: Latest[list[abfm.flow.FlowLine]] = self.latest("paths")
 
     @property
     def finding(self) -> bool:
@@ -70,14 +65,14 @@ class FieldQuantities(Jobs):
             return None
         return self._scalar.newest(field.mesh, (field, kind), partial(derivative, field, kind))
 
-    def distortion(self) -> Distortion | None:
+    def distortion(self) -> abfm.maps.Distortion | None:
         """Distortion of the flow's map at the shown time."""
         flow, time = self._flow.state, self._flow.time
         if flow is None:
             return None
         return self._distortion.newest(flow.mesh, (flow, time), partial(flow_distortion, flow, time))
 
-    def map_quality(self) -> MapQuality | None:
+    def map_quality(self) -> abfm.maps.MapQuality | None:
         """Whether what is shown of the flow as a map can be trusted: where values came from, or where faces go."""
         flow, time = self._flow.state, self._flow.time
         if flow is None:
@@ -101,7 +96,7 @@ class FieldQuantities(Jobs):
         key = (streaks, values, colors, phase)
         return self._texture.newest(field, key, partial(coloured, streaks, phase, values, colors))
 
-    def lines(self) -> list[FlowLine]:
+    def lines(self) -> list[abfm.flow.FlowLine]:
         """Flow lines through the points that were clicked on: against the flow for tau, and with it for tau."""
         flow, field, points = self._flow.state, self.field(), self._session.document.lines
         if flow is None or field is None or not points:
@@ -109,7 +104,7 @@ class FieldQuantities(Jobs):
         tau = flow.parameters.tau
         return self._lines.ask((field, points, tau), partial(lines_through, field, points, tau)) or []
 
-    def paths(self) -> list[FlowLine]:
+    def paths(self) -> list[abfm.flow.FlowLine]:
         """The ways of the points that are followed, to the end of the time bar."""
         flow, points = self._flow.state, self._session.document.points
         if flow is None or not points:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+import abfm
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
@@ -30,6 +31,4 @@ class MassTransport(Jobs):
 
 
 def _transported(mesh: TriangleMesh, source: FloatArray, target: FloatArray, share: float) -> FloatArray:
-    from abfm.baselines import optimal_transport  # not before: it loads what the first frame does without
-
-    return optimal_transport(mesh, source, target, share, sharpen=True)
+    return abfm.baselines.optimal_transport(mesh, source, target, share, sharpen=True)

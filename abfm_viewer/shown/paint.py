@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+import abfm
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, place_colors
 from abfm_viewer.computing.memo import Memo
@@ -148,10 +149,8 @@ class Painter:
         source = found.area if of_area else found.conformal
 
         def make() -> Paint:
-            from abfm.calculus.operators import face_areas  # not before: it loads what the first frame does without
-
             values = np.log2(np.clip(source, 1e-6, 1e6))
-            top = max(_most(np.abs(values), face_areas(mesh)), 0.05)
+            top = max(_most(np.abs(values), abfm.calculus.face_areas(mesh)), 0.05)
             bar = "log2 of the area's factor" if of_area else "log2 of the stretches' ratio"
             return Paint("face values", values, kind, self._ranged(-top if of_area else 0.0, top), bar)
 
@@ -184,9 +183,13 @@ class Painter:
         time = min(self._session.time, tau)
 
         def make() -> Paint:
-            from abfm.baselines import linear_blend
-
-            return Paint("vertex values", linear_blend(source, target, time, tau), "linear blend", colors, "function")
+            return Paint(
+                "vertex values",
+                abfm.baselines.linear_blend(source, target, time, tau),
+                "linear blend",
+                colors,
+                "function",
+            )
 
         return self._keep("linear blend", (source, target, time, tau, colors), make)
 

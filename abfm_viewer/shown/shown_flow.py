@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import time as clock
-from typing import TYPE_CHECKING
 
+import abfm
 from abfm import Parameters
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs
 from abfm_viewer.computing.memo import Memo
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.carried import Carried, FlowState
-
-if TYPE_CHECKING:
-    from abfm import Iteration, Match
 
 _SETTLED = 0.15  # seconds without a new time after which it is worth computing exactly
 
@@ -38,7 +35,7 @@ class ShownFlow(Jobs):
             return self._of(snapshot.shown, snapshot.problem.parameters, final=False)
         return None if result is None else self._of(result, result.parameters, final=True)
 
-    def _of(self, found: Match | Iteration, parameters: Parameters, final: bool) -> FlowState:
+    def _of(self, found: abfm.Match | abfm.Iteration, parameters: Parameters, final: bool) -> FlowState:
         mesh = self._session.mesh
         return self._state.get((found,), lambda: FlowState(mesh, lambda: found.velocity, parameters, final))
 
@@ -57,7 +54,7 @@ class ShownFlow(Jobs):
         time, tau, channel = self.time, flow.parameters.tau, session.document.channel
         if abs(time - tau) <= 1e-9 * tau:
             snapshot, result = session.solver.snapshot, session.result
-            found: Match | Iteration | None = None
+            found: abfm.Match | abfm.Iteration | None = None
             if flow.final:
                 found = None if session.outdated else result
             elif snapshot is not None and len(snapshot.problem.channels) == len(session.channels):

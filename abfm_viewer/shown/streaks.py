@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+import abfm
 from abfm.types import FloatArray
+from abfm_viewer import shown
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.shown.field_parts import Field
-
-if TYPE_CHECKING:
-    from abfm.streaks.texels import FloatImage
-    from abfm.streaks.texture_atlas import TextureAtlas
 
 _LEAST_TEXELS_PER_FACE = 12
 _MOST_TEXELS = 16384
@@ -30,7 +27,7 @@ class Streaks:
     """
 
     field: Field
-    atlas: TextureAtlas
+    atlas: abfm.streaks.TextureAtlas
     images: NDArray[np.uint8]
 
     def at(self, phase: float) -> NDArray[np.uint8]:
@@ -50,27 +47,25 @@ class Texture:
     """Colours (size, size, 3), linear light, and where the faces' corners lie in them, (3F, 2)."""
 
     streaks: Streaks
-    colors: FloatImage
+    colors: abfm.streaks.FloatImage
     corners: FloatArray
 
 
 def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
     """Streaks along a field, in textures at least `size` wide, more on meshes with many faces."""
-    from abfm.streaks.line_integral import line_integral_convolution
-
     size = min(max(size, int(np.sqrt(_LEAST_TEXELS_PER_FACE * len(field.mesh.faces)))), _MOST_TEXELS)
     phases = np.arange(_PHASES) / _PHASES if moving else None
-    atlas, images = line_integral_convolution(field.mesh, field.velocity, size=size, fade=fade, phase=phases)
+    atlas, images = abfm.streaks.line_integral_convolution(
+        field.mesh, field.velocity, size=size, fade=fade, phase=phases
+    )
     return Streaks(field, atlas, np.stack([_in_steps(image) for image in images.reshape(-1, size, size)]))
 
 
-def _in_steps(image: FloatImage) -> NDArray[np.uint8]:
+def _in_steps(image: abfm.streaks.FloatImage) -> NDArray[np.uint8]:
     return (255 * image + np.float32(0.5)).astype(np.uint8)
 
 
 def coloured(streaks: Streaks, phase: float, values: FloatArray, colors: ColorRange) -> Texture:
     """Streaks at a phase in the colours of a function (V,)."""
-    from abfm_viewer.shown.streak_texture import streak_texture
-
-    texture = streak_texture(streaks.atlas, streaks.at(phase), values, colors)
+    texture = shown.streak_texture(streaks.atlas, streaks.at(phase), values, colors)
     return Texture(streaks, texture, streaks.atlas.corner_coordinates)

@@ -10,6 +10,7 @@ import polyscope.imgui as imgui
 from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
+from abfm_viewer.session import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import Rect
 
@@ -53,7 +54,6 @@ class Mouse:
         moved = self._held is not None and tuple(io.MouseDelta) != (0, 0)
         if not (pressed or moved or notches):
             return
-        from abfm_viewer.session import active_gaussian  # not before: it loads what the first frame does without
 
         hit = scene.pick(place)
         if hit is None:

@@ -5,19 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import abfm
+from abfm.assets import asset_path
+from abfm_viewer import window
+from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.session.opening import open_session
+from abfm_viewer.session.session import Session
+
 if TYPE_CHECKING:
-    from abfm import TriangleMesh
     from abfm_viewer.scene.opengl import Backend
-    from abfm_viewer.window.window import Window
 
 
 def open_window(
-    what: str | Path | TriangleMesh | None,
+    what: str | Path | abfm.TriangleMesh | None,
     backend: Backend,
     size: tuple[int, int],
     state_folder: Path | None = None,
     largest_component: bool = False,
-) -> Window:
+) -> window.Window:
     """The app's window with a mesh, project or result in it; by default with a bundled mesh.
 
     Parameters
@@ -30,21 +35,12 @@ def open_window(
     AbfmError
         If the file cannot be read, or the machine cannot draw.
     """
-    from abfm import TriangleMesh
-    from abfm.assets import asset_path
-    from abfm_viewer.files.state_folder import StateFolder
-    from abfm_viewer.session.opening import open_session
-    from abfm_viewer.session.session import Session
-
     state = StateFolder(state_folder)
-    if isinstance(what, TriangleMesh):
+    if isinstance(what, abfm.TriangleMesh):
         session = Session(what, "mesh")
     else:
         session = open_session(Path(what or asset_path("human_A.off")), largest_component)
         if what:
             state.add_recent(Path(what))
-    from abfm_viewer.window.window import (
-        Window,  # not before: it needs OpenGL, and a file that cannot be read needs none
-    )
 
-    return Window(session, backend, size, state)
+    return window.Window(session, backend, size, state)

@@ -12,6 +12,7 @@ from abfm.types import FloatArray
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
+from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.opening import known_values
 from abfm_viewer.session.session import Session
@@ -53,8 +54,6 @@ class Recoveries:
             self._session.load("reading unsaved work", partial(self._read, recovery))
 
     def _read(self, recovery: Recovery) -> Callable[[], None]:
-        from abfm_viewer.files.project import load_project
-
         try:
             return partial(self._ask, recovery, *load_project(recovery.path))
         except AbfmError as error:

@@ -9,6 +9,7 @@ from PIL import Image, ImageDraw
 
 from abfm import TriangleMesh
 from abfm.experiments.sheet import Frame, Panel, Plot, Sheet
+from abfm_viewer import pictures
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.theme import LIGHT
 from abfm_viewer.document.document import Camera
@@ -58,9 +59,7 @@ def sheet_picture(
     for cell, place in zip(cells, places, strict=True):
         corner, color = (place.left, place.top), _INK
         if isinstance(cell, Plot):
-            from abfm_viewer.pictures.sheets.plot_pictures import plot_picture  # not before: it loads matplotlib
-
-            picture.paste(plot_picture(cell, (place.width, place.height), scale * _SMALL), corner)
+            picture.paste(pictures.plot_picture(cell, (place.width, place.height), scale * _SMALL), corner)
         else:
             drawing = next(drawings)
             picture.paste(drawing, corner, drawing)

@@ -1,7 +1,5 @@
 """What a user would compare with: the linear blend, optimal transport, and the paper's algorithm as published."""
 
-from abfm.baselines.linear_blend import linear_blend
-from abfm.baselines.optimal_transport import HeatKernel, optimal_transport
-from abfm.baselines.paper import PaperDescent, PaperEnergy, minimise
+import lazy_loader
 
-__all__ = ["HeatKernel", "PaperDescent", "PaperEnergy", "linear_blend", "minimise", "optimal_transport"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,1 @@
+from .streak_texture import streak_texture as streak_texture

@@ -1,0 +1,11 @@
+from .judging.peaks import peaks as peaks
+from .judging.resolution import resolution as resolution
+from .judging.verdict import Verdict as Verdict
+from .judging.verification import Verification as Verification
+from .judging.verification import verify as verify
+from .match import match as match
+from .result import Match as Match
+from .result import load_match as load_match
+from .result import match_arrays as match_arrays
+from .result import match_of as match_of
+from .solving.levels import prepare as prepare
