@@ -29,13 +29,6 @@ def gui(tmp_path):
         assert not gui.errors
 
 
-@pytest.fixture(scope="module")
-def one_window():
-    """A window for many tests of a file, which leave it as they found it or do not mind how it is."""
-    with Driver(EGG, size=SIZE) as gui:
-        yield gui
-
-
 @pytest.fixture
 def matched(gui):
     """The app after a short run."""

@@ -53,8 +53,7 @@ def test_the_example_of_the_documentation(tmp_path):
         ("memory", 40),
     ],
 )
-def test_a_slider_goes_where_it_is_dragged(one_window, label, value):
-    gui = one_window
+def test_a_slider_goes_where_it_is_dragged(gui, label, value):
     gui.session.set_parameter(method="linearised" if label == "segments" else "nonlinear")
     gui.drag(label, value)
     slider = gui.search.find(label, kinds=("slider",))

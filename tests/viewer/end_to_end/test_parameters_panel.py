@@ -29,8 +29,7 @@ from abfm.parameters import CHOICES
         ("tolerance", "0.001", 0.01),
     ],
 )
-def test_a_number_is_typed_and_dragged_and_undone(one_window, label, text, slid):
-    gui = one_window
+def test_a_number_is_typed_and_dragged_and_undone(gui, label, text, slid):
     default = getattr(gui.session.parameters, label)
     gui.type(label, text)
     assert getattr(gui.session.parameters, label) == float(text)

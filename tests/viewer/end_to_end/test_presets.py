@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -17,14 +19,21 @@ def presets():
         yield driver
 
 
+def wait(gui, condition, seconds=60):
+    """Wait with few frames: they take the time of what is computed."""
+    end = time.monotonic() + seconds
+    while not condition(gui.session):
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.1)
+        gui.frames(1)
+
+
 @pytest.mark.parametrize("figure", FIGURES)
 def test_a_figure_is_ready_to_match(presets, figure):
     setup = experiment_of(figure).set_up(None, False)
     presets.menu("Presets", f"Figure {figure}: {TITLES[figure]}")
-    presets.wait(
-        lambda session: session.notice.text.startswith(f"figure {figure} is ready"), 60
-    )  # is gone after a while
-    presets.wait(lambda session: session.mesh.vertices.shape == setup.mesh.vertices.shape and not session.obstacle, 60)
+    wait(presets, lambda session: session.notice.text.startswith(f"figure {figure} is ready"))  # is gone after a while
+    wait(presets, lambda session: session.mesh.vertices.shape == setup.mesh.vertices.shape and not session.obstacle)
     session = presets.session
     np.testing.assert_array_equal(session.mesh.vertices, setup.mesh.vertices)
     assert session.parameters == setup.parameters

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-SIZE = (800, 600)
+SIZE = (1280, 800)
 _PAUSE = 0.15  # seconds that the app may need for an event
 
 
