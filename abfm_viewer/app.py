@@ -1,7 +1,5 @@
 """`abfm-viewer`: the command that opens the window."""
 
-from __future__ import annotations
-
 import sys
 
 from abfm_viewer import window

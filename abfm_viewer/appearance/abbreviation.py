@@ -1,7 +1,5 @@
 """Texts that are cut where there is no room for them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 

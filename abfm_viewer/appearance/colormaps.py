@@ -4,8 +4,6 @@ The first two keep the surface readable under a light: the value that most of a 
 lightness falls steadily away from it, so that the pictures also work in print and for colour-blind readers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path

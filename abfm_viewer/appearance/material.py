@@ -4,8 +4,6 @@ polyscope takes a material as four pictures of a lit ball, one for each primary 
 them; materials that come with it tint highlights, which turns dark red into purple.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from PIL import Image
 

@@ -1,7 +1,5 @@
 """Colours of the window in light and dark: text, panels, surfaces' ground, and the lines of plots."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from abfm_viewer.document.document import Theme

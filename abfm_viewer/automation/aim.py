@@ -1,7 +1,5 @@
 """Where the vertices of the surfaces are in the window, and looking from where one of them can be clicked on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

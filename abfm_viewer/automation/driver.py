@@ -4,8 +4,6 @@ Every action is made of the events that a mouse and a keyboard send, with frames
 works by hand. Labels are exactly what the user reads on the widget.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Callable, Sequence

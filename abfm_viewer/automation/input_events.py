@@ -1,7 +1,5 @@
 """A mouse and a keyboard for programs: ImGui's input events, with a frame drawn after each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Finds widgets by their label as a user would: opens sections, looks into menus, scrolls."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches

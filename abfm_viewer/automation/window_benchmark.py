@@ -1,7 +1,5 @@
 """What the window costs: the solver with and without it, its frames during a solve, and how long it takes to open."""
 
-from __future__ import annotations
-
 import os
 import statistics
 import subprocess

@@ -3,8 +3,6 @@
 Exit status: 0; 2 with one line on stderr for bad input; 130 after Ctrl-C.
 """
 
-from __future__ import annotations
-
 import sys
 
 from abfm_viewer.cli.exit_status import exit_status

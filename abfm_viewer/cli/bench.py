@@ -1,7 +1,5 @@
 """`abfm bench`: the solver against what a user would compare it with."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

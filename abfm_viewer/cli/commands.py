@@ -1,7 +1,5 @@
 """The command line as a whole: which commands there are, and how one is chosen."""
 
-from __future__ import annotations
-
 from importlib.metadata import version
 
 from abfm.errors import did_you_mean

@@ -1,7 +1,5 @@
 """`abfm demo`: the main job on a bundled mesh, as a self-test."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -1,7 +1,5 @@
 """How a program ends: the one place where an error becomes a line on stderr and an exit status."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable

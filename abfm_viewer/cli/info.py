@@ -1,7 +1,5 @@
 """`abfm info`: what a mesh is and what the solver would object to."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from typing import Any

@@ -1,7 +1,5 @@
 """Signals: what Ctrl-C and termination do to a match and to a movie."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from collections.abc import Callable, Iterator

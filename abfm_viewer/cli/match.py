@@ -1,7 +1,5 @@
 """`abfm match`: the main job."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

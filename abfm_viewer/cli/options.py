@@ -1,7 +1,5 @@
 """Options that several commands share, and what they give: the parameters' own, sizes, the mesh."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from dataclasses import fields

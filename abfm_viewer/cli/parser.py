@@ -1,7 +1,5 @@
 """An argument parser whose errors are one line with the nearest right word."""
 
-from __future__ import annotations
-
 import argparse
 from typing import NoReturn
 

@@ -3,8 +3,6 @@
 On stderr, so that stdout stays for results.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Iterator

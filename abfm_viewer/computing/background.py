@@ -1,7 +1,5 @@
 """Work off the frame loop of which only the newest counts."""
 
-from __future__ import annotations
-
 import threading
 import traceback
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Values of functions on the mesh, computed off the frame loop and kept."""
 
-from __future__ import annotations
-
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping

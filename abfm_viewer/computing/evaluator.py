@@ -4,8 +4,6 @@ The solvers behind geodesics and eigenfunctions keep the interpreter to themselv
 vertices. On large meshes they therefore run in a process of their own, which gets the mesh once.
 """
 
-from __future__ import annotations
-
 import copy
 import threading
 from typing import Any

@@ -1,7 +1,5 @@
 """The dialogs of the window: at most one is drawn, and the others wait behind it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

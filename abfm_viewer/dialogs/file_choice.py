@@ -1,7 +1,5 @@
 """Choosing a file, without the drawing: where one is, what is selected, and what a typed name means."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from abfm_viewer.computing.background import Latest

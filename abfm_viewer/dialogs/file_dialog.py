@@ -1,7 +1,5 @@
 """The file dialog: a path to type, a list to click, and a name when saving."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a file dialog lists: the folders of a folder, and its files with certain suffixes."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

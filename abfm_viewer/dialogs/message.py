@@ -1,7 +1,5 @@
 """Something to read, and a button to close it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

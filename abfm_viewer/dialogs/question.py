@@ -1,7 +1,5 @@
 """A question with a few buttons as answers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A source and a target for any mesh, so that there is something to match at once."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import abfm

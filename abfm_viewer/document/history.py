@@ -1,7 +1,5 @@
 """Undo and redo: states of the document with the name of what the user did to get there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from abfm_viewer.document.document import Document

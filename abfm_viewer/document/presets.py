@@ -1,7 +1,5 @@
 """The paper's figures as documents that are ready to match."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import abfm

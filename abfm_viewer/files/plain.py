@@ -1,7 +1,5 @@
 """Dataclasses as plain JSON values and back, checked by their type hints."""
 
-from __future__ import annotations
-
 import math
 import types
 from dataclasses import MISSING, fields, is_dataclass

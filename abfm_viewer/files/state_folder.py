@@ -1,7 +1,5 @@
 """Where the app keeps things between launches: recent files, preferences, autosaves."""
 
-from __future__ import annotations
-
 import json
 import os
 from contextlib import suppress

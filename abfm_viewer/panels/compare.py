@@ -1,7 +1,5 @@
 """The result beside what a user would compare it with, in pictures and numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm_viewer.document.verdict_words import numbers

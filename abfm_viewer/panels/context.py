@@ -1,7 +1,5 @@
 """What panels, menus and keys draw with and act on."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from abfm_viewer.dialogs import Dialogs

@@ -1,7 +1,5 @@
 """The energy over the iterations: of the run that goes on or ended last, and of those before."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pictures, movies and data of what the window shows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The field: how it is drawn, and what it is made of."""
 
-from __future__ import annotations
-
 from abfm_viewer.document.document import CLICK_TOOLS, FIELD_PARTS, Coloring
 from abfm_viewer.panels.context import Context
 

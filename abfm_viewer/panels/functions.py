@@ -1,7 +1,5 @@
 """The channels, and the source and the target of the active one."""
 
-from __future__ import annotations
-
 from abfm_viewer.document.document import SIDES
 from abfm_viewer.panels import channels, function_editor
 from abfm_viewer.panels.context import Context

@@ -1,7 +1,5 @@
 """The flow as a map: what it does to coordinates, textures and points."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm_viewer.document.document import Coloring

@@ -1,7 +1,5 @@
 """The mesh: what it is, and what was done to it."""
 
-from __future__ import annotations
-
 from abfm_viewer.panels.context import Context
 
 

@@ -1,7 +1,5 @@
 """Parameters of the match."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from functools import cache
 from typing import Any, NamedTuple

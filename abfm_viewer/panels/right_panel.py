@@ -1,7 +1,5 @@
 """The column at the right: the solver always in view, and the other panels below it in sections."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Protocol

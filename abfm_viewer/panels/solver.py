@@ -1,7 +1,5 @@
 """The solver: the one obvious button, what goes on, and what its end means."""
 
-from __future__ import annotations
-
 import polyscope.imgui as imgui
 
 from abfm_viewer.document.verdict_words import explanation, headline, place

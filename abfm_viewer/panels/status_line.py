@@ -1,7 +1,5 @@
 """The status line."""
 
-from __future__ import annotations
-
 import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import cut

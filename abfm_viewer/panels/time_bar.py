@@ -1,7 +1,5 @@
 """The time bar: playing the flow, and the slider over 0 to 2 tau."""
 
-from __future__ import annotations
-
 import polyscope.imgui as imgui
 
 from abfm_viewer.panels.context import Context

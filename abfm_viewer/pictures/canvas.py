@@ -1,7 +1,5 @@
 """Pictures of any size off the screen: every pixel is the mean of several samples, and edges fade without a halo."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 

@@ -3,8 +3,6 @@
 Nothing is blended or waited for: everything is computed when it is drawn. A process draws either windows or these.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Names, labels and colour bars on pictures."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Frames become an MP4 or GIF file, none lost and none twice, in memory that does not grow with their number."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """What is written over the surfaces, in the window and in pictures: their names and the colour bars."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arrows as triangles: polyscope's own are cast per pixel, and frayed where they are thin."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where to look from: a direction that shows the functions, and a distance that fills the picture."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.mesh import TriangleMesh

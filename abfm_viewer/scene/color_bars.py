@@ -1,7 +1,5 @@
 """Colour bars of windows, pictures and sheets: a strip with the colours, its title, and the numbers along it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

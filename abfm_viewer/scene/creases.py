@@ -1,7 +1,5 @@
 """Vertices that are drawn once for every smooth side of a crease: shading stays smooth, and creases sharp."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Rings around the Gaussians that the mouse would move."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import numpy as np

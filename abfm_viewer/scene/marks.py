@@ -1,7 +1,5 @@
 """What is drawn on surfaces besides colours: arrows of a field, paths, and points."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

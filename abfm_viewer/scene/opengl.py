@@ -4,8 +4,6 @@ Where the machine cannot draw, importing this file or starting polyscope raises 
 polyscope itself would crash without libEGL, and could not be imported without libX11.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import sys

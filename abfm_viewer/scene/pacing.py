@@ -3,8 +3,6 @@
 Surfaces that follow a solve or show moving streaks then wait, so that the window answers in the other frames.
 """
 
-from __future__ import annotations
-
 import time as clock
 
 from abfm_viewer.session.session import Session

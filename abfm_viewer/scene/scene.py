@@ -1,7 +1,5 @@
 """The surfaces in the window, side by side on one camera: draws what is shown of a session, and nothing else does."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Surfaces in polyscope, and what they can show: the one place for windows, pictures and figures."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal
 

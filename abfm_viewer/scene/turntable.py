@@ -1,7 +1,5 @@
 """Surfaces that turn in a movie, each about its own upright axis, in front of a camera that stays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Polyscope's camera for a mesh, in a part of the window: what the panels leave free, or a whole picture."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm import TriangleMesh

@@ -1,7 +1,5 @@
 """The Gaussian of a side that the mouse and the panel change."""
 
-from __future__ import annotations
-
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import Side
 from abfm_viewer.session.session import Session

@@ -1,7 +1,5 @@
 """What the status line says besides the solver's state."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Playing the time bar: how the shown time moves from frame to frame."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 Repeat = Literal["once", "loop", "ping-pong"]

@@ -1,7 +1,5 @@
 """Which states of the document are in a file, or need not be."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from abfm import TriangleMesh

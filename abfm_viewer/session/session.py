@@ -1,7 +1,5 @@
 """A document at work: its functions, its solver, and what they give, taken in once a frame."""
 
-from __future__ import annotations
-
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Functions carried along the flow that is shown: spans of times in memory, so that scrubbing costs a blend."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial

@@ -1,7 +1,5 @@
 """The parts of the flow's field that can be drawn, coloured and traced, and the fields that belong to it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

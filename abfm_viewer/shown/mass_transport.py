@@ -1,7 +1,5 @@
 """Optimal transport between source and target at the shown time, computed off the frame loop."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import abfm

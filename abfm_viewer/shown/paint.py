@@ -1,7 +1,5 @@
 """What each surface shows: values and their range, decided from the session without drawing anything."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, replace

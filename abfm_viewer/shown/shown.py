@@ -1,7 +1,5 @@
 """What pictures show of a session: everything that is computed from it, and nothing that it knows of."""
 
-from __future__ import annotations
-
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.field_quantities import FieldQuantities
 from abfm_viewer.shown.mass_transport import MassTransport

@@ -1,7 +1,5 @@
 """Streaks of line integral convolution as a texture in colours."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -3,8 +3,6 @@
 Everything that opens something is a context manager, so that an error inside leaves ImGui's stacks whole.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Any

@@ -1,7 +1,5 @@
 """Where on a slider a value is, and which value a place of a slider has: linear, and logarithmic also from 0."""
 
-from __future__ import annotations
-
 import math
 
 _ZERO_SHARE, _DECADES = 0.06, 6  # of a logarithmic slider from 0: how much of it is 0, and what the rest spans

@@ -1,7 +1,5 @@
 """ImGui's and ImPlot's look: the theme's colours, rounded and with room."""
 
-from __future__ import annotations
-
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 

@@ -1,7 +1,5 @@
 """The window's widgets: ImGui's, with one look, tooltips, and what is refused said in place."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import suppress

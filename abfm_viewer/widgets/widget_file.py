@@ -1,7 +1,5 @@
 """A file that says where the widgets are, for programs that drive a real window with a mouse of their own."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 Labels are exactly what the user reads.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

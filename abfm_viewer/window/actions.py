@@ -1,7 +1,5 @@
 """What menus and keys do: one table for the keyboard, the hints in the menus and the list in Help."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Turns keys into actions."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import polyscope.imgui as imgui

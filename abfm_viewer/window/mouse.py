@@ -1,7 +1,5 @@
 """What the mouse does on the surfaces: moving Gaussians, setting their width, placing points."""
 
-from __future__ import annotations
-
 import math
 import time
 

@@ -1,7 +1,5 @@
 """What the user set and finds again at the next launch."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from abfm_viewer.document.document import THEMES

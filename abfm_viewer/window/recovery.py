@@ -1,7 +1,5 @@
 """Unsaved work: copies of this launch's, and those of launches that ended badly."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Loads and compiles what a match and its pictures need while the user looks at the first picture."""
 
-from __future__ import annotations
-
 import threading
 from contextlib import suppress
 

@@ -1,7 +1,5 @@
 """The meshes that are shipped with the package (sources and licences: ``assets/README.md``)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from abfm.errors import MeshError, did_you_mean

@@ -1,7 +1,5 @@
 """Errors that a user can cause and mend: each says what was given, what was expected and what to do."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from difflib import get_close_matches
 

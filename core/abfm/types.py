@@ -1,7 +1,5 @@
 """Arrays by their entries."""
 
-from __future__ import annotations
-
 from typing import Any, TypeAlias
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A figure of the paper as a sheet: its rows, with one camera for each mesh, and the colour bars below."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from PIL import Image

@@ -1,7 +1,5 @@
 """Where the panels, plots and colour bars of a sheet lie."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Still pictures of a match, drawn off the screen: from source to target on one colour range and one camera."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Literal

@@ -1,7 +1,5 @@
 """A page with all figures beside the paper's claims: one HTML file that needs nothing else."""
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Pictures of a sheet's panels, drawn off the screen."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Literal

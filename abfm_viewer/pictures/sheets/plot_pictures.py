@@ -1,7 +1,5 @@
 """Pictures of a figure's plots, and the font of its sheets, by matplotlib."""
 
-from __future__ import annotations
-
 import io
 import math
 from itertools import cycle

@@ -1,7 +1,5 @@
 """The ranges of a sheet's colour bars, and what must be said of values that they do not reach."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.experiments.sheet import Coordinates, Panel, Sheet, Streaks, Values

@@ -1,7 +1,5 @@
 """A sheet as one picture: panels in coloured frames, plots, labels and colour bars."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 

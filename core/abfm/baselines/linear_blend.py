@@ -1,7 +1,5 @@
 """The simplest interpolation: source fades out while target fades in, and nothing moves."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

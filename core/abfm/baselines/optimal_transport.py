@@ -4,8 +4,6 @@ Source: Solomon, de Goes, Peyré, Cuturi, Butscher, Nguyen, Du, Guibas: Convolut
 34(4), 2015, algorithms 2 (barycentres) and 3 (entropic sharpening).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse

@@ -4,8 +4,6 @@ Kept to measure the solver of this package against; `abfm.match` does the same j
 SciPy's port of [AMH11]; SciPy's L-BFGS-B without bounds stands in for minFunc.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from time import perf_counter
 

@@ -10,8 +10,6 @@ References
 Corman, Ovsjanikov, Chambolle: Continuous Matching via Vector Field Flow, SGP 2015.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

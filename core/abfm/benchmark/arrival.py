@@ -1,7 +1,5 @@
 """How soon a match arrives as meshes get finer, by the solver as it is and as it was before it had a reach."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import inf, log
 from typing import Any

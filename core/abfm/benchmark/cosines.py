@@ -1,7 +1,5 @@
 """How far the paper's gradient is from the exact one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What the exact gradient costs, in forward advections."""
 
-from __future__ import annotations
-
 from time import perf_counter
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where something was measured."""
 
-from __future__ import annotations
-
 import os
 import platform
 import re

@@ -1,7 +1,5 @@
 """All measurements in one process, one after the other, as one report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from statistics import median

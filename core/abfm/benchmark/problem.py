@@ -1,7 +1,5 @@
 """The problem of Fig. 3 on a sphere: one wide bump on the equator splits into two narrow ones."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

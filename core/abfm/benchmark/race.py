@@ -1,7 +1,5 @@
 """Who is how fast to the same energy: the paper's algorithm, plain L-BFGS with the exact gradient, and the solver."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """A report of the benchmark for readers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from abfm.benchmark.machine import in_words

@@ -1,7 +1,5 @@
 """Tables of measurements, for readers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 Row = Sequence[str]

@@ -1,7 +1,5 @@
 """A match against the clock: how it went on the mesh itself, and how it ended."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf
 from time import perf_counter

@@ -1,7 +1,5 @@
 """Functions as the solver keeps them: one row per channel."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,7 +1,5 @@
 """The smoothest fields that commute with a given one (section 6, Figure 5)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse

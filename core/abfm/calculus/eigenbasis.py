@@ -1,7 +1,5 @@
 """Eigenfunctions of the Laplace-Beltrami operator."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh

@@ -1,7 +1,5 @@
 """The action of the exponential of a general sparse matrix, by Taylor steps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.calculus.operators import Matrix

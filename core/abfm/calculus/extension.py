@@ -1,7 +1,5 @@
 """Filling in values that are known at some vertices only."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import sparse
 

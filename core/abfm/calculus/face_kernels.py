@@ -5,8 +5,6 @@ that of the hat function of the corner opposite to their edge; gradients of vert
 angle, so that the two are orthogonal.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.numerics.kernels import kernel

@@ -1,7 +1,5 @@
 """Geodesic distance from vertices."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

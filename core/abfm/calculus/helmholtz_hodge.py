@@ -1,7 +1,5 @@
 """The Helmholtz-Hodge decomposition of a field, in the mixed form of `abfm.calculus.operators.hodge_gradients`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -6,8 +6,6 @@ tangent by construction: a field is a ``(F, 2)`` array, and row ``2 f + k`` of a
 ``psi_e``, 1 on their edge and -1 at the opposite corner). All operators are in the mesh's own units.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tangent vector fields as operators on functions (sections 4 and 6)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse

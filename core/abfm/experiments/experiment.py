@@ -1,7 +1,5 @@
 """What an experiment is: a set-up ready to run, and what running it finds."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Figure 1: a single field carries one Gaussian to two at the other end of a body; the way between, beside others."""
 
-from __future__ import annotations
-
 from abfm.experiments.experiment import Experiment
 from abfm.experiments.meshes import bundled, smoothed
 from abfm.experiments.one_to_two import OneToTwo, one_to_two, run

@@ -1,7 +1,5 @@
 """Figure 2: a function advected along a field, against explicit flow lines."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figure 3: a large smooth Gaussian becomes two small ones, beside optimal transport and the linear blend."""
 
-from __future__ import annotations
-
 from abfm.experiments.experiment import Experiment
 from abfm.experiments.meshes import three_arms
 from abfm.experiments.one_to_two import OneToTwo, one_to_two, run

@@ -1,7 +1,5 @@
 """Figure 4: linear against nonlinear advection, for a short and a long time."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

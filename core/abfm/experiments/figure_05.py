@@ -1,7 +1,5 @@
 """Figure 5: the smoothest field that commutes with a given one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

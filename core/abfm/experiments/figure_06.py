@@ -1,7 +1,5 @@
 """Figure 6: a field carried along the flow of another (the pushforward)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass

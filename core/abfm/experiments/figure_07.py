@@ -1,7 +1,5 @@
 """Figure 7: eigenfunction 7 of the Laplace-Beltrami operator becomes eigenfunction 8, by linearised steps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.calculus.operators import cotangent_laplacian, l2_norm, vertex_areas

@@ -1,7 +1,5 @@
 """Figure 8: optical flow, the field that made the target is found again from source and target."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figure 9: one field whose flow is a symmetry, the rotation of a shape by 180 degrees."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from abfm.assets import asset_path

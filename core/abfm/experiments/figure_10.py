@@ -1,7 +1,5 @@
 """Figure 10: as figure 9, one field whose flow is a rotation by 180 degrees, on a shape with creases."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.calculus.operators import face_normals

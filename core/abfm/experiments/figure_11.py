@@ -1,7 +1,5 @@
 """Figure 11: two functions with jumps become smooth ones, shown as texture coordinates."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.calculus.operators import vertex_areas

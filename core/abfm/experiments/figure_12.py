@@ -1,7 +1,5 @@
 """Figure 12: coordinates carried from one pose to another are corrected by matching one function, and three."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.calculus.operators import l2_norm

@@ -1,7 +1,5 @@
 """Figure 13: how accurate the maps of figure 12 are, against the true one, and what the flow adds to them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report

@@ -1,7 +1,5 @@
 """Given fields, smooth ones on any mesh, and their flows: what they carry, and where their flow lines lead."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count

@@ -1,7 +1,5 @@
 """The maps of figures 12 and 13: by matching one function, three, and by a reduced basis, and how far off each is."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from abfm.baselines.reduced_basis import ReducedMatch, reduced_match

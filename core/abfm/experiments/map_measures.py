@@ -1,7 +1,5 @@
 """What every figure with a map says of it: how far it leaves the surface, and how much it folds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from abfm.experiments.experiment import Measure

@@ -1,7 +1,5 @@
 """Meshes of the experiments: the bundled ones, each read once, and generated shapes."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

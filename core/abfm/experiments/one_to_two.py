@@ -1,7 +1,5 @@
 """One Gaussian becomes two at the other end of the surface: what figures 1 and 3 share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ neighbour in the spectral embedding by few eigenfunctions, so that A's coordinat
 are A's coordinates carried by the true functional map, cut off at more eigenfunctions, and smooth.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

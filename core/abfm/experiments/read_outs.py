@@ -13,8 +13,6 @@ All but the flow lines work without a flow, on the targets or the start. Only wh
 added by a flow. ZoomOut, which needs the start alone, is beside them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.calculus.eigenbasis import eigenbasis

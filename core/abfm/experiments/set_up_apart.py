@@ -1,7 +1,5 @@
 """Setting experiments up in a process of their own: eigenfunctions and geodesics would stop a window."""
 
-from __future__ import annotations
-
 import copy
 import math
 from dataclasses import fields, replace

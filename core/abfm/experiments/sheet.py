@@ -1,7 +1,5 @@
 """A figure as data: which pictures and plots it consists of, for whoever can draw."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """A symmetry reached by a flow: what figures 9 and 10 set up, measure and show."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import igl

@@ -1,7 +1,5 @@
 """Parameters of the paper's experiments, from its Table 1."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

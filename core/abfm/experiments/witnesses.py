@@ -1,7 +1,5 @@
 """What witnesses that know nothing of how a match was found say of it, for an experiment's findings."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Advection of functions along one field or several in a row: exponential or linearised, adjoint, time spans."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

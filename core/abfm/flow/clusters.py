@@ -5,8 +5,6 @@ products grows with the largest one on the mesh. Where triangles are needles it 
 Functions that take one value on each cluster, of vertices much closer than elsewhere, have no such rates.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.calculus.operators import vertex_areas

@@ -5,8 +5,6 @@ midpoint rule, in steps that are a part of a face long, straight over the edges.
 the square of the edge length.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -5,8 +5,6 @@ what is left of a row's last group is padded with zeros. Seven are what a vertex
 all come before its stores, which is what makes the adjoint fast.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.numerics.kernels import kernel

@@ -1,7 +1,5 @@
 """The fixed sparsity of ``D_v``: assembling it for a new field is one pass over the faces."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The flow of given fields: functions carried along it, and where its points come from."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Flow lines: the paths of points along piecewise constant fields, exact up to rounding, a witness for advection."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, Protocol
 

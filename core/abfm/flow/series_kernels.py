@@ -1,7 +1,5 @@
 """Kernels for the Chebyshev series of ``exp(-t D_v)``: its coefficients, its sum and the adjoint of the sum."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.flow.derivative_kernels import GROUP, ONE, dot, gathered

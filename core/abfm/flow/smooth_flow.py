@@ -5,8 +5,6 @@ Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013, so that creas
 is fitted to their vectors at their centres. Inside a face the vectors of its corners are interpolated.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ the mean of the two vectors that lies along the edge. Where it meets a vertex it
 or the first edge to slide along, counted around the vertex from the face that it came from.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

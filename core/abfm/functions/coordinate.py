@@ -1,7 +1,5 @@
 """Coordinates in space."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

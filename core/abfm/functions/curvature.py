@@ -1,7 +1,5 @@
 """Gaussian and mean curvature."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

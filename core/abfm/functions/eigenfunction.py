@@ -1,7 +1,5 @@
 """Eigenfunctions of the Laplace-Beltrami operator."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """From a text to values."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.errors import FunctionError

@@ -1,7 +1,5 @@
 """Functions given by a formula in x, y and z."""
 
-from __future__ import annotations
-
 import ast
 import warnings
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What every family of functions shares: a name, typed parameters, a text form and an evaluation."""
 
-from __future__ import annotations
-
 import inspect
 import math
 import re

@@ -1,7 +1,5 @@
 """Gaussian bumps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

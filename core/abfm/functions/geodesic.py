@@ -1,7 +1,5 @@
 """Geodesic distance from vertices."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

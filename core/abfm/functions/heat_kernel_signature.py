@@ -1,7 +1,5 @@
 """Heat kernel signature."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

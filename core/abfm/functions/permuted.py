@@ -1,7 +1,5 @@
 """Composition of a function with a vertex map."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Where on the mesh a function is centred: at vertices by number, or at the vertex nearest to a point."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Shape diameter function."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

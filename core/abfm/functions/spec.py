@@ -14,8 +14,6 @@ or a parenthesis follows, so ``vertex=1,5``, ``1e+3`` and most file names need n
 hold anything (a double quote inside is doubled).
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from functools import lru_cache

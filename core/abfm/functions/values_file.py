@@ -1,7 +1,5 @@
 """Functions read from a file: one value per vertex of the mesh file."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Vertex maps from files: vertex numbers counted from 0 or from 1, or pairs of vertices that a symmetry swaps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

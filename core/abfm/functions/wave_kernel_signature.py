@@ -1,7 +1,5 @@
 """Wave kernel signature."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Arrays in a zip, as result files and projects hold them: each checked when written and when read."""
 
-from __future__ import annotations
-
 import io
 import math
 import os

@@ -1,7 +1,5 @@
 """Replace a file as a whole or not at all."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import shutil

@@ -1,7 +1,5 @@
 """Meshes with data for other programs (ParaView, MeshLab), and the energy as a table."""
 
-from __future__ import annotations
-
 import csv
 import os
 import re

@@ -1,7 +1,5 @@
 """Result files: one ``.npz`` of plain arrays, no pickles, checked whole when written and when read."""
 
-from __future__ import annotations
-
 import json
 import os
 import zipfile

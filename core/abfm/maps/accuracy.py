@@ -1,7 +1,5 @@
 """How far a point map is from a known one: geodesic errors, their share under a bound, and a report."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ vertices looks against the surface although the map does not turn over anywhere:
 functions, several percent of the faces. So those are looked at more closely, in 64 parts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

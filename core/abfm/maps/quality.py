@@ -4,8 +4,6 @@ A flow takes a surface to itself and folds nothing. The coordinates that the dis
 fold it where triangles are too coarse for the field, and a match of functions does not notice.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

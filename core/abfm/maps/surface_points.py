@@ -4,8 +4,6 @@ A flow carries functions, not points. The coordinate functions carried for a tim
 values came from, near the surface but not on it, so that `project_onto_surface` makes points of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeAlias
 

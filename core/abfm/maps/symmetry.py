@@ -1,7 +1,5 @@
 """Extrinsic symmetry: the mirror plane or the rotation that carries a surface to itself, found from its shape."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 

@@ -1,7 +1,5 @@
 """Find the field whose flow carries one function to another."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The result of a match: the field, and everything that its flow can carry."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

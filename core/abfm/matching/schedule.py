@@ -1,7 +1,5 @@
 """The course of a match: which mesh, reach and sigma each stage has, and when it ends."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """A coarser mesh of the same surface, with even triangles: edges collapse, shortest first, to their midpoints."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.errors import MeshError

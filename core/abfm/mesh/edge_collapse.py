@@ -9,8 +9,6 @@ stays. Edges with an infinite key never do.
 window would stand still.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

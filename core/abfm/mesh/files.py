@@ -1,7 +1,5 @@
 """Reading mesh files."""
 
-from __future__ import annotations
-
 import os
 import warnings
 from collections.abc import Callable

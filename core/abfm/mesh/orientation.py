@@ -1,7 +1,5 @@
 """Making the faces of a mesh agree on a side."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.errors import MeshError

@@ -1,7 +1,5 @@
 """Generated surfaces that experiments and measurements share."""
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 

@@ -1,7 +1,5 @@
 """Midpoint subdivision: every face cut into four like it, on the same surface."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

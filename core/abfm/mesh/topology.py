@@ -3,8 +3,6 @@
 A *slot* is one corner of one face, flat index ``3 f + k``; it also stands for the edge opposite to that corner.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.types import BoolArray, IntArray

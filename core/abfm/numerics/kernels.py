@@ -3,8 +3,6 @@
 Indices are unsigned: a signed one would be tested for counting from the end at every use, which doubles the time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 

@@ -3,8 +3,6 @@
 SciPy's does not survive energies that are not finite, and asks for slopes where the value alone rules a step out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar

@@ -3,8 +3,6 @@
 SciPy's has no preconditioner, and cannot stop between two iterations or learn from an earlier run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Generic, NamedTuple, Protocol, TypeVar

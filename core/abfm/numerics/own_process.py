@@ -3,8 +3,6 @@
 Both ends are ours: they speak pickle through pipes, one answer for every request.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import pickle

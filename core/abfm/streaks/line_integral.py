@@ -6,8 +6,6 @@ they are walked on the surface itself, along the field made continuous, and the 
 that streaks know nothing of the texture's pieces nor of the mesh's.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

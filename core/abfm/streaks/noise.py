@@ -1,7 +1,5 @@
 """Random numbers that belong to places in space: the same wherever and whenever they are asked for."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.numerics.kernels import kernel

@@ -4,8 +4,6 @@ Each step follows the midpoint rule; its two directions are compared in one fram
 over every edge into the next face's plane.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Numba kernels on the texels of an atlas: laying it out, and finding the way between texels and faces."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """A texture for any mesh: each triangle has a right triangle of texels to itself, in number as its size."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

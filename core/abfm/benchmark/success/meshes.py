@@ -1,7 +1,5 @@
 """Surfaces on which matches are tried: the bundled ones and generated ones, closed and open, even and not."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.assets import asset_names, asset_path

@@ -1,7 +1,5 @@
 """Random problems, each from its own seed: the same whatever else is drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args

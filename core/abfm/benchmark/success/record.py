@@ -1,7 +1,5 @@
 """One problem by one version of the solver: what came out, and what it cost."""
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """How often matches succeeded, by distance, width and family, all versions side by side."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from statistics import median

@@ -1,7 +1,5 @@
 """Many problems by all versions, one after the other, as one report; and reports of parts put together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The paper's gradient of the advected function, through the Lie bracket (Eq. 9 and its n-step form in section 7)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.calculus.exponential_action import exponential_action

@@ -7,8 +7,6 @@ definite, so that only an exact match has none; it is the linearisation of optim
 Comparison between W2 distance and H^-1 norm, and localization of Wasserstein distance, ESAIM: COCV 24 (2018)].
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import sparse
 

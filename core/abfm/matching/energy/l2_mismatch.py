@@ -1,7 +1,5 @@
 """The paper's norm of mismatches: that of L2 and, with beta, of their slopes."""
 
-from __future__ import annotations
-
 from abfm.calculus.operators import function_norm_matrix
 from abfm.matching.energy.quadratic import QuadraticMismatch
 from abfm.mesh import TriangleMesh

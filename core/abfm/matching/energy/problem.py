@@ -1,7 +1,5 @@
 """What is to be matched: a source and a target, and how much of their mismatch counts where."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,7 +1,5 @@
 """Mismatches that are squares of norms."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 
 from abfm.numerics import kernels

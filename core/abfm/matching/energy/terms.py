@@ -1,7 +1,5 @@
 """What the energy is made of, and which norms it takes: another one is a file of its own and a line here."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from abfm.matching.energy.far_mismatch import FarMismatch

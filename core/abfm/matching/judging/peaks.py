@@ -6,8 +6,6 @@ and pits arrive with their persistence. If two functions differ by less than ``e
 persistences that differ by less than ``2 e``, but for those below ``2 e`` (Cohen-Steiner, Edelsbrunner and Harer 2007).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How many edges of a mesh a function's features span: whether advection on this mesh can carry it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -4,8 +4,6 @@ A flow makes no new values, and neither splits nor joins peaks: functions that n
 parameters. The discrete flow can do both, between vertices, and its own mismatch does not tell.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from abfm.matching.energy.problem import Problem

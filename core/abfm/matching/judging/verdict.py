@@ -1,7 +1,5 @@
 """What a match came to, why, and what to try, in plain words."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

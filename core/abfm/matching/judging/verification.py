@@ -11,8 +11,6 @@ itself is asked:
 Where both agree the mismatch is that of the field, whatever the discrete one was.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ The scheme disperses, and flow lines of a field made continuous are off by a lit
 divides them. No derivative of flow lines is needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

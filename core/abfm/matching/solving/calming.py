@@ -4,8 +4,6 @@ Where the normal parts of a field jump over edges the discrete flow grows, on me
 Smoothing on the scale of an edge, by the norm of first order, takes most of the jumps away.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeVar
 

@@ -1,7 +1,5 @@
 """Pause, resume and cancel a solve from another thread."""
 
-from __future__ import annotations
-
 import threading
 
 

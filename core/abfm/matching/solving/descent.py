@@ -1,7 +1,5 @@
 """One stage of a match after the other: down in energy, from one mesh to the next, towards flow lines."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Where thin triangles would set the cost of an evaluation the mesh itself comes t
 together (`abfm.flow.clusters`), then as it is.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The record of a match: its stages, its iterates, and what a display may ask about each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The course of a match: the target is found on the coarsest mesh, then the match comes close on the others."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise, zip_longest
 

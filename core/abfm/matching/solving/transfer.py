@@ -5,8 +5,6 @@ the mesh that they come from, read at the points closest to the vertices, and tu
 faces between them.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What every reader returns, and what the formats make necessary to get there."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """GIFTI surfaces of brain imaging, plain or compressed (.gii, .gii.gz)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

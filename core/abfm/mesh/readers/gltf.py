@@ -1,7 +1,5 @@
 """glTF scenes, as text (.gltf, with its buffers beside it) and binary (.glb)."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Wavefront OBJ: one vertex per ``v`` line, whatever texture coordinates and normals the faces also name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from abfm.mesh.readers.contents import FileContents, coordinates, split_polygons

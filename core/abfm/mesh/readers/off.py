@@ -1,7 +1,5 @@
 """Object File Format: OFF and its relatives with colours, normals or texture coordinates (COFF, NOFF, STOFF)."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 trimesh's reader takes text files that are cut off, and no binary ones with polygons of several sizes.
 """
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 from typing import NamedTuple

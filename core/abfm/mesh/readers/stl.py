@@ -1,7 +1,5 @@
 """Stereolithography (STL), text and binary: separate triangles, joined where corners coincide."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
