@@ -19,7 +19,7 @@ from abfm_viewer.cli import main
 from abfm_viewer.cli.solving import Outcome
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.project import load_project, save_project
-from abfm_viewer.pictures import sheet
+from abfm_viewer.pictures.sheets.match_picture import DEFAULT_WIDTH
 from abfm_viewer.session.opening import document_of_result
 
 HUMAN = str(asset_path("human_A.off"))
@@ -414,7 +414,7 @@ def test_demo_passes_its_own_test(tmp_path, capsys):
     assert report["mismatch"] <= 0.05
     assert sorted(path.name for path in out.iterdir()) == ["demo.mp4", "demo.npz", "demo.png"]
     assert report["movie"] == str(out / "demo.mp4")
-    assert Image.open(out / "demo.png").width == sheet.DEFAULT_WIDTH
+    assert Image.open(out / "demo.png").width == DEFAULT_WIDTH
     with av.open(str(out / "demo.mp4")) as movie:
         assert len(list(movie.decode(video=0))) == 50
 
@@ -424,7 +424,7 @@ def test_demo_fails_when_the_mismatch_stays_high(tmp_path, capsys, monkeypatch):
         raise DrawingError("no time for it")
 
     monkeypatch.setattr("abfm_viewer.cli.demo.Parameters", lambda: Parameters(iterations=1))
-    monkeypatch.setattr("abfm_viewer.pictures.pictures.match_picture", no_picture)
+    monkeypatch.setattr("abfm_viewer.pictures.match_picture", no_picture)
     assert main(["demo", "--out", str(tmp_path), "--quiet"]) == 1
     told = capsys.readouterr().err
     assert "note: no picture and no movie: no time for it\n" in told

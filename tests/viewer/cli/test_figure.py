@@ -12,9 +12,9 @@ from PIL import Image
 import abfm.experiments
 from abfm import MeshError
 from abfm.experiments import TITLES
+from abfm_viewer import pictures
 from abfm_viewer.cli import main
 from abfm_viewer.errors import DrawingError
-from abfm_viewer.pictures.sheets import figure_picture
 
 
 @pytest.fixture
@@ -118,7 +118,7 @@ def test_without_opengl_the_numbers_are_there(small, tmp_path, monkeypatch, caps
     def refuse(sheet, notes):
         raise DrawingError("cannot draw without OpenGL")
 
-    monkeypatch.setattr(figure_picture, "figure_picture", refuse)
+    monkeypatch.setattr(pictures, "figure_picture", refuse)
     assert main(["figure", "7", "--out", str(tmp_path), "--quiet"]) == 0
     assert "cannot draw without OpenGL" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["figure-7.json"]

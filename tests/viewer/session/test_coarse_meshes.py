@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-import abfm.matching.solving.levels
+import abfm
 from abfm_viewer.document.document import Document
 from abfm_viewer.session.session import Session
 from tests.viewer.sessions import PAIR, SPHERE, opened, until
@@ -14,9 +14,7 @@ from tests.viewer.sessions import PAIR, SPHERE, opened, until
 def asked(monkeypatch):
     """For which meshes and numbers of levels they were made."""
     asked = []
-    monkeypatch.setattr(
-        abfm.matching.solving.levels, "prepare", lambda mesh, parameters: asked.append((mesh, parameters.levels))
-    )
+    monkeypatch.setattr(abfm.matching, "prepare", lambda mesh, parameters: asked.append((mesh, parameters.levels)))
     return asked
 
 

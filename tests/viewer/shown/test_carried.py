@@ -91,9 +91,16 @@ def test_at_time_0_the_function_is_there_at_once(match, state, carried, jobs):
     assert not jobs.busy
 
 
-def test_scrubbing_shows_blends_and_a_settled_time_is_exact(match, state, carried, jobs):
-    source = match.source[:, 0]
+def test_scrubbing_shows_blends_and_a_settled_time_is_exact(match, state, carried, jobs, monkeypatch):
+    source, may_go_on, carry = match.source[:, 0], threading.Event(), FlowState.carry
+
+    def late(state, function, times):
+        assert may_go_on.wait(30)
+        return carry(state, function, times)
+
+    monkeypatch.setattr(FlowState, "carry", late)
     assert carried.at(state, source, 0.3, settled=False) is None
+    may_go_on.set()
     until(lambda: not jobs.busy)
     assert distance(carried.at(state, source, 0.3, settled=False), match.advect(0.3)) < 2e-3
     carried.at(state, source, 0.3, settled=True)

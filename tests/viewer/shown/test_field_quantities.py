@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import abfm
 from abfm import AbfmError, Parameters
-from abfm.calculus import helmholtz_hodge
 from abfm.calculus.commuting_fields import commuting_fields, relative_bracket
 from abfm.calculus.operators import gradient
 from abfm.calculus.vector_fields import pushforward, to_ambient
-from abfm.streaks import line_integral
 from abfm_viewer.appearance.colormaps import color_range, linear_table
 from abfm_viewer.shown import field_parts, field_quantities, streaks
 from abfm_viewer.shown.carried import FlowState
@@ -47,13 +46,13 @@ def shown(session):
 def convolutions(monkeypatch):
     """How many there were."""
     seen = []
-    convolve = line_integral.line_integral_convolution
+    convolve = abfm.streaks.line_integral_convolution
 
     def counted(*arguments, **options):
         seen.append(arguments)
         return convolve(*arguments, **options)
 
-    monkeypatch.setattr(line_integral, "line_integral_convolution", counted)
+    monkeypatch.setattr(abfm.streaks, "line_integral_convolution", counted)
     return seen
 
 
@@ -89,7 +88,7 @@ def test_streaks_are_computed_once_and_take_the_colours_of_every_time(session, s
 
 def test_what_is_still_to_come_is_said(session, shown, monkeypatch):
     may_go_on = threading.Event()
-    decompose, convolve = helmholtz_hodge.helmholtz_hodge, line_integral.line_integral_convolution
+    decompose, convolve = abfm.calculus.helmholtz_hodge, abfm.streaks.line_integral_convolution
 
     def late(job):
         def work(*arguments, **options):
@@ -98,8 +97,8 @@ def test_what_is_still_to_come_is_said(session, shown, monkeypatch):
 
         return work
 
-    monkeypatch.setattr(helmholtz_hodge, "helmholtz_hodge", late(decompose))
-    monkeypatch.setattr(line_integral, "line_integral_convolution", late(convolve))
+    monkeypatch.setattr(abfm.calculus, "helmholtz_hodge", late(decompose))
+    monkeypatch.setattr(abfm.streaks, "line_integral_convolution", late(convolve))
     until(lambda: not shown.busy, session)
     show(session, part="curl-free", streaks=True)
     shown.quantities.field()
