@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import shutil
 import stat
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+PACKAGES = (ROOT / "core" / "abfm", ROOT / "abfm_viewer")
 
 
 def python(code: str, **environment: str) -> str:
@@ -34,8 +36,8 @@ def test_the_wheel_holds_both_packages_and_every_asset(tmp_path):
     names = zipfile.ZipFile(wheel).namelist()
     for asset in (ROOT / "assets").iterdir():
         assert f"abfm/assets/{asset.name}" in names
-    assert "abfm/matching/match.py" in names
-    assert "abfm_viewer/cli/match.py" in names
+    assert {"abfm/matching/match.py", "abfm/flow/__init__.pyi", "abfm_viewer/cli/match.py"} <= set(names)
+    assert "abfm_viewer/appearance/colormaps.csv" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert {name.split("/")[0].split("-")[0] for name in names} == {"abfm", "abfm_viewer"}
 
@@ -43,6 +45,16 @@ def test_the_wheel_holds_both_packages_and_every_asset(tmp_path):
     zipfile.ZipFile(wheel).extractall(unpacked)
     code = f"import sys; sys.path.insert(0, {str(unpacked)!r}); from abfm.assets import asset_path as path; "
     assert python(code + "print(path('eight.off'))") == str(unpacked / "abfm" / "assets" / "eight.off")
+
+
+def test_every_room_has_its_line_in_the_plan_of_the_house():
+    plan = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    listed = {room for row in re.findall(r"^\| (`.*?) \|", plan, re.MULTILINE) for room in re.findall(r"`(\w+)/`", row)}
+    assert listed == {init.parent.name for package in PACKAGES for init in package.glob("*/__init__.py")}
+
+
+def test_no_file_is_longer_than_what_one_idea_needs():
+    assert [f for package in PACKAGES for f in package.rglob("*.py") if len(f.read_text().splitlines()) > 300] == []
 
 
 def test_matching_and_the_command_line_need_no_opengl():
