@@ -17,7 +17,7 @@ from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.files import outputs
 from abfm_viewer.scene.camera import best_front
-from abfm_viewer.session.opening import read_project, read_result
+from abfm_viewer.session.opening import read_document
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     style = arguments.style or ("window" if of_project or is_movie else "sheet")
     _check_options(arguments, style, is_movie)
     with interrupted_by_sigterm():
-        document, known = read_project(path) if of_project else read_result(path)
+        document, known = read_document(path)
         document = _chosen(arguments, document)
         if is_movie:
             _movie(arguments, document, known)

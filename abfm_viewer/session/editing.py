@@ -22,12 +22,10 @@ class Editing:
 
     @property
     def document(self) -> Document:
-        """The present state."""
         return self.history.document
 
     @property
     def mesh(self) -> TriangleMesh:
-        """The document's mesh."""
         return self.document.mesh
 
     @property
@@ -37,27 +35,22 @@ class Editing:
 
     @property
     def active(self) -> Channel | None:
-        """The active channel."""
         return self.channels[self.document.channel] if self.channels else None
 
     @property
     def parameters(self) -> Parameters:
-        """The document's parameters."""
         return self.document.parameters
 
     @property
     def view(self) -> View:
-        """The document's view."""
         return self.document.view
 
     @property
     def result(self) -> abfm.Match | None:
-        """The document's result."""
         return self.document.result
 
     @property
     def time(self) -> float:
-        """The time shown."""
         return self.document.time
 
     @property
@@ -86,15 +79,8 @@ class Editing:
     def set_spec(self, side: Side, spec: str, merge: str = "", bump: int | None = None) -> None:
         """Give the active channel another source or target, and make that side active.
 
-        Parameters
-        ----------
-        bump
-            The Gaussian of that side to make active; by default the same as before, or the first of the other side.
-
-        Raises
-        ------
-        FunctionError
-            If the text is no spec; whether it fits the mesh turns out when it is evaluated.
+        Its Gaussian `bump` becomes active, too: by default the same as before, or the first of the other side. Raises
+        FunctionError if the text is no spec; whether it fits the mesh turns out when it is evaluated.
         """
         if self.active is None:
             raise FunctionError("there is no channel yet: wait for the default functions")
@@ -108,19 +94,12 @@ class Editing:
             self._set_active(changed, f"change the {side}", merge, side=side, bump=bump)
 
     def set_weight(self, weight: float, merge: str = "") -> None:
-        """Give the active channel's mismatch another weight.
-
-        Raises
-        ------
-        FunctionError
-            If it is negative or no number, or all weights would be 0.
-        """
+        """Set the active channel's weight; FunctionError if it is negative, no number, or all would be 0."""
         if self.active is None:
             return
-        others = [channel.weight for channel in self._others]
         if not (math.isfinite(weight) and weight >= 0):
             raise FunctionError(f"weight is {weight:g}; expected a number, 0 or more")
-        if weight == 0 and not any(others):
+        if weight == 0 and not any(channel.weight for channel in self._others):
             raise FunctionError("weight is 0; at least one channel needs a weight above 0")
         self._set_active(replace(self.active, weight=float(weight)), "change a weight", merge)
 
@@ -158,7 +137,6 @@ class Editing:
 
     @property
     def _others(self) -> list[Channel]:
-        """All channels but the active one."""
         return [channel for place, channel in enumerate(self.channels) if place != self.document.channel]
 
     def _insert(self, channel: Channel, label: str) -> None:
@@ -175,13 +153,7 @@ class Editing:
     # Parameters, mask, view, time
 
     def set_parameter(self, merge: str = "", label: str = "", **values: Any) -> None:
-        """Change parameters by name; `label` is what undo calls it.
-
-        Raises
-        ------
-        ParameterError
-            If a value is refused; nothing has changed then.
-        """
+        """Change parameters by name, or none (ParameterError) if a value is refused; `label` is what undo calls it."""
         if "method" in values and "segments" not in values:
             values["segments"] = 0
         parameters = Parameters(**(self.parameters.to_dict() | values))
@@ -190,13 +162,7 @@ class Editing:
             self.change(label or f"change {', '.join(values)}", merge, parameters=parameters, time=time)
 
     def set_mask(self, spec: str) -> None:
-        """Weight the mismatch at each vertex by a function; empty for no mask.
-
-        Raises
-        ------
-        FunctionError
-            If the text is no spec.
-        """
+        """Weight the mismatch at each vertex by a function, empty for none; FunctionError if the text is no spec."""
         if spec:
             abfm.functions.parse(spec)
         if spec != self.document.mask:
@@ -217,5 +183,4 @@ class Editing:
 
     def add_point(self, kind: Literal["lines", "points"], point: Point) -> None:
         """Start a flow line ("lines") or follow a point ("points")."""
-        points = (*getattr(self.document, kind), point)
-        self.change("place a point", "", **{kind: points})
+        self.change("place a point", "", **{kind: (*getattr(self.document, kind), point)})

@@ -59,28 +59,14 @@ class MovieSettings:
 
 
 class Exporter:
-    """One export at a time.
+    """One export at a time; `progress` is the share of the frames that are drawn, 0 to 1.
 
-    Parameters
-    ----------
-    say : callable
-        Told at the end what was written, or why nothing was, and whether that is an error.
-
-    Attributes
-    ----------
-    window_size : (int, int)
-        Pixels of the window's part with the surfaces.
-    progress : float
-        Share of the frames that are drawn, 0 to 1.
-    message : str
-        What was written, or why nothing was; empty while it runs and before the first.
-    failed : bool
-        Whether `message` is an error.
+    `message` says at its end what was written, or why nothing was, if it `failed` or was cancelled; `say` is told, too.
     """
 
     def __init__(self, say: Callable[[str, bool], None]) -> None:
         self._say = say
-        self.window_size = (1280, 720)
+        self.window_size = (1280, 720)  # of the part with the surfaces, in pixels
         self.progress = 0.0
         self.message = ""
         self.failed = False
@@ -92,7 +78,6 @@ class Exporter:
 
     @property
     def running(self) -> bool:
-        """Whether something is being written."""
         return self._thread is not None and self._thread.is_alive()
 
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
@@ -127,7 +112,6 @@ class Exporter:
             self._thread.join()
 
     def close(self) -> None:
-        """End what runs."""
         self.cancel()
         self.wait()
 

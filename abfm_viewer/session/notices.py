@@ -28,7 +28,6 @@ class Notices:
         self._said_at, self._moves = time.perf_counter(), moves
 
     def clear(self) -> None:
-        """Take the notice away."""
         self.latest = Notice("")
 
     def forget(self, moves: int) -> None:

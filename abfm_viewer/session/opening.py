@@ -24,52 +24,28 @@ Opened = tuple[Document, dict[str, FloatArray]]
 
 
 def open_session(path: Path, largest_component: bool = False) -> Session:
-    """A session that begins with a file, read now.
-
-    Raises
-    ------
-    AbfmError
-        If it cannot be read.
-    """
-    name = path.name.lower()
-    if not name.endswith((PROJECT, RESULT)):
+    """A session that begins with a file, read now; AbfmError if it cannot be read."""
+    if not path.name.lower().endswith((PROJECT, RESULT)):
         return Session(load_mesh(path, largest_component=largest_component), path.name)
-    document, known = read_project(path) if name.endswith(PROJECT) else read_result(path)
+    document, known = read_document(path)
     session = Session(document.mesh, document.name)
-    session.restore(document, known, path.absolute() if name.endswith(PROJECT) else None)
+    session.restore(document, known, path.absolute() if is_project(path) else None)
     session.reset_history()
     return session
 
 
-def read_project(path: Path) -> Opened:
-    """What a project file holds."""
-    return load_project(path)
+def is_project(path: Path) -> bool:
+    """Whether a file is a project, by its name."""
+    return path.name.lower().endswith(PROJECT)
 
 
-def read_result(path: Path) -> Opened:
-    """A document that shows a result of a file."""
-    return document_of_result(abfm.load_match(path), path)
+def read_document(path: Path) -> Opened:
+    """What a project file holds, or a document that shows the result in a file."""
+    return load_project(path) if is_project(path) else document_of_result(abfm.load_match(path), path)
 
 
 def document_of_result(match: abfm.Match, path: Path) -> Opened:
     """A document that shows a result at tau; its functions are named by the result's file."""
-    channels, mask, known = _functions_of_result(match, path)
-    parameters = match.parameters
-    document = Document(
-        mesh=match.mesh,
-        name=path.name,
-        channels=channels,
-        parameters=parameters,
-        mask=mask,
-        result=match,
-        runs=(Run(match.energy_history, match.stages, (), match.mismatch, path.name),),
-        time=parameters.tau,
-    )
-    return document, known
-
-
-def _functions_of_result(match: abfm.Match, path: Path) -> tuple[tuple[Channel, ...], str, dict[str, FloatArray]]:
-    """Channels and mask as specs that name the result's file, and the values (V,) that they stand for."""
     known: dict[str, FloatArray] = {}
 
     def spec(column: str, values: FloatArray) -> str:
@@ -81,8 +57,17 @@ def _functions_of_result(match: abfm.Match, path: Path) -> tuple[tuple[Channel, 
         Channel(spec(f"source {i}", match.source[:, i]), spec(f"target {i}", match.target[:, i]), float(weight))
         for i, weight in enumerate(match.weights)
     )
-    mask = "" if match.mask is None else spec("mask", match.mask)
-    return channels, mask, known
+    document = Document(
+        mesh=match.mesh,
+        name=path.name,
+        channels=channels,
+        parameters=match.parameters,
+        mask="" if match.mask is None else spec("mask", match.mask),
+        result=match,
+        runs=(Run(match.energy_history, match.stages, (), match.mismatch, path.name),),
+        time=match.parameters.tau,
+    )
+    return document, known
 
 
 def known_values(document: Document, functions: Functions) -> dict[str, FloatArray]:

@@ -12,18 +12,9 @@ _LONGEST_FRAME = 0.1  # seconds: after a hang the time does not leap
 
 
 class Player:
-    """Moves a time between 0 and an end.
+    """Moves a time between 0 and tau or, if it plays `beyond`, the end of the time bar.
 
-    Attributes
-    ----------
-    repeat : Repeat
-        What happens at the end.
-    speed : float
-        1 goes from 0 to tau in `SECONDS`.
-    beyond : bool
-        Whether it plays on to the end of the time bar instead of tau.
-    phase : float
-        Of moving streaks, 0 to 1.
+    A `speed` of 1 goes from 0 to tau in `SECONDS`; `phase` is that of moving streaks, 0 to 1.
     """
 
     def __init__(self) -> None:
@@ -36,7 +27,6 @@ class Player:
         self._starting = False
 
     def toggle(self) -> None:
-        """Play or pause."""
         self.playing = self._starting = not self.playing
         self._direction = 1.0
 

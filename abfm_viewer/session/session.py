@@ -3,12 +3,10 @@
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import abfm
-from abfm import AbfmError, Parameters, TriangleMesh
+from abfm import AbfmError, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Evaluated, Functions
@@ -19,25 +17,17 @@ from abfm_viewer.session.editing import Editing
 from abfm_viewer.session.notices import Notice, Notices
 from abfm_viewer.session.outdated import Outdated
 from abfm_viewer.session.player import Player
-from abfm_viewer.session.saved_states import SavedStates
-
-if TYPE_CHECKING:
-    pass
 
 _SECONDS_TO_END = 10.0
+_SAVED = ("channels", "parameters", "mask", "lines", "points")
+"""What besides the result would be lost; the view and the time do not count."""
 
 
 class Session(Editing):
     """One document, its history, its solver and its player. Knows nothing of the window, nor of pictures.
 
-    Attributes
-    ----------
-    at_once : bool
-        Whether everything is computed when it is asked for, as pictures off the screen need, which wait for no frame.
-    solver : Solver
-    player : Player
-    dragging : bool
-        Whether the mouse holds a widget or a Gaussian: changes until it lets go are one step of undo.
+    If `at_once`, everything is computed when it is asked for, as pictures off the screen need, which wait for no frame.
+    While the mouse is `dragging` a widget or a Gaussian, changes are one step of undo.
     """
 
     def __init__(self, mesh: TriangleMesh, name: str, at_once: bool = False) -> None:
@@ -47,8 +37,8 @@ class Session(Editing):
         self.player = Player()
         self.dragging = False
         self._notices = Notices()
-        self._saved = SavedStates()
-        self._saved.keep(self.document, None)
+        # of each mesh, to which undo may come back, what need not be saved, with the project file that it is in
+        self._saved: dict[TriangleMesh, tuple[Document, Path | None]] = {mesh: (self.document, None)}
         self._functions: dict[TriangleMesh, Functions] = {}
         self._evaluated = Evaluated()
         self._evaluated_by: Functions | None = None
@@ -63,12 +53,16 @@ class Session(Editing):
     @property
     def path(self) -> Path | None:
         """The project file that Save writes; None before there is one."""
-        return self._saved.path(self.document)
+        return self._saved[self.mesh][1] if self.mesh in self._saved else None
 
     @property
     def unsaved(self) -> bool:
-        """Whether something would be lost if the session ended now; the view and the time do not count."""
-        return self._saved.unsaved(self.document)
+        """Whether something would be lost if the session ended now."""
+        if self.mesh not in self._saved:
+            return True
+        kept, _ = self._saved[self.mesh]
+        changed = any(getattr(self.document, name) != getattr(kept, name) for name in _SAVED)
+        return changed or self.result is not kept.result
 
     @property
     def notice(self) -> Notice:
@@ -116,27 +110,26 @@ class Session(Editing):
         self._functions[document.mesh] = Functions(document.mesh, known, self.at_once)
         self.history.change(document, f"open {path.name if path else document.name}")
         if saved:
-            self._saved.keep(document, path)
+            self._saved[document.mesh] = document, path
 
     def mark_saved(self, document: Document, path: Path) -> None:
         """Remember that a document was written to a file."""
-        self._saved.keep(document, path)
+        self._saved[document.mesh] = document, path
         self.say(f"saved {path}")
 
     def reset_history(self) -> None:
         """Forget all steps: the present state is where the user starts."""
         self.history = History(self.document)
-        self._saved.keep(self.document, self.path)
+        self._saved[self.mesh] = self.document, self.path
 
     # The solver
 
     @property
     def functions(self) -> Functions:
         """Values of functions on the mesh."""
-        mesh = self.mesh
-        if mesh not in self._functions:
-            self._functions[mesh] = Functions(mesh, at_once=self.at_once)
-        return self._functions[mesh]
+        if self.mesh not in self._functions:
+            self._functions[self.mesh] = Functions(self.mesh, at_once=self.at_once)
+        return self._functions[self.mesh]
 
     @property
     def problem(self) -> Problem:
@@ -215,8 +208,8 @@ class Session(Editing):
         self._find_defaults()
         self._evaluate()
         if not (self.obstacle or self.at_once):  # the functions come first, and pictures off the screen solve nothing
-            key = (self.mesh, self.parameters.levels)
-            self._coarse_meshes.ask(key, partial(_make_coarse_meshes, self.mesh, self.parameters))
+            mesh, parameters = self.mesh, self.parameters  # those that a match begins on; one that comes earlier waits
+            self._coarse_meshes.ask((mesh, parameters.levels), lambda: abfm.matching.prepare(mesh, parameters))
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
         self._collect()
@@ -245,7 +238,7 @@ class Session(Editing):
             pristine = not self.unsaved
             self.amend(channels=(Channel(*found),))
             if pristine:
-                self._saved.keep(self.document, self.path)
+                self._saved[mesh] = self.document, self.path
         elif self._defaults.error and self._defaults.key is mesh:
             self.amend(channels=(Channel("coordinate:x", "coordinate:y"),))
             self.say(f"no default functions: {self._defaults.error}", is_error=True)
@@ -257,7 +250,6 @@ class Session(Editing):
             self._evaluated = self.functions.ask(self.specs) or self._evaluated
 
     def _collect(self) -> None:
-        """Take in what a run that has ended leaves."""
         ended = self.solver.collect()
         if ended is None:
             return
@@ -277,8 +269,3 @@ class Session(Editing):
         for functions in self._functions.values():
             functions.close()
         self._jobs.close()
-
-
-def _make_coarse_meshes(mesh: TriangleMesh, parameters: Parameters) -> None:
-    """Those that a match begins on, while the user looks at the mesh; a match that begins earlier waits for them."""
-    abfm.matching.prepare(mesh, parameters)

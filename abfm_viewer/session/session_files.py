@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING
 
 from abfm import MeshError, TriangleMesh, load_mesh
 from abfm_viewer.computing.background import one_line
-from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.presets import figure_document
 from abfm_viewer.files.project import save_project
-from abfm_viewer.session.opening import MESHES, PROJECT, RESULT, known_values, read_project, read_result
+from abfm_viewer.session.opening import MESHES, PROJECT, RESULT, is_project, known_values, read_document
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
@@ -26,8 +25,6 @@ Ask = Callable[[str, str, Mapping[str, Callable[[], None] | None]], None]
 
 @dataclass
 class _Writing:
-    """A file that is being written, and what to do when it is."""
-
     future: Future[None]
     document: Document
     path: Path
@@ -35,14 +32,9 @@ class _Writing:
 
 
 class SessionFiles:
-    """Opens and saves a session's files in the background.
+    """Opens and saves a session's files, and keeps recent ones in `state`.
 
-    Parameters
-    ----------
-    state : StateFolder
-        Where recent files are kept.
-    ask : callable
-        Puts a question to the user: title, text, and the answers with what they do.
+    `ask` puts a question to the user: title, text, and the answers with what they do.
     """
 
     def __init__(self, session: Session, state: StateFolder | None, ask: Ask) -> None:
@@ -54,18 +46,18 @@ class SessionFiles:
 
     @property
     def saving(self) -> bool:
-        """Whether a file is being written."""
         return bool(self._writing)
 
     def open(self, path: Path) -> None:
         """Open a file in the background; what is open now stays in the history."""
         path = path.expanduser().absolute()
-        reader = self._reader(path)
-        if reader is None:
-            known = ", ".join((*MESHES, PROJECT, RESULT))
-            self._session.say(f"{path.name} cannot be opened: expected a file that ends in {known}", is_error=True)
+        name, known = path.name.lower(), (*MESHES, PROJECT, RESULT)
+        if name.endswith(known):
+            read = self._read_document if name.endswith((PROJECT, RESULT)) else self._read_mesh
+            self._session.load(f"opening {path.name}", partial(read, path))
         else:
-            self._session.load(f"opening {path.name}", partial(reader, path))
+            text = f"{path.name} cannot be opened: expected a file that ends in {', '.join(known)}"
+            self._session.say(text, is_error=True)
 
     def open_first(self, paths: list[Path]) -> None:
         """Open the first of several files that were dropped on the window."""
@@ -79,9 +71,9 @@ class SessionFiles:
 
     def save(self, path: Path, then: Callable[[], None] | None = None) -> None:
         """Write the project in the background, and do something when it is written."""
-        document = self._session.document
+        document, functions = self._session.document, self._session.functions
         self._session.say(f"saving {path.name} ...")
-        future = self._writer.submit(_write_project, path, document, self._session.functions)
+        future = self._writer.submit(lambda: save_project(path, document, known_values(document, functions)))
         self._writing.append(_Writing(future, document, path, [then] if then else []))
 
     def when_saved(self, then: Callable[[], None]) -> None:
@@ -106,7 +98,6 @@ class SessionFiles:
         return self._state.recent() if self._state else []
 
     def forget_recent(self) -> None:
-        """Forget them."""
         if self._state:
             self._state.clear_recent()
 
@@ -117,14 +108,6 @@ class SessionFiles:
     def close(self) -> None:
         """Finish writing."""
         self._writer.shutdown()
-
-    def _reader(self, path: Path) -> Callable[[Path], Callable[[], None]] | None:
-        name = path.name.lower()
-        if name.endswith(PROJECT):
-            return self._read_project
-        if name.endswith(RESULT):
-            return self._read_result
-        return self._read_mesh if name.endswith(MESHES) else None
 
     def _read_mesh(self, path: Path) -> Callable[[], None]:
         try:
@@ -142,21 +125,14 @@ class SessionFiles:
     def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
         self._show(path, partial(self._session.set_mesh, mesh, path.name), " ".join(mesh.messages))
 
-    def _read_project(self, path: Path) -> Callable[[], None]:
-        document, known = read_project(path)
+    def _read_document(self, path: Path) -> Callable[[], None]:
+        document, known = read_document(path)
 
         def restore() -> None:
-            here = self._session.view.ui_scale  # the size that the user needs on this screen
-            self._session.restore(replace(document, view=replace(document.view, ui_scale=here)), known, path)
-
-        return partial(self._show, path, restore)
-
-    def _read_result(self, path: Path) -> Callable[[], None]:
-        document, known = read_result(path)
-
-        def restore() -> None:
-            view = replace(self._session.view, camera=None, front=None)
-            self._session.restore(replace(document, view=view), known, None)
+            view, project = replace(self._session.view, camera=None, front=None), None
+            if is_project(path):  # with a view of its own, in the size that the user needs on this screen
+                view, project = replace(document.view, ui_scale=view.ui_scale), path
+            self._session.restore(replace(document, view=view), known, project)
 
         return partial(self._show, path, restore)
 
@@ -176,8 +152,3 @@ class SessionFiles:
         self._remember(path)
         back = f"Undo returns to {left}, which was not saved." if unsaved else ""
         self._session.say(f"opened {path.name}. {messages} {back}")
-
-
-def _write_project(path: Path, document: Document, functions: Functions) -> None:
-    """Write a project with the values of functions that came from other files."""
-    save_project(path, document, known_values(document, functions))

@@ -217,13 +217,13 @@ def test_a_failed_save_keeps_the_work_unsaved_and_does_not_go_on(desk, tmp_path)
 
 
 def test_saves_are_written_in_order_and_each_is_told(desk, tmp_path, monkeypatch):
-    slow = session_files._write_project
+    slow = session_files.save_project
 
     def write(*words):
         time.sleep(0.05)
         slow(*words)
 
-    monkeypatch.setattr(session_files, "_write_project", write)
+    monkeypatch.setattr(session_files, "save_project", write)
     done = []
     for name in "abc":
         desk.files.save(tmp_path / f"{name}.abfm", then=lambda name=name: done.append(name))
