@@ -9,8 +9,7 @@ from typing import Any
 from abfm_viewer.dialogs.file_choice import FileChoice
 from abfm_viewer.dialogs.file_dialog import Answer, FileDialog
 from abfm_viewer.dialogs.folder import shown
-from abfm_viewer.dialogs.message import Line, Message
-from abfm_viewer.dialogs.question import Question
+from abfm_viewer.dialogs.message import Line, Message, Question
 from abfm_viewer.widgets.toolkit import Ui
 
 OnPath = Callable[[Path], None]
@@ -26,10 +25,7 @@ class _Open:
 class Dialogs:
     """Opens dialogs and calls back with their answers; the newest is in front.
 
-    Attributes
-    ----------
-    folder : Path
-        Where the next file dialog begins: where the last file was chosen.
+    The next file dialog begins in `folder`, where the last file was chosen.
     """
 
     def __init__(self) -> None:
@@ -38,7 +34,6 @@ class Dialogs:
 
     @property
     def is_open(self) -> bool:
-        """Whether a dialog is to be answered."""
         return bool(self._open)
 
     def is_asking(self, title: str) -> bool:
@@ -58,8 +53,7 @@ class Dialogs:
 
         def answered(label: str) -> None:
             self._close()
-            act = buttons[label]
-            if act is not None:
+            if (act := buttons[label]) is not None:
                 act()
 
         self._open.append(_Open(Question(title, text, tuple(buttons)), answered))
@@ -91,8 +85,7 @@ class Dialogs:
 
     def _choose(self, title: str, choice: FileChoice, on_path: OnPath) -> None:
         def answered(answer: Answer) -> None:
-            path = answer.path
-            if path is None:
+            if (path := answer.path) is None:
                 self._close()
             elif choice.saving and path.exists():
                 text = f"{shown(path.name)} is already there. Its contents will be lost."
@@ -108,7 +101,6 @@ class Dialogs:
         self._open.append(_Open(FileDialog(title, choice), answered))
 
     def _close(self) -> None:
-        """Take away the dialog in front."""
         dialog = self._open.pop().dialog
         if isinstance(dialog, FileDialog):
             dialog.choice.close()

@@ -7,21 +7,9 @@ from abfm_viewer.dialogs.folder import Entry, Listing, has_suffix, read_folder
 
 
 class FileChoice:
-    """A folder, its entries, and the file that would be taken.
+    """A folder, its entries, of which one is `selected`, and why the last step was refused.
 
-    Attributes
-    ----------
-    folder : Path
-    suffixes : tuple of str
-        What the file may end in; the first one is appended to a name to save that has none of them.
-    saving : bool
-        Whether the file is to be written; it need not exist then.
-    selected : str
-        The entry that is marked.
-    name : str
-        The file's name that was typed; only for saving.
-    error : str
-        Why the last step was refused.
+    A file for `saving` need not exist: its `name` is typed, and gets the first of the suffixes if it has none of them.
     """
 
     def __init__(self, folder: Path, suffixes: tuple[str, ...], saving: bool = False, name: str = "") -> None:
@@ -58,12 +46,10 @@ class FileChoice:
 
     def move_selection(self, step: int) -> None:
         """Mark the entry before or after the marked one; the first one if none is."""
-        listing = self.listing()
-        if listing is None or not listing.entries:
-            return
-        names = [entry.name for entry in listing.entries]
-        place = names.index(self.selected) + step if self.selected in names else 0
-        self.select(listing.entries[min(max(place, 0), len(names) - 1)])
+        if (listing := self.listing()) is not None and listing.entries:
+            names = [entry.name for entry in listing.entries]
+            place = names.index(self.selected) + step if self.selected in names else 0
+            self.select(listing.entries[min(max(place, 0), len(names) - 1)])
 
     def go_or_take(self, typed: str) -> Path | None:
         """Follow a typed path: go to a folder, take a file, or refuse; relative paths begin in the shown folder."""
@@ -98,7 +84,6 @@ class FileChoice:
         return name if not name or has_suffix(name, self.suffixes) else name + self.suffixes[0]
 
     def close(self) -> None:
-        """Stop reading."""
         self._listing.close()
 
     def _taken(self, path: Path) -> Path | None:

@@ -74,11 +74,11 @@ class FileDialog:
         if listing is None:
             ui.note("reading ...")
             return None
-        if listing.error or not listing.entries:
-            nothing = f"no folders, and no files that end in {', '.join(self.choice.suffixes)}"
-            ui.note(listing.error or nothing, "error" if listing.error else "muted")
-            return None
-        return self._draw_entries(ui, listing)
+        if listing.entries:
+            return self._draw_entries(ui, listing)
+        nothing = f"no folders, and no files that end in {', '.join(self.choice.suffixes)}"
+        ui.note(listing.error or nothing, "error" if listing.error else "muted")
+        return None
 
     def _draw_entries(self, ui: Ui, listing: Listing) -> Path | None:
         """The rows in sight and some around them; each one costs time."""
@@ -102,12 +102,10 @@ class FileDialog:
             self.choice.select(entry)
         if not twice:
             return None
-        if entry.is_folder:
-            return self.choice.go_or_take(entry.name)
-        return self.choice.confirm()
+        return self.choice.go_or_take(entry.name) if entry.is_folder else self.choice.confirm()
 
     def _draw_name(self, ui: Ui) -> None:
-        typed = ui.live_text("file name", self.choice.name, hint="name of the file to write", focus=self._is_new)
+        typed = ui.live_text("file name", self.choice.name, "name of the file to write", focus=self._is_new)
         self._is_new = False
         if typed != self.choice.name:
             self.choice.name, self.choice.error = typed, ""
@@ -130,14 +128,11 @@ class FileDialog:
         return f"files that end in {', '.join(choice.suffixes)}", False
 
     def _move_by_keys(self) -> None:
-        if imgui.IsKeyPressed(imgui.ImGuiKey_UpArrow):
-            if imgui.GetIO().KeyAlt:
-                self._go_up()
-                return
-            self.choice.move_selection(-1)
-            self._scroll_to = self.choice.selected
-        elif imgui.IsKeyPressed(imgui.ImGuiKey_DownArrow):
-            self.choice.move_selection(1)
+        up, down = imgui.IsKeyPressed(imgui.ImGuiKey_UpArrow), imgui.IsKeyPressed(imgui.ImGuiKey_DownArrow)
+        if up and imgui.GetIO().KeyAlt:
+            self._go_up()
+        elif up or down:
+            self.choice.move_selection(-1 if up else 1)
             self._scroll_to = self.choice.selected
 
     def _go_up(self) -> None:

@@ -1,4 +1,4 @@
-"""Something to read, and a button to close it."""
+"""Something to read with a button to close it, and a question with a few buttons as answers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,8 @@ from abfm_viewer.widgets.toolkit import Ui
 
 Line = str | tuple[str, str]
 """A paragraph, or a row of two columns."""
-_WIDTH, _FIRST_COLUMN = 520, 0.34
+_MESSAGE_WIDTH, _QUESTION_WIDTH = 520, 460
+_FIRST_COLUMN = 0.34
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class Message:
 
     def draw(self, ui: Ui) -> bool:
         """Draw the lines; whether they were closed in this frame."""
-        with ui.dialog(self.title, _WIDTH):
+        with ui.dialog(self.title, _MESSAGE_WIDTH):
             height = imgui.GetIO().DisplaySize[1] * 0.92 - 4 * imgui.GetFrameHeightWithSpacing()
             with ui.child("lines", height, border=False, shrinks=True):
                 for line in self.lines:
@@ -40,3 +41,30 @@ class Message:
             ui.note(line[1], "ink")
         else:
             ui.heading(line[0])
+
+
+@dataclass(frozen=True)
+class Question:
+    """A text and the labels of its answers: Enter takes the first one, Esc the last."""
+
+    title: str
+    text: str
+    answers: Sequence[str]
+
+    def draw(self, ui: Ui) -> str | None:
+        """Draw the question; the answer that was chosen in this frame."""
+        with ui.dialog(self.title, _QUESTION_WIDTH):
+            ui.note(self.text, "ink")
+            imgui.Dummy((0, ui.px(4)))
+            chosen = None
+            width = max(float(imgui.CalcTextSize(answer)[0]) for answer in self.answers) + ui.px(32)
+            for number, answer in enumerate(self.answers):
+                if number:
+                    ui.beside()
+                if ui.button(answer, primary=number == 0, width=width):
+                    chosen = answer
+            if imgui.IsKeyPressed(imgui.ImGuiKey_Enter, False):
+                chosen = self.answers[0]
+            elif imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
+                chosen = self.answers[-1]
+        return chosen

@@ -8,11 +8,9 @@ from abfm_viewer.panels.context import Context
 
 def draw(context: Context) -> None:
     """Draw the switches and the numbers."""
-    ui, session = context.ui, context.session
-    view = session.view
-    blend = ui.checkbox(
-        "linear blend", view.blend, "A surface with (1 - t/tau) source + t/tau target: nothing moves, it only fades."
-    )
+    ui, session, view = context.ui, context.session, context.session.view
+    tip = "A surface with (1 - t/tau) source + t/tau target: nothing moves, it only fades."
+    blend = ui.checkbox("linear blend", view.blend, tip)
     tip = "A surface with the Wasserstein interpolation of source and target: their mass takes the shortest ways."
     transport = ui.checkbox("optimal transport", view.transport, tip)
     error = ui.checkbox("error", view.error, "A surface with |target - advected|, on a range of its own.")

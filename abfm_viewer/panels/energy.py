@@ -68,7 +68,6 @@ def _export(session: Session, run: Run, path: Path) -> None:
 
 
 def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
-    """Draw a run, with earlier ones behind it."""
     curves = [_positive(run.energies[:, column]) for column in range(3)]
     totals = [_positive(earlier.energies[:, 0]) for earlier in previous]
     last = max(len(run.stages), *(len(total) for total in totals), _SHORTEST_AXIS + 1) - 1
@@ -93,7 +92,6 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
 
 
 def _hover(ui: Ui, run: Run) -> None:
-    """Show the values at the iteration under the mouse."""
     left, top = implot.GetPlotPos()
     width, height = implot.GetPlotSize()
     x, y = imgui.GetMousePos()

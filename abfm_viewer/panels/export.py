@@ -1,9 +1,13 @@
 """Pictures, movies and data of what the window shows."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import polyscope.imgui as imgui
+
+from abfm_viewer.document.document import Document
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.exporter import DATA, MOVIES, PICTURES, Exporter, Known
 from abfm_viewer.session.opening import known_values
@@ -16,17 +20,10 @@ _OWN = "own size"
 
 def draw(context: Context) -> None:
     """Draw the settings and the buttons."""
-    ui, session = context.ui, context.session
-    exporter = context.exporter
+    ui, session, exporter = context.ui, context.session, context.exporter
 
-    def known() -> Known:
-        return partial(known_values, session.document, session.functions)
-
-    def save_picture(path: Path) -> None:
-        exporter.save_picture(path, session.document, known())
-
-    def save_movie(path: Path) -> None:
-        exporter.save_movie(path, session.document, known())
+    def save(drawn: Callable[[Path, Document, Known], None], path: Path) -> None:
+        drawn(path, session.document, partial(known_values, session.document, session.functions))
 
     def save_result(path: Path) -> None:
         if session.result is not None:
@@ -38,13 +35,12 @@ def draw(context: Context) -> None:
     with ui.disabled(exporter.running):
         _draw_size(ui, exporter)
         if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
-            context.dialogs.save("Save a picture", PICTURES, "picture.png", save_picture)
+            context.dialogs.save("Save a picture", PICTURES, "picture.png", partial(save, exporter.save_picture))
         ui.heading("movie")
         _draw_movie(ui, session, exporter)
-        if ui.button(
-            "Save movie...", "The flow from one time to another (.mp4 or .gif), every frame computed exactly."
-        ):
-            context.dialogs.save("Save a movie", MOVIES, "movie.mp4", save_movie)
+        tip = "The flow from one time to another (.mp4 or .gif), every frame computed exactly."
+        if ui.button("Save movie...", tip):
+            context.dialogs.save("Save a movie", MOVIES, "movie.mp4", partial(save, exporter.save_movie))
         ui.heading("data")
         if session.result is None:
             ui.note(
@@ -56,9 +52,8 @@ def draw(context: Context) -> None:
 
 
 def _draw_state(ui: Ui, exporter: Exporter) -> None:
-    """Draw how far an export is, or how the last one ended."""
     if exporter.running:
-        ui.progress(exporter.progress, f"{100 * exporter.progress:.0f}%")
+        imgui.ProgressBar(exporter.progress, (-1, 0), f"{100 * exporter.progress:.0f}%")
         if ui.button("Cancel export", "Stop; an older file stays as it was."):
             exporter.cancel()
     elif exporter.message:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeAlias
 
-from abfm import FunctionError, TriangleMesh, functions
+from abfm import TriangleMesh, functions
 from abfm_viewer.widgets.toolkit import Ui
 
 Put: TypeAlias = "Callable[[functions.Family, str], None]"
@@ -71,12 +71,10 @@ def _draw_parameter(
 def _change(ui: Ui, function: functions.Family, name: str, new: object, mesh: TriangleMesh, put: Put) -> None:
     """Take a new value, or say in place why not."""
     replaced = {other.name: None for other in function.parameters() if other.instead_of == name}
-    try:
+    with ui.refusing(name):
         changed = replace(function, **{name: new}, **replaced)
         for parameter in changed.parameters():
             if parameter.kind is functions.VERTICES:
                 for vertex in getattr(changed, parameter.name) or ():
                     mesh.local_vertex(vertex)
         put(changed, name)
-    except FunctionError as error:
-        ui.refuse(name, str(error))

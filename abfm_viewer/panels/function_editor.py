@@ -44,8 +44,7 @@ def draw(context: Context, side: Side) -> None:
     if typed is not None:
         editor.put(typed, "spec")
     ui.refusal("spec")
-    problem = session.error(spec)
-    if problem:
+    if problem := session.error(spec):
         ui.note(problem, "error")
 
 
@@ -68,14 +67,11 @@ class _Editor:
 
     def put(self, spec: str, label: str, bump: int | None = None) -> None:
         """Take a whole spec; if it is refused, say why below the widget of the label. A drag is one step of undo."""
-        try:
+        with self._ui.refusing(label):
             self._session.set_spec(self._side, spec, f"{self._side} {label}", bump)
             self._ui.accept_all()
-        except FunctionError as error:
-            self._ui.refuse(label, str(error))
 
     def put_inner(self, function: functions.Spec, label: str) -> None:
-        """Take a function in the place of the one inside the vertex map."""
         self.put(str(self._mapped(function)), label)
 
     def _mapped(self, function: functions.Spec) -> functions.Spec:
@@ -111,7 +107,8 @@ class _Editor:
                 bump = chosen
         family_controls.draw(ui, known[bump], self._session.mesh, partial(self._put_bump, bump))
         if ui.button("Add Gaussian", "One more bump, as far as possible from the others."):
-            self._add_gaussian(len(known))
+            with ui.refusing("Add Gaussian"):
+                self.put(gaussians.added(spec, self._session.mesh), "family", len(known))
         if len(known) > 1:
             ui.beside_if_fits("Remove Gaussian")
             if ui.button("Remove Gaussian", "Remove the bump that is chosen."):
@@ -148,14 +145,7 @@ class _Editor:
         values = {parameter.name: getattr(gaussian, parameter.name) for parameter in gaussian.parameters()}
         self.put(gaussians.changed(self._spec, bump, **values), label, bump)
 
-    def _add_gaussian(self, count: int) -> None:
-        try:
-            self.put(gaussians.added(self._spec, self._session.mesh), "family", count)
-        except FunctionError as error:
-            self._ui.refuse("Add Gaussian", str(error))
-
     def _family(self) -> str:
-        """What the combo says."""
         if isinstance(self.inner, functions.Family):
             return self.inner.family
         only_gaussians = len(gaussians.gaussians(self._spec)) == len(getattr(self.inner, "terms", ()))

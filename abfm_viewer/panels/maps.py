@@ -20,16 +20,13 @@ def draw(context: Context) -> None:
     view, quantities = session.view, context.shown.quantities
     chosen = ui.radio(tuple(_COLORINGS), view.coloring, tuple(_COLORINGS.values()))
     session.set_view(f"color by {chosen}", coloring=chosen)
-    if view.coloring in ("area distortion", "conformal distortion"):
-        found = quantities.distortion()
-        if found is not None:
-            area, angle = np.median(found.area), np.median(found.conformal)
-            most = np.percentile(found.conformal, 95, method="nearest")  # between infinite ones there is nothing
-            ui.note(
-                f"Area's factor: median {area:.3f}, 5 to 95% {np.percentile(found.area, 5):.3f} to "
-                f"{np.percentile(found.area, 95):.3f}. Stretches' ratio: median {angle:.3f}, 95% below "
-                f"{most:.3f}. Flipped faces: {int(found.flipped.sum())}."
-            )
+    if view.coloring in ("area distortion", "conformal distortion") and (found := quantities.distortion()) is not None:
+        low, area, high = np.percentile(found.area, (5, 50, 95))
+        most = np.percentile(found.conformal, 95, method="nearest")  # between infinite ones there is nothing
+        ui.note(
+            f"Area's factor: median {area:.3f}, 5 to 95% {low:.3f} to {high:.3f}. Stretches' ratio: median "
+            f"{np.median(found.conformal):.3f}, 95% below {most:.3f}. Flipped faces: {int(found.flipped.sum())}."
+        )
     if view.coloring != "function" and view.coloring in _COLORINGS:
         quality = quantities.map_quality()
         if quality is not None and quality.warning:

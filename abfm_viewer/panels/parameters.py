@@ -4,7 +4,7 @@ from dataclasses import fields
 from functools import cache
 from typing import Any, NamedTuple
 
-from abfm import AbfmError, ParameterError, Parameters
+from abfm import Parameters
 from abfm.experiments import TITLES
 from abfm.experiments.table_1 import NOTE, TABLE_1, row_of
 from abfm.parameters import CHOICES
@@ -19,18 +19,7 @@ _FIELDS = {entry.name: entry for entry in fields(Parameters)}
 
 
 class _About(NamedTuple):
-    """What a parameter's tooltip says besides what the parameter does, and its slider.
-
-    Attributes
-    ----------
-    place : str
-        Where the paper has it.
-    remedy : str
-        What to try when the result is bad.
-    low, high : float
-        The ends of a number's slider.
-    log : bool
-    """
+    """Where the paper has a parameter, what to try when the result is bad, and a number's slider."""
 
     place: str
     remedy: str
@@ -98,8 +87,8 @@ def draw(context: Context) -> None:
         if is_open:
             _controls(ui, session, "balance", "cooling_factor", "stage_iterations", "memory", "max_displacement")
             _controls(ui, session, "tolerance", "preconditioner")
-    enabled = parameters != _INITIAL
-    if ui.button("Reset to defaults", "All parameters as they are at first.", enabled=enabled, width=-1):
+    tip = "All parameters as they are at first."
+    if ui.button("Reset to defaults", tip, enabled=parameters != _INITIAL, width=-1):
         session.set_parameter(label="reset the parameters", **_INITIAL.to_dict())
         ui.accept_all()
 
@@ -127,11 +116,8 @@ def _controls(ui: Ui, session: Session, *names: str) -> None:
             whole = _FIELDS[name].type == "int"
             new = ui.number(name, value, about.low, about.high, _tip(name), log=about.log, whole=whole)
         if new is not None and new != value:
-            try:
+            with ui.refusing(name):
                 session.set_parameter(name, **{name: new})
-                ui.refuse(name, "")
-            except ParameterError as error:
-                ui.refuse(name, str(error))
         if name in CHOICES:
             ui.refusal(name)
 
@@ -139,14 +125,10 @@ def _controls(ui: Ui, session: Session, *names: str) -> None:
 def _mask(ui: Ui, session: Session) -> None:
     spec = ui.text("mask", session.document.mask, _MASK_TIP, hint="none: all vertices count")
     if spec is not None:
-        try:
+        with ui.refusing("mask"):
             session.set_mask(spec.strip())
-            ui.refuse("mask", "")
-        except AbfmError as error:
-            ui.refuse("mask", str(error))
     ui.refusal("mask")
-    problem = session.error(session.document.mask)
-    if problem:
+    if problem := session.error(session.document.mask):
         ui.note(problem, "error")
 
 

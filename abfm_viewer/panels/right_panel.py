@@ -2,22 +2,14 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Protocol
+from types import ModuleType
 
 from abfm_viewer.panels import compare, energy, export, field, functions, maps, mesh, parameters, solver
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.widget_record import Rect
 
 Guard = Callable[[str, Callable[[], None]], None]
-
-
-class _Panel(Protocol):
-    """A module that draws a section."""
-
-    def draw(self, context: Context) -> None: ...
-
-
-_SECTIONS: tuple[tuple[str, bool, _Panel], ...] = (
+_SECTIONS: tuple[tuple[str, bool, ModuleType], ...] = (  # drawn by `draw` of these modules
     ("Mesh", False, mesh),
     ("Functions", True, functions),
     ("Parameters", True, parameters),

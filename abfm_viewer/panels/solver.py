@@ -27,12 +27,10 @@ def draw(context: Context) -> None:
 
 def _buttons(ui: Ui, session: Session) -> None:
     """Each has its own place, so that a click on one that comes when the run has just ended does not hit another."""
-    solver = session.solver
-    side = ui.px(_SIDE_BUTTON)
+    solver, side = session.solver, ui.px(_SIDE_BUTTON)
     others = 2 * (side + imgui.GetStyle().ItemSpacing[0])
-    may_start = not solver.running and not session.obstacle
     tip = "Find the field whose flow carries the source to the target (Ctrl+Enter)."
-    if ui.button("Match", tip, primary=True, enabled=may_start, width=-others):
+    if ui.button("Match", tip, primary=True, enabled=not (solver.running or session.obstacle), width=-others):
         session.match()
     ui.beside()
     tip = "Let the solver go on (P)." if solver.paused else "Hold the solver; the window stays as it is (P)."
@@ -45,20 +43,18 @@ def _buttons(ui: Ui, session: Session) -> None:
 
 
 def _progress(ui: Ui, session: Session) -> None:
-    """How far a run has come."""
     snapshot = session.solver.snapshot
     if snapshot is None:
-        ui.progress(0, "")
+        imgui.ProgressBar(0, (-1, 0), "")
         ui.note("Starting: making coarser meshes and factoring the norm of the field")
         return
     now, limit = snapshot.iteration, snapshot.problem.parameters.iterations
-    ui.progress(now.iteration / max(limit, 1), "")
+    imgui.ProgressBar(now.iteration / max(limit, 1), (-1, 0), "")
     ui.note(f"Iteration {now.iteration}/{limit}, mismatch {now.mismatch:.3g}", "ink")
-    ui.note(f"{place(now).capitalize()}")
+    ui.note(place(now).capitalize())
 
 
 def _outcome(ui: Ui, session: Session) -> None:
-    """What the latest run led to."""
     result, solver = session.result, session.solver
     if solver.failed:
         ui.note(f"The solver stopped: {solver.reason}", "error")

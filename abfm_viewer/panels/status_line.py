@@ -12,11 +12,9 @@ def draw(context: Context, rect: Rect) -> None:
     """Draw a notice or what goes on, and at the right the mesh's name and size and the frames per second."""
     ui, session = context.ui, context.session
     with ui.window("status line", rect):
-        mesh = session.mesh
-        sizes = f"{len(mesh.vertices):,} vertices   {imgui.GetIO().Framerate:.0f} fps"
         left, right = imgui.GetCursorPosX(), imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
         name = cut(session.document.name, (right - left) / 3, _width)
-        details = f"{name}   {sizes}"
+        details = f"{name}   {len(session.mesh.vertices):,} vertices   {imgui.GetIO().Framerate:.0f} fps"
         start = right - imgui.CalcTextSize(details)[0] - ui.px(2)  # else a fraction of a pixel makes it two lines
         text = session.notice.text or _state(context)
         shown = cut(text, start - left - ui.px(16), _width)
@@ -28,22 +26,17 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _state(context: Context) -> str:
-    """What goes on."""
-    session = context.session
-    solver, result = session.solver, session.result
+    session, solver, result = context.session, context.session.solver, context.session.result
     if solver.running:
-        snapshot = solver.snapshot
-        state = "paused" if solver.paused else "solving"
-        if snapshot is None:
+        if (snapshot := solver.snapshot) is None:
             return "starting the solver"
+        state = "paused" if solver.paused else "solving"
         return f"{state}, {place(snapshot.iteration)}, mismatch {snapshot.iteration.mismatch:.3g}"
     if context.shown.busy:
         return context.shown.busy
     if solver.failed:
         return f"the solver stopped: {solver.reason}"
-    if result is None:
-        return "ready"
-    return f"{headline(result)}{', outdated' if session.outdated else ''}"
+    return f"{headline(result)}{', outdated' if session.outdated else ''}" if result else "ready"
 
 
 def _width(text: str) -> float:

@@ -77,18 +77,15 @@ def _slider(context: Context) -> None:
     ui.beside(spacing)
     typed = ui.text("time", f"{session.time:.4g}", "The time that is shown, 0 to 2 tau.", width=box)
     if typed is not None:
-        time = finite(typed)
-        if time is None:
+        if (time := finite(typed)) is None:
             session.say(f"time: {typed!r} is no number", is_error=True)
         else:
             session.set_time(time)
 
 
 def _track(ui: Ui, note: str, rect: Rect) -> None:
-    """Draw what lies under the slider's grab."""
     left, top, right, bottom = rect
-    colors, canvas = ui.colors, imgui.GetWindowDrawList()
-    rounding = imgui.GetStyle().FrameRounding
+    colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
     middle = (left + right) / 2
     canvas.AddRectFilled((left, top), (right, bottom), _packed(colors.field), rounding)
     tint, corners = _packed((*colors.marker[:3], 0.16)), imgui.ImDrawFlags_RoundCornersRight

@@ -30,25 +30,17 @@ _DIALOG = (
 
 
 class Containers:
-    """Opens and closes what holds widgets.
+    """Opens and closes what holds widgets; `scale` are the pixels of a length of 1.
 
-    Attributes
-    ----------
-    scale : float
-        Pixels of a length of 1.
-    colors : Palette
-    open_sections : dict of str to bool
-    scroll_to : str
-        A section to bring into view in the next frame.
-    capturing : bool
-        Whether frames are drawn for a picture: polyscope does that in a new ImGui context, which remembers nothing.
+    While it is `capturing`, frames are drawn for a picture: polyscope does that in a new ImGui context, which remembers
+    nothing.
     """
 
     def __init__(self) -> None:
         self.scale = 1.0
         self.colors: Palette = theme.LIGHT
         self.open_sections: dict[str, bool] = {}
-        self.scroll_to = ""
+        self._scroll_to = ""
         self.capturing = False
         self._widget_record = WidgetRecord()
         self._scrolls: dict[str, float] = {}
@@ -64,7 +56,6 @@ class Containers:
         self._widget_record.begin_frame((0, 0, *imgui.GetIO().DisplaySize))
 
     def end_frame(self) -> None:
-        """Publish the record."""
         self._widget_record.end_frame()
 
     def px(self, length: float) -> float:
@@ -72,15 +63,11 @@ class Containers:
         return length * self.scale
 
     @contextmanager
-    def window(self, name: str, rect: Rect, scrolls: bool = False, background: bool = True) -> Iterator[None]:
+    def window(self, name: str, rect: Rect) -> Iterator[None]:
         """A fixed panel."""
         imgui.SetNextWindowPos(rect[:2])
         imgui.SetNextWindowSize((rect[2] - rect[0], rect[3] - rect[1]))
-        flags = _WINDOW if background else _WINDOW | imgui.ImGuiWindowFlags_NoBackground
-        if scrolls:
-            flags &= ~imgui.ImGuiWindowFlags_NoScrollbar
-            flags |= imgui.ImGuiWindowFlags_AlwaysVerticalScrollbar
-        imgui.Begin(name, flags)
+        imgui.Begin(name, _WINDOW)
         with self._inside(imgui.End, self._widget_record.area(rect)):
             self._keep_scroll(name)
             yield
@@ -148,9 +135,9 @@ class Containers:
         imgui.PopStyleColor()
         self.record(label, "section", text="open" if now_open else "closed")
         self.open_sections[label] = now_open
-        if self.scroll_to == label:
+        if self._scroll_to == label:
             imgui.SetScrollHereY(0)
-            self.scroll_to = ""
+            self._scroll_to = ""
         try:
             with self.group(label):
                 yield now_open
@@ -161,11 +148,10 @@ class Containers:
     def show_section(self, label: str) -> None:
         """Open a section and bring it into view in the next frame."""
         self.open_sections[label] = True
-        self.scroll_to = label
+        self._scroll_to = label
 
     @contextmanager
     def menu_bar(self) -> Iterator[None]:
-        """The menu bar at the top."""
         imgui.BeginMainMenuBar()
         with self._inside(imgui.EndMainMenuBar):
             yield
@@ -246,6 +232,5 @@ def close_by_escape() -> None:
 
 
 def _window_rect() -> Rect:
-    """Where the window is that is drawn now."""
     left, top = imgui.GetWindowPos()
     return left, top, left + imgui.GetWindowWidth(), top + imgui.GetWindowHeight()

@@ -45,9 +45,7 @@ def _lengths(style: imgui.ImGuiStyle, scale: float) -> None:
     style.CellPadding, style.SeparatorTextPadding = pair(6, 3), pair(0, 4)
     style.WindowRounding = style.ChildRounding = 0
     style.FrameRounding = style.GrabRounding = style.PopupRounding = 4 * scale
-    style.WindowBorderSize = 1
-    style.FrameBorderSize = 0
-    style.SeparatorTextBorderSize = 1
+    style.WindowBorderSize, style.FrameBorderSize, style.SeparatorTextBorderSize = 1, 0, 1
     style.ScrollbarSize, style.GrabMinSize = 12 * scale, 12 * scale
     style.ScrollbarRounding = 6 * scale
     style.IndentSpacing = 14 * scale

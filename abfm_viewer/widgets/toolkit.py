@@ -1,12 +1,13 @@
 """The window's widgets: ImGui's, with one look, tooltips, and what is refused said in place."""
 
 import math
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import Literal, TypeVar
 
 import polyscope.imgui as imgui
 
+from abfm import AbfmError
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.document.document import Theme
 from abfm_viewer.widgets.containers import Containers, close_by_escape
@@ -26,7 +27,6 @@ class Ui(Containers):
         self._clicked_at: tuple[float, float] | None = None
 
     def begin_frame(self, scale: float, name: Theme) -> None:
-        """Start the record of a frame."""
         super().begin_frame(scale, name)
         x, y = imgui.GetIO().MousePos
         if imgui.IsMouseClicked(0):
@@ -95,15 +95,7 @@ class Ui(Containers):
         return value
 
     def number(
-        self,
-        label: str,
-        value: float,
-        low: float,
-        high: float,
-        tip: str = "",
-        *,
-        log: bool = False,
-        whole: bool = False,
+        self, label: str, value: float, low: float, high: float, tip: str, *, log: bool = False, whole: bool = False
     ) -> float | None:
         """A slider with a box to type into, which takes values beyond the slider's ends; a new value, or None.
 
@@ -127,7 +119,7 @@ class Ui(Containers):
         return result
 
     def slider(
-        self, label: str, value: float, low: float, high: float, tip: str = "", *, width: float, log: bool = False
+        self, label: str, value: float, low: float, high: float, tip: str, *, width: float, log: bool = False
     ) -> float | None:
         """A slider without a text; a new value, or None."""
         imgui.SetNextItemWidth(width)
@@ -154,14 +146,13 @@ class Ui(Containers):
                 return str(typed)
         return None
 
-    def live_text(self, label: str, value: str, tip: str = "", *, hint: str = "", focus: bool = False) -> str:
+    def live_text(self, label: str, value: str, hint: str, focus: bool) -> str:
         """A box to type into; what it holds now. `focus` puts the keyboard there."""
         imgui.SetNextItemWidth(self._width_beside(label))
         if focus:
             imgui.SetKeyboardFocusHere()
         _, value = imgui.InputTextWithHint(label, hint, value, imgui.ImGuiInputTextFlags_AutoSelectAll)
         self.record(label, "box", text=value)
-        self.tip(tip)
         return str(value)
 
     def row(self, label: str, chosen: bool) -> tuple[bool, bool]:
@@ -173,10 +164,16 @@ class Ui(Containers):
 
     def refuse(self, label: str, reason: str) -> None:
         """Say below the widget of this label why its new value was not taken; empty to say nothing any more."""
-        if reason:
-            self._refused[self._widget_record.path(label)] = reason
-        else:
-            self._refused.pop(self._widget_record.path(label), None)
+        self._refused[self._widget_record.path(label)] = reason
+
+    @contextmanager
+    def refusing(self, label: str) -> Iterator[None]:
+        """Say so below the widget of this label if the block refuses its new value with an error."""
+        self.refuse(label, "")
+        try:
+            yield
+        except AbfmError as error:
+            self.refuse(label, str(error))
 
     def accept_all(self) -> None:
         """Take back all refusals in this section."""
@@ -185,13 +182,8 @@ class Ui(Containers):
 
     def refusal(self, label: str) -> None:
         """Show what `refuse` was told."""
-        reason = self._refused.get(self._widget_record.path(label))
-        if reason:
+        if reason := self._refused.get(self._widget_record.path(label)):
             self.note(reason, "error")
-
-    def progress(self, fraction: float, text: str) -> None:
-        """A bar that fills."""
-        imgui.ProgressBar(min(max(fraction, 0.0), 1.0), (-1, 0), text)
 
     # Text and space
 
@@ -208,10 +200,6 @@ class Ui(Containers):
         imgui.PushStyleColor(imgui.ImGuiCol_Text, color or self.colors.muted)
         imgui.SeparatorText(text)
         imgui.PopStyleColor()
-
-    def separator(self) -> None:
-        """A line across."""
-        imgui.Separator()
 
     def beside(self, spacing: float = -1) -> None:
         """Put the next widget on the same line."""

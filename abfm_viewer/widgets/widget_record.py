@@ -1,42 +1,32 @@
-"""The record of where each widget is: what `abfm_viewer.automation.driver.Driver` clicks on.
+"""The record of where each widget is: what `abfm_viewer.automation.driver.Driver` clicks on."""
 
-Labels are exactly what the user reads.
-"""
+import json
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+Item = TypeVar("Item")
 
 Rect = tuple[float, float, float, float]
 """Left, top, right, bottom in window pixels."""
 WidgetKind = Literal["button", "checkbox", "combo", "choice", "slider", "box", "section", "menu", "item", "plot"]
 KINDS: tuple[WidgetKind, ...] = get_args(WidgetKind)
+VARIABLE = "ABFM_WIDGETS"
+"""Names the file in which `write_widgets` says where the widgets are; without it none is written."""
+_FRAMES = 10
 
 
 @dataclass(frozen=True)
 class Widget:
-    """A widget as it was drawn in the latest frame.
+    """A widget as it was drawn in the latest frame; its label is exactly what the user reads on it or beside it.
 
-    Attributes
-    ----------
-    label : str
-        What the user reads on it or beside it.
-    kind : WidgetKind
-    rect : Rect
-    area : Rect
-        The part of the window that its panel shows; a widget outside of it must be scrolled to.
-    section : str
-        The sections, groups, menus or dialogs that it is in, outermost first, with slashes between.
-    enabled : bool
-    low, high : float
-        Ends of a slider.
-    log : bool
-        Whether the slider is logarithmic.
-    text : str
-        What it shows: a box's text, a combo's choice, a slider's value.
-    grab : float
-        Width of a slider's grab, in pixels.
+    `area` is the part of the window that its panel shows: a widget outside of it must be scrolled to. `section` are the
+    sections, groups, menus or dialogs that it is in, outermost first, with slashes between. `text` is what it shows: a
+    box's text, a combo's choice, a slider's value. The ends, whether it is logarithmic, and the width of its `grab` in
+    pixels are of a slider.
     """
 
     label: str
@@ -53,13 +43,7 @@ class Widget:
 
 
 class WidgetRecord:
-    """Remembers the widgets of a frame while it is drawn.
-
-    Attributes
-    ----------
-    latest : list of Widget
-        Those of the latest whole frame.
-    """
+    """Remembers the widgets of a frame while it is drawn; `latest` are those of the latest whole frame."""
 
     def __init__(self) -> None:
         self.latest: list[Widget] = []
@@ -90,23 +74,13 @@ class WidgetRecord:
         """A name for something in the present section, different from those in all others."""
         return "/".join([*self._sections, name])
 
-    @contextmanager
-    def section(self, name: str) -> Iterator[None]:
+    def section(self, name: str) -> AbstractContextManager[None]:
         """What is drawn in the block is in a section, group, menu or dialog."""
-        self._sections.append(name)
-        try:
-            yield
-        finally:
-            self._sections.pop()
+        return _within(self._sections, name)
 
-    @contextmanager
-    def area(self, rect: Rect) -> Iterator[None]:
+    def area(self, rect: Rect) -> AbstractContextManager[None]:
         """What is drawn in the block is seen in a part of the window only."""
-        self._areas.append(rect)
-        try:
-            yield
-        finally:
-            self._areas.pop()
+        return _within(self._areas, rect)
 
     @contextmanager
     def disabled(self, condition: bool) -> Iterator[None]:
@@ -121,3 +95,24 @@ class WidgetRecord:
         """Remember a widget; the details are other attributes of `Widget`."""
         section, usable = "/".join(self._sections[1:]), enabled and self.enabled
         self._drawn.append(Widget(label, kind, rect, self._areas[-1], section, usable, **details))
+
+
+@contextmanager
+def _within(parts: list[Item], part: Item) -> Iterator[None]:
+    parts.append(part)
+    try:
+        yield
+    finally:
+        parts.pop()
+
+
+def write_widgets(widgets: Sequence[Widget], frame: int) -> None:
+    """Write the widgets of every tenth frame as JSON, for programs that drive a real window with a mouse of their own.
+
+    Only if the user asked for it by `VARIABLE`.
+    """
+    name = os.environ.get(VARIABLE)
+    if name and frame % _FRAMES == 0:
+        temporary = Path(f"{name}.part")
+        temporary.write_text(json.dumps([asdict(widget) for widget in widgets]))
+        temporary.replace(name)

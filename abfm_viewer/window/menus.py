@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import polyscope.imgui as imgui
+
 from abfm import Parameters
 from abfm.experiments import FIGURES, TITLES
 from abfm_viewer.appearance import colormaps
@@ -35,14 +37,14 @@ def _file(ui: Ui, actions: Actions) -> None:
     _item(ui, "Open mesh...", actions.open_mesh)
     _item(ui, "Open project...", actions.open_project)
     _recent(ui, actions.context.files)
-    ui.separator()
+    imgui.Separator()
     _item(ui, "Save project", actions.save)
     _item(ui, "Save project as...", actions.save_as)
-    ui.separator()
+    imgui.Separator()
     for label in ("Export picture...", "Export movie...", "Export data..."):
         if ui.menu_item(label):
             ui.show_section("Export")
-    ui.separator()
+    imgui.Separator()
     _item(ui, "Quit", actions.quit)
 
 
@@ -56,17 +58,14 @@ def _recent(ui: Ui, files: SessionFiles) -> None:
                 files.open(path)
         if not recent:
             ui.menu_item("no files yet", enabled=False)
-        ui.separator()
+        imgui.Separator()
         if ui.menu_item("Clear recent", enabled=bool(recent)):
             files.forget_recent()
 
 
 def _edit(ui: Ui, actions: Actions) -> None:
     history = actions.context.session.history
-    for label, action, what in (
-        ("Undo", actions.undo, history.undo_label),
-        ("Redo", actions.redo, history.redo_label),
-    ):
+    for label, action, what in (("Undo", actions.undo, history.undo_label), ("Redo", actions.redo, history.redo_label)):
         if ui.menu_item(label, f"{what}   {action.hint}" if what else action.hint, enabled=bool(what)):
             action.do()
 
@@ -78,13 +77,13 @@ def _view(ui: Ui, actions: Actions) -> None:
         keys = actions.switch_theme.hint if theme != view.theme else ""
         if ui.menu_item(f"{theme.capitalize()} theme", keys, checked=view.theme == theme):
             session.set_view("change the theme", theme=theme)
-    ui.separator()
+    imgui.Separator()
     _choices(ui, session, "Layout", "layout", {name: name for name in LAYOUTS})
     _choices(ui, session, "Color map", "colormap", {name: name for name in ("automatic", *colormaps.NAMES)})
     for label, name, shown in (("Isolines", "isolines", view.isolines), ("Color bar", "color_bar", view.color_bar)):
         if ui.menu_item(label, checked=shown):
             session.set_view(f"{'hide' if shown else 'show'} the {label.lower()}", "", **{name: not shown})
-    ui.separator()
+    imgui.Separator()
     _item(ui, "Reset camera", actions.reset_camera)
     _choices(ui, session, "UI scale", "ui_scale", {f"{scale:g}": scale for scale in UI_SCALES})
 
@@ -104,7 +103,7 @@ def _presets(ui: Ui, actions: Actions) -> None:
         ui.tip(_FIGURE)
         if chosen:
             actions.context.files.open_figure(figure)
-    ui.separator()
+    imgui.Separator()
     if ui.menu_item("Reset to defaults", enabled=session.parameters != _INITIAL):
         session.set_parameter(label="reset the parameters", **_INITIAL.to_dict())
 
@@ -122,8 +121,7 @@ def _item(ui: Ui, label: str, action: Action) -> None:
 
 def _short(path: Path) -> str:
     """A path that fits in a menu: ~ for the user's own folder, and the middle left out."""
-    text = str(path)
-    home = str(Path.home())
+    text, home = str(path), str(Path.home())
     if text.startswith(f"{home}/"):
         text = f"~{text[len(home) :]}"
     return text if len(text) <= _LONGEST_PATH else f"{text[:15]}...{text[-_LONGEST_PATH + 18 :]}"

@@ -32,8 +32,7 @@ from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets import style
 from abfm_viewer.widgets.toolkit import Ui
-from abfm_viewer.widgets.widget_file import write_widgets
-from abfm_viewer.widgets.widget_record import Rect
+from abfm_viewer.widgets.widget_record import Rect, write_widgets
 from abfm_viewer.window import menus, warm_up
 from abfm_viewer.window.actions import Actions
 from abfm_viewer.window.keyboard import Keyboard
