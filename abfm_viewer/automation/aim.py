@@ -12,10 +12,8 @@ from abfm_viewer.errors import DriverError
 from abfm_viewer.scene.scene import Hit
 from abfm_viewer.window.window import Window
 
-_DISTANCES = (2.5, 0.8)
-"""From which to look, in sqrt(area)."""
-_REACH = 12.0
-"""Pixels from a vertex within which `nearest_vertex` finds it."""
+_DISTANCES = (2.5, 0.8)  # from which to look, in sqrt(area)
+_REACH = 12.0  # pixels from a vertex within which `nearest_vertex` finds it
 
 
 def act_on(
@@ -28,10 +26,7 @@ def act_on(
 ) -> None:
     """Do something with the places of vertices while keys are held, the first one turned to the front if need be.
 
-    Raises
-    ------
-    DriverError
-        If there is no such surface, or the first vertex is hidden from every side.
+    Raises DriverError if there is no such surface, or the first vertex is hidden from every side.
     """
     window.tick()
     camera = _turn_to(window, vertices[0], surface)

@@ -114,10 +114,7 @@ class Driver:
     def wait(self, condition: Callable[[Session], object], seconds: float = 60) -> None:
         """Draw frames at the app's rate until a condition on the session holds, and then two more, which show it.
 
-        Raises
-        ------
-        DriverError
-            If it does not hold in time.
+        Raises DriverError if it does not hold in time.
         """
         end = time.monotonic() + seconds
         while not condition(self.session):
@@ -162,11 +159,7 @@ class Driver:
         """Click on a widget, or on an entry of a menu, which is opened before.
 
         The label is what the user reads; `within` names the section, group, menu or dialog, where it is there twice.
-
-        Raises
-        ------
-        DriverError
-            If there is no such widget, it is grey, or the label is ambiguous.
+        Raises DriverError, as all that takes a label, if there is no such widget, it is grey, or the label ambiguous.
         """
         self._click(self.search.find(label, within, _CLICKABLE))
 
@@ -195,10 +188,7 @@ class Driver:
     def drag(self, label: str, value: float, within: str = "") -> None:
         """Drag a slider to a value in its own units (time: 0 to 2 tau), as exactly as its pixels allow.
 
-        Raises
-        ------
-        DriverError
-            If the slider does not reach so far.
+        Raises DriverError if the slider does not reach so far.
         """
         widget = self.search.find(label, within, ("slider",))
         if not widget.low <= value <= widget.high:
@@ -221,17 +211,8 @@ class Driver:
             self._click(widget)
 
     def key(self, chord: str) -> None:
-        """Press a key: "space", "ctrl+z", "left", "enter", "f1", "a", ...
-
-        Raises
-        ------
-        DriverError
-            If there is no such key.
-        """
-        try:
-            self.input.key(chord)
-        except KeyError as error:
-            raise DriverError(str(error.args[0])) from None
+        """Press a key: "space", "ctrl+z", "left", "enter", "f1", "a", ...; DriverError if there is no such key."""
+        self.input.key(chord)
 
     def _click(self, widget: Widget, count: int = 1) -> None:
         self.search.point_at(widget, _handle)
@@ -242,12 +223,7 @@ class Driver:
     def pick(self, vertex: int, surface: str = "source", modifiers: Sequence[str] = ("shift",)) -> None:
         """Click on a vertex, numbered as in the mesh file; with Shift, as by default, this moves the active Gaussian.
 
-        A vertex that cannot be seen is turned to the front for the click.
-
-        Raises
-        ------
-        DriverError
-            If it is hidden from every side.
+        A vertex that cannot be seen is turned to the front for the click; DriverError if every side hides it.
         """
         self.drag_on_surface([vertex], surface, modifiers)
 

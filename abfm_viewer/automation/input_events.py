@@ -5,6 +5,8 @@ from itertools import pairwise
 
 import polyscope.imgui as imgui
 
+from abfm_viewer.errors import DriverError
+
 Place = tuple[float, float]
 """A point of the window, in pixels."""
 
@@ -31,14 +33,14 @@ class InputEvents:
         imgui.GetIO().AddMousePosEvent(x, y)
         self._frames(1)
 
-    def press(self, button: int = 0) -> None:
-        """Press a mouse button; 0 is the left one."""
-        imgui.GetIO().AddMouseButtonEvent(button, True)
+    def press(self) -> None:
+        """Press the left mouse button."""
+        imgui.GetIO().AddMouseButtonEvent(0, True)
         self._frames(1)
 
-    def release(self, button: int = 0) -> None:
-        """Let a mouse button go."""
-        imgui.GetIO().AddMouseButtonEvent(button, False)
+    def release(self) -> None:
+        """Let it go."""
+        imgui.GetIO().AddMouseButtonEvent(0, False)
         self._frames(2)
 
     def click(self, count: int = 1) -> None:
@@ -51,15 +53,14 @@ class InputEvents:
             self.release()
         io.MouseDoubleClickTime = seconds
 
-    def drag(self, *places: Place, steps: int = 3, button: int = 0) -> None:
-        """Press a button at the first place, move over the others in steps, and let go at the last."""
+    def drag(self, *places: Place) -> None:
+        """Press the button at the first place, move over the others, in thirds of the way, and let go at the last."""
         self.move(*places[0])
-        self.press(button)
+        self.press()
         for start, end in pairwise(places):
-            for step in range(1, steps + 1):
-                share = step / steps
+            for share in (1 / 3, 2 / 3, 1):
                 self.move(start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
-        self.release(button)
+        self.release()
 
     def wheel(self, amount: float) -> None:
         """Turn the wheel, upwards if positive."""
@@ -67,7 +68,6 @@ class InputEvents:
         self._frames(2)
 
     def write(self, text: str) -> None:
-        """Type characters."""
         imgui.GetIO().AddInputCharactersUTF8(text)
         self._frames(2)
 
@@ -78,20 +78,16 @@ class InputEvents:
         self._frames(1)
 
     def key(self, chord: str) -> None:
-        """Press and release a key such as "space", "ctrl+z", "left" or "a".
-
-        Raises
-        ------
-        KeyError
-            If there is no such key.
-        """
+        """Press and release a key such as "space", "ctrl+z" or "a"; DriverError if there is no such key."""
         *modifiers, name = chord.lower().split("+")
         known = _KEYS.get(name, name.upper() if len(name) <= 2 else name.capitalize())
         try:
             code = getattr(imgui, f"ImGuiKey_{known}")
             held = [modifier for modifier in modifiers if _MODIFIERS[modifier]]
         except (AttributeError, KeyError):
-            raise KeyError(f"there is no key {chord!r}; keys are such as space, ctrl+z, left, enter, f1, a") from None
+            raise DriverError(
+                f"there is no key {chord!r}; keys are such as space, ctrl+z, left, enter, f1, a"
+            ) from None
         for modifier in held:
             self.hold(modifier, True)
         imgui.GetIO().AddKeyEvent(code, True)

@@ -27,13 +27,7 @@ class WidgetSearch:
     def find(
         self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None, must_be_enabled: bool = True
     ) -> Widget:
-        """A widget in view, of the kinds that it may be; by default of any.
-
-        Raises
-        ------
-        DriverError
-            If there is none, there are several that can be used, or it is grey.
-        """
+        """A widget in view, of the kinds that it may be; DriverError if it is grey, or none or several are there."""
         self._window.tick()
         widget = self._sought(label, within, kinds)
         if must_be_enabled and not widget.enabled:
@@ -52,23 +46,17 @@ class WidgetSearch:
             widget = again
 
     def drawn(self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None) -> Widget | None:
-        """The widget of a label in the latest frame; of several the only enabled one; None if there is none.
-
-        Raises
-        ------
-        DriverError
-            If several can be used.
-        """
+        """The only usable widget of a label in the latest frame; None if there is none, DriverError if several."""
         candidates = [w for w in self._window.ui.widgets if w.label == label and (not kinds or w.kind in kinds)]
         if within:
             candidates = [w for w in candidates if within == w.section or within in w.section.split("/")]
         usable = [w for w in candidates if w.enabled] or candidates
         if len({w.section for w in usable}) > 1:
             raise DriverError(f"{label!r} is there {len(usable)} times, in {_sections(usable)}: say within= which")
-        kinds_of_one = [w.kind for w in usable]
-        if len(usable) > 1 and sorted(kinds_of_one) != ["box", "slider"]:
-            times = f"{len(usable)} times in {_sections(usable)}"
-            raise DriverError(f"{label!r} is there {times}: labels must differ there")
+        if len(usable) > 1 and sorted(w.kind for w in usable) != ["box", "slider"]:
+            raise DriverError(
+                f"{label!r} is there {len(usable)} times in {_sections(usable)}: labels must differ there"
+            )
         return max(usable, key=lambda w: w.kind == "box") if usable else None
 
     def _sought(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget:
@@ -118,7 +106,6 @@ class WidgetSearch:
         self._input.click()
 
     def _again(self, widget: Widget) -> Widget | None:
-        """The same widget in the latest frame."""
         name = (widget.label, widget.section, widget.kind)
         return next((w for w in self._window.ui.widgets if (w.label, w.section, w.kind) == name), None)
 

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -60,14 +59,12 @@ def run(tell: Callable[[str], None], subdivision: int = 5, iterations: int = 60,
     backend: Backend = opengl.WINDOW if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() else opengl.OFFSCREEN
     tell("launch to the first frame, the app and bare polyscope in turns")
     launch = _launch(backend, repeats)
-    mesh = sphere_problem(subdivision).mesh
-    parameters = Parameters(iterations=iterations)
-    session = Session(mesh, "sphere")
-    window = Window(session, backend, _SIZE)
+    mesh, parameters = sphere_problem(subdivision).mesh, Parameters(iterations=iterations)
+    window = Window(Session(mesh, "sphere"), backend, _SIZE)
     tell("solver with the window open and without, in turns")
     throughput = _throughput(mesh, parameters, window, repeats)
     tell("frames during a solve")
-    frames = _frames(session, replace(parameters, iterations=5 * iterations), window)
+    frames = _frames(window, 5 * iterations)
     window.close()
     return {
         "launch": launch,
@@ -92,9 +89,10 @@ def _in_turns(repeats: int, runs: Mapping[str, Callable[[], float]]) -> tuple[di
 def _launch(backend: Backend, repeats: int) -> dict[str, Any]:
     """Seconds from starting Python to the end of the first frame."""
     arguments = str(asset_path("human_A.off")), backend
-    codes = {"app": _APP, "bare polyscope": _BARE}
-    commands = {name: [sys.executable, "-c", code, *arguments] for name, code in codes.items()}
-    runs = {name: partial(_until_drawn, command) for name, command in commands.items()}
+    runs = {
+        name: partial(_until_drawn, [sys.executable, "-c", code, *arguments])
+        for name, code in (("app", _APP), ("bare polyscope", _BARE))
+    }
     seconds, ratio = _in_turns(repeats, runs)
     return {"seconds": seconds, "ratio": ratio, "at_most": LARGEST_LAUNCH_RATIO}
 
@@ -127,30 +125,24 @@ def _throughput(mesh: TriangleMesh, parameters: Parameters, window: Window, repe
 
     for _ in range(30):
         window.frame()
-    rates, ratio = _in_turns(
-        repeats,
-        {
-            "with window": lambda: rate(lambda solver: window.frame()),
-            "without": lambda: rate(lambda solver: solver.wait()),
-        },
-    )
+    with_window, without = partial(rate, lambda solver: window.frame()), partial(rate, Solver.wait)
+    rates, ratio = _in_turns(repeats, {"with window": with_window, "without": without})
     return {"iterations_per_second": rates, "ratio": ratio, "at_least": LEAST_THROUGHPUT}
 
 
-def _frames(session: Session, parameters: Parameters, window: Window) -> dict[str, Any]:
+def _frames(window: Window, iterations: int) -> dict[str, Any]:
     """Seconds from frame to frame while the window follows a solve."""
+    session = window.session
     while session.values("source") is None:
         window.frame()
-    session.set_parameter(iterations=parameters.iterations)
+    session.set_parameter(iterations=iterations)
     session.match()
-    seconds = []
-    last = time.perf_counter()
+    ends = [time.perf_counter()]
     while session.solver.running:
         window.frame()
-        now = time.perf_counter()
-        seconds.append(now - last)
-        last = now
-    median, high = (float(np.percentile(seconds, share)) for share in (50, 95))
+        ends.append(time.perf_counter())
+    seconds = np.diff(ends)
+    median, high = map(float, np.percentile(seconds, (50, 95)))
     return {"count": len(seconds), "median": median, "p95": high, "p95_at_most": LONGEST_FRAME}
 
 

@@ -25,21 +25,9 @@ def one_line(error: BaseException) -> str:
 class Latest(Generic[Value]):
     """Computes in a thread of its own what was asked for last; requests that came before and did not start are dropped.
 
-    Keys are compared by `same`: arrays in them by identity.
-
-    Parameters
-    ----------
-    name : str
-        Of the thread.
-    at_once : bool
-        Compute in the caller's thread instead, as pictures off the screen need, which wait for no frame.
-
-    Attributes
-    ----------
-    key, value
-        What was computed last, and what for; None before.
-    error : str
-        Why the last request failed, in one line; empty if it did not.
+    Keys are compared by `same`: arrays in them by identity. If `at_once`, it computes in the caller's thread instead,
+    as pictures off the screen need, which wait for no frame. The latest `value` was computed for `key`; `error` says in
+    one line why the last request failed.
     """
 
     def __init__(self, name: str, at_once: bool = False) -> None:
@@ -132,7 +120,6 @@ class Jobs:
         self._all: list[Latest[Any]] = []
 
     def latest(self, name: str) -> Latest[Any]:
-        """One more."""
         self._all.append(Latest(name, self.at_once))
         return self._all[-1]
 
@@ -147,6 +134,5 @@ class Jobs:
         return any(one.busy for one in self._all)
 
     def close(self) -> None:
-        """End all threads."""
         for one in self._all:
             one.close()

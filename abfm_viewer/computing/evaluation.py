@@ -28,13 +28,8 @@ class Evaluated:
 class Functions:
     """Evaluates specs on one mesh, term by term, so that dragging one of several Gaussians costs one Gaussian.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    known : mapping of str to (V,) array
-        Values of terms from a project file: what came from other files needs these files no longer.
-    at_once : bool
-        Whether `ask` waits for what it asks for.
+    Of terms from a project file the values (V,) are `known`: what came from other files needs these files no longer. If
+    `at_once`, `ask` waits for what it asks for.
     """
 
     def __init__(
@@ -49,7 +44,6 @@ class Functions:
 
     @property
     def busy(self) -> bool:
-        """Whether values are being computed."""
         return self._latest.busy
 
     def ask(self, specs: tuple[str, ...]) -> Evaluated | None:
@@ -60,13 +54,7 @@ class Functions:
         return self._latest.ask(specs, lambda: self._evaluate_all(specs))
 
     def evaluate(self, spec: str) -> FloatArray:
-        """Values (V,) of one spec, computed now.
-
-        Raises
-        ------
-        FunctionError
-            As `abfm.function` does.
-        """
+        """Values (V,) of one spec, computed now; FunctionError as `abfm.function` raises it."""
         with self._lock:
             if spec in self._cache:
                 self._cache.move_to_end(spec)
@@ -89,7 +77,6 @@ class Functions:
             return values
 
     def close(self) -> None:
-        """Stop the thread."""
         self._latest.close()
         self.evaluator.close()
 
@@ -104,7 +91,6 @@ class Functions:
 
 
 def _check_size(name: str, values: FloatArray) -> None:
-    """Refuse what the screen cannot show."""
     largest = float(np.abs(values).max())
     if largest > _LARGEST or 0 < largest < _LEAST:
         raise FunctionError(f"{name} has values up to {largest:.3g}; {_LEAST:g} to {_LARGEST:g} can be shown: scale it")

@@ -21,14 +21,7 @@ OWN_PROCESS_FROM = 20_000
 
 
 class Evaluator:
-    """Functions of one mesh; safe to call from several threads, one at a time.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    own_process : bool, optional
-        By default from `OWN_PROCESS_FROM` vertices on.
-    """
+    """Functions of one mesh; safe to call from several threads, one at a time."""
 
     def __init__(self, mesh: TriangleMesh, own_process: bool | None = None) -> None:
         self._mesh = mesh
@@ -38,13 +31,7 @@ class Evaluator:
         self._closed = False
 
     def values(self, spec: str) -> FloatArray:
-        """Values (V,) of a function.
-
-        Raises
-        ------
-        FunctionError
-            As `abfm.function` does, or if the process that computes was ended from outside.
-        """
+        """Values (V,); FunctionError as of `abfm.function`, or if the process that computes was ended from outside."""
         return np.asarray(self._answer(spec))
 
     def defaults(self) -> tuple[str, str]:
@@ -53,7 +40,6 @@ class Evaluator:
         return source, target
 
     def close(self) -> None:
-        """End the process."""
         self._closed = True
         if self._process is not None:
             self._process.close()
@@ -85,11 +71,7 @@ class Evaluator:
 
 
 def _compute(mesh: TriangleMesh, spec: str | None) -> Any:
-    """The values of a function, or the default functions."""
-    if spec is None:
-        return default_functions(mesh)
-
-    return abfm.functions.function(mesh, spec)
+    return default_functions(mesh) if spec is None else abfm.functions.function(mesh, spec)
 
 
 def _serve() -> None:

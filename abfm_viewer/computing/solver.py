@@ -34,17 +34,7 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """What is known of a run at some moment.
-
-    Attributes
-    ----------
-    problem : Problem
-        That the newest iterate belongs to.
-    iteration : Iteration
-        The newest iterate.
-    shown : Iteration
-        The newest one that is worth a picture: its ``advected`` has been computed.
-    """
+    """The newest iterate of a run, its problem, and the newest one to be `shown`, whose ``advected`` is there."""
 
     problem: Problem
     iteration: abfm.Iteration
@@ -71,15 +61,10 @@ class Solver:
         Whether a change of the problem during a run restarts it from the current field.
     warm : bool
         Whether a new run starts from the current field instead of zero.
-    state : State
     reason : str
         Why the last run ended; an error in one line if it failed.
     problem : Problem or None
         The newest one given.
-    snapshot : Snapshot or None
-        The newest iterate of the run; may be read at any time.
-    started : int
-        How many runs there were.
     """
 
     def __init__(self) -> None:
@@ -88,8 +73,8 @@ class Solver:
         self.state = State.IDLE
         self.reason = ""
         self.problem: Problem | None = None
-        self.snapshot: Snapshot | None = None
-        self.started = 0
+        self.snapshot: Snapshot | None = None  # may be read at any time
+        self.started = 0  # how many runs there were
         self._rows: list[tuple[float, float, float, int, int, float]] = []
         self._lock = threading.Lock()
 
@@ -100,7 +85,6 @@ class Solver:
 
     @property
     def paused(self) -> bool:
-        """Whether the run waits."""
         return self.state is State.PAUSED
 
     @property
@@ -110,7 +94,6 @@ class Solver:
 
     @property
     def failed(self) -> bool:
-        """Whether it ended with an error."""
         return self.state is State.FAILED
 
     @property
@@ -146,14 +129,12 @@ class Solver:
         self._thread.start()
 
     def pause(self) -> None:
-        """Hold the run."""
         with self._lock:
             if self.state is State.RUNNING:
                 self.state = State.PAUSED
                 self._control.pause()
 
     def resume(self) -> None:
-        """Go on."""
         with self._lock:
             if self.state is State.PAUSED:
                 self.state = State.RUNNING
@@ -173,9 +154,8 @@ class Solver:
         if problem.mesh is not self.problem.mesh:
             self.cancel()
             return
-        if not self.follow or not problem.channels:
-            return
-        if dragging and problem.parameters.alpha != self.problem.parameters.alpha:
+        refactors = problem.parameters.alpha != self.problem.parameters.alpha
+        if not self.follow or not problem.channels or (dragging and refactors):
             return
         with self._lock:
             if self.state is not State.ENDING:

@@ -23,21 +23,10 @@ _MOUSE = (
 
 @dataclass(eq=False)
 class Action:
-    """Something that keys and perhaps a menu do.
+    """Something that keys such as "Ctrl+Shift+S" (on a Mac Cmd) do; `group` is its heading in the list in Help.
 
-    Attributes
-    ----------
-    group : str
-        Its heading in the list.
-    does : str
-        What it does, for the list.
-    do : callable
-    chords : tuple of str
-        Such as "Ctrl+Shift+S"; Ctrl is Cmd on a Mac.
-    repeats : bool
-        Whether holding the key does it again and again.
-    while_typing : bool
-        Whether it holds in a text box, too, which then takes what was typed; others may mean something there.
+    If it `repeats`, holding the key does it again and again. `while_typing` it holds in a text box, too, which then
+    takes what was typed; other keys may mean something there.
     """
 
     group: str
@@ -56,13 +45,7 @@ class Action:
 class Actions:
     """The window's commands; each `Action` is an attribute, and `all` has them in the list's order.
 
-    Parameters
-    ----------
-    context : Context
-    reset_camera : callable
-        Looks from the front again.
-    close : callable
-        Closes the window without a question.
+    `close` closes the window without a question.
     """
 
     def __init__(self, context: Context, reset_camera: Callable[[], None], close: Callable[[], None]) -> None:
@@ -133,9 +116,8 @@ class Actions:
         elif not (session.unsaved or session.solver.running):
             self._close()
         elif not dialogs.is_asking(_QUIT):
-            name = session.document.name
             unsaved = "is being matched; the best field so far is" if session.solver.running else "has changes that are"
-            text = f"{name} {unsaved} in no file."
+            text = f"{session.document.name} {unsaved} in no file."
             dialogs.ask(_QUIT, text, {"Save": self._save_and_close, "Don't save": self._close, "Go back": None})
 
     def _save_and_close(self) -> None:
@@ -144,18 +126,15 @@ class Actions:
 
     def _save(self, then: Callable[[], None] | None = None) -> None:
         """Save the project where it is; ask where if it is nowhere yet."""
-        path = self.context.session.path
-        if path is None:
+        if (path := self.context.session.path) is None:
             self._ask_where(then)
         else:
             self.context.files.save(path, then)
 
     def _ask_where(self, then: Callable[[], None] | None = None) -> None:
-        session = self.context.session
+        session, files = self.context.session, self.context.files
         name = (session.path or Path(session.document.name)).with_suffix(PROJECT).name
-        self.context.dialogs.save(
-            "Save the project", (PROJECT,), name, lambda path: self.context.files.save(path, then)
-        )
+        self.context.dialogs.save("Save the project", (PROJECT,), name, lambda path: files.save(path, then))
 
     def _pause(self) -> None:
         solver = self.context.session.solver

@@ -52,17 +52,14 @@ class Mouse:
         moved = self._held is not None and tuple(io.MouseDelta) != (0, 0)
         if not (pressed or moved or notches):
             return
-
-        hit = scene.pick(place)
-        if hit is None:
+        if (hit := scene.pick(place)) is None:
             return
         side = next((side for side in SIDES if side == hit.surface), None)
         if side is None:
             if pressed:
                 session.say("Shift-click on the source or the target to move its Gaussian; this surface has none")
         elif self._held is None and pressed:
-            reason = active_gaussian.why_fixed(session, side)
-            if reason:
+            if reason := active_gaussian.why_fixed(session, side):
                 session.say(reason)
                 return
             session.history.seal()

@@ -25,15 +25,8 @@ def open_window(
 ) -> window.Window:
     """The app's window with a mesh, project or result in it; by default with a bundled mesh.
 
-    Parameters
-    ----------
-    state_folder
-        Where preferences, recent files and autosaves are kept; the user's own by default.
-
-    Raises
-    ------
-    AbfmError
-        If the file cannot be read, or the machine cannot draw.
+    Preferences, recent files and autosaves are kept in the state folder, by default the user's own. Raises AbfmError if
+    the file cannot be read, or the machine cannot draw.
     """
     state = StateFolder(state_folder)
     if isinstance(what, abfm.TriangleMesh):
@@ -42,5 +35,4 @@ def open_window(
         session = open_session(Path(what or asset_path("human_A.off")), largest_component)
         if what:
             state.add_recent(Path(what))
-
     return window.Window(session, backend, size, state)

@@ -61,15 +61,9 @@ class Recoveries:
     def _ask(self, recovery: Recovery, document: Document, known: dict[str, FloatArray]) -> None:
         written = time.strftime("%H:%M on %d %B %Y", time.localtime(recovery.written))
         text = f"The app ended without saving {document.name}. A copy of {written} is there."
-        self._dialogs.ask(
-            "Recover unsaved work?",
-            text,
-            {
-                "Recover": partial(self._recover, recovery, document, known),
-                "Discard": partial(self._discard, recovery),
-                "Later": None,
-            },
-        )
+        recover = partial(self._recover, recovery, document, known)
+        buttons = {"Recover": recover, "Discard": partial(self._discard, recovery), "Later": None}
+        self._dialogs.ask("Recover unsaved work?", text, buttons)
 
     def _recover(self, recovery: Recovery, document: Document, known: dict[str, FloatArray]) -> None:
         session = self._session

@@ -76,14 +76,8 @@ def areas(size: tuple[float, float], menu_height: float, scale: float) -> Areas:
 class Window:
     """Draws a session and passes on what the user does.
 
-    Attributes
-    ----------
-    frames : int
-        How many were drawn.
-    errors : dict of str to str
-        Parts of the window that raised an error in the latest frame, which they show instead.
-    parts : Areas
-        Where they were in the latest frame.
+    `frames` counts those drawn; `errors` are of parts of the window that raised one in the latest frame, which they
+    show instead, and `parts` is where they were.
     """
 
     def __init__(
@@ -128,10 +122,8 @@ class Window:
     def run(self) -> None:
         """Draw frames until the window is closed.
 
-        Raises
-        ------
-        KeyboardInterrupt
-            After Ctrl-C on the terminal or SIGTERM, between two frames: inside one it would stop polyscope for good.
+        Ctrl-C on the terminal and SIGTERM raise KeyboardInterrupt between two frames: inside one it would stop
+        polyscope for good.
         """
         signals = (signal.SIGINT, signal.SIGTERM)
         before = [signal.signal(number, self._interrupt) for number in signals]
@@ -170,7 +162,6 @@ class Window:
         time.sleep(max(_LEAST_SLEEP, seconds - (now - start)))
 
     def tick(self) -> None:
-        """Draw one frame."""
         start = time.perf_counter()
         ps.frame_tick()
         if self._redraws:
@@ -268,7 +259,6 @@ class Window:
         return changed or by_hand or imgui.IsAnyItemActive() or working
 
     def _dropped(self, files: list[str]) -> None:
-        """Open a file that was dropped on the window."""
         if files:
             self._once("drop", lambda: self.files.open_first([Path(file) for file in files]))
 
