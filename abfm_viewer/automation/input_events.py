@@ -28,18 +28,15 @@ class InputEvents:
         self.place: Place = _OUTSIDE
 
     def move(self, x: float, y: float) -> None:
-        """Move the mouse to a place of the window."""
         self.place = (x, y)
         imgui.GetIO().AddMousePosEvent(x, y)
         self._frames(1)
 
     def press(self) -> None:
-        """Press the left mouse button."""
         imgui.GetIO().AddMouseButtonEvent(0, True)
         self._frames(1)
 
     def release(self) -> None:
-        """Let it go."""
         imgui.GetIO().AddMouseButtonEvent(0, False)
         self._frames(2)
 

@@ -46,7 +46,7 @@ class WidgetSearch:
             widget = again
 
     def drawn(self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None) -> Widget | None:
-        """The only usable widget of a label in the latest frame; None if there is none, DriverError if several."""
+        """A label's widget in the latest frame, of several the only enabled one; DriverError if several are."""
         candidates = [w for w in self._window.ui.widgets if w.label == label and (not kinds or w.kind in kinds)]
         if within:
             candidates = [w for w in candidates if within == w.section or within in w.section.split("/")]

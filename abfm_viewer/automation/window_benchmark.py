@@ -147,7 +147,6 @@ def _frames(window: Window, iterations: int) -> dict[str, Any]:
 
 
 def format_report(report: dict[str, Any]) -> str:
-    """The report as lines to read."""
     launch, throughput, frames, settings = (report[name] for name in ("launch", "throughput", "frames", "settings"))
     return "\n".join(
         [

@@ -35,7 +35,6 @@ class Evaluator:
         return np.asarray(self._answer(spec))
 
     def defaults(self) -> tuple[str, str]:
-        """Specs of a default source and target."""
         source, target = self._answer(None)
         return source, target
 

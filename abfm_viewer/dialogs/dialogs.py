@@ -63,7 +63,6 @@ class Dialogs:
         self._open.append(_Open(Message(title, lines), lambda _: self._close()))
 
     def draw(self, ui: Ui) -> None:
-        """Draw the dialog in front, and do what its answer asks for."""
         if not self._open:
             return
         front = self._open[-1]

@@ -74,7 +74,6 @@ class FileChoice:
 
     @property
     def ready(self) -> bool:
-        """Whether there is something to confirm."""
         return bool(self.selected or (self.saving and self.name.strip()))
 
     @property

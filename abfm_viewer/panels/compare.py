@@ -7,7 +7,6 @@ from abfm_viewer.panels.context import Context
 
 
 def draw(context: Context) -> None:
-    """Draw the switches and the numbers."""
     ui, session, view = context.ui, context.session, context.session.view
     tip = "A surface with (1 - t/tau) source + t/tau target: nothing moves, it only fades."
     blend = ui.checkbox("linear blend", view.blend, tip)

@@ -23,5 +23,4 @@ class Context:
     dialogs: Dialogs
 
     def open_mesh(self) -> None:
-        """Ask for a mesh and open it."""
         self.dialogs.open("Open a mesh", MESHES, self.files.open)

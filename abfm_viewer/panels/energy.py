@@ -31,7 +31,6 @@ _LEGEND = implot.ImPlotLegendFlags_Horizontal | implot.ImPlotLegendFlags_Outside
 
 
 def draw(context: Context) -> None:
-    """Draw the plot, and what can be done with it."""
     ui, session = context.ui, context.session
     runs = session.document.runs
     live = session.solver.run

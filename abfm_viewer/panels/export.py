@@ -19,7 +19,6 @@ _OWN = "own size"
 
 
 def draw(context: Context) -> None:
-    """Draw the settings and the buttons."""
     ui, session, exporter = context.ui, context.session, context.exporter
 
     def save(drawn: Callable[[Path, Document, Known], None], path: Path) -> None:

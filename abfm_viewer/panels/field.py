@@ -8,7 +8,6 @@ _ELSE = "a map"
 
 
 def draw(context: Context) -> None:
-    """Draw the controls and numbers of the field."""
     ui, session = context.ui, context.session
     view, quantities = session.view, context.shown.quantities
     if context.shown.flow.state is None:

@@ -26,7 +26,6 @@ _MAP_TIP = (
 
 
 def draw(context: Context, side: Side) -> None:
-    """Draw the controls of the active channel's source or target."""
     ui, session = context.ui, context.session
     assert session.active is not None
     spec = session.active.spec(side)
@@ -87,8 +86,7 @@ class _Editor:
         chosen = self._ui.combo("family", now, names if now in names else [*names, now], tip)
         if chosen == now:
             return
-        family, file = known[chosen], _file_of(known[chosen])
-        if file is not None:
+        if file := _file_of(family := known[chosen]):
             self.choose_file(family, file)
         else:
             example = family.example or family.family

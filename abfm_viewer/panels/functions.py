@@ -13,7 +13,6 @@ _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 le
 
 
 def draw(context: Context) -> None:
-    """Draw the list of channels and the editors of both sides."""
     ui, session = context.ui, context.session
     if session.active is None:
         ui.note("A source and a target for this mesh are being chosen ...")

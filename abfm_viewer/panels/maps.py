@@ -15,7 +15,6 @@ _COLORINGS: dict[Coloring, str] = {
 
 
 def draw(context: Context) -> None:
-    """Draw the choice of the map's picture, and the points that are followed."""
     ui, session = context.ui, context.session
     view, quantities = session.view, context.shown.quantities
     chosen = ui.radio(tuple(_COLORINGS), view.coloring, tuple(_COLORINGS.values()))

@@ -4,7 +4,6 @@ from abfm_viewer.panels.context import Context
 
 
 def draw(context: Context) -> None:
-    """Draw facts and messages."""
     ui, session = context.ui, context.session
     mesh = session.mesh
     ui.note(session.document.name, "ink")

@@ -71,7 +71,6 @@ _MASK_TIP = (
 
 
 def draw(context: Context) -> None:
-    """Draw everything that can be set about a match."""
     ui, session = context.ui, context.session
     parameters = session.parameters
     _preset(ui, session)

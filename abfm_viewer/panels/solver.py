@@ -12,7 +12,6 @@ _SIDE_BUTTON = 76
 
 
 def draw(context: Context) -> None:
-    """Draw the buttons and the state."""
     ui, session = context.ui, context.session
     _buttons(ui, session)
     with ui.child("state", ui.px(_STATE_HEIGHT), border=False):  # always as high: what is below must not jump

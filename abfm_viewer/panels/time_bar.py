@@ -21,7 +21,6 @@ def height(width: float, scale: float) -> float:
 
 
 def draw(context: Context, rect: Rect) -> None:
-    """Draw buttons, ways to play, and the slider."""
     ui, session = context.ui, context.session
     with ui.window("time bar", rect), ui.group("time bar"):
         _buttons(ui, session)

@@ -30,9 +30,8 @@ def why_fixed(session: Session, side: Side) -> str:
 
 def move(session: Session, side: Side, vertex: int, merge: str) -> None:
     """Put it at a vertex of the mesh (not the file)."""
-    chosen = active_gaussian(session, side)
+    chosen, in_file = active_gaussian(session, side), int(session.mesh.vertex_ids[vertex])
     if chosen is not None and session.active is not None:
-        in_file = int(session.mesh.vertex_ids[vertex])
         spec = gaussians.changed(session.active.spec(side), chosen, vertex=(in_file,))
         session.set_spec(side, spec, merge, chosen)
 

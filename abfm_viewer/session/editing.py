@@ -108,7 +108,6 @@ class Editing:
         self._insert(Channel("coordinate:y", "coordinate:y"), "add a channel")
 
     def duplicate_channel(self) -> None:
-        """Copy the active channel, and make the copy active."""
         if self.active:
             self._insert(self.active, "duplicate a channel")
 
@@ -121,7 +120,6 @@ class Editing:
             self.change("remove a channel", channels=tuple(kept), channel=min(self.document.channel, len(kept) - 1))
 
     def swap_channel(self) -> None:
-        """Exchange the active channel's source and target."""
         if self.active:
             swapped = replace(self.active, source=self.active.target, target=self.active.source)
             self._set_active(swapped, "swap source and target")
@@ -169,13 +167,11 @@ class Editing:
             self.change("change the mask", mask=spec)
 
     def set_view(self, label: str, merge: str = "", **values: Any) -> None:
-        """Change how the document is drawn."""
         view = replace(self.view, **values)
         if view != self.view:
             self.change(label, merge, view=view)
 
     def set_time(self, time: float) -> None:
-        """Show another time of the time bar."""
         time = min(max(time, 0.0), self.end)
         if time != self.time:
             self.time_changed = clock.perf_counter()

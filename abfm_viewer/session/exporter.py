@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import abfm
@@ -54,8 +56,8 @@ class MovieSettings:
 
     def words(self, tau: float) -> list[str]:
         """As options of `abfm render`."""
-        rate, times = [f"--fps={self.fps}"], [f"--from={self.start * tau}", f"--to={self.end * tau}"]
-        return [f"--seconds={self.seconds}", *rate, *times, f"--turntable={self.turntable}"]
+        times = [f"--from={self.start * tau}", f"--to={self.end * tau}"]
+        return [f"--seconds={self.seconds}", f"--fps={self.fps}", *times, f"--turntable={self.turntable}"]
 
 
 class Exporter:
@@ -82,23 +84,21 @@ class Exporter:
 
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
         """Draw the document as the window shows it."""
-        flags = ["--transparent"] if self.picture.transparent else []
-        self._start(self._render, path, PICTURES, document, known, [*self.picture.words(), *flags])
+        words = [*self.picture.words(), *(["--transparent"] if self.picture.transparent else [])]
+        self._start(path, partial(self._render, path, PICTURES, document, known, words))
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
-        """Draw the document over time."""
         words = [*self.picture.words(), *self.movie.words(document.parameters.tau)]
-        self._start(self._render, path, MOVIES, document, known, words)
+        self._start(path, partial(self._render, path, MOVIES, document, known, words))
 
     def save_result(self, path: Path, match: abfm.Match) -> None:
         """Write a result in the format of the file's suffix."""
 
-        def write() -> str:
+        def write() -> None:
             outputs.check(path, DATA)
             outputs.write(path, match)
-            return f"saved {path}"
 
-        self._start(write)
+        self._start(path, write)
 
     def cancel(self) -> None:
         """End the export; nothing is written, and an older file stays."""
@@ -107,7 +107,6 @@ class Exporter:
             process.kill()  # all that it has written is in the folder that is removed with it
 
     def wait(self) -> None:
-        """Return when nothing is being written any more."""
         if self._thread is not None:
             self._thread.join()
 
@@ -115,7 +114,7 @@ class Exporter:
         self.cancel()
         self.wait()
 
-    def _start(self, job: Callable[..., str], *arguments: object) -> None:
+    def _start(self, path: Path, write: Callable[[], None]) -> None:
         if self.running:
             return
         self.progress, self.message, self.failed, self._cancelled = 0.0, "", False, False
@@ -123,7 +122,8 @@ class Exporter:
         @factoring_apart()
         def work() -> None:
             try:
-                self.message = job(*arguments)
+                write()
+                self.progress, self.message = 1.0, f"saved {path}"
             except Exception as error:
                 self.failed = not self._cancelled
                 self.message = "export cancelled" if self._cancelled else one_line(error)
@@ -132,11 +132,12 @@ class Exporter:
         self._thread = threading.Thread(target=work, name="export", daemon=True)
         self._thread.start()
 
-    def _render(self, path: Path, suffixes: tuple[str, ...], document: Document, known: Known, words: list[str]) -> str:
+    def _render(
+        self, path: Path, suffixes: tuple[str, ...], document: Document, known: Known, words: list[str]
+    ) -> None:
         """Draw a copy of the document in a process of its own, and put the file in its place when it is whole."""
         outputs.check(path, suffixes)
-        if path.suffix in outputs.FASTEST and self.movie.fps > outputs.FASTEST[path.suffix]:
-            fastest = outputs.FASTEST[path.suffix]
+        if self.movie.fps > (fastest := outputs.FASTEST.get(path.suffix, math.inf)):
             raise AbfmError(f"fps is {self.movie.fps:g}; a {path.suffix} file takes at most {fastest:g}")
         with tempfile.TemporaryDirectory(prefix="abfm-export-") as name:
             folder = Path(name)
@@ -162,5 +163,3 @@ class Exporter:
                 raise AbfmError(reason.removeprefix("abfm: "))
             with write_atomically(path) as temporary:
                 shutil.copyfile(drawn, temporary)
-        self.progress = 1.0
-        return f"saved {path}"

@@ -7,7 +7,7 @@ import numpy as np
 import abfm
 from abfm_viewer.computing.evaluation import Evaluated
 from abfm_viewer.computing.memo import Memo
-from abfm_viewer.document.document import Document
+from abfm_viewer.document.document import SIDES, Document
 
 
 class Outdated:
@@ -44,8 +44,8 @@ def _differs(result: abfm.Match, document: Document, found: Evaluated) -> bool:
         return True
     if [channel.weight for channel in channels] != result.weights.tolist() or (mask == "") != (result.mask is None):
         return True
-    pairs = [(channel.source, result.source[:, i]) for i, channel in enumerate(channels)]
-    pairs += [(channel.target, result.target[:, i]) for i, channel in enumerate(channels)]
+    specs = [channel.spec(side) for side in SIDES for channel in channels]
+    pairs = [*zip(specs, [*result.source.T, *result.target.T], strict=True)]
     if result.mask is not None:
         pairs.append((mask, result.mask))
     return any(

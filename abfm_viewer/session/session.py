@@ -70,7 +70,6 @@ class Session(Editing):
         return self._notices.latest
 
     def say(self, text: str, is_error: bool = False) -> None:
-        """Put a line into the status bar."""
         self._notices.say(text, is_error, self.history.moves)
 
     def set_time(self, time: float) -> None:

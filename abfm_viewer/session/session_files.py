@@ -106,7 +106,6 @@ class SessionFiles:
             self._state.add_recent(path)
 
     def close(self) -> None:
-        """Finish writing."""
         self._writer.shutdown()
 
     def _read_mesh(self, path: Path) -> Callable[[], None]:

@@ -51,7 +51,6 @@ class Containers:
         return self._widget_record.latest
 
     def begin_frame(self, scale: float, name: Theme) -> None:
-        """Start the record of a frame."""
         self.scale, self.colors = scale, theme.palette(name)
         self._widget_record.begin_frame((0, 0, *imgui.GetIO().DisplaySize))
 

@@ -8,7 +8,6 @@ from abfm_viewer.document.document import Theme
 
 
 def apply(theme: Theme, scale: float) -> None:
-    """Set all colours and lengths."""
     p = palette(theme)
     style = imgui.GetStyle()
     _lengths(style, scale)

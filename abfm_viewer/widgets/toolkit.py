@@ -202,7 +202,6 @@ class Ui(Containers):
         imgui.PopStyleColor()
 
     def beside(self, spacing: float = -1) -> None:
-        """Put the next widget on the same line."""
         imgui.SameLine(0, spacing)
 
     def beside_if_fits(self, label: str) -> None:

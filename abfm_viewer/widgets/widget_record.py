@@ -57,7 +57,6 @@ class WidgetRecord:
         self._drawn, self._areas, self._sections, self._disabled = [], [window], [""], 0
 
     def end_frame(self) -> None:
-        """Publish what was drawn."""
         self.latest = self._drawn
 
     @property

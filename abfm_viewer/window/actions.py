@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from abfm_viewer.panels.context import Context
@@ -51,15 +52,12 @@ class Actions:
     def __init__(self, context: Context, reset_camera: Callable[[], None], close: Callable[[], None]) -> None:
         session = context.session
         self.context, self._close = context, close
-        self.open_mesh = Action("Files", "open a mesh", context.open_mesh, ("Ctrl+O",), while_typing=True)
-        self.open_project = Action(
-            "Files", "open a project or a result", self._open_project, ("Ctrl+Shift+O",), while_typing=True
-        )
-        self.save = Action("Files", "save the project", self._save, ("Ctrl+S",), while_typing=True)
-        self.save_as = Action(
-            "Files", "save the project under another name", self._ask_where, ("Ctrl+Shift+S",), while_typing=True
-        )
-        self.quit = Action("Files", "quit", self._quit, ("Ctrl+Q",), while_typing=True)
+        of_files = partial(Action, "Files", while_typing=True)
+        self.open_mesh = of_files("open a mesh", context.open_mesh, ("Ctrl+O",))
+        self.open_project = of_files("open a project or a result", self._open_project, ("Ctrl+Shift+O",))
+        self.save = of_files("save the project", self._save, ("Ctrl+S",))
+        self.save_as = of_files("save the project under another name", self._ask_where, ("Ctrl+Shift+S",))
+        self.quit = of_files("quit", self._quit, ("Ctrl+Q",))
         self.undo = Action("Changes", "undo", session.undo, ("Ctrl+Z",), repeats=True)
         self.redo = Action("Changes", "redo", session.redo, ("Ctrl+Y", "Ctrl+Shift+Z"), repeats=True)
         self.match = Action("Solver", "match", session.match, ("Ctrl+Enter",), while_typing=True)
@@ -88,7 +86,6 @@ class Actions:
         return [*rows, ("Mouse", ""), *_MOUSE]
 
     def show_about(self) -> None:
-        """Say what the app is, and what it runs on."""
         from importlib.metadata import version  # it takes a while to load
 
         import numpy as np

@@ -25,7 +25,6 @@ _FIGURE = (
 
 
 def draw(ui: Ui, actions: Actions) -> None:
-    """Draw the menus and do what was chosen."""
     with ui.menu_bar():
         for label, draw_menu in _MENUS.items():
             with ui.menu(label) as is_open:

@@ -28,7 +28,6 @@ class Recoveries:
         self._told = ""
 
     def update(self) -> None:
-        """Call once per frame."""
         session = self._session
         if self._recoveries is None:
             self._recoveries = recoverable(self._state)
