@@ -85,20 +85,15 @@ class Exporter:
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
         """Draw the document as the window shows it."""
         words = [*self.picture.words(), *(["--transparent"] if self.picture.transparent else [])]
-        self._start(path, partial(self._render, path, PICTURES, document, known, words))
+        self._start(path, PICTURES, partial(self._render, path, document, known, words))
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
         words = [*self.picture.words(), *self.movie.words(document.parameters.tau)]
-        self._start(path, partial(self._render, path, MOVIES, document, known, words))
+        self._start(path, MOVIES, partial(self._render, path, document, known, words))
 
     def save_result(self, path: Path, match: abfm.Match) -> None:
         """Write a result in the format of the file's suffix."""
-
-        def write() -> None:
-            outputs.check(path, DATA)
-            outputs.write(path, match)
-
-        self._start(path, write)
+        self._start(path, DATA, partial(outputs.write, path, match))
 
     def cancel(self) -> None:
         """End the export; nothing is written, and an older file stays."""
@@ -114,7 +109,7 @@ class Exporter:
         self.cancel()
         self.wait()
 
-    def _start(self, path: Path, write: Callable[[], None]) -> None:
+    def _start(self, path: Path, suffixes: tuple[str, ...], write: Callable[[], None]) -> None:
         if self.running:
             return
         self.progress, self.message, self.failed, self._cancelled = 0.0, "", False, False
@@ -122,6 +117,7 @@ class Exporter:
         @factoring_apart()
         def work() -> None:
             try:
+                outputs.check(path, suffixes)
                 write()
                 self.progress, self.message = 1.0, f"saved {path}"
             except Exception as error:
@@ -132,11 +128,8 @@ class Exporter:
         self._thread = threading.Thread(target=work, name="export", daemon=True)
         self._thread.start()
 
-    def _render(
-        self, path: Path, suffixes: tuple[str, ...], document: Document, known: Known, words: list[str]
-    ) -> None:
+    def _render(self, path: Path, document: Document, known: Known, words: list[str]) -> None:
         """Draw a copy of the document in a process of its own, and put the file in its place when it is whole."""
-        outputs.check(path, suffixes)
         if self.movie.fps > (fastest := outputs.FASTEST.get(path.suffix, math.inf)):
             raise AbfmError(f"fps is {self.movie.fps:g}; a {path.suffix} file takes at most {fastest:g}")
         with tempfile.TemporaryDirectory(prefix="abfm-export-") as name:
