@@ -207,7 +207,7 @@ class Session(Editing):
         self._find_defaults()
         self._evaluate()
         if not (self.obstacle or self.at_once):  # the functions come first, and pictures off the screen solve nothing
-            mesh, parameters = self.mesh, self.parameters  # those that a match begins on; one that comes earlier waits
+            mesh, parameters = self.mesh, self.parameters  # a match that begins earlier waits for its coarse meshes
             self._coarse_meshes.ask((mesh, parameters.levels), lambda: abfm.matching.prepare(mesh, parameters))
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
