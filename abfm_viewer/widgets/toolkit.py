@@ -164,7 +164,9 @@ class Ui(Containers):
 
     def refuse(self, label: str, reason: str) -> None:
         """Say below the widget of this label why its new value was not taken; empty to say nothing any more."""
-        self._refused[self._widget_record.path(label)] = reason
+        self._refused.pop(self._widget_record.path(label), None)
+        if reason:
+            self._refused[self._widget_record.path(label)] = reason
 
     @contextmanager
     def refusing(self, label: str) -> Iterator[None]:
