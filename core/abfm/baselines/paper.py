@@ -47,10 +47,8 @@ class PaperEnergy:
 
     Parameters
     ----------
-    mesh : TriangleMesh
-        Scaled to unit area here.
     f, g : (V,) arrays
-        Source and target.
+        Source and target on the mesh, which is scaled to unit area here.
     parameters : Parameters
         Read are ``tau``, ``alpha``, ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k).
     as_printed : bool
@@ -101,16 +99,10 @@ class PaperEnergy:
 
 @dataclass(frozen=True)
 class PaperDescent:
-    """What the paper's algorithm found.
+    """The field (F, 3) of the lowest energy, in the input's units; the energy is on the mesh scaled to unit area.
 
-    Attributes
-    ----------
-    velocity : (F, 3) array
-        Field of the lowest energy, in the input's units; the energy is that on the mesh scaled to unit area.
-    history : (rows, 2) array
-        Seconds since the start, and the lowest energy so far, at the start and each time that it fell.
-    stop_reason : str
-        "time limit", or why L-BFGS stopped by itself.
+    `history` (rows, 2) has seconds since the start, and the lowest energy so far, at the start and each time that it
+    fell; `stop_reason` is "time limit", or why L-BFGS stopped by itself.
     """
 
     velocity: FloatArray

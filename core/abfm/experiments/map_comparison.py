@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from abfm.baselines.reduced_basis import ReducedMatch, reduced_match
+from abfm.baselines.reduced_basis import ReducedEnergy, ReducedMatch, reduced_match
 from abfm.experiments.experiment import Report
 from abfm.experiments.pair import PairSetup, closest, followed, matched
 from abfm.experiments.read_outs import (
@@ -70,7 +70,7 @@ def _compare(setup: PairSetup, report: Report) -> Comparison:
     k = len(setup.wanted)
     fields = min(_FIELDS, k // 2)
     begin = functional_map(setup.other, b, setup.start, k)
-    reduced = reduced_match(b, begin, setup.wanted, fields, p.tau, p.alpha, _SIGMA)
+    reduced = reduced_match(ReducedEnergy(b, begin, setup.wanted, fields, p.tau, p.alpha, _SIGMA))
     one_carries = one.push(setup.source, p.tau)
     reduced_functions = advect(b, reduced.velocity, setup.source, p.tau)
     maps |= {
