@@ -62,14 +62,10 @@ class SuccessProblem:
         """Source and target, (V,)."""
         return function(self.mesh, self.source), function(self.mesh, self.target)
 
-    def resolution(self) -> float:
-        """How many edges the narrow features of both span."""
-        return resolution(self.mesh, np.stack(self.functions(), axis=1))
-
     def to_dict(self) -> dict[str, Any]:
         """All that tells it from others, whether the mesh resolves it, and what is known to be in any flow's way."""
-        edges = self.resolution()
         f, g = self.functions()
+        edges = resolution(self.mesh, np.stack([f, g], axis=1))
         problem = Problem(self.mesh, f, g)
         least = range_bound(problem)
         return {
