@@ -45,15 +45,9 @@ class PaperEnergy:
     The unknowns are coefficients in orthonormal face frames, so that plain L-BFGS takes the same steps as on tangent
     vectors in space; the bracket is the tangential part of Eq. 11. Energy and norms are those of `abfm.MatchingEnergy`.
 
-    Parameters
-    ----------
-    f, g : (V,) arrays
-        Source and target on the mesh, which is scaled to unit area here.
-    parameters : Parameters
-        Read are ``tau``, ``alpha``, ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k).
-    as_printed : bool
-        For ``n > 1``, leave out the factor ``exp(-dtau D_v)`` that the n-step form drops in print: n-fold product rule
-        and Eq. 9 have ``n - r + 1`` sub-steps where it has ``n - r``.
+    Source f and target g are (V,); the mesh is scaled to unit area here. Read are the parameters ``tau``, ``alpha``,
+    ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k). As printed, the n-step form drops a factor
+    ``exp(-dtau D_v)`` for ``n > 1``: n-fold product rule and Eq. 9 have ``n - r + 1`` sub-steps where it has ``n - r``.
     """
 
     def __init__(

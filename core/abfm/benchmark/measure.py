@@ -74,11 +74,11 @@ def run(
 
 
 def _add_race(report: dict[str, Any], subdivision: int, seconds: float, repeats: int, tell: Progress) -> None:
-    result = race(subdivision, seconds, repeats, tell)
-    paper, (plain_seconds, plain_energy, _) = result.paper, result.plain[-1].tolist()
+    paper, plain, solver = race(subdivision, seconds, repeats, tell)
+    plain_seconds, plain_energy, _ = plain[-1].tolist()
     paper_seconds = float(paper.history[-1, 0])
     below_paper, below_plain = (
-        _median([time_below(history, level) for history in result.solver]) for level in (paper.energy, plain_energy)
+        _median([time_below(history, level) for history in solver]) for level in (paper.energy, plain_energy)
     )
     report["ratios"] |= {
         "paper_seconds_to_solver_seconds": _ratio(seconds, below_paper),

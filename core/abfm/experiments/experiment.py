@@ -18,8 +18,6 @@ from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
-_VERTICES_TIMES_ITERATIONS = 1_230_000
-
 Report = Callable[[str, float], None]
 """Told what is being done, in a few words, and which share of the experiment is behind it."""
 
@@ -129,11 +127,8 @@ def solved(
 
 
 def affordable_iterations(mesh: TriangleMesh, most: int) -> int:
-    """As many as take about half a minute with three functions, 60 to ``most``.
-
-    It is a matter of time alone: fine meshes would need more, not fewer.
-    """
-    return min(max(_VERTICES_TIMES_ITERATIONS // len(mesh.vertices), 60), most)
+    """60 to ``most``, in about half a minute with three functions: for want of time, as fine meshes need more."""
+    return min(max(1_230_000 // len(mesh.vertices), 60), most)
 
 
 S = TypeVar("S", bound=Setup)

@@ -81,14 +81,10 @@ def differences(flow: Flow, f: FloatArray, times: FloatArray) -> Differences:
     places = feet(mesh, flow.velocity[0], times)
     functions = zip(flow.push(f, times), carried(mesh, places, f), strict=True)
     maps = zip(flow.push(mesh.vertices, times), places, strict=True)
+    apart = [l2_norm(mesh, project_onto_surface(mesh, points).positions - walked) for points, walked in maps]
     return {
         FUNCTION: np.array([relative_difference(mesh, advected, walked) for advected, walked in functions]),
-        MAP: np.array(
-            [
-                l2_norm(mesh, project_onto_surface(mesh, points).positions - walked) / mesh.length_scale**2
-                for points, walked in maps  # root mean square
-            ]
-        ),
+        MAP: np.array(apart) / mesh.length_scale**2,  # root mean square
     }
 
 

@@ -138,11 +138,8 @@ def run(setup: given.GivenFields[Carrying], report: Report) -> Findings:
                 ),
             )
         )
-    turns = (
-        "v turns by half a turn in t = 1"
-        if setup.cases[0][0].exact
-        else "v and u are the turned gradients of two successive eigenfunctions"
-    )
+    stirring = "v and u are the turned gradients of two successive eigenfunctions"
+    turns = "v turns by half a turn in t = 1" if setup.cases[0][0].exact else stirring
     setting = f"{setup.sizes}. {turns}. The pushforward is exp(-t ad_v) u."
     return Findings(measures, Sheet(tuple(rows), seen=seen), setting)
 

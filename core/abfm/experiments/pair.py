@@ -136,8 +136,7 @@ def bent(mesh: TriangleMesh) -> TriangleMesh:
     """
     corner = mesh.vertices.min(axis=0)
     extent = mesh.vertices.max(axis=0) - corner
-    order = np.argsort(-extent, kind="stable")
-    along, deep = order[0], order[2]
+    along, _, deep = _by_extent(mesh)
     middle = corner + extent / 2
     radius = extent[along] / _BEND
     angle = (mesh.vertices[:, along] - middle[along]) / radius

@@ -65,18 +65,12 @@ class SuccessProblem:
     def to_dict(self) -> dict[str, Any]:
         """All that tells it from others, whether the mesh resolves it, and what is known to be in any flow's way."""
         f, g = self.functions()
-        edges = resolution(self.mesh, np.stack([f, g], axis=1))
-        problem = Problem(self.mesh, f, g)
+        edges, problem = resolution(self.mesh, np.stack([f, g], axis=1)), Problem(self.mesh, f, g)
         least = range_bound(problem)
         return {
             "mesh": self.mesh_name,
             "vertices": len(self.mesh.vertices),
-            "index": self.index,
-            "family": self.family,
-            "width": self.width,
-            "distance": self.distance,
-            "source": self.source,
-            "target": self.target,
+            **{key: getattr(self, key) for key in ("index", "family", "width", "distance", "source", "target")},
             "edges_per_width": edges,
             "resolved": edges >= RESOLVED,
             "least": least,
