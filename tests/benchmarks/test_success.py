@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from abfm import ParameterError, Parameters, TriangleMesh
-from abfm.benchmark import success
 from abfm.benchmark.success import (
     BEFORE,
     VERSIONS,
@@ -23,6 +22,7 @@ from abfm.benchmark.success import (
     success_table,
 )
 from abfm.benchmark.success.problems import DISTANCES, FAMILIES, WIDTHS
+from abfm.benchmark.watched import LEVEL
 from abfm.calculus.geodesics import geodesic_distance
 from tests.shapes import icosphere, square
 
@@ -98,7 +98,7 @@ def test_before_is_the_solver_without_what_came_later(ball: TriangleMesh) -> Non
 def test_record_says_what_came_out_and_what_it_cost(ball: TriangleMesh) -> None:
     problem = SuccessProblem("ball", 0, ball, "gaussian", "gaussian:vertex=0,width=0.2", "gaussian:vertex=12,width=0.2")
     record = run_problem(problem, BEFORE)
-    assert record.mismatch <= success.LEVEL
+    assert record.mismatch <= LEVEL
     assert 0 < record.seconds_to_level <= record.seconds
     assert record.evaluations >= record.iterations > 0
     assert record.row_products % len(ball.vertices) == 0

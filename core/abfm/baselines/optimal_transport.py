@@ -67,7 +67,6 @@ def optimal_transport(
 
     Parameters
     ----------
-    mesh : TriangleMesh
     f, g : (V,) arrays
         Not negative, with a positive integral each.
     times : float or (T,) array
@@ -107,8 +106,7 @@ def optimal_transport(
             "that can be computed with; give a larger blur or fewer steps"
         )
     bound = max(_entropy(heat.areas, density) for density in densities) if sharpen else np.inf
-    out = [(1 - t) * masses[0] + t * masses[1] for t in moments]
-    found = np.stack([m * _barycentre(heat, densities, t, bound) for m, t in zip(out, moments, strict=True)])
+    found = np.stack([((1 - t) * masses[0] + t * masses[1]) * _barycentre(heat, densities, t, bound) for t in moments])
     return found if np.ndim(times) else found[0]
 
 
@@ -129,8 +127,7 @@ def _barycentre(heat: HeatKernel, densities: list[FloatArray], t: float, bound: 
         scalings = [v * found / marginal for v, marginal in zip(scalings, marginals, strict=True)]
         if areas @ np.abs(found - before) < _TOLERANCE:
             break
-    normalised: FloatArray = found / (areas @ found)
-    return normalised
+    return np.asarray(found / (areas @ found))
 
 
 def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArray:
@@ -138,8 +135,7 @@ def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArr
 
     def power(exponent: float) -> FloatArray:
         raised = (density / density.max()) ** exponent
-        scaled: FloatArray = raised / (areas @ raised)
-        return scaled
+        return np.asarray(raised / (areas @ raised))
 
     if _entropy(areas, power(1.0)) <= bound:
         return density
@@ -150,8 +146,7 @@ def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArr
 
 def _entropy(areas: FloatArray, density: FloatArray) -> float:
     """``-integral of density log density``."""
-    logarithm: FloatArray = np.log(np.maximum(density, np.finfo(np.float64).tiny))
-    return -float((areas * density) @ logarithm)
+    return -float((areas * density) @ np.log(np.maximum(density, np.finfo(np.float64).tiny)))
 
 
 def _positive_laplacian(mesh: TriangleMesh) -> Matrix:
@@ -174,5 +169,4 @@ def _non_negative(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArra
         )
     if not rows[0].any():
         raise FunctionError(f"{name} is zero everywhere; optimal transport needs some mass to move")
-    function: FloatArray = rows[0]
-    return function
+    return np.asarray(rows[0])

@@ -45,17 +45,9 @@ class PaperEnergy:
     The unknowns are coefficients in orthonormal face frames, so that plain L-BFGS takes the same steps as on tangent
     vectors in space; the bracket is the tangential part of Eq. 11. Energy and norms are those of `abfm.MatchingEnergy`.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        Scaled to unit area here.
-    f, g : (V,) arrays
-        Source and target.
-    parameters : Parameters
-        Read are ``tau``, ``alpha``, ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k).
-    as_printed : bool
-        For ``n > 1``, leave out the factor ``exp(-dtau D_v)`` that the n-step form drops in print: n-fold product rule
-        and Eq. 9 have ``n - r + 1`` sub-steps where it has ``n - r``.
+    Source f and target g are (V,); the mesh is scaled to unit area here. Read are the parameters ``tau``, ``alpha``,
+    ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k). As printed, the n-step form drops a factor
+    ``exp(-dtau D_v)`` for ``n > 1``: n-fold product rule and Eq. 9 have ``n - r + 1`` sub-steps where it has ``n - r``.
     """
 
     def __init__(
@@ -101,16 +93,10 @@ class PaperEnergy:
 
 @dataclass(frozen=True)
 class PaperDescent:
-    """What the paper's algorithm found.
+    """The field (F, 3) of the lowest energy, in the input's units; the energy is on the mesh scaled to unit area.
 
-    Attributes
-    ----------
-    velocity : (F, 3) array
-        Field of the lowest energy, in the input's units; the energy is that on the mesh scaled to unit area.
-    history : (rows, 2) array
-        Seconds since the start, and the lowest energy so far, at the start and each time that it fell.
-    stop_reason : str
-        "time limit", or why L-BFGS stopped by itself.
+    `history` (rows, 2) has seconds since the start, and the lowest energy so far, at the start and each time that it
+    fell; `stop_reason` is "time limit", or why L-BFGS stopped by itself.
     """
 
     velocity: FloatArray

@@ -27,32 +27,20 @@ from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray
 
-MEMORY = 30
-"""Pairs that L-BFGS keeps."""
+_MEMORY, _ITERATIONS = 30, 150  # pairs that L-BFGS keeps, and the most steps that it takes
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedMatch:
-    """What the reduced problem has as its solution.
+    """A field (F, 3), in the input's units, and the start carried along its flow, (k, m), in the reduced basis.
 
-    Attributes
-    ----------
-    velocity : (F, 3) array
-        The field, in the input's units.
-    functional_map : (k, k) array
-        The start carried along its flow, in the reduced basis.
-    start_mismatch, mismatch : float
-        ``||C - C_target|| / ||C_target||`` before and after, in the Frobenius norm.
-    stop_reason : str
-        What SciPy's L-BFGS-B says.
+    The mismatches before and after are ``||C - C_target|| / ||C_target||`` in the Frobenius norm.
     """
 
     velocity: FloatArray
     functional_map: FloatArray
     start_mismatch: float
     mismatch: float
-    iterations: int
-    stop_reason: str
 
 
 class ReducedEnergy:
@@ -61,16 +49,9 @@ class ReducedEnergy:
     The first term is the norm of `abfm.MatchingEnergy` on the basis: the fields are orthonormal eigenfields of the
     Hodge Laplacian, ``Lambda`` their eigenvalues.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        The surface that the flow is on; scaled to unit area here.
-    start, target : (k, m) arrays
-        Functional maps to this surface, in its first k eigenfunctions.
-    fields : int
-        How many gradients, and as many rotated ones.
-    tau, alpha, sigma : float
-        As in `abfm.Parameters`.
+    Start and target (k, m) are functional maps to the surface that the flow is on, scaled to unit area here, in its
+    first k eigenfunctions; there are so many gradients as `fields` says, and as many rotated ones; tau, alpha and sigma
+    are as in `abfm.Parameters`.
 
     Raises
     ------
@@ -102,18 +83,18 @@ class ReducedEnergy:
                 raise ParameterError(f"{name} is {value}; expected a positive number")
         if not alpha >= 0:
             raise ParameterError(f"alpha is {alpha}; expected at least 0")
-        self.mesh, self.tau, self.sigma = mesh.normalized(), tau, sigma
+        self.mesh, self.length_scale, self.tau, self.sigma = mesh.normalized(), mesh.length_scale, tau, sigma
         eigenvalues, self.basis = hodge_basis(self.mesh, fields)
         self.weights = 1 + alpha * eigenvalues
         self.operators = _operators(self.mesh, self.basis, len(self.start))
 
-    def carried(self, a: FloatArray) -> FloatArray:
-        """``exp(-tau D(a)) C_start``, (k, m)."""
-        return np.asarray(expm(-self.tau * np.tensordot(a, self.operators, 1)) @ self.start)
+    def exponent(self, a: FloatArray) -> FloatArray:
+        """``-tau D(a)``, (k, k)."""
+        return -self.tau * np.tensordot(a, self.operators, 1)
 
     def __call__(self, a: FloatArray) -> tuple[float, FloatArray]:
         """Energy and gradient at coefficients ``a`` (M,): infinite, with gradient 0, where it overflows."""
-        exponent = -self.tau * np.tensordot(a, self.operators, 1)
+        exponent = self.exponent(a)
         with np.errstate(all="ignore"):
             difference = expm(exponent) @ self.start - self.target
             energy = 0.5 * float(self.weights @ a**2 + (difference**2).sum() / self.sigma**2)
@@ -123,36 +104,16 @@ class ReducedEnergy:
         slope = np.asarray(expm_frechet(exponent.T, direction, compute_expm=False), dtype=np.float64)
         return energy, np.asarray(self.weights * a - self.tau * np.tensordot(self.operators, slope, 2))
 
-    def velocity(self, a: FloatArray) -> FloatArray:
-        """The field (F, 3) of the coefficients, on the mesh scaled to unit area."""
-        return to_ambient(self.mesh, (self.basis @ a).reshape(-1, 2))
 
-
-def reduced_match(
-    mesh: TriangleMesh,
-    start: ArrayLike,
-    target: ArrayLike,
-    fields: int = 50,
-    tau: float = 1.0,
-    alpha: float = 1.0,
-    sigma: float = 0.1,
-    iterations: int = 150,
-) -> ReducedMatch:
-    """Find the smooth field whose flow on ``mesh`` improves a functional map, by L-BFGS from ``a = 0``.
-
-    Parameters and errors are those of `ReducedEnergy`.
-    """
-    energy = ReducedEnergy(mesh, start, target, fields, tau, alpha, sigma)
-    zero = np.zeros(len(energy.weights))
-    best, _, info = fmin_l_bfgs_b(energy, zero, m=MEMORY, maxiter=iterations)
-    carried, size = energy.carried(best), np.linalg.norm(energy.target)
+def reduced_match(energy: ReducedEnergy) -> ReducedMatch:
+    """Find the smooth field whose flow improves a functional map, by L-BFGS from ``a = 0``."""
+    best = fmin_l_bfgs_b(energy, np.zeros(len(energy.weights)), m=_MEMORY, maxiter=_ITERATIONS)[0]
+    carried, size = expm(energy.exponent(best)) @ energy.start, np.linalg.norm(energy.target)
     return ReducedMatch(
-        velocity=energy.velocity(best) * mesh.length_scale,
+        velocity=to_ambient(energy.mesh, (energy.basis @ best).reshape(-1, 2)) * energy.length_scale,
         functional_map=carried,
         start_mismatch=float(np.linalg.norm(energy.start - energy.target) / size),
         mismatch=float(np.linalg.norm(carried - energy.target) / size),
-        iterations=int(info["nit"]),
-        stop_reason=str(info["task"]),
     )
 
 
@@ -160,14 +121,8 @@ def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]
     """Gradients and rotated gradients of the first eigenfunctions, the constant left out, scaled to norm 1 in L2.
 
     On a boundary the rotated ones are of functions that vanish there, so that no field has flux through it. All are
-    orthogonal, up to rounding on closed surfaces.
-
-    Returns
-    -------
-    eigenvalues : (2 count,) array
-        Of the Hodge Laplacian, in 1/length^2: ascending for the gradients, then for the rotated ones.
-    fields : (2F, 2 count) array
-        Frame coefficients, one field per column.
+    orthogonal, up to rounding on closed surfaces. Eigenvalues of the Hodge Laplacian in 1/length^2, (2 count,),
+    ascending for the gradients, then for the rotated ones; and frame coefficients, one field per column, (2F, 2 count).
 
     Raises
     ------

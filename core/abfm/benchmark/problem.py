@@ -16,10 +16,7 @@ PARAMETERS = Parameters(
 
 COOLED = replace(PARAMETERS, cooling_stages=Parameters().cooling_stages)
 
-SOURCE_WIDTH, TARGET_WIDTH = 0.12, 0.06
-"""Standard deviations of the bumps as fractions of sqrt(area)."""
-TARGET_ANGLE = 1.0
-"""Angle along the equator from the source's centre to those of the target, in radians."""
+_SOURCE_WIDTH, _TARGET_WIDTH = 0.12, 0.06  # standard deviations as fractions of sqrt(area)
 
 
 @dataclass(frozen=True)
@@ -35,12 +32,12 @@ def sphere_problem(subdivision: int) -> Problem:
     """The problem on a new icosphere of ``10 * 4**subdivision + 2`` vertices."""
     sphere = trimesh.creation.icosphere(subdivisions=subdivision)
     mesh = TriangleMesh(sphere.vertices, sphere.faces)
-    target = _bump(mesh, TARGET_ANGLE, TARGET_WIDTH) + _bump(mesh, -TARGET_ANGLE, TARGET_WIDTH)
-    return Problem(mesh, _bump(mesh, 0.0, SOURCE_WIDTH), target)
+    target = _bump(mesh, 1.0, _TARGET_WIDTH) + _bump(mesh, -1.0, _TARGET_WIDTH)
+    return Problem(mesh, _bump(mesh, 0.0, _SOURCE_WIDTH), target)
 
 
 def _bump(mesh: TriangleMesh, angle: float, width: float) -> FloatArray:
-    """Gaussian of the great-circle distance to a point of the equator, (V,)."""
+    """Gaussian of the great-circle distance to the point of the equator at an angle in radians, (V,)."""
     cosines = mesh.vertices @ [np.cos(angle), np.sin(angle), 0.0]
     distances = np.arccos(np.clip(cosines, -1.0, 1.0)) / mesh.length_scale
     return np.asarray(np.exp(-0.5 * (distances / width) ** 2))

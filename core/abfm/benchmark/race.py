@@ -1,7 +1,7 @@
 """Who is how fast to the same energy: the paper's algorithm, plain L-BFGS with the exact gradient, and the solver."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,27 +16,20 @@ itself count, whose energy is the paper's."""
 PLAIN = replace(PARAMETERS, iterations=10**9, preconditioner="none")
 
 
-@dataclass(frozen=True)
-class Race:
-    """Histories of the contestants, all from ``v = 0`` on new meshes, set-up and factorisation included.
-
-    `plain` is `Watched.history` of plain L-BFGS with the exact gradient; `solver` has one of the preconditioned solver
-    per repeat, each of which ends below the lowest energy of both others, or when time is up.
-    """
-
-    paper: PaperDescent
-    plain: FloatArray
-    solver: list[FloatArray]
-
-
 def time_below(history: FloatArray, level: float) -> float | None:
     """Seconds until the energy of a history was below a level; None if it never was."""
     below = np.flatnonzero(history[:, 1] < level)
     return float(history[below[0], 0]) if len(below) else None
 
 
-def race(subdivision: int, seconds: float, repeats: int, progress: Callable[[str], None]) -> Race:
-    """Give the paper's algorithm and plain L-BFGS some seconds each, then run the solver to where they got."""
+def race(
+    subdivision: int, seconds: float, repeats: int, progress: Callable[[str], None]
+) -> tuple[PaperDescent, FloatArray, list[FloatArray]]:
+    """Give the paper's algorithm and plain L-BFGS some seconds each, then run the solver to where they got.
+
+    Histories, of the latter two as in `Watched`, are from ``v = 0`` on new meshes, set-up and factorisation included;
+    each of the solver's ends below the lowest energy of both others, or when time is up.
+    """
     for parameters in (SOLVER, PLAIN):  # compiles and loads what is needed
         watched_match(sphere_problem(3), replace(parameters, iterations=40))
     progress(f"the paper's algorithm, {seconds:g} s")
@@ -49,4 +42,4 @@ def race(subdivision: int, seconds: float, repeats: int, progress: Callable[[str
     for repeat in range(repeats):
         progress(f"the preconditioned solver, run {repeat + 1} of {repeats}")
         solver.append(watched_match(sphere_problem(subdivision), SOLVER, seconds, lowest).history)
-    return Race(paper, plain, solver)
+    return paper, plain, solver

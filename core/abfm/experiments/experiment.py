@@ -18,24 +18,15 @@ from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
-_VERTICES_TIMES_ITERATIONS = 1_230_000
-
 Report = Callable[[str, float], None]
 """Told what is being done, in a few words, and which share of the experiment is behind it."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A measured number, whose `name` says its unit.
+    """A measured number, whose `name` says its unit; what the paper claims about it, and whether it bears that out.
 
-    Attributes
-    ----------
-    claim : str
-        What the paper says about it, if anything.
-    reproduces : bool or None
-        Whether the value bears the claim out; None without a claim.
-    bound : float or None
-        What the value must not exceed.
+    The value must not exceed the `bound`, if there is one.
 
     Raises
     ------
@@ -72,18 +63,11 @@ class Measure:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Setup:
-    """A problem ready to run, in the app as well.
+    """A problem ready to run, in the app as well, on a mesh that is called `name`.
 
-    Attributes
-    ----------
-    name : str
-        What the mesh is called.
-    sources, targets : tuple of str
-        One spec of `abfm.functions` per channel; a spec that `values` names has these values.
-    values : mapping of str to (V,) array
-        Functions that no text describes, by the spec of a file, ``file:name.npy``, that need not exist.
-    flow : Flow or None
-        What the experiment is about, where it is given and not sought.
+    Sources and targets are specs of `abfm.functions`, one per channel; `values` (V,) are functions that no text
+    describes, by the spec of a file, ``file:name.npy``, that need not exist. A flow is what the experiment is about,
+    where it is given and not sought.
     """
 
     mesh: TriangleMesh
@@ -143,11 +127,8 @@ def solved(
 
 
 def affordable_iterations(mesh: TriangleMesh, most: int) -> int:
-    """As many as take about half a minute with three functions, 60 to ``most``.
-
-    It is a matter of time alone: fine meshes would need more, not fewer.
-    """
-    return min(max(_VERTICES_TIMES_ITERATIONS // len(mesh.vertices), 60), most)
+    """60 to ``most``, in about half a minute with three functions: for want of time, as fine meshes need more."""
+    return min(max(1_230_000 // len(mesh.vertices), 60), most)
 
 
 S = TypeVar("S", bound=Setup)
@@ -157,13 +138,8 @@ S = TypeVar("S", bound=Setup)
 class Experiment(Generic[S]):
     """A figure of the paper as a set-up that can be run again, and what the paper shows with it.
 
-    Attributes
-    ----------
-    set_up : callable
-        Given a mesh, or None for the experiment's own, and whether to be small (for tests: a few seconds, coarse
-        meshes), makes the set-up; `MeshError` says why a mesh will not do.
-    run : callable
-        Runs a set-up. The same set-up gives the same findings.
+    `set_up` is given a mesh, or None for the experiment's own, and whether to be small (for tests: a few seconds,
+    coarse meshes); `MeshError` says why a mesh will not do. The same set-up gives the same findings when it is `run`.
     """
 
     number: int

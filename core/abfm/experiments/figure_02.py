@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abfm.calculus.operators import gradient, l2_norm, rotation
-from abfm.calculus.vector_fields import to_ambient
+from abfm.calculus.operators import l2_norm
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
-from abfm.experiments.given_flow import GivenFlow, carried, carried_by, feet, relative_difference, stream_field
+from abfm.experiments.given_flow import GivenFlow, carried, feet, relative_difference, stream_field, turned_gradient
 from abfm.experiments.meshes import bundled, smoothed, sphere
 from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.flow.flow import Flow
@@ -38,8 +37,7 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> FlowSetup:
     name = "mesh" if mesh else "eight.off, Loop subdivided" if small else "fandisk.off"
     mesh = mesh or (smoothed("eight.off", 1) if small else bundled(name))
     flow = Flow(mesh, stream_field(mesh, _MODES, _WAY))
-    spheres = (2, 3) if small else (3, 4, 5)
-    return FlowSetup(mesh=mesh, name=name, spheres=spheres, **carried_by(flow, "eigenfunction:8"))
+    return FlowSetup.of(flow, name, "eigenfunction:8", spheres=(2, 3) if small else (3, 4, 5))
 
 
 def run(setup: FlowSetup, report: Report) -> Findings:
@@ -83,14 +81,10 @@ def differences(flow: Flow, f: FloatArray, times: FloatArray) -> Differences:
     places = feet(mesh, flow.velocity[0], times)
     functions = zip(flow.push(f, times), carried(mesh, places, f), strict=True)
     maps = zip(flow.push(mesh.vertices, times), places, strict=True)
+    apart = [l2_norm(mesh, project_onto_surface(mesh, points).positions - walked) for points, walked in maps]
     return {
         FUNCTION: np.array([relative_difference(mesh, advected, walked) for advected, walked in functions]),
-        MAP: np.array(
-            [
-                l2_norm(mesh, project_onto_surface(mesh, points).positions - walked) / mesh.length_scale**2
-                for points, walked in maps  # root mean square
-            ]
-        ),
+        MAP: np.array(apart) / mesh.length_scale**2,  # root mean square
     }
 
 
@@ -137,7 +131,7 @@ def _spread(mesh: TriangleMesh, count: int) -> IntArray:
 def _shear(ball: TriangleMesh) -> FloatArray:
     """The unit sphere's rotation about z with angular velocity 1 + z: rotated gradient of -(z + z^2 / 2), (F, 3)."""
     z = ball.vertices[:, 2]
-    return to_ambient(ball, (rotation(ball) @ gradient(ball) @ -(z + z**2 / 2)).reshape(-1, 2))
+    return turned_gradient(ball, -(z + z**2 / 2))
 
 
 def _sheared_back(points: FloatArray, t: float) -> FloatArray:

@@ -7,7 +7,7 @@ import numpy as np
 from abfm.calculus.operators import Matrix, face_areas, gradient
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
-from abfm.experiments.given_flow import GivenFlow, carried, carried_by, feet, relative_difference, stream_field
+from abfm.experiments.given_flow import GivenFlow, carried, feet, relative_difference, stream_field
 from abfm.experiments.meshes import five_limbs
 from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Values
 from abfm.flow.flow import Flow
@@ -37,7 +37,7 @@ def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> GivenFlow:
     mesh = mesh or five_limbs(800 if small else 5000)
     velocity = stream_field(mesh, _MODES, _WAY)
     tau = min(1.0, math.sqrt(2 * math.log(_GROWTH) * _MOST_STEPS) / _fastest(_derivative(mesh, velocity)))
-    return GivenFlow(mesh=mesh, name=name, **carried_by(Flow(mesh, velocity, tau), "eigenfunction:6"))
+    return GivenFlow.of(Flow(mesh, velocity, tau), name, "eigenfunction:6")
 
 
 def run(setup: GivenFlow, report: Report) -> Findings:
@@ -68,13 +68,10 @@ def run(setup: GivenFlow, report: Report) -> Findings:
         )
         for name in (_LINEAR, _NONLINEAR)
     ]
+    growth = {name: values / values[0] for name, values in variation.items()}
     plots = (
         _plot(times / flow.tau, overshoot, "overshoot / range of f"),
-        _plot(
-            times / flow.tau,
-            {name: values / values[0] for name, values in variation.items()},
-            "total variation / of f",
-        ),
+        _plot(times / flow.tau, growth, "total variation / of f"),
     )
     measures = []
     for name in (_LINEAR, _FINER, _ONE_STEP, _NONLINEAR):

@@ -30,16 +30,12 @@ class Commuting(given.Case):
 
 def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> given.GivenFields[Commuting]:
     """Rotations of two surfaces of revolution; on another mesh, a field that stirs it."""
-    cases: tuple[tuple[Commuting, ...], ...]
-    if mesh is None:
-        sizes = (1, 2) if small else (1, 2, 4)
-        cases = (tuple(_on_gourd(6 * k) for k in sizes), tuple(_on_torus(24 * k) for k in sizes))
-    else:
-        cases = ((Commuting("", mesh, given.with_speed(mesh, given.stirring(mesh, 1), _SPEED)),),)
-    first = cases[0][-1]
-    return given.GivenFields(
-        mesh=first.mesh, name=first.name or "mesh", cases=cases, **given.carried_bump(first.mesh, first.v)
-    )
+    if mesh is not None:
+        stirred = Commuting("", mesh, given.with_speed(mesh, given.stirring(mesh, 1), _SPEED))
+        return given.GivenFields.on(((stirred,),), "mesh")
+    sizes = (1, 2) if small else (1, 2, 4)
+    cases = (tuple(_on_gourd(6 * k) for k in sizes), tuple(_on_torus(24 * k) for k in sizes))
+    return given.GivenFields.on(cases, cases[0][-1].name)
 
 
 def _rotation(mesh: TriangleMesh) -> FloatArray:

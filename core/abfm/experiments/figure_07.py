@@ -71,12 +71,11 @@ def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tupl
     turn = max(turns) / lengths.mean()
     rise = energy[:-1].max() / max(energy[0], energy[-1])
     claim, whole = "smooth path", l2_norm(mesh, steps.sum(axis=0))
-    of_turns = "largest change from one step to the next over mean step"
     of_energy = "largest Dirichlet energy on the way over that of source or target"
     return (
         Measure("path length over distance of its ends, in L2", lengths.sum() / whole),
         Measure("largest step over mean step", lengths.max() / lengths.mean()),
-        Measure(of_turns, turn, claim, turn <= _SMOOTH_TURN),
+        Measure("largest change from one step to the next over mean step", turn, claim, turn <= _SMOOTH_TURN),
         Measure(of_energy, rise, claim, rise <= _SMOOTH_ENERGY),
     )
 

@@ -65,25 +65,19 @@ def run(setup: OpticalFlowSetup, report: Report) -> Findings:
     directions = np.divide(slopes, steepness[:, None], out=np.zeros_like(slopes), where=significant[:, None])
     error = velocity - given
     along, along_given = (root_mean_square(mesh, (field * directions).sum(axis=1)) for field in (error, given))
-    share = root_mean_square(mesh, significant.astype(float)) ** 2
+    off = along / along_given
     way = setup.hidden.push(f, np.linspace(0, tau, 21))
     seen = seen_rate(mesh, error, way) / seen_rate(mesh, given, way)
     whole = root_mean_square(mesh, error) / root_mean_square(mesh, given)
     where = f"where |grad f| exceeds {_SIGNIFICANT:.0%} of its maximum"
     close, small = "very close to the original field", "the error between the functions is very small"
-    of_functions = "largest |g - f_tau|, f and g on the scale of 1"
     largest = difference.max()
     measures = (
-        Measure(
-            f"error of the field along grad f, {where}, relative L2",
-            along / along_given,
-            close,
-            along / along_given <= _CLOSE,
-        ),
-        Measure(f"share of the surface {where}", share),
+        Measure(f"error of the field along grad f, {where}, relative L2", off, close, off <= _CLOSE),
+        Measure(f"share of the surface {where}", root_mean_square(mesh, significant.astype(float)) ** 2),
         Measure("error of <v, grad f_t> over the whole way, relative L2 on the surface and in time", seen),
         Measure("error of the whole field, relative L2", whole),
-        Measure(of_functions, largest, small, largest <= _BOUND, _BOUND),
+        Measure("largest |g - f_tau|, f and g on the scale of 1", largest, small, largest <= _BOUND, _BOUND),
         Measure("mismatch, relative L2", found.mismatch),
         *witnesses.measures,
     )

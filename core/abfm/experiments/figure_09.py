@@ -5,19 +5,15 @@ from dataclasses import dataclass, replace
 from abfm.assets import asset_path
 from abfm.experiments import symmetry_flow
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, affordable_iterations
-from abfm.experiments.map_measures import all_measures, notes, of_flow
 from abfm.experiments.meshes import bundled, two_armed
 from abfm.experiments.sheet import Coordinates, Panel, Sheet
 from abfm.experiments.symmetry_flow import SymmetrySetup
 from abfm.experiments.table_1 import TABLE_1
+from abfm.experiments.witnesses import all_measures, notes, of_flow
 from abfm.functions.vertex_map_file import read_vertex_map
 from abfm.maps.quality import MapQuality
 from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
-
-_COOLED = {"cooling_stages": 3}
-"""To the printed sigma: a turn to the left and one to the right fit equally well at first, and without cooling some
-parts of the shape turn one way and some the other, for good."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -30,7 +26,9 @@ class Figure9(SymmetrySetup):
 def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> Figure9:
     """A generated shape with a rotation and a human with a mirror plane, or the symmetry that a given mesh has."""
     shape = mesh or two_armed(3 if small else 4)
-    p = TABLE_1[9].parameters(**_COOLED, iterations=100 if small else affordable_iterations(shape, 250))
+    # cooled to the printed sigma: a turn to the left and one to the right fit equally well at first, and without
+    # cooling some parts of the shape turn one way and some the other, for good
+    p = TABLE_1[9].parameters(cooling_stages=3, iterations=100 if small else affordable_iterations(shape, 250))
     main = symmetry_flow.set_up(shape, "mesh" if mesh else "two arms", symmetry_flow.detected(shape), p)
     mirror = None
     if mesh is None:

@@ -5,11 +5,11 @@ import numpy as np
 from abfm.calculus.operators import face_normals
 from abfm.experiments import symmetry_flow
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report, affordable_iterations
-from abfm.experiments.map_measures import all_measures, notes, of_flow
 from abfm.experiments.meshes import stepped_slab
 from abfm.experiments.sheet import Sheet
 from abfm.experiments.symmetry_flow import SymmetrySetup
 from abfm.experiments.table_1 import TABLE_1
+from abfm.experiments.witnesses import all_measures, notes, of_flow
 from abfm.mesh import TriangleMesh
 
 
@@ -40,8 +40,5 @@ def _crease_share(mesh: TriangleMesh) -> float:
 
 
 EXPERIMENT = Experiment(
-    10,
-    "A smooth field generates a continuous symmetric mapping although the geometry contains creases.",
-    set_up,
-    run,
+    10, "A smooth field generates a continuous symmetric mapping although the geometry contains creases.", set_up, run
 )

@@ -4,9 +4,9 @@ import numpy as np
 
 from abfm.calculus.operators import vertex_areas
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
-from abfm.experiments.map_measures import all_measures, notes, of_flow
 from abfm.experiments.pair import MATCHED, PairSetup, coordinates, matched, pair, share_left
 from abfm.experiments.sheet import Panel, Sheet, Values
+from abfm.experiments.witnesses import all_measures, notes, of_flow
 from abfm.mesh import TriangleMesh
 
 

@@ -5,10 +5,10 @@ import numpy as np
 from abfm.experiments.experiment import Experiment, Findings, Measure, Report
 from abfm.experiments.figure_12 import QUALITIES, set_up
 from abfm.experiments.map_comparison import AGAIN, BOTH, ONE, REDUCED, THREE, compare
-from abfm.experiments.map_measures import all_measures, notes
 from abfm.experiments.pair import PairSetup
 from abfm.experiments.read_outs import CUT_OFF, LINES, NEIGHBOURS, NO_FLOW, START, TARGETS, ZOOM_OUT
 from abfm.experiments.sheet import Curve, Plot, Sheet
+from abfm.experiments.witnesses import all_measures, notes
 from abfm.maps.accuracy import MapAccuracy
 
 _SHOWN = 0.15

@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from abfm.experiments.experiment import Experiment
 
-FIGURES = tuple(range(1, 14))
-"""Numbers of the paper's figures that there are experiments for."""
-
 TITLES = {
     1: "one Gaussian becomes two, a body away",
     2: "a flow and a function that it carries",
@@ -26,7 +23,8 @@ TITLES = {
     12: "a map between two poses, improved",
     13: "how accurate the maps are",
 }
-"""A few words for each figure."""
+"""A few words for each of the paper's figures that there are experiments for."""
+FIGURES = tuple(TITLES)
 
 
 def experiment_of(figure: int) -> Experiment[Any]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count
-from typing import Generic, TypedDict, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,20 @@ class GivenFlow(Setup):
 
     flow: Flow
 
+    @classmethod
+    def of(cls, flow: Flow, name: str, source: str, target: str = "file:advected.npy", **others: Any) -> Self:
+        """A function, and by the name of a file what a flow makes of it until tau."""
+        return cls(
+            mesh=flow.mesh,
+            name=name,
+            sources=(source,),
+            targets=(target,),
+            values={target: flow.advect(function(flow.mesh, source))},
+            parameters=Parameters(tau=flow.tau),
+            flow=flow,
+            **others,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Case:
@@ -46,6 +60,13 @@ class GivenFields(GivenFlow, Generic[C]):
     """Surfaces with fields of which more is known, every surface from coarse to fine; or another one alone."""
 
     cases: tuple[tuple[C, ...], ...]
+
+    @classmethod
+    def on(cls, cases: tuple[tuple[C, ...], ...], name: str) -> Self:
+        """With a Gaussian where the first surface's field is fastest, which that carries for a unit of time."""
+        mesh, v = cases[0][-1].mesh, cases[0][-1].v
+        fastest = mesh.vertex_ids[np.argmax(speed(mesh, v))]
+        return cls.of(Flow(mesh, v), name, f"gaussian:vertex={fastest},width=0.1", "file:carried.npy", cases=cases)
 
     def title(self, case: C) -> str:
         """What a case is called: that of another mesh begins with its name."""
@@ -70,44 +91,12 @@ class GivenFields(GivenFlow, Generic[C]):
         )
 
 
-class Carried(TypedDict):
-    """What a `GivenFlow` says of its functions."""
-
-    sources: tuple[str, ...]
-    targets: tuple[str, ...]
-    values: dict[str, FloatArray]
-    parameters: Parameters
-    flow: Flow
-
-
-def carried_by(flow: Flow, source: str, target: str = "file:advected.npy") -> Carried:
-    """A function, and by the name of a file what a flow makes of it until tau."""
-    return Carried(
-        sources=(source,),
-        targets=(target,),
-        values={target: flow.advect(function(flow.mesh, source))},
-        parameters=Parameters(tau=flow.tau),
-        flow=flow,
-    )
-
-
-def carried_bump(mesh: TriangleMesh, field: FloatArray) -> Carried:
-    """A Gaussian where a field (F, 3) is fastest, and what the field makes of it in a unit of time."""
-    fastest = int(np.argmax(speed(mesh, field)))
-    return carried_by(Flow(mesh, field), f"gaussian:vertex={mesh.vertex_ids[fastest]},width=0.1", "file:carried.npy")
-
-
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:
     """A smooth field without divergence, (F, 3): the rotated gradient of some eigenfunctions.
 
-    On a boundary it is tangent to it, so that the flow stays on the surface.
-
-    Parameters
-    ----------
-    modes : mapping of int to float
-        Weights of the eigenfunctions, each scaled to unit L2 norm on the mesh of unit area.
-    speed : float
-        Root mean square of the field's norm, in sqrt(area) per unit of time.
+    On a boundary it is tangent to it, so that the flow stays on the surface. The modes are weights of the
+    eigenfunctions, each scaled to unit L2 norm on the mesh of unit area; the speed is the root mean square of the
+    field's norm, in sqrt(area) per unit of time.
 
     Raises
     ------
@@ -115,7 +104,7 @@ def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -
         If the mesh is too coarse: nothing is left inside its boundary.
     """
     basis = eigenbasis(mesh.normalized(), max(modes) + 1)[1]
-    field = _turned_gradient(mesh, basis[:, list(modes)] @ np.array(list(modes.values())))
+    field = turned_gradient(mesh, basis[:, list(modes)] @ np.array(list(modes.values())))
     if not mesh.is_closed:
         whole = np.linalg.norm(field)
         field = helmholtz_hodge(mesh, field)[1]
@@ -134,13 +123,14 @@ def stirring(mesh: TriangleMesh, index: int) -> FloatArray:
     """
     if len(mesh.vertices) <= index:
         raise MeshError(f"the mesh has {len(mesh.vertices)} vertices; expected more than {index}, for its own fields")
-    across, along, harmonic = helmholtz_hodge(mesh, _turned_gradient(mesh, eigenbasis(mesh, index + 1)[1][:, index]))
+    across, along, harmonic = helmholtz_hodge(mesh, turned_gradient(mesh, eigenbasis(mesh, index + 1)[1][:, index]))
     if np.linalg.norm(along + harmonic) <= 1e-9 * np.linalg.norm(across):
         raise MeshError("no field flows inside this mesh, all of whose vertices lie on its boundary: refine it")
     return along + harmonic
 
 
-def _turned_gradient(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
+def turned_gradient(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
+    """The gradient of a function (V,), turned by 90 degrees in every face, (F, 3)."""
     return to_ambient(mesh, (rotation(mesh) @ gradient(mesh) @ f).reshape(-1, 2))
 
 
@@ -158,8 +148,7 @@ def tangent(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
 
 def centres(mesh: TriangleMesh) -> FloatArray:
     """Face centres, (F, 3)."""
-    middle: FloatArray = mesh.vertices[mesh.faces].mean(axis=1)
-    return middle
+    return np.asarray(mesh.vertices[mesh.faces].mean(axis=1))
 
 
 def speed(mesh: TriangleMesh, field: FloatArray) -> FloatArray:

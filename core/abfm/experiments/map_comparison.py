@@ -2,19 +2,10 @@
 
 from dataclasses import dataclass, replace
 
-from abfm.baselines.reduced_basis import ReducedMatch, reduced_match
+from abfm.baselines.reduced_basis import ReducedEnergy, ReducedMatch, reduced_match
+from abfm.experiments import read_outs
 from abfm.experiments.experiment import Report
 from abfm.experiments.pair import PairSetup, closest, followed, matched
-from abfm.experiments.read_outs import (
-    CUT_OFF,
-    LINES,
-    NEIGHBOURS,
-    ZOOM_OUT,
-    by_flow,
-    closest_cut_off,
-    cut_off,
-    without_flow,
-)
 from abfm.flow.advection import advect
 from abfm.maps.accuracy import MapAccuracy, map_accuracy
 from abfm.maps.functional_maps import functional_map, point_map
@@ -62,26 +53,26 @@ def _compare(setup: PairSetup, report: Report) -> Comparison:
     b, p = setup.mesh, setup.parameters
     one = matched(setup, [setup.longest[0]], report, "matching one function", (0.0, 0.2))
     three = matched(setup, [0, 1, 2], report, "matching three functions", (0.2, 0.4))
-    maps = without_flow(setup)
+    maps = read_outs.without_flow(setup)
     maps |= _both_cut_off(setup, BOTH, report, "matching three functions, cut off", (0.4, 0.6))
-    better = replace(setup, start=maps[ZOOM_OUT])
+    better = replace(setup, start=maps[read_outs.ZOOM_OUT])
     maps |= _both_cut_off(better, AGAIN, report, "refining a good map", (0.6, 0.8))
     report("matching in a reduced basis", 0.8)
     k = len(setup.wanted)
     fields = min(_FIELDS, k // 2)
     begin = functional_map(setup.other, b, setup.start, k)
-    reduced = reduced_match(b, begin, setup.wanted, fields, p.tau, p.alpha, _SIGMA)
+    reduced = reduced_match(ReducedEnergy(b, begin, setup.wanted, fields, p.tau, p.alpha, _SIGMA))
     one_carries = one.push(setup.source, p.tau)
     reduced_functions = advect(b, reduced.velocity, setup.source, p.tau)
     maps |= {
         THREE: closest(setup, three.advected),
-        THREE + CUT_OFF: closest_cut_off(setup, three.advected),
+        THREE + read_outs.CUT_OFF: read_outs.closest_cut_off(setup, three.advected),
         ONE: closest(setup, one_carries),
         REDUCED: closest(setup, reduced_functions),
-        **by_flow(setup, THREE, three),
-        **by_flow(setup, ONE, one),
-        REDUCED + LINES: followed(setup, reduced.velocity[None]),
-        REDUCED + NEIGHBOURS: point_map(setup.other, b, reduced.functional_map),
+        **read_outs.by_flow(setup, THREE, three),
+        **read_outs.by_flow(setup, ONE, one),
+        REDUCED + read_outs.LINES: followed(setup, reduced.velocity[None]),
+        REDUCED + read_outs.NEIGHBOURS: point_map(setup.other, b, reduced.functional_map),
     }
     return Comparison(
         one=one,
@@ -103,9 +94,9 @@ def _both_cut_off(
     setup: PairSetup, name: str, report: Report, text: str, shares: tuple[float, float]
 ) -> dict[str, SurfacePoints]:
     """Maps of a match whose sources are cut off as its targets are, so that a true start has nothing to correct."""
-    source = pull_back(setup.other, setup.start, cut_off(setup.other, len(setup.wanted)))
+    source = pull_back(setup.other, setup.start, read_outs.cut_off(setup.other, len(setup.wanted)))
     found = matched(setup, [0, 1, 2], report, text, shares, source)
-    return {name: closest_cut_off(setup, found.advected), **by_flow(setup, name, found)}
+    return {name: read_outs.closest_cut_off(setup, found.advected), **read_outs.by_flow(setup, name, found)}
 
 
 def _accuracies(setup: PairSetup, maps: dict[str, SurfacePoints], report: Report) -> dict[str, MapAccuracy]:

@@ -109,22 +109,12 @@ def _quality(found: Match, witnesses: Witnessed, flow: FloatArray, at_tau: list[
     overshoot = max(flow.max() - high, low - flow.min(), 0.0) / (high - low)
     masses = flow @ vertex_areas(found.mesh)
     drifts = [abs(mass / masses[0] - 1) for mass in at_tau]
-    drift = "drift of the mass at tau"
+    drift, error, matches = "drift of the mass at tau", found.mismatch, "the advected source matches the target"
+    beyond = "largest over- or undershoot on the way, as a share of the functions' range"
     measures = [
-        Measure(
-            "mismatch at tau, relative to the target in L2",
-            found.mismatch,
-            "the advected source matches the target",
-            found.mismatch <= _BOUND,
-            _BOUND,
-        ),
+        Measure("mismatch at tau, relative to the target in L2", error, matches, error <= _BOUND, _BOUND),
         *witnesses.measures,
-        Measure(
-            "largest over- or undershoot on the way, as a share of the functions' range",
-            overshoot,
-            "there is no maximum principle",
-            overshoot > 0,
-        ),
+        Measure(beyond, overshoot, "there is no maximum principle", overshoot > 0),
     ]
     if len(drifts) > 1:
         claim = "a small sigma keeps the drift small"

@@ -35,16 +35,10 @@ _AXES = "xyz"
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PairSetup(Setup):
-    """What a flow on B is to correct.
+    """What a flow on B, which is `mesh`, is to correct.
 
-    Attributes
-    ----------
-    other : TriangleMesh
-        Pose A, vertex by vertex the same surface as B, which is `mesh`.
-    start : SurfacePoints
-        Where on A the start map takes each vertex of B.
-    wanted : (k, k) array
-        The true functional map, cut off.
+    `other` is pose A, vertex by vertex the same surface; `start` is where on A the start map takes each vertex of B,
+    and `wanted` (k, k) the true functional map, cut off.
     """
 
     other: TriangleMesh
@@ -60,7 +54,7 @@ class PairSetup(Setup):
     @property
     def longest(self) -> tuple[int, ...]:
         """The coordinates by extent, the largest one first."""
-        return tuple(int(x) for x in _by_extent(self.other))
+        return tuple(_by_extent(self.other).tolist())
 
     def checker(self, functions: FloatArray) -> Checker:
         """Two coordinate functions (V, 2) as a checkerboard, on either pose."""
@@ -142,8 +136,7 @@ def bent(mesh: TriangleMesh) -> TriangleMesh:
     """
     corner = mesh.vertices.min(axis=0)
     extent = mesh.vertices.max(axis=0) - corner
-    order = np.argsort(-extent, kind="stable")
-    along, deep = order[0], order[2]
+    along, _, deep = _by_extent(mesh)
     middle = corner + extent / 2
     radius = extent[along] / _BEND
     angle = (mesh.vertices[:, along] - middle[along]) / radius

@@ -32,12 +32,11 @@ _STEP = 10
 def without_flow(setup: PairSetup) -> dict[str, SurfacePoints]:
     """The start, and what else the start and the targets say as they are, by name."""
     a, b, k = setup.other, setup.mesh, len(setup.wanted)
-    begin = functional_map(a, b, setup.start, k)
     return {
         START: setup.start,
         TARGETS: closest(setup, setup.target),
         TARGETS + CUT_OFF: closest_cut_off(setup, setup.target),
-        NO_FLOW + NEIGHBOURS: point_map(a, b, begin),
+        NO_FLOW + NEIGHBOURS: point_map(a, b, functional_map(a, b, setup.start, k)),
         ZOOM_OUT: point_map(a, b, zoom_out(a, b, functional_map(a, b, setup.start, FEW), k, _STEP)),
     }
 

@@ -44,18 +44,10 @@ class Streaks:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture of a surface; all panels of a sheet with the same mesh have one camera.
+    """A picture of a surface, with a short label below; all panels of a sheet with the same mesh have one camera.
 
-    Attributes
-    ----------
-    label : str
-        Below the picture, short.
-    points : (P, 3) array or None
-        Marked places, in the mesh's units, each in a colour of its own, the same in all panels.
-    lines : tuple of (K, 3) arrays
-        Paths on the surface.
-    arrows : (F, 3) array or None
-        A field as arrows on the surface.
+    On the surface: marked points (P, 3) in the mesh's units, each in a colour of its own, the same in all panels;
+    lines, paths (K, 3); and arrows, a field (F, 3).
     """
 
     mesh: TriangleMesh
@@ -79,14 +71,9 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Curves over axes, of which the titles have units, as wide as `width` panels.
+    """Curves over axes, of which the titles have units, as wide as `width` panels, with a short label below.
 
-    Attributes
-    ----------
-    label : str
-        Below the plot, short.
-    top : float or None
-        Greatest value of y that is shown: a curve that goes beyond leaves the plot.
+    `top` is the greatest value of y that is shown: a curve that goes beyond leaves the plot.
     """
 
     curves: tuple[Curve, ...]
@@ -100,19 +87,11 @@ class Plot:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Rows of panels and plots.
+    """Rows of panels and plots, and notes: what must be said with the pictures, a line each below them.
 
-    Attributes
-    ----------
-    up : Up
-        The axis that points upwards.
-    seen : tuple of (V,) arrays
-        Functions on the first panel's mesh whose remarkable parts the camera must show; by default those of the
-        source and target panels.
-    one_view : bool
-        Whether all meshes are seen from the direction of the first: poses of one body.
-    notes : tuple of str
-        What must be said with the pictures, a line each: they stand below them.
+    `up` is the axis that points upwards; `seen` are functions (V,) on the first panel's mesh whose remarkable parts the
+    camera must show, by default those of the source and target panels; with `one_view` all meshes are seen from the
+    direction of the first: poses of one body.
     """
 
     rows: tuple[tuple[Panel | Plot, ...], ...]

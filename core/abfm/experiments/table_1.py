@@ -31,15 +31,7 @@ class Row:
 
 
 def _row(
-    figure: int,
-    tau: float,
-    alpha: float,
-    beta: float,
-    sigma: float,
-    *,
-    cooled: bool = False,
-    N: int | None = None,
-    n: int | None = None,
+    figure: int, tau: float, alpha: float, beta: float, sigma: float, *, cooled: bool = False, N: int = 0, n: int = 0
 ) -> Row:
     """A row as it is printed: a starred sigma is the first one, which cooling divides by 10 from stage to stage."""
     values: dict[str, Any] = {
@@ -47,16 +39,14 @@ def _row(
         "alpha": float(alpha),
         "beta": float(beta),
         "sigma": sigma / _FACTOR ** (_STAGES - 1) if cooled else sigma,
-        "method": "nonlinear" if N is None else "linearised",
-        "segments": 1 if N is None else N,
+        "method": "linearised" if N else "nonlinear",
+        "segments": N or 1,
         "cooling_stages": _STAGES if cooled else 1,
         "cooling_factor": _FACTOR,
         "stage_iterations": 0,
         **PAPER,
     }
-    if n is not None:
-        values["substeps"] = n
-    return Row(figure, values)
+    return Row(figure, values | {"substeps": n} if n else values)
 
 
 TABLE_1 = {

@@ -33,10 +33,7 @@ KINDS: dict[str, tuple[str, Any]] = {
     "boolean": ("b", np.bool_),
     "text": ("U", np.str_),
 }
-_DAMAGE = (
-    *(ValueError, EOFError, KeyError, RuntimeError, OverflowError, MemoryError),
-    *(zipfile.BadZipFile, zlib.error),
-)
+_DAMAGE = (ValueError, EOFError, KeyError, RuntimeError, OverflowError, MemoryError, zipfile.BadZipFile, zlib.error)
 
 
 @contextmanager
@@ -101,12 +98,7 @@ def check_arrays(
 ) -> dict[str, NDArray[Any]]:
     """The arrays that are listed, as float64, int64, bool or unicode.
 
-    Parameters
-    ----------
-    arrays
-        By names that begin with ``prefix``, which the entries and the answer have not.
-    sizes
-        Those that are known before.
+    Their names begin with ``prefix``, which the entries and the answer have not; ``sizes`` are known before.
 
     Raises
     ------

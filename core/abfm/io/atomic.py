@@ -22,11 +22,6 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     ------
     ResultError
         If the operating system refuses to write.
-
-    Examples
-    --------
-    >>> with write_atomically("energy.txt") as temporary:
-    ...     temporary.write_text("1.0")
     """
     target = Path(os.path.realpath(path))
     temporary = target.with_name(f".{target.stem}-{secrets.token_hex(6)}{target.suffix}")

@@ -81,14 +81,14 @@ def test_a_rotation_of_the_sphere_is_found() -> None:
     x = sphere.vertices
     back = np.cos(angle) * x - np.sin(angle) * np.cross(axis, x) + (1 - np.cos(angle)) * np.outer(x @ axis, axis)
     target = functional_map(sphere, sphere, project_onto_surface(sphere, back), 16)
-    found = reduced_match(sphere, np.eye(16), target, fields=8, alpha=1e-3, sigma=1e-2)
+    found = reduced_match(ReducedEnergy(sphere, np.eye(16), target, fields=8, alpha=1e-3, sigma=1e-2))
     expected = angle * np.cross(axis, x[sphere.faces].mean(axis=1))
     assert found.mismatch < 0.05 * found.start_mismatch
     assert np.linalg.norm(found.velocity - expected) < 0.05 * np.linalg.norm(expected)
 
 
 def test_nothing_moves_where_nothing_is_wrong() -> None:
-    found = reduced_match(ellipsoid(2, 1, 1.5, 2), np.eye(6), np.eye(6), fields=3)
+    found = reduced_match(ReducedEnergy(ellipsoid(2, 1, 1.5, 2), np.eye(6), np.eye(6), fields=3))
     assert found.mismatch == 0
     assert not found.velocity.any()
 

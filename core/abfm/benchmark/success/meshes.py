@@ -47,9 +47,6 @@ def torus(n: int, m: int, R: float = 1.0, r: float = 0.4) -> TriangleMesh:
 def _square(n: int) -> TriangleMesh:
     """Unit square of n x n cells that are smoothly uneven: a surface with a boundary."""
     x, y = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
-    x, y = (
-        x + 0.08 * np.sin(np.pi * x) * np.cos(2 * y + 0.3),
-        y + 0.06 * np.sin(np.pi * y) * np.sin(3 * x + 0.5),
-    )
+    x, y = x + 0.08 * np.sin(np.pi * x) * np.cos(2 * y + 0.3), y + 0.06 * np.sin(np.pi * y) * np.sin(3 * x + 0.5)
     vertices = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
     return TriangleMesh(vertices, grid(n, n, around=False)[0])

@@ -62,25 +62,15 @@ class SuccessProblem:
         """Source and target, (V,)."""
         return function(self.mesh, self.source), function(self.mesh, self.target)
 
-    def resolution(self) -> float:
-        """How many edges the narrow features of both span."""
-        return resolution(self.mesh, np.stack(self.functions(), axis=1))
-
     def to_dict(self) -> dict[str, Any]:
         """All that tells it from others, whether the mesh resolves it, and what is known to be in any flow's way."""
-        edges = self.resolution()
         f, g = self.functions()
-        problem = Problem(self.mesh, f, g)
+        edges, problem = resolution(self.mesh, np.stack([f, g], axis=1)), Problem(self.mesh, f, g)
         least = range_bound(problem)
         return {
             "mesh": self.mesh_name,
             "vertices": len(self.mesh.vertices),
-            "index": self.index,
-            "family": self.family,
-            "width": self.width,
-            "distance": self.distance,
-            "source": self.source,
-            "target": self.target,
+            **{key: getattr(self, key) for key in ("index", "family", "width", "distance", "source", "target")},
             "edges_per_width": edges,
             "resolved": edges >= RESOLVED,
             "least": least,

@@ -38,36 +38,22 @@ UNFOLDED = 0.01
 
 @dataclass(frozen=True)
 class Record:
-    """A match in numbers; NaN is what could not be had.
-
-    Attributes
-    ----------
-    verified, folded, overturned : float
-        Mismatch by flow lines of the continuous field, and shares of the faces, see `abfm.verify`.
-    iterations, evaluations : int
-        Up to the last iterate, on all meshes together.
-    row_products : int
-        Rows of ``D_v`` multiplied by all advections and adjoints, see `abfm.flow.exponential.counted_row_products`:
-        factorisations, flow lines and what else the solver does come on top.
-    seconds, seconds_to_level : float
-        As `Watched` has them, on a mesh of which nothing was known; the verification here is not included.
-    stop_reason : str
-        As `abfm.Match.stop_reason`, or "time limit", or the error.
-    verdict : str
-        Kind of `abfm.Match.verdict`; empty where there was an error.
-    """
+    """A match in numbers; NaN is what could not be had."""
 
     mismatch: float = math.nan
+    # mismatch by flow lines of the continuous field, and shares of the faces, see `abfm.verify`
     verified: float = math.nan
     folded: float = math.nan
     overturned: float = math.nan
+    # up to the last iterate, on all meshes together
     iterations: int = 0
     evaluations: int = 0
-    row_products: int = 0
+    row_products: int = 0  # of ``D_v``, by advections and adjoints; factorisations and flow lines come on top
+    # as `Watched` has them, on a mesh of which nothing was known, without the verification here
     seconds: float = math.nan
     seconds_to_level: float = math.nan
-    stop_reason: str = ""
-    verdict: str = ""
+    stop_reason: str = ""  # as `abfm.Match.stop_reason`, or "time limit", or the error
+    verdict: str = ""  # kind of `abfm.Match.verdict`; empty where there was an error
 
     def to_dict(self) -> dict[str, Any]:
         """All fields, None for what is not a finite number, and whether it is a success and confirmed."""

@@ -16,26 +16,17 @@ from abfm.parameters import Parameters
 
 def run_success(
     meshes: Mapping[str, TriangleMesh],
-    tell: Callable[[str], None] | None = None,
+    tell: Callable[[str], None] = lambda line: None,
     *,
     seed: int = 0,
     count: int = 6,
     part: tuple[int, int] = (1, 1),
     versions: Mapping[str, Parameters] = VERSIONS,
 ) -> dict[str, Any]:
-    """Match all problems by all versions.
+    """Match all problems by all versions, of which the first is what the others are compared with.
 
-    Parameters
-    ----------
-    meshes : mapping of names to meshes
-    tell : callable, optional
-        Told in one line what came out of each problem.
-    seed, count : int
-        Of `success_problems`.
-    part : (k, n)
-        Only every n-th problem, from the k-th, which is 1 for the first.
-    versions : mapping of names to parameters
-        The first one is what the others are compared with.
+    Each problem's outcome is told in one line. Seed and count are those of `success_problems`; of ``part`` (k, n), only
+    every n-th problem, from the k-th, which is 1 for the first.
 
     Returns
     -------
@@ -43,11 +34,10 @@ def run_success(
         Only numbers, text, lists and dictionaries: ``rows``, with the ``problem`` and a record under the name of every
         version, then ``settings`` and ``machine``. ``interrupted`` is true after Ctrl-C: rows are those finished.
     """
-    say = tell or (lambda line: None)
     rows: list[dict[str, Any]] = []
     report: dict[str, Any] = {"rows": rows, "interrupted": False}
     try:
-        say("compiling")
+        tell("compiling")
         for parameters in versions.values():
             run_problem(_warm_up(), replace(parameters, iterations=4, stage_iterations=1))
         problems = list(success_problems(meshes, seed, count))[part[0] - 1 :: part[1]]
@@ -56,7 +46,7 @@ def run_success(
             for name, parameters in versions.items():
                 row[name] = run_problem(problem, parameters).to_dict()
             rows.append(row)
-            say(f"{number}/{len(problems)} {_line(row, versions)}")
+            tell(f"{number}/{len(problems)} {_line(row, versions)}")
     except KeyboardInterrupt:
         report["interrupted"] = True
     return {
