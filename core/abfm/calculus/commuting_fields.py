@@ -26,7 +26,8 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
 
     Boundary condition of `abfm.calculus.operators.hodge_laplacian`: fields stay on the surface. Each has the root mean
     square of ``v``, and a positive product with ``v`` turned by 90 degrees plus ``v`` times its squared speed, unless
-    that vanishes.
+    that vanishes. Raises a ParameterError if ``v`` has another shape, values that are not finite or no speed, or a
+    number is out of range; a MeshError if the mesh's triangles are too thin to compute with.
 
     Parameters
     ----------
@@ -34,13 +35,6 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
         Tangent vectors, in any unit; a normal part is dropped.
     weight : float, optional
         Of the bracket; by default sqrt(area) over the mean edge length. 0 gives the smoothest fields of all.
-
-    Raises
-    ------
-    ParameterError
-        If ``v`` has another shape, values that are not finite or no speed, or a number is out of range.
-    MeshError
-        If the mesh's triangles are too thin to compute with.
     """
     field = to_frame(mesh, check_field(mesh, v, "v"))
     areas = face_areas(mesh)
@@ -69,10 +63,7 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
 def relative_bracket(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> float:
     """``sqrt(area) |[v, u]| / (|v| |u|)``, with root mean squares: without unit, 0 for fields that commute.
 
-    Raises
-    ------
-    ParameterError
-        If a field has another shape, values that are not finite or no speed.
+    Raises a ParameterError if a field has another shape, values that are not finite or no speed.
     """
     areas = face_areas(mesh)
     fields = [to_frame(mesh, check_field(mesh, w, name)) for w, name in ((v, "v"), (u, "u"))]

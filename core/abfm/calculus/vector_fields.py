@@ -84,10 +84,7 @@ def lie_bracket_of(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> FloatArray
     Zero where the two flows commute. On smoothly varying meshes the error falls in proportion to the edge length.
     ``v`` and ``u`` are (F, 3), in the mesh's length unit per unit of time; a normal part is dropped.
 
-    Raises
-    ------
-    ParameterError
-        If a field has another shape or values that are not finite.
+    Raises a ParameterError if a field has another shape or values that are not finite.
     """
     first, second = (to_frame(mesh, check_field(mesh, field, name)) for field, name in ((v, "v"), (u, "u")))
     return to_ambient(mesh, (lie_bracket(mesh, first) @ second.ravel()).reshape(-1, 2))
@@ -99,14 +96,8 @@ def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> Flo
     Eq. 12 prints ``exp(t ad_v)``. With the bracket of Eq. 10 that is the pullback, which is the pushforward for ``-t``:
     rotating a sphere, for example, must turn a field along, and only the minus sign does. On smoothly varying meshes
     the error falls in proportion to the edge length. ``v`` (F, 3) is in the mesh's length unit per unit of time, ``t``
-    has either sign; normal parts are dropped.
-
-    Raises
-    ------
-    ParameterError
-        If a field has another shape or values that are not finite.
-    AdvectionError
-        If the flow is too long, or the carried field overflows.
+    has either sign; normal parts are dropped. Raises a ParameterError if a field has another shape or values that are
+    not finite; an AdvectionError if the flow is too long, or the carried field overflows.
     """
     velocity, field = (to_frame(mesh, check_field(mesh, w, name)) for w, name in ((v, "v"), (u, "u")))
     carried = exponential_action(lie_bracket(mesh, velocity), field.ravel(), -t)

@@ -134,6 +134,9 @@ class Advection:
 def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> FloatArray:
     """Function carried along a field for a time: ``exp(-t D_v) f`` (Eq. 4), (V,) or (V, C).
 
+    Raises an AdvectionError if the arrays do not fit the mesh or are not finite, or if the flow is too long or
+    overflows.
+
     Parameters
     ----------
     velocity : (F, 3) array
@@ -142,11 +145,6 @@ def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> F
         One value or row per vertex of the mesh, or of its file.
     t : float
         Time of either sign.
-
-    Raises
-    ------
-    AdvectionError
-        If the arrays do not fit the mesh or are not finite, or if the flow is too long or overflows.
     """
     field, functions = np.asarray(velocity, dtype=np.float64), np.asarray(f, dtype=np.float64)
     if field.shape != (len(mesh.faces), 3):

@@ -63,12 +63,8 @@ class Distortion:
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:
     """Find the closest point of the surface to each of P points (P, 3) in space, in the mesh's units.
 
-    Distances are exact up to rounding; where several faces are equally close the choice is fixed.
-
-    Raises
-    ------
-    AbfmError
-        If the points are not (P, 3) or not finite.
+    Distances are exact up to rounding; where several faces are equally close the choice is fixed. Raises an AbfmError
+    if the points are not (P, 3) or not finite.
     """
     given = _finite_points(points)
     tree = igl.AABB()
@@ -86,10 +82,7 @@ def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints
 def vertex_points(mesh: TriangleMesh, vertices: ArrayLike) -> SurfacePoints:
     """Vertices (P,), by index, as points of the surface.
 
-    Raises
-    ------
-    AbfmError
-        If an index is not a whole number or not among the mesh's own vertices.
+    Raises an AbfmError if an index is not a whole number or not among the mesh's own vertices.
     """
     given = np.asarray(vertices)
     count = len(mesh.vertices)
@@ -107,12 +100,7 @@ def pull_back(mesh: TriangleMesh, points: SurfacePoints, h: ArrayLike) -> FloatA
     """Evaluate a vertex function (V,) or (V, C) at P points, linearly inside each face: (P,) or (P, C).
 
     With ``points`` a map of every vertex this is ``h`` composed with the map; with ``h`` the positions of a second map
-    it is the composition of both.
-
-    Raises
-    ------
-    FunctionError
-        If ``h`` does not fit the mesh.
+    it is the composition of both. Raises a FunctionError if ``h`` does not fit the mesh.
     """
     at_corners = channels(mesh, h, "h")[:, mesh.faces[points.faces]]
     values: FloatArray = np.einsum("pc,kpc->pk", points.barycentric, at_corners)
@@ -134,7 +122,8 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMe
 
     The Jacobian of a face, ``J = sum_i x_i (grad phi_i)^T`` with ``x_i`` the mapped corners, has the singular values
     ``s_1 >= s_2``. Flipped are faces as `turned_over` has them, collapsed ones not. For flow maps the error is of first
-    order in the edge length, that of the map itself of second.
+    order in the edge length, that of the map itself of second. Raises an AbfmError if the positions are not (V, 3) or
+    not finite.
 
     Parameters
     ----------
@@ -142,11 +131,6 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMe
         Where the map takes each vertex, in the units of ``onto``.
     onto : TriangleMesh, optional
         The surface that the map leads to, by default the mesh itself.
-
-    Raises
-    ------
-    AbfmError
-        If the positions are not (V, 3) or not finite.
     """
     mapped = _finite_points(mapped_positions)
     if len(mapped) != len(mesh.vertices):

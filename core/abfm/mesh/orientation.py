@@ -11,7 +11,7 @@ def faces_to_flip(vertices: FloatArray, faces: IntArray, face_ids: IntArray, slo
     """Faces (F,) to turn over so that neighbours agree; none when they already do.
 
     Each piece joined through edges is settled by itself: a closed one ends with its normals outward, one with a
-    boundary keeps the side that most of its faces have.
+    boundary keeps the side that most of its faces have. Raises a MeshError if the surface is not orientable.
 
     Parameters
     ----------
@@ -21,11 +21,6 @@ def faces_to_flip(vertices: FloatArray, faces: IntArray, face_ids: IntArray, slo
         What an error calls them.
     slots : (E, 2) array
         :func:`abfm.mesh.topology.edge_slots`.
-
-    Raises
-    ------
-    MeshError
-        If the surface is not orientable.
     """
     inner = slots[slots[:, 1] >= 0]
     start = faces.ravel()[next_corner(inner)]

@@ -23,12 +23,7 @@ def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
     ``exp(-r^2 / (2 width^2))`` on an even mesh, if it is at least one edge wide. A jump spans half an edge. In the
     plane a narrow bump varies as much as a wide one of the same height, so that it is not overlooked beside that;
     bumps that are much lower do not count. Only changes along edges matter: adding constants, scaling the function and
-    scaling the mesh change nothing.
-
-    Raises
-    ------
-    FunctionError
-        If ``f`` does not fit the mesh.
+    scaling the mesh change nothing. Raises a FunctionError if ``f`` does not fit the mesh.
     """
     return min(_of_channel(mesh, channel) for channel in channels(mesh, f, "f"))
 
