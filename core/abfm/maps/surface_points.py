@@ -24,40 +24,22 @@ POINTS_PER_QUERY = 8192  # igl keeps the GIL for a whole query: about 15 ms each
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """P points on a mesh.
+    """P points on a mesh."""
 
-    Attributes
-    ----------
-    faces, barycentric : (P,), (P, 3) arrays
-        The face that holds each point, and weights of its corners, non-negative, summing to 1.
-    positions, distances : (P, 3), (P,) arrays
-        The points in space, and how far each given point was from the surface, in the mesh's units.
-    """
-
-    faces: IntArray
-    barycentric: FloatArray
-    positions: FloatArray
-    distances: FloatArray
+    faces: IntArray  # (P,), the face that holds each point
+    barycentric: FloatArray  # (P, 3), weights of its corners, non-negative, summing to 1
+    positions: FloatArray  # (P, 3), the points in space
+    distances: FloatArray  # (P,), how far each given point was from the surface, in the mesh's units
 
 
 @dataclass(frozen=True)
 class Distortion:
-    """What a piecewise linear map does to each of F faces; see `distortion`.
+    """What a piecewise linear map does to each of F faces; see `distortion`."""
 
-    Attributes
-    ----------
-    singular_values : (F, 2) array
-        Largest and smallest stretch ``s_1 >= s_2 >= 0``.
-    area, conformal : (F,) arrays
-        ``s_1 s_2``: mapped area over area; and ``s_1 / s_2 >= 1``, which is inf where a face collapses.
-    flipped : (F,) array of bool
-        True where the mapped face looks against the surface that it landed on.
-    """
-
-    singular_values: FloatArray
-    area: FloatArray
-    conformal: FloatArray
-    flipped: BoolArray
+    singular_values: FloatArray  # (F, 2), largest and smallest stretch ``s_1 >= s_2 >= 0``
+    area: FloatArray  # (F,), ``s_1 s_2``: mapped area over area
+    conformal: FloatArray  # (F,), ``s_1 / s_2 >= 1``; inf where a face collapses
+    flipped: BoolArray  # (F,), True where the mapped face looks against the surface that it landed on
 
 
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:

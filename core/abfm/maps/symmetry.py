@@ -28,33 +28,16 @@ _REFINEMENTS = 8
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """A rotation or reflection that carries a surface to itself: ``x -> centre + linear (x - centre)``.
-
-    Attributes
-    ----------
-    order : int
-        After how many times everything is back: 2 for a mirror, n for a rotation by ``2 pi / n``.
-    axis, centre : (3,) arrays
-        Unit normal of the mirror's plane, or axis of the rotation, with its largest component positive; and a point of
-        the plane or the axis, in the mesh's units.
-    linear : (3, 3) array
-        Orthogonal, with determinant -1 for a mirror and 1 for a rotation.
-    vertex_map : (V,) array of int
-        The vertex that each vertex is carried to; where there is none, the nearest one on the face that it lands on.
-    is_permutation : bool
-        Whether the vertex map takes every vertex once, as it does where the mesh itself has the symmetry.
-    error : float
-        How far from the surface the worst vertex is carried, as a fraction of sqrt(area).
-    """
+    """A rotation or reflection that carries a surface to itself: ``x -> centre + linear (x - centre)``."""
 
     kind: Kind
-    order: int
-    axis: FloatArray
-    centre: FloatArray
-    linear: FloatArray
-    vertex_map: IntArray
-    is_permutation: bool
-    error: float
+    order: int  # after how many times everything is back: 2 for a mirror, n for a rotation by ``2 pi / n``
+    axis: FloatArray  # (3,), unit normal of the mirror, or axis of the rotation; its largest component is positive
+    centre: FloatArray  # (3,), a point of the mirror's plane or of the axis, in the mesh's units
+    linear: FloatArray  # (3, 3), orthogonal, with determinant -1 for a mirror and 1 for a rotation
+    vertex_map: IntArray  # (V,), where each vertex is carried; to the nearest on the face where it lands, if to none
+    is_permutation: bool  # whether the map takes every vertex once, as where the mesh itself has the symmetry
+    error: float  # how far from the surface the worst vertex is carried, as a fraction of sqrt(area)
 
     def carry(self, points: FloatArray) -> FloatArray:
         """Points (P, 3), in the mesh's units, where the symmetry takes them."""

@@ -38,37 +38,17 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class State(Generic[Point]):
-    """One iterate of L-BFGS.
+    """One iterate of L-BFGS."""
 
-    Attributes
-    ----------
-    x : array
-        The iterate; it never has a higher energy than the one before.
-    point : Point
-        Evaluation at ``x``, with gradient ``g``.
-    preconditioned : array
-        ``H_0 g``.
-    pairs : tuple of Pair
-        Latest ones, oldest first.
-    scale : float
-        Factor of ``H_0`` in the next direction.
-    gradient_norm, first_norm : float
-        ``sqrt(<g, H_0 g>)``, the norm dual to the preconditioner's, here and at the first iterate.
-    length : float
-        ``size`` of the latest step; the next search begins with at most twice as much.
-    failed : bool
-        The line search found no lower energy: ``x`` is the iterate before.
-    """
-
-    x: FloatArray
-    point: Point
-    preconditioned: FloatArray
-    pairs: tuple[Pair, ...]
-    scale: float
-    gradient_norm: float
-    first_norm: float
-    length: float = 0.0
-    failed: bool = False
+    x: FloatArray  # never has a higher energy than the one before
+    point: Point  # evaluation at x, with gradient g
+    preconditioned: FloatArray  # H_0 g
+    pairs: tuple[Pair, ...]  # latest ones, oldest first
+    scale: float  # factor of H_0 in the next direction
+    gradient_norm: float  # sqrt(<g, H_0 g>), the norm dual to the preconditioner's
+    first_norm: float  # the same at the first iterate
+    length: float = 0.0  # size of the latest step; the next search begins with at most twice as much
+    failed: bool = False  # the line search found no lower energy: x is the iterate before
 
 
 class LBFGS(Generic[Point]):

@@ -21,22 +21,11 @@ _WORTH = 8  # it grows while one in so many texels is new
 
 
 class Track(NamedTuple):
-    """What was met on the ways ahead and back from the middle of the arrays.
+    """What was met on the ways ahead and back from the middle of the arrays, of ``n`` steps in ``m`` parts each."""
 
-    Attributes
-    ----------
-    noise : (2 n,) array
-        On average over each step.
-    texels : (2 n m + 1,) array of int
-        After each of the ``m`` parts of a step; -1 behind the end.
-    misses : (2 n m + 1,) array of uint8
-        How far from their centres: squared, from 1 to 201.
-    parts : int
-    """
-
-    noise: FloatArray
-    texels: IndexArray
-    misses: IndexArray
+    noise: FloatArray  # (2 n,), on average over each step
+    texels: IndexArray  # (2 n m + 1,), after each part of a step; -1 behind the end
+    misses: IndexArray  # (2 n m + 1,) of uint8, how far from their centres: squared, from 1 to 201
     parts: int
 
 

@@ -23,27 +23,15 @@ _ROUNDS = 14
 class TextureAtlas:
     """Where each triangle lies in a square texture; see `texture_atlas`.
 
-    Texel (row, column) covers the square from (column, row) to (column + 1, row + 1); row 0 is at the bottom.
-
-    Attributes
-    ----------
-    mesh : TriangleMesh
-    size : int
-        Texels along a side.
-    texel_length : float
-        What one texel measures on the surface at most, in the mesh's units, unless the texture is very small.
-    corners : (F, 3, 2) array
-        Where the corners of each face lie, x and y in texels.
-    texel_faces : (size, size) array of int32
-        The face that each texel belongs to, -1 where none. Texels around a triangle, which linear filtering reads, are
-        its own.
+    Texel (row, column) covers the square from (column, row) to (column + 1, row + 1); row 0 is at the bottom. Those
+    around a triangle, which linear filtering reads, are its own.
     """
 
     mesh: TriangleMesh
-    size: int
-    texel_length: float
-    corners: FloatArray
-    texel_faces: NDArray[np.int32]
+    size: int  # texels along a side
+    texel_length: float  # on the surface at most, in the mesh's units, unless the texture is very small
+    corners: FloatArray  # (F, 3, 2), where the corners of each face lie, x and y in texels
+    texel_faces: NDArray[np.int32]  # (size, size), the face that each texel belongs to, -1 where none
 
     @cached_property
     def corner_coordinates(self) -> FloatArray:

@@ -45,27 +45,17 @@ _APART, _TIMES = 0.05, 2.0  # witnesses that differ by more than both do not agr
 class Verification:
     """What independent witnesses say of fields that are to carry a source to a target; see `verify`.
 
-    Attributes
-    ----------
-    flow_lines : float
-        Relative mismatch ``||f o phi^-1 - g|| / ||g||`` in L2 (as `abfm.Match.mismatch`), with ``phi`` the flow of the
-        continuous fields to tau.
-    subdivided : float
-        The same by the matrix exponential of the continuous fields on the midpoint subdivision, with f and g
-        interpolated; inf where it overflows or would take very long, NaN where it was not asked.
-    folded, overturned : float
-        Shares of the faces that the inverse flow folds, and whose carried vertices alone look turned over, see
-        `folds.folds`. The first is small even for rough fields, as the flow of a continuous field tears nothing; the
-        second several percent where a smooth flow stretches much, tens of percent where the field is noise.
-    resolution : float
-        How many edges the narrow features of source and target span, mask or not (`resolution.resolution`).
+    ``folded`` is small even for rough fields, as the flow of a continuous field tears nothing; ``overturned`` is
+    several percent where a smooth flow stretches much, tens of percent where the field is noise.
     """
 
-    flow_lines: float
+    flow_lines: float  # ``||f o phi^-1 - g|| / ||g||`` in L2 with phi the flow of the continuous fields to tau
     subdivided: float
-    folded: float
-    overturned: float
-    resolution: float
+    """The same by the matrix exponential of the continuous fields on the midpoint subdivision, with f and g
+    interpolated; inf where it overflows or would take very long, NaN where it was not asked."""
+    folded: float  # shares of the faces that the inverse flow folds,
+    overturned: float  # and whose carried vertices alone look turned over, see `folds.folds`
+    resolution: float  # how many edges the narrow features of both functions span, mask or not
 
     @property
     def mismatch(self) -> float:
