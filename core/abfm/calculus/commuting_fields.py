@@ -29,12 +29,8 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
     that vanishes. Raises a ParameterError if ``v`` has another shape, values that are not finite or no speed, or a
     number is out of range; a MeshError if the mesh's triangles are too thin to compute with.
 
-    Parameters
-    ----------
-    v : (F, 3) array
-        Tangent vectors, in any unit; a normal part is dropped.
-    weight : float, optional
-        Of the bracket; by default sqrt(area) over the mean edge length. 0 gives the smoothest fields of all.
+    ``v`` (F, 3) are tangent vectors, in any unit; a normal part is dropped. The bracket's ``weight`` is by default
+    sqrt(area) over the mean edge length; 0 gives the smoothest fields of all.
     """
     field = to_frame(mesh, check_field(mesh, v, "v"))
     areas = face_areas(mesh)

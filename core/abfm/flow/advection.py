@@ -44,18 +44,10 @@ class LinearizedFlow:
 
 
 class Advection:
-    """Composition of the flows of N fields, each over ``tau / N``.
+    """Composition of the flows of N fields (N, F, 2) of frame coefficients, in the mesh's units, each over ``tau / N``.
 
-    Parameters
-    ----------
-    fields : (N, F, 2) array
-        Frame coefficients, in the mesh's units.
-    linearized : bool
-        ``id - t D_v`` per field instead of ``exp(-t D_v)``.
-    workspace : Workspace, optional
-        That of an earlier flow on the same mesh, whose terms are forgotten.
-    tolerance, clustered
-        Those of `ExponentialFlow`.
+    ``linearized`` takes ``id - t D_v`` per field instead of ``exp(-t D_v)``. A ``workspace`` is that of an earlier flow
+    on the same mesh, whose terms are forgotten.
     """
 
     def __init__(

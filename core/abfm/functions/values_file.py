@@ -36,14 +36,9 @@ class ValuesFile(Family):
 
 
 def read_column(path: str, column: str | None = None) -> FloatArray:
-    """Read one column of numbers, (n,); see :func:`read_table` for the formats.
+    """Read one column of numbers, (n,), by name or number counted from 0; see :func:`read_table` for the formats.
 
     Raises a FunctionError if the file cannot be read, is no table of numbers, or has no such column.
-
-    Parameters
-    ----------
-    column : str, optional
-        Name, or number counted from 0; must be given where there are several columns.
     """
     names, table = read_table(path)
     count = table.shape[1]

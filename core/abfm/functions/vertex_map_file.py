@@ -106,5 +106,4 @@ def _spread(mesh: TriangleMesh, pairs: IntArray) -> IntArray:
     both = np.concatenate([pairs, pairs[:, ::-1]])
     known, first = np.unique(both[:, 0], return_index=True)
     nearest = cKDTree(mesh.vertices[known]).query(mesh.vertices)[1]
-    vertex_map: IntArray = both[first[nearest], 1]
-    return vertex_map
+    return np.asarray(both[first[nearest], 1])

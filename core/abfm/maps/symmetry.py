@@ -109,8 +109,7 @@ def _linear(axes: FloatArray, kind: Kind, order: int) -> FloatArray:
 
 
 def _carry(linear: FloatArray, centre: FloatArray, points: FloatArray) -> FloatArray:
-    carried: FloatArray = centre + (points - centre) @ np.swapaxes(linear, -1, -2)
-    return carried
+    return np.asarray(centre + (points - centre) @ np.swapaxes(linear, -1, -2))
 
 
 def _principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
@@ -164,8 +163,7 @@ def _axes_between(mesh: TriangleMesh, x: FloatArray, p: int, kind: Kind, order: 
 def _unit_rows(vectors: FloatArray) -> FloatArray:
     """Those that are not zero, scaled to length 1."""
     lengths = np.linalg.norm(vectors, axis=1)
-    rows: FloatArray = vectors[lengths > _FAR] / lengths[lengths > _FAR, None]
-    return rows
+    return np.asarray(vectors[lengths > _FAR] / lengths[lengths > _FAR, None])
 
 
 def _screened(

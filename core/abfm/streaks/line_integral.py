@@ -127,5 +127,4 @@ def _kernels(steps: float, phases: FloatArray | None) -> FloatArray:
     weights = (1 + np.cos(along))[None]
     if phases is not None:
         weights = weights * (1 + np.cos(_RIPPLES * along + 2 * np.pi * phases[:, None]))
-    normalized: FloatArray = weights / np.linalg.norm(weights, axis=1, keepdims=True)
-    return normalized
+    return np.asarray(weights / np.linalg.norm(weights, axis=1, keepdims=True))

@@ -18,13 +18,8 @@ class Problem:
     does not fit the mesh, or they have not as many channels; a ParameterError if mask or weights do not fit, a value is
     negative or not finite, or all are zero.
 
-    Attributes
-    ----------
-    source, target : (C, V) arrays
-    mask, areas : (V,) arrays
-        The mask, or None, and vertex areas times the mask.
-    function_size : float
-        The larger of the functions' deviations; 1 where both are constant.
+    ``source`` and ``target`` are (C, V), ``areas`` (V,) those of the vertices times the mask, ``function_size`` is the
+    larger of the functions' deviations, 1 where both are constant.
     """
 
     def __init__(

@@ -190,5 +190,4 @@ def _on_children(mesh: TriangleMesh, fine: TriangleMesh, field: FloatArray) -> F
     centres = fine.vertices[fine.faces].mean(axis=1).reshape(-1, 4, 3) - mesh.vertices[mesh.faces[:, :1]]
     places = np.einsum("fqx,fkx->fqk", centres, face_frames(mesh))
     at_centres = vectors[:, None, 0] + np.einsum("fqj,fjk->fqk", places, vectors[:, 1:])
-    on_children: FloatArray = np.einsum("fqk,fkx->fqx", at_centres, face_frames(mesh)).reshape(-1, 3)
-    return on_children
+    return np.asarray(np.einsum("fqk,fkx->fqx", at_centres, face_frames(mesh)).reshape(-1, 3))
