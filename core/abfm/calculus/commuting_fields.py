@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-from abfm.calculus.operators import Matrix, face_areas, hodge_laplacian, rotation
+from abfm.calculus.operators import Matrix, edge_lengths, face_areas, hodge_laplacian, rotation
 from abfm.calculus.vector_fields import check_field, lie_bracket, lie_bracket_of, to_ambient, to_frame
 from abfm.errors import MeshError, ParameterError
 from abfm.mesh import TriangleMesh
@@ -41,8 +41,7 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
     if not 1 <= count <= len(areas):
         raise ParameterError(f"{count} commuting fields asked for; on {len(areas)} faces it can be 1 to {len(areas)}")
     if weight is None:
-        corners = mesh.vertices[mesh.edges]
-        weight = float(np.sqrt(area) / np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1).mean())
+        weight = float(np.sqrt(area) / edge_lengths(mesh).mean())
     if not 0 <= weight < np.inf:
         raise ParameterError(f"weight is {weight}; expected a number of at least 0")
     field = field / speed

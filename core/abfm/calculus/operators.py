@@ -53,6 +53,12 @@ def vertex_areas(mesh: TriangleMesh) -> FloatArray:
 
 
 @per_mesh
+def edge_lengths(mesh: TriangleMesh) -> FloatArray:
+    """Lengths of the edges, (E,)."""
+    return np.asarray(np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1))
+
+
+@per_mesh
 def edge_areas(mesh: TriangleMesh) -> FloatArray:
     """Edge areas: a third of the adjacent faces' area, (E,). The (exact) Crouzeix-Raviart mass."""
     return _gather(mesh.face_edges, face_areas(mesh) / 3, len(mesh.edges))

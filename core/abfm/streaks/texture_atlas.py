@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.channels import channels
+from abfm.calculus.operators import edge_lengths
 from abfm.errors import ParameterError
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.streaks import texels
@@ -105,7 +106,7 @@ def _legs(mesh: TriangleMesh) -> tuple[IntArray, FloatArray]:
     """Corners of each face (F, 3), first the one opposite the longest edge, then the farther and the nearer of the
     others; and how far from the first these are, (F, 2).
     """
-    edges = np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1)[mesh.face_edges]
+    edges = edge_lengths(mesh)[mesh.face_edges]
     by_edge = np.argsort(edges, axis=1, kind="stable")
     return by_edge[:, [2, 0, 1]], np.take_along_axis(edges, by_edge[:, [1, 0]], axis=1)
 

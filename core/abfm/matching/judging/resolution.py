@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
-from abfm.calculus.operators import edge_areas
+from abfm.calculus.operators import edge_areas, edge_lengths
 from abfm.matching.energy.problem import Problem
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
@@ -40,8 +40,7 @@ def _of_channel(mesh: TriangleMesh, f: FloatArray) -> float:
         return np.inf
     start, end = mesh.edges.T
     changes = np.abs(f[end] - f[start]) / span
-    lengths = np.linalg.norm(mesh.vertices[end] - mesh.vertices[start], axis=1)
-    variation = edge_areas(mesh) * (changes / lengths) ** 2
+    variation = edge_areas(mesh) * (changes / edge_lengths(mesh)) ** 2
     order = np.argsort(changes, kind="stable")
     below = np.cumsum(variation[order])
     return 0.5 / float(changes[order[np.searchsorted(below, _SHARE * below[-1])]])
