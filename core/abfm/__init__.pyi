@@ -16,7 +16,7 @@ from .errors import ParameterError as ParameterError
 from .errors import ResultError as ResultError
 from .flow.advection import advect as advect
 from .flow.flow import Flow as Flow
-from .functions.evaluate import function as function
+from .functions.spec import function as function
 from .matching.energy.energy import MatchingEnergy as MatchingEnergy
 from .matching.judging.verification import Verification as Verification
 from .matching.judging.verification import verify as verify

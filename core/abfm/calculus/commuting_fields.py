@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-from abfm.calculus.operators import Matrix, face_areas, hodge_laplacian, rotation
+from abfm.calculus.operators import Matrix, edge_lengths, face_areas, hodge_laplacian, rotation
 from abfm.calculus.vector_fields import check_field, lie_bracket, lie_bracket_of, to_ambient, to_frame
 from abfm.errors import MeshError, ParameterError
 from abfm.mesh import TriangleMesh
@@ -26,21 +26,11 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
 
     Boundary condition of `abfm.calculus.operators.hodge_laplacian`: fields stay on the surface. Each has the root mean
     square of ``v``, and a positive product with ``v`` turned by 90 degrees plus ``v`` times its squared speed, unless
-    that vanishes.
+    that vanishes. Raises a ParameterError if ``v`` has another shape, values that are not finite or no speed, or a
+    number is out of range; a MeshError if the mesh's triangles are too thin to compute with.
 
-    Parameters
-    ----------
-    v : (F, 3) array
-        Tangent vectors, in any unit; a normal part is dropped.
-    weight : float, optional
-        Of the bracket; by default sqrt(area) over the mean edge length. 0 gives the smoothest fields of all.
-
-    Raises
-    ------
-    ParameterError
-        If ``v`` has another shape, values that are not finite or no speed, or a number is out of range.
-    MeshError
-        If the mesh's triangles are too thin to compute with.
+    ``v`` (F, 3) are tangent vectors, in any unit; a normal part is dropped. The bracket's ``weight`` is by default
+    sqrt(area) over the mean edge length; 0 gives the smoothest fields of all.
     """
     field = to_frame(mesh, check_field(mesh, v, "v"))
     areas = face_areas(mesh)
@@ -51,8 +41,7 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
     if not 1 <= count <= len(areas):
         raise ParameterError(f"{count} commuting fields asked for; on {len(areas)} faces it can be 1 to {len(areas)}")
     if weight is None:
-        corners = mesh.vertices[mesh.edges]
-        weight = float(np.sqrt(area) / np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1).mean())
+        weight = float(np.sqrt(area) / edge_lengths(mesh).mean())
     if not 0 <= weight < np.inf:
         raise ParameterError(f"weight is {weight}; expected a number of at least 0")
     field = field / speed
@@ -69,10 +58,7 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
 def relative_bracket(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> float:
     """``sqrt(area) |[v, u]| / (|v| |u|)``, with root mean squares: without unit, 0 for fields that commute.
 
-    Raises
-    ------
-    ParameterError
-        If a field has another shape, values that are not finite or no speed.
+    Raises a ParameterError if a field has another shape, values that are not finite or no speed.
     """
     areas = face_areas(mesh)
     fields = [to_frame(mesh, check_field(mesh, w, name)) for w, name in ((v, "v"), (u, "u"))]

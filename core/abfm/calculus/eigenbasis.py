@@ -23,11 +23,8 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
 
     The same mesh gives the same bits whatever was computed before: pairs are computed, and cached, in `BLOCKS`, and k
     only cuts the smallest one that holds it. Eigenspaces of several dimensions get an arbitrary basis in each block.
-
-    Raises
-    ------
-    FunctionError
-        If k is below 1, above 1024 or above the number of vertices, or if the solver does not converge.
+    Raises a FunctionError if k is below 1, above 1024 or above the number of vertices, or if the solver does not
+    converge.
     """
     count = len(mesh.vertices)
     most = min(count, BLOCKS[-1])

@@ -53,6 +53,12 @@ def vertex_areas(mesh: TriangleMesh) -> FloatArray:
 
 
 @per_mesh
+def edge_lengths(mesh: TriangleMesh) -> FloatArray:
+    """Lengths of the edges, (E,)."""
+    return np.asarray(np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1))
+
+
+@per_mesh
 def edge_areas(mesh: TriangleMesh) -> FloatArray:
     """Edge areas: a third of the adjacent faces' area, (E,). The (exact) Crouzeix-Raviart mass."""
     return _gather(mesh.face_edges, face_areas(mesh) / 3, len(mesh.edges))
@@ -210,13 +216,9 @@ def vector_norm_matrix(mesh: TriangleMesh, alpha: float) -> Matrix:
 def function_norm_matrix(mesh: TriangleMesh, beta: float, weight: ArrayLike | None = None) -> Matrix:
     """``G_V C_beta`` with ``C_beta = id - beta Delta_LB``, (V, V), symmetric positive (semi)definite (section 3).
 
-    Natural (Neumann) boundary condition.
-
-    Parameters
-    ----------
-    weight : (V,) array, optional
-        Non-negative weight ``w`` of the mismatch: ``int w (f^2 + beta |grad f|^2)``. A face has the least weight of its
-        corners, so that values where ``w`` is zero do not matter at all.
+    Natural (Neumann) boundary condition. A non-negative ``weight`` (V,) of the mismatch makes that
+    ``int w (f^2 + beta |grad f|^2)``; a face has the least of its corners', so that values where it is zero do not
+    matter at all.
     """
     areas, face_weight = vertex_areas(mesh), face_areas(mesh)
     if weight is not None:

@@ -44,18 +44,10 @@ class LinearizedFlow:
 
 
 class Advection:
-    """Composition of the flows of N fields, each over ``tau / N``.
+    """Composition of the flows of N fields (N, F, 2) of frame coefficients, in the mesh's units, each over ``tau / N``.
 
-    Parameters
-    ----------
-    fields : (N, F, 2) array
-        Frame coefficients, in the mesh's units.
-    linearized : bool
-        ``id - t D_v`` per field instead of ``exp(-t D_v)``.
-    workspace : Workspace, optional
-        That of an earlier flow on the same mesh, whose terms are forgotten.
-    tolerance, clustered
-        Those of `ExponentialFlow`.
+    ``linearized`` takes ``id - t D_v`` per field instead of ``exp(-t D_v)``. A ``workspace`` is that of an earlier flow
+    on the same mesh, whose terms are forgotten.
     """
 
     def __init__(
@@ -134,6 +126,9 @@ class Advection:
 def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> FloatArray:
     """Function carried along a field for a time: ``exp(-t D_v) f`` (Eq. 4), (V,) or (V, C).
 
+    Raises an AdvectionError if the arrays do not fit the mesh or are not finite, or if the flow is too long or
+    overflows.
+
     Parameters
     ----------
     velocity : (F, 3) array
@@ -142,11 +137,6 @@ def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> F
         One value or row per vertex of the mesh, or of its file.
     t : float
         Time of either sign.
-
-    Raises
-    ------
-    AdvectionError
-        If the arrays do not fit the mesh or are not finite, or if the flow is too long or overflows.
     """
     field, functions = np.asarray(velocity, dtype=np.float64), np.asarray(f, dtype=np.float64)
     if field.shape != (len(mesh.faces), 3):

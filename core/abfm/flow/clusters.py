@@ -7,7 +7,7 @@ Functions that take one value on each cluster, of vertices much closer than else
 
 import numpy as np
 
-from abfm.calculus.operators import vertex_areas
+from abfm.calculus.operators import edge_lengths, vertex_areas
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IndexArray
 
@@ -29,7 +29,7 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
     most = USUAL * np.median(rates)
     if rates.max() <= _FEW * most:
         return None
-    edges, lengths = mesh.edges, _edge_lengths(mesh)
+    edges, lengths = mesh.edges, edge_lengths(mesh)
     near = np.argsort(lengths, kind="stable")
     near = near[lengths[near] < _NEAR * np.median(lengths)]
     for _ in range(_ROUNDS):
@@ -48,7 +48,7 @@ def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
 
     A third of a face's area times the gradient of a corner's hat function is a sixth of the opposite edge.
     """
-    slopes = _edge_lengths(mesh)[mesh.face_edges] / 6
+    slopes = edge_lengths(mesh)[mesh.face_edges] / 6
     corners = clusters[mesh.faces]
     count = int(clusters.max()) + 1
     rates = np.zeros(count)
@@ -59,11 +59,6 @@ def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
         together = corners[:, others[0]] == corners[:, others[1]]
         rates += np.bincount(corners[:, corner], own + np.where(together, own, first + second), count)
     return rates / np.bincount(clusters, vertex_areas(mesh), count)
-
-
-def _edge_lengths(mesh: TriangleMesh) -> FloatArray:
-    ends = mesh.vertices[mesh.edges]
-    return np.asarray(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1))
 
 
 def _joined(pairs: IndexArray, count: int) -> IndexArray:

@@ -23,33 +23,17 @@ class DerivativePattern:
 
     Vertices are renumbered so that neighbours are close in memory; entries come in groups, see `derivative_kernels`.
     Where vertices are held together (`abfm.flow.clusters`), rows and columns are clusters, with one value each.
-
-    Attributes
-    ----------
-    order, rank : (V,) arrays
-        ``f[order]`` is a function in the pattern's order, ``f[rank]`` back in the mesh's. Of clusters, ``rank`` is each
-        vertex's own one, and ``order`` the clusters' vertices, one after the other.
-    shares : (V,) array or None
-        Share of each vertex in its cluster's area; None where each vertex is one.
-    indptr, indices : (V + 1,), (G, 7) arrays
-        First group of each row, and columns; the row itself where a group is padded.
-    bounds : (B + 1,) array
-        Blocks of rows whose neighbours are in the same, the next or the last block.
-    faces, slopes, inverse_areas
-        What `assemble_derivative` takes, in the mesh's order.
-    positions, transpose : (F, 3, 3), (7 G,) arrays
-        Entry of row corner a, column corner b, among all ``7 G``; and entry with row and column exchanged.
     """
 
-    order: IndexArray
-    rank: IndexArray
-    shares: FloatArray | None
-    indptr: IndexArray
-    indices: IndexArray
-    bounds: IndexArray
-    faces: IndexArray
-    positions: IndexArray
-    transpose: IndexArray
+    order: IndexArray  # (V,): f[order] is a function in the pattern's order; of clusters, their vertices in a row
+    rank: IndexArray  # (V,): f[rank] is a function back in the mesh's order; of clusters, each vertex's own one
+    shares: FloatArray | None  # (V,), of each vertex in its cluster's area; None where each vertex is one
+    indptr: IndexArray  # (V + 1,), first group of each row
+    indices: IndexArray  # (G, 7), columns; the row itself where a group is padded
+    bounds: IndexArray  # (B + 1,), blocks of rows whose neighbours are in the same, the next or the last block
+    faces: IndexArray  # what `assemble_derivative` takes, as slopes and inverse_areas: in the mesh's order
+    positions: IndexArray  # (F, 3, 3), entry of row corner a, column corner b, among all 7 G
+    transpose: IndexArray  # (7 G,), entry with row and column exchanged
     slopes: FloatArray
     inverse_areas: FloatArray
 

@@ -125,16 +125,10 @@ class Trajectory:
 
 
 class ExponentialFlow:
-    """``exp(-t D_v)`` of one field.
+    """``exp(-t D_v)`` of one field of frame coefficients ``v`` (F, 2), in the mesh's units.
 
-    Parameters
-    ----------
-    v : (F, 2) array
-        Frame coefficients of the field, in the mesh's units.
-    tolerance : float
-        Where the series is truncated, relative to ``max |f|``, per segment.
-    clustered : bool
-        Whether vertices of thin triangles are held together, see `abfm.flow.clusters`.
+    Each segment's series is truncated at a ``tolerance`` relative to ``max |f|``. Vertices of thin triangles are held
+    together if ``clustered``, see `abfm.flow.clusters`.
     """
 
     def __init__(

@@ -34,24 +34,15 @@ class FacePoints(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FlowLine:
-    """The path of one point: straight from each of K places to the next, at constant speed.
+    """The path of one point: straight from each of K places to the next, at constant speed."""
 
-    Attributes
-    ----------
-    times : (K,) array
-        When each place is reached: from 0 up, or from 0 down against the flow.
-    positions, faces, barycentric : (K, 3), (K,), (K, 3) arrays
-        Each place, in the mesh's units, a face that holds it, and the weights of its corners.
-    ended : str
-        Why the path ends: "time" where the whole duration was walked; "boundary" where it left the mesh; "stagnation"
-        where the field is zero or pushes in from all sides, so that the point rests there; "step limit".
-    """
-
-    times: FloatArray
-    positions: FloatArray
-    faces: IntArray
-    barycentric: FloatArray
+    times: FloatArray  # (K,), when each place is reached: from 0 up, or from 0 down against the flow
+    positions: FloatArray  # (K, 3), in the mesh's units
+    faces: IntArray  # (K,), a face that holds each place
+    barycentric: FloatArray  # (K, 3), the weights of its corners
     ended: Ending
+    """Why the path ends: "time" where the whole duration was walked; "boundary" where it left the mesh; "stagnation"
+    where the field is zero or pushes in from all sides, so that the point rests there; "step limit"."""
 
     def at(self, t: float) -> FloatArray:
         """The position (3,) at a time; before the first and after the last the path's end."""
@@ -65,6 +56,9 @@ def flow_lines(
 ) -> list[FlowLine]:
     """Walk points along a field, or along N fields in a row, exactly from edge to edge.
 
+    Raises a ParameterError if an array has another shape or values that are not finite, a start is not in the mesh, or
+    ``duration`` or ``tau`` is out of range.
+
     Parameters
     ----------
     velocity : (F, 3) or (N, F, 3) array
@@ -75,12 +69,6 @@ def flow_lines(
         How long to walk. Negative: against the flow of the first field.
     tau : float, optional
         End time of the N fields, each of which lasts ``tau / N``; the last one goes on. Needed for several fields.
-
-    Raises
-    ------
-    ParameterError
-        If an array has another shape or values that are not finite, a start is not in the mesh, or ``duration`` or
-        ``tau`` is out of range.
     """
     fields = fields_in_a_row(mesh, velocity)
     faces, barycentric = check_start(mesh, start)

@@ -21,22 +21,12 @@ _RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
 
 
 class SmoothFlow(NamedTuple):
-    """A continuous field as a walk along it needs it; places are in the faces' frames, from the first corner.
+    """A continuous field as a walk along it needs it; places are in the faces' frames, from the first corner."""
 
-    Attributes
-    ----------
-    vectors, gradients : (F, 3, 2) arrays
-        Vectors at the first corner, and how they change per unit of x and of y; and gradients of the hat functions.
-    unfolding : (F, 3, 4) array
-        From each frame to that behind the edge opposite each corner: cosine and sine of the turn, and the shift.
-    neighbours : (F, 3) array of int
-        The slot ``3 f + k`` on the other side of that edge, -1 on the boundary.
-    """
-
-    vectors: FloatArray
-    gradients: FloatArray
-    unfolding: FloatArray
-    neighbours: IndexArray
+    vectors: FloatArray  # (F, 3, 2): at the first corner, and how they change per unit of x and of y
+    gradients: FloatArray  # (F, 3, 2), of the hat functions
+    unfolding: FloatArray  # (F, 3, 4), to the frame behind the edge opposite each corner: cosine, sine, and the shift
+    neighbours: IndexArray  # (F, 3), slot 3 f + k on the other side of that edge, -1 on the boundary
 
 
 def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> SmoothFlow:

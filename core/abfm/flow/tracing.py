@@ -24,22 +24,12 @@ AT_VERTEX = 1.0 - 1e-12
 
 
 class FaceFlow(NamedTuple):
-    """A field as the walk needs it.
+    """A field as the walk needs it."""
 
-    Attributes
-    ----------
-    rates, along : (F, 3) arrays
-        How fast each barycentric weight grows, per unit of time; and the vector's part along the edge opposite each
-        corner, in edges per unit of time.
-    areas : (F,) array
-    neighbours : (F, 3) array of int
-        The slot on the other side of each edge, -1 on the boundary.
-    """
-
-    rates: FloatArray
-    along: FloatArray
-    areas: FloatArray
-    neighbours: IntArray
+    rates: FloatArray  # (F, 3), how fast each barycentric weight grows, per unit of time
+    along: FloatArray  # (F, 3), the vector's part along the edge opposite each corner, in edges per unit of time
+    areas: FloatArray  # (F,)
+    neighbours: IntArray  # (F, 3), `opposite_slots`
 
 
 @per_mesh

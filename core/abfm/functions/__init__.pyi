@@ -1,5 +1,4 @@
 from .curvature import vertex_normals as vertex_normals
-from .evaluate import function as function
 from .family import VERTICES as VERTICES
 from .family import Family as Family
 from .family import Kind as Kind
@@ -12,6 +11,7 @@ from .permuted import Permuted as Permuted
 from .permuted import vertex_map as vertex_map
 from .spec import Sum as Sum
 from .spec import families as families
+from .spec import function as function
 from .spec import parse as parse
 from .values_file import ValuesFile as ValuesFile
 from .values_file import read_table as read_table

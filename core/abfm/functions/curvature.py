@@ -41,8 +41,7 @@ class Curvature(Family):
 
 def gaussian_curvature(mesh: TriangleMesh) -> FloatArray:
     """Angle defect over mixed area (Meyer et al., equation 9), (V,), in 1/length^2; meaningless on a boundary."""
-    curvature: FloatArray = igl.gaussian_curvature(mesh.vertices, mesh.faces) / mixed_areas(mesh)
-    return curvature
+    return np.asarray(igl.gaussian_curvature(mesh.vertices, mesh.faces) / mixed_areas(mesh))
 
 
 def mean_curvature(mesh: TriangleMesh) -> FloatArray:
@@ -51,8 +50,7 @@ def mean_curvature(mesh: TriangleMesh) -> FloatArray:
     Positive on a sphere with outward normals; meaningless on a boundary.
     """
     curvature_normal = cotangent_laplacian(mesh) @ mesh.vertices / (2 * mixed_areas(mesh)[:, None])
-    along_normal: FloatArray = np.einsum("vx,vx->v", curvature_normal, vertex_normals(mesh))
-    return along_normal
+    return np.asarray(np.einsum("vx,vx->v", curvature_normal, vertex_normals(mesh)))
 
 
 def mixed_areas(mesh: TriangleMesh) -> FloatArray:
@@ -60,13 +58,11 @@ def mixed_areas(mesh: TriangleMesh) -> FloatArray:
 
     With a third of the adjacent faces instead, curvature stays 15% wrong at the 12 odd vertices of an icosphere.
     """
-    areas: FloatArray = igl.massmatrix(mesh.vertices, mesh.faces, igl.MASSMATRIX_TYPE_VORONOI).diagonal()
-    return areas
+    return np.asarray(igl.massmatrix(mesh.vertices, mesh.faces, igl.MASSMATRIX_TYPE_VORONOI).diagonal())
 
 
 def vertex_normals(mesh: TriangleMesh) -> FloatArray:
     """Unit normals at the vertices: along the area-weighted sum of the faces' normals, 0 where that is 0, (V, 3)."""
     weighted = np.repeat(face_areas(mesh)[:, None] * face_normals(mesh), 3, axis=0)  # at each corner
     normals = np.stack([np.bincount(mesh.faces.ravel(), w, minlength=len(mesh.vertices)) for w in weighted.T], axis=1)
-    unit: FloatArray = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
-    return unit
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny))

@@ -24,27 +24,13 @@ class Spec(ABC):
 
 @dataclass(frozen=True)
 class Kind:
-    """What a parameter accepts.
+    """What a parameter accepts."""
 
-    Attributes
-    ----------
-    name : str
-        In messages.
-    read : callable
-        How text becomes a value; ValueError where it cannot.
-    choices : tuple of str
-        All values, where they are few names.
-    whole : bool
-        Whether its numbers are whole.
-    suffixes : tuple of str
-        Endings of the files that it names.
-    """
-
-    name: str
-    read: Callable[[str], Any] = field(repr=False)
-    choices: tuple[str, ...] = ()
-    whole: bool = False
-    suffixes: tuple[str, ...] = ()
+    name: str  # in messages
+    read: Callable[[str], Any] = field(repr=False)  # how text becomes a value; ValueError where it cannot
+    choices: tuple[str, ...] = ()  # all values, where they are few names
+    whole: bool = False  # whether its numbers are whole
+    suffixes: tuple[str, ...] = ()  # endings of the files that it names
 
 
 class Slider(NamedTuple):
@@ -65,33 +51,17 @@ class Shape(NamedTuple):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One key of a family: all that the text form, help texts, messages and forms know about it.
-
-    Attributes
-    ----------
-    name : str
-    kind : Kind
-    summary : str
-        What it means, as the beginning of a sentence in small letters.
-    default : object
-        MISSING where it must be given; an optional one without a default has None.
-    unit : str
-    slider : Slider or callable, optional
-        What a form draws for a number, or what finds it for a function of the family and a mesh.
-    empty : str
-        What None means, as a form says it.
-    instead_of : str
-        Another parameter which, when it is given, takes the place of this one.
-    """
+    """One key of a family: all that the text form, help texts, messages and forms know about it."""
 
     name: str
     kind: Kind
-    summary: str
-    default: Any
+    summary: str  # what it means, as the beginning of a sentence in small letters
+    default: Any  # MISSING where it must be given; an optional one without a default has None
     unit: str = ""
+    # what a form draws for a number, or what finds it for a function of the family and a mesh
     slider: Slider | Callable[[Any, TriangleMesh], Slider | None] | None = None
-    empty: str = "automatic"
-    instead_of: str = ""
+    empty: str = "automatic"  # what None means, as a form says it
+    instead_of: str = ""  # another parameter which, when it is given, takes the place of this one
 
     @property
     def required(self) -> bool:

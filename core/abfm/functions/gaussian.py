@@ -36,5 +36,4 @@ class Gaussian(AroundPoints):
 
 def _straight_distance(mesh: TriangleMesh, sources: IntArray) -> FloatArray:
     distances = [np.linalg.norm(mesh.vertices - mesh.vertices[source], axis=1) for source in sources]
-    nearest: FloatArray = np.min(distances, axis=0)
-    return nearest
+    return np.asarray(np.min(distances, axis=0))

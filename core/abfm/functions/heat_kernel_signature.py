@@ -37,5 +37,4 @@ class HeatKernelSignature(Family):
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         values, functions = eigenbasis(mesh.normalized(), min(self.eigenpairs, len(mesh.vertices)))
         weights = np.exp(-values * self.time)
-        signature: FloatArray = functions**2 @ (weights / weights.sum())
-        return signature
+        return np.asarray(functions**2 @ (weights / weights.sum()))

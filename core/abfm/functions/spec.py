@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NoReturn
 
+import numpy as np
+
 from abfm.errors import FunctionError, did_you_mean
 from abfm.functions.coordinate import Coordinate
 from abfm.functions.curvature import Curvature
@@ -80,10 +82,7 @@ def families() -> tuple[type[Family], ...]:
 def parse(text: str) -> Spec:
     """Read the text form of a function; nothing about a mesh is checked yet.
 
-    Raises
-    ------
-    FunctionError
-        If the text is no spec: what was found, what was expected, and the nearest known name.
+    Raises a FunctionError if the text is no spec: what was found, what was expected, and the nearest known name.
     """
     if len(text) > LONGEST:
         raise FunctionError(f"function {shown(text)} has {len(text)} characters; at most {LONGEST} are allowed")
@@ -92,6 +91,32 @@ def parse(text: str) -> Spec:
     if parser.position < len(text):
         parser.fail("'+' or the end")
     return spec
+
+
+def function(mesh: TriangleMesh, spec: str | Spec) -> FloatArray:
+    """Values of a function at the vertices, (V,), finite, a new array every time.
+
+    Raises a FunctionError if the text is no spec, names a vertex or file that does not fit the mesh, or gives values
+    that are not finite.
+
+    Parameters
+    ----------
+    spec : str or Spec
+        Text such as ``"gaussian:vertex=12,width=0.1 + gaussian:vertex=3"``, or what :func:`parse` makes of it;
+        :func:`families` lists the families with their parameters.
+    """
+    tree = parse(spec) if isinstance(spec, str) else spec
+    if not isinstance(tree, Spec):
+        raise FunctionError(f"function is {spec!r}; expected a text such as 'gaussian:vertex=12', or what parse gives")
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = np.array(tree.evaluate(mesh), dtype=np.float64, order="C")
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        raise FunctionError(
+            f"function {shown(str(tree))} is not finite at {len(bad)} of {len(values)} vertices, "
+            f"for example {values[bad[0]]} at vertex {mesh.vertex_ids[bad[0]]}; every vertex needs a finite value"
+        )
+    return values
 
 
 class _Parser:

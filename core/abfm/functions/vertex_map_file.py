@@ -27,13 +27,9 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
         file as the nearest vertex that has a partner.
 
     Numbers count the vertices of the mesh file, from 0 or from 1, whichever all of them fit. If both fit: whichever
-    makes the map a permutation; failing that .vts files count from 1, and others from 0, as meshes do.
-
-    Raises
-    ------
-    FunctionError
-        If the file cannot be read, has the wrong length, numbers that fit neither way or, in pairs of .txt or .csv,
-        both ways, or two partners for a vertex.
+    makes the map a permutation; failing that .vts files count from 1, and others from 0, as meshes do. Raises a
+    FunctionError if the file cannot be read, has the wrong length, numbers that fit neither way or, in pairs of .txt or
+    .csv, both ways, or two partners for a vertex.
     """
     table = read_table(path)[1]
     template = Path(path[: -len(_SYMMETRIC)] + ".vts").expanduser()
@@ -110,5 +106,4 @@ def _spread(mesh: TriangleMesh, pairs: IntArray) -> IntArray:
     both = np.concatenate([pairs, pairs[:, ::-1]])
     known, first = np.unique(both[:, 0], return_index=True)
     nearest = cKDTree(mesh.vertices[known]).query(mesh.vertices)[1]
-    vertex_map: IntArray = both[first[nearest], 1]
-    return vertex_map
+    return np.asarray(both[first[nearest], 1])

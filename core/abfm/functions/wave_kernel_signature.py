@@ -51,5 +51,4 @@ class WaveKernelSignature(Family):
         width = self.width or max(0.07 * (energies[-1] - energies[0]), 1e-3)  # all energies may be equal
         exponents = -0.5 * ((self.energy - energies) / width) ** 2
         weights = np.exp(exponents - exponents.max())  # the largest is 1: no 0/0 at energies far from all
-        signature: FloatArray = functions[:, 1:] ** 2 @ (weights / weights.sum())
-        return signature
+        return np.asarray(functions[:, 1:] ** 2 @ (weights / weights.sum()))

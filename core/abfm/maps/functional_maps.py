@@ -28,10 +28,7 @@ def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArra
 
     ``Phi^T M`` is the pseudoinverse of ``Phi`` in L2.
 
-    Raises
-    ------
-    FunctionError
-        If ``h`` does not fit the mesh, or there are no k eigenfunctions.
+    Raises a FunctionError if ``h`` does not fit the mesh, or there are no k eigenfunctions.
     """
     unit = mesh.normalized()
     rows = channels(mesh, h, "h")
@@ -42,12 +39,8 @@ def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArra
 def functional_map(source: TriangleMesh, target: TriangleMesh, points: SurfacePoints, k: int) -> FloatArray:
     """Functional map in k eigenfunctions, ``Phi_target^+ P Phi_source``, (k, k), of a point map.
 
-    That says where on the source each vertex of the target goes.
-
-    Raises
-    ------
-    FunctionError
-        If there are no k eigenfunctions, or not one point per vertex of the target.
+    That says where on the source each vertex of the target goes. Raises a FunctionError if there are no k
+    eigenfunctions, or not one point per vertex of the target.
     """
     return spectral_coefficients(target, pull_back(source, points, eigenbasis(source.normalized(), k)[1]), k)
 
@@ -55,10 +48,7 @@ def functional_map(source: TriangleMesh, target: TriangleMesh, points: SurfacePo
 def carry(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike) -> FloatArray:
     """Carry a function of the source, of one channel or several, to the target: ``Phi_target C Phi_source^+ h``.
 
-    Raises
-    ------
-    AbfmError
-        If ``C`` or ``h`` does not fit.
+    Raises an AbfmError if ``C`` or ``h`` does not fit.
     """
     matrix = _check(C)
     basis = eigenbasis(target.normalized(), matrix.shape[0])[1]
@@ -72,14 +62,8 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Surfa
     that row of ``Phi_source C^T``. Each vertex of the target goes to the vertex of the source whose carried delta
     function is nearest to its own, a row of ``Phi_target``. Looking up rows of ``Phi_target C`` among those of
     ``Phi_source`` instead would carry the target's delta functions back by the adjoint of ``C``, which is its inverse
-    only where ``C`` is orthogonal. Nothing makes that map continuous.
-
-    Raises
-    ------
-    ParameterError
-        If ``C`` is not a finite matrix.
-    FunctionError
-        If there are not so many eigenfunctions.
+    only where ``C`` is orthogonal. Nothing makes that map continuous. Raises a ParameterError if ``C`` is not a finite
+    matrix; a FunctionError if there are not so many eigenfunctions.
     """
     matrix = _check(C)
     arrived = eigenbasis(source.normalized(), matrix.shape[1])[1] @ matrix.T
@@ -91,14 +75,8 @@ def zoom_out(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, k: int, s
     """Refine a functional map to k eigenfunctions, (k, k), by going to points and back with ever more [MRR*19].
 
     ``C`` (k_target, k_source) is the start, and ``step`` eigenfunctions come in at a time. The way to points is
-    `point_map`: by the adjoint, errors of the start stay.
-
-    Raises
-    ------
-    ParameterError
-        If ``C`` is not a finite matrix, larger than k, or ``step`` is below 1.
-    FunctionError
-        If there are no k eigenfunctions.
+    `point_map`: by the adjoint, errors of the start stay. Raises a ParameterError if ``C`` is not a finite matrix,
+    larger than k, or ``step`` is below 1; a FunctionError if there are no k eigenfunctions.
     """
     matrix = _check(C)
     if not max(matrix.shape) <= k:

@@ -65,10 +65,7 @@ class MapQuality:
 def map_quality(mesh: TriangleMesh, points: SurfacePoints, onto: TriangleMesh | None = None) -> MapQuality:
     """Measure a map that takes each of a mesh's V vertices to a point, of another surface or the mesh itself.
 
-    Raises
-    ------
-    AbfmError
-        If there is not one point for each vertex.
+    Raises an AbfmError if there is not one point for each vertex.
     """
     folded = distortion(mesh, points.positions, onto).flipped
     distances = points.distances / (mesh if onto is None else onto).length_scale

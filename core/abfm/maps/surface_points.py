@@ -24,51 +24,29 @@ POINTS_PER_QUERY = 8192  # igl keeps the GIL for a whole query: about 15 ms each
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """P points on a mesh.
+    """P points on a mesh."""
 
-    Attributes
-    ----------
-    faces, barycentric : (P,), (P, 3) arrays
-        The face that holds each point, and weights of its corners, non-negative, summing to 1.
-    positions, distances : (P, 3), (P,) arrays
-        The points in space, and how far each given point was from the surface, in the mesh's units.
-    """
-
-    faces: IntArray
-    barycentric: FloatArray
-    positions: FloatArray
-    distances: FloatArray
+    faces: IntArray  # (P,), the face that holds each point
+    barycentric: FloatArray  # (P, 3), weights of its corners, non-negative, summing to 1
+    positions: FloatArray  # (P, 3), the points in space
+    distances: FloatArray  # (P,), how far each given point was from the surface, in the mesh's units
 
 
 @dataclass(frozen=True)
 class Distortion:
-    """What a piecewise linear map does to each of F faces; see `distortion`.
+    """What a piecewise linear map does to each of F faces; see `distortion`."""
 
-    Attributes
-    ----------
-    singular_values : (F, 2) array
-        Largest and smallest stretch ``s_1 >= s_2 >= 0``.
-    area, conformal : (F,) arrays
-        ``s_1 s_2``: mapped area over area; and ``s_1 / s_2 >= 1``, which is inf where a face collapses.
-    flipped : (F,) array of bool
-        True where the mapped face looks against the surface that it landed on.
-    """
-
-    singular_values: FloatArray
-    area: FloatArray
-    conformal: FloatArray
-    flipped: BoolArray
+    singular_values: FloatArray  # (F, 2), largest and smallest stretch ``s_1 >= s_2 >= 0``
+    area: FloatArray  # (F,), ``s_1 s_2``: mapped area over area
+    conformal: FloatArray  # (F,), ``s_1 / s_2 >= 1``; inf where a face collapses
+    flipped: BoolArray  # (F,), True where the mapped face looks against the surface that it landed on
 
 
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:
     """Find the closest point of the surface to each of P points (P, 3) in space, in the mesh's units.
 
-    Distances are exact up to rounding; where several faces are equally close the choice is fixed.
-
-    Raises
-    ------
-    AbfmError
-        If the points are not (P, 3) or not finite.
+    Distances are exact up to rounding; where several faces are equally close the choice is fixed. Raises an AbfmError
+    if the points are not (P, 3) or not finite.
     """
     given = _finite_points(points)
     tree = igl.AABB()
@@ -86,10 +64,7 @@ def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints
 def vertex_points(mesh: TriangleMesh, vertices: ArrayLike) -> SurfacePoints:
     """Vertices (P,), by index, as points of the surface.
 
-    Raises
-    ------
-    AbfmError
-        If an index is not a whole number or not among the mesh's own vertices.
+    Raises an AbfmError if an index is not a whole number or not among the mesh's own vertices.
     """
     given = np.asarray(vertices)
     count = len(mesh.vertices)
@@ -107,12 +82,7 @@ def pull_back(mesh: TriangleMesh, points: SurfacePoints, h: ArrayLike) -> FloatA
     """Evaluate a vertex function (V,) or (V, C) at P points, linearly inside each face: (P,) or (P, C).
 
     With ``points`` a map of every vertex this is ``h`` composed with the map; with ``h`` the positions of a second map
-    it is the composition of both.
-
-    Raises
-    ------
-    FunctionError
-        If ``h`` does not fit the mesh.
+    it is the composition of both. Raises a FunctionError if ``h`` does not fit the mesh.
     """
     at_corners = channels(mesh, h, "h")[:, mesh.faces[points.faces]]
     values: FloatArray = np.einsum("pc,kpc->pk", points.barycentric, at_corners)
@@ -134,7 +104,8 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMe
 
     The Jacobian of a face, ``J = sum_i x_i (grad phi_i)^T`` with ``x_i`` the mapped corners, has the singular values
     ``s_1 >= s_2``. Flipped are faces as `turned_over` has them, collapsed ones not. For flow maps the error is of first
-    order in the edge length, that of the map itself of second.
+    order in the edge length, that of the map itself of second. Raises an AbfmError if the positions are not (V, 3) or
+    not finite.
 
     Parameters
     ----------
@@ -142,11 +113,6 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMe
         Where the map takes each vertex, in the units of ``onto``.
     onto : TriangleMesh, optional
         The surface that the map leads to, by default the mesh itself.
-
-    Raises
-    ------
-    AbfmError
-        If the positions are not (V, 3) or not finite.
     """
     mapped = _finite_points(mapped_positions)
     if len(mapped) != len(mesh.vertices):

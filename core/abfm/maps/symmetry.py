@@ -28,33 +28,16 @@ _REFINEMENTS = 8
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """A rotation or reflection that carries a surface to itself: ``x -> centre + linear (x - centre)``.
-
-    Attributes
-    ----------
-    order : int
-        After how many times everything is back: 2 for a mirror, n for a rotation by ``2 pi / n``.
-    axis, centre : (3,) arrays
-        Unit normal of the mirror's plane, or axis of the rotation, with its largest component positive; and a point of
-        the plane or the axis, in the mesh's units.
-    linear : (3, 3) array
-        Orthogonal, with determinant -1 for a mirror and 1 for a rotation.
-    vertex_map : (V,) array of int
-        The vertex that each vertex is carried to; where there is none, the nearest one on the face that it lands on.
-    is_permutation : bool
-        Whether the vertex map takes every vertex once, as it does where the mesh itself has the symmetry.
-    error : float
-        How far from the surface the worst vertex is carried, as a fraction of sqrt(area).
-    """
+    """A rotation or reflection that carries a surface to itself: ``x -> centre + linear (x - centre)``."""
 
     kind: Kind
-    order: int
-    axis: FloatArray
-    centre: FloatArray
-    linear: FloatArray
-    vertex_map: IntArray
-    is_permutation: bool
-    error: float
+    order: int  # after how many times everything is back: 2 for a mirror, n for a rotation by ``2 pi / n``
+    axis: FloatArray  # (3,), unit normal of the mirror, or axis of the rotation; its largest component is positive
+    centre: FloatArray  # (3,), a point of the mirror's plane or of the axis, in the mesh's units
+    linear: FloatArray  # (3, 3), orthogonal, with determinant -1 for a mirror and 1 for a rotation
+    vertex_map: IntArray  # (V,), where each vertex is carried; to the nearest on the face where it lands, if to none
+    is_permutation: bool  # whether the map takes every vertex once, as where the mesh itself has the symmetry
+    error: float  # how far from the surface the worst vertex is carried, as a fraction of sqrt(area)
 
     def carry(self, points: FloatArray) -> FloatArray:
         """Points (P, 3), in the mesh's units, where the symmetry takes them."""
@@ -77,14 +60,8 @@ def detect_symmetry(mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: f
     centroid. The best are refined by turns of closest points and best axes (not for orders above 2), then tried on all
     vertices. Of several symmetries permutations of the vertices go before others, then smaller errors before
     larger ones, then the one that moves the surface most is chosen. Made once per mesh. ``tolerance`` is the largest
-    `Symmetry.error` that counts as symmetric.
-
-    Raises
-    ------
-    SymmetryError
-        If there is none within the tolerance; the message has the best error found.
-    ParameterError
-        If there is no such kind or order.
+    `Symmetry.error` that counts as symmetric. Raises a SymmetryError if there is none within the tolerance; the message
+    has the best error found; a ParameterError if there is no such kind or order.
     """
     if kind not in KINDS:
         raise ParameterError(f"kind is {kind!r}; expected {' or '.join(map(repr, KINDS))}")
@@ -132,8 +109,7 @@ def _linear(axes: FloatArray, kind: Kind, order: int) -> FloatArray:
 
 
 def _carry(linear: FloatArray, centre: FloatArray, points: FloatArray) -> FloatArray:
-    carried: FloatArray = centre + (points - centre) @ np.swapaxes(linear, -1, -2)
-    return carried
+    return np.asarray(centre + (points - centre) @ np.swapaxes(linear, -1, -2))
 
 
 def _principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
@@ -187,8 +163,7 @@ def _axes_between(mesh: TriangleMesh, x: FloatArray, p: int, kind: Kind, order: 
 def _unit_rows(vectors: FloatArray) -> FloatArray:
     """Those that are not zero, scaled to length 1."""
     lengths = np.linalg.norm(vectors, axis=1)
-    rows: FloatArray = vectors[lengths > _FAR] / lengths[lengths > _FAR, None]
-    return rows
+    return np.asarray(vectors[lengths > _FAR] / lengths[lengths > _FAR, None])
 
 
 def _screened(

@@ -34,6 +34,8 @@ def match(
 ) -> Match:
     """Find the tangent field whose flow carries ``f`` to ``g``.
 
+    Raises an AbfmError if the functions, parameters, mask, weights or start do not fit.
+
     Parameters
     ----------
     f, g : (V,) or (V, C) arrays
@@ -51,11 +53,6 @@ def match(
         Called after every iteration, in this thread.
     control : Control, optional
         To pause, resume or cancel from elsewhere.
-
-    Raises
-    ------
-    AbfmError
-        If the functions, parameters, mask, weights or start do not fit.
     """
     if not isinstance(parameters, Parameters | None):
         raise ParameterError(f"parameters is {parameters!r}; expected abfm.Parameters(...)")

@@ -129,10 +129,7 @@ class Match:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a result file (``.npz``, no pickles), whole or not at all.
 
-        Raises
-        ------
-        ResultError
-            If it cannot be written.
+        Raises a ResultError if it cannot be written.
         """
         save_arrays(path, mesh_arrays(self.mesh) | match_arrays(self))
 
@@ -154,10 +151,7 @@ def match_of(
 ) -> Match:
     """The match that `match_arrays` was given; files from before there were verdicts have None.
 
-    Raises
-    ------
-    ValueError
-        If there are more or fewer fields than segments.
+    Raises a ValueError if there are more or fewer fields than segments.
     """
     parts: dict[str, Any] = {"mask": None, "verified_mismatch": math.nan, "folded": math.nan}
     parts |= {name: array if array.ndim else array.item() for name, array in arrays.items()}
@@ -171,10 +165,7 @@ def match_of(
 def load_match(path: str | os.PathLike[str]) -> Match:
     """Read a result file that `Match.save` wrote.
 
-    Raises
-    ------
-    ResultError
-        If the file is missing, damaged, or not a result.
+    Raises a ResultError if the file is missing, damaged, or not a result.
     """
     arrays = load_arrays(path)
     try:

@@ -27,40 +27,20 @@ _CLOSING = 4  # stages with ever smaller sigmas, and alphas as their squares, af
 
 @dataclass(frozen=True)
 class Stage:
-    """A part of a match.
+    """A part of a match."""
 
-    Attributes
-    ----------
-    level : int
-        Which mesh, from 0, the coarsest.
-    sigma, alpha : float
-        As the parameters give them.
-    reach : float
-        Of its norm of mismatches, in sqrt(area); 0 for that of the parameters.
-    iterations, until : int
-        At most, of its own and of all together.
-    patient, paying : bool, float
-        Whether it goes on to the end of its iterations, or while it gains this share of its energy again and again.
-    goal, needed_above : float
-        Mismatch at which it ends, and up to which it is left out.
-    last : bool
-        Whether it is on the mesh itself with the last sigma or a smaller one.
-    balanced : bool
-        Whether it weighs flow lines against the discrete advection.
-    """
-
-    level: int
-    sigma: float
+    level: int  # which mesh, from 0, the coarsest
+    sigma: float  # as the parameters give it, and alpha
     alpha: float
-    reach: float
-    iterations: int
-    until: int
-    patient: bool
-    goal: float = 0.0
-    needed_above: float = 0.0
-    last: bool = False
-    balanced: bool = False
-    paying: float = _PAYING
+    reach: float  # of its norm of mismatches, in sqrt(area); 0 for that of the parameters
+    iterations: int  # at most, of its own
+    until: int  # at most, of all together
+    patient: bool  # whether it goes on to the end of its iterations
+    goal: float = 0.0  # mismatch at which it ends
+    needed_above: float = 0.0  # mismatch up to which it is left out
+    last: bool = False  # whether it is on the mesh itself with the last sigma or a smaller one
+    balanced: bool = False  # whether it weighs flow lines against the discrete advection
+    paying: float = _PAYING  # unless patient it goes on while it gains this share of its energy again and again
 
     def pays(self, energies: list[float]) -> bool:
         """Whether to go on after these energies, one for each of the stage's iterates."""
@@ -116,19 +96,10 @@ def finish(
     With a fixed number of iterations per stage, and without reach on one mesh, which is the paper's way, stages go on
     to the end of their iterations; else they end when they stop paying, or are close.
 
-    Parameters
-    ----------
-    p : Parameters
-    levels : int
-    warm : bool
-        Whether the target is found already by given fields.
-    joined : bool
-        Whether the last level but one has the mesh itself already, with vertices of thin triangles held together: it
-        takes the place of the last one, where only what then misses the target goes on.
-    raised : float
-        A larger last sigma than that of the parameters, which is the only one then but for those of closing stages.
-    alpha : float, optional
-        With which the target was found, if not with that of the parameters.
+    ``warm`` is whether the target is found already by given fields. ``joined`` is whether the last level but one has
+    the mesh itself already, with vertices of thin triangles held together: it takes the place of the last one, where
+    only what then misses the target goes on. A ``raised`` last sigma, larger than that of the parameters, is the only
+    one then but for those of closing stages. ``alpha`` is that with which the target was found.
     """
     meshes = levels - joined
     patient = _is_patient(p, meshes)

@@ -89,8 +89,7 @@ def check(vertices: ArrayLike, faces: ArrayLike, largest_component: bool) -> tup
 def twice_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Twice the area of every face, (F,)."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    areas: FloatArray = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return areas
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
 
 def _count(number: int, one: str, many: str) -> str:

@@ -44,8 +44,7 @@ def connected(count: int, pairs: IntArray) -> IntArray:
             root = above
         pairs = root[pairs]
         pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    labels: IntArray = (np.cumsum(root == nodes) - 1)[root]
-    return labels
+    return np.asarray((np.cumsum(root == nodes) - 1)[root])
 
 
 def vertex_components(faces: IntArray, vertex_count: int) -> IntArray:

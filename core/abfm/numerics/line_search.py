@@ -44,18 +44,8 @@ def strong_wolfe(
 ) -> Trial[Point] | None:
     """Find a step length with sufficient decrease and, unless it is ``longest``, a flatter slope; None without one.
 
-    A value that is not finite counts as infinite: the step is shortened.
-
-    Parameters
-    ----------
-    evaluate : callable
-        Step length to evaluation.
-    slope_at : callable
-        Evaluation to slope along the direction: asked for only where the value is low enough.
-    start : Trial
-        That of length 0; its slope is negative.
-    first, longest : float
-        Lengths to try.
+    A value that is not finite counts as infinite: the step is shortened. ``slope_at`` is asked for the slope along the
+    direction only where the value is low enough; the slope at ``start``, of length 0, is negative.
     """
     low, high = start, None
     length = min(first, longest)

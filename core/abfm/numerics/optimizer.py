@@ -38,73 +38,35 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class State(Generic[Point]):
-    """One iterate of L-BFGS.
+    """One iterate of L-BFGS."""
 
-    Attributes
-    ----------
-    x : array
-        The iterate; it never has a higher energy than the one before.
-    point : Point
-        Evaluation at ``x``, with gradient ``g``.
-    preconditioned : array
-        ``H_0 g``.
-    pairs : tuple of Pair
-        Latest ones, oldest first.
-    scale : float
-        Factor of ``H_0`` in the next direction.
-    gradient_norm, first_norm : float
-        ``sqrt(<g, H_0 g>)``, the norm dual to the preconditioner's, here and at the first iterate.
-    length : float
-        ``size`` of the latest step; the next search begins with at most twice as much.
-    failed : bool
-        The line search found no lower energy: ``x`` is the iterate before.
-    """
-
-    x: FloatArray
-    point: Point
-    preconditioned: FloatArray
-    pairs: tuple[Pair, ...]
-    scale: float
-    gradient_norm: float
-    first_norm: float
-    length: float = 0.0
-    failed: bool = False
+    x: FloatArray  # never has a higher energy than the one before
+    point: Point  # evaluation at x, with gradient g
+    preconditioned: FloatArray  # H_0 g
+    pairs: tuple[Pair, ...]  # latest ones, oldest first
+    scale: float  # factor of H_0 in the next direction
+    gradient_norm: float  # sqrt(<g, H_0 g>), the norm dual to the preconditioner's
+    first_norm: float  # the same at the first iterate
+    length: float = 0.0  # size of the latest step; the next search begins with at most twice as much
+    failed: bool = False  # the line search found no lower energy: x is the iterate before
 
 
+@dataclass(frozen=True, eq=False)
 class LBFGS(Generic[Point]):
     """Minimise an energy by L-BFGS with a strong Wolfe search.
 
-    Parameters
-    ----------
-    evaluate : callable
-        Array to evaluation; the energy may be infinite. The gradient is asked for only where it is needed, at the
-        latest before the next evaluation.
-    precondition : callable, optional
-        ``H_0``: applies a symmetric positive definite approximation of the inverse Hessian. Without it ``H_0`` is the
-        usual multiple of the identity, ``<s, y> / <y, y>``.
-    memory : int
-        Number of pairs kept.
-    size, longest : callable, float
-        Length of a step as the user measures it, and the most that it may be.
-    tolerance : float
-        Converged when the gradient's norm is this fraction of the first one.
+    ``evaluate`` makes an evaluation of an array; the energy may be infinite. The gradient is asked for only where it is
+    needed, at the latest before the next evaluation. ``precondition`` is ``H_0``: it applies a symmetric positive
+    definite approximation of the inverse Hessian. Without it ``H_0`` is the usual multiple of the identity,
+    ``<s, y> / <y, y>``.
     """
 
-    def __init__(
-        self,
-        evaluate: Callable[[FloatArray], Point],
-        precondition: Callable[[FloatArray], FloatArray] | None = None,
-        memory: int = 10,
-        size: Callable[[FloatArray], float] = lambda step: float(np.abs(step).max()),
-        longest: float = np.inf,
-        tolerance: float = 1e-6,
-    ) -> None:
-        self.evaluate = evaluate
-        self.precondition = precondition
-        self.memory = memory
-        self.size = size
-        self.longest = longest
-        self.tolerance = tolerance
+    evaluate: Callable[[FloatArray], Point]
+    precondition: Callable[[FloatArray], FloatArray] | None = None
+    memory: int = 10  # pairs kept
+    size: Callable[[FloatArray], float] = lambda step: float(np.abs(step).max())  # of a step as the user measures it
+    longest: float = np.inf  # the most that the size of a step may be
+    tolerance: float = 1e-6  # converged when the gradient's norm is this fraction of the first one
 
     def init(
         self, x: FloatArray, point: Point | None = None, before: State[Point] | None = None, steeper: float = 1.0

@@ -11,7 +11,6 @@ import numpy as np
 
 from abfm.flow.smooth_flow import SmoothFlow, vector_at, walk_straight
 from abfm.numerics.kernels import kernel
-from abfm.streaks.noise import hashed
 from abfm.streaks.texels import Canvas, FloatImage, between_known, weigh_texel
 from abfm.types import FloatArray, IndexArray
 
@@ -21,22 +20,11 @@ _WORTH = 8  # it grows while one in so many texels is new
 
 
 class Track(NamedTuple):
-    """What was met on the ways ahead and back from the middle of the arrays.
+    """What was met on the ways ahead and back from the middle of the arrays, of ``n`` steps in ``m`` parts each."""
 
-    Attributes
-    ----------
-    noise : (2 n,) array
-        On average over each step.
-    texels : (2 n m + 1,) array of int
-        After each of the ``m`` parts of a step; -1 behind the end.
-    misses : (2 n m + 1,) array of uint8
-        How far from their centres: squared, from 1 to 201.
-    parts : int
-    """
-
-    noise: FloatArray
-    texels: IndexArray
-    misses: IndexArray
+    noise: FloatArray  # (2 n,), on average over each step
+    texels: IndexArray  # (2 n m + 1,), after each part of a step; -1 behind the end
+    misses: IndexArray  # (2 n m + 1,) of uint8, how far from their centres: squared, from 1 to 201
     parts: int
 
 
@@ -121,6 +109,18 @@ def follow(
             total += hashed(math.floor(place[0]), math.floor(place[1]), math.floor(place[2]), seed)
         track.noise[middle + j if stride > 0 else middle - 1 - j] = total / parts
     return f, x, y, u, v
+
+
+@kernel
+def hashed(i: int, j: int, k: int, seed: int) -> float:
+    """A random number from -1 to 1 that belongs to a point of the integer grid, whenever it is asked for."""
+    h = (np.uint64(seed) + np.uint64(1)) * np.uint64(0xD1B54A32D192ED03)
+    h ^= h >> np.uint64(32)
+    for value in (i, j, k):
+        h = (h ^ np.uint64(value)) * np.uint64(0x9E3779B97F4A7C15)
+        h ^= h >> np.uint64(29)
+    h *= np.uint64(0xBF58476D1CE4E5B9)
+    return float(np.int64(h)) * 2.0**-63
 
 
 @kernel

@@ -15,31 +15,15 @@ ROUNDING = 1e-9
 
 
 class Canvas(NamedTuple):
-    """A mesh and its texture.
+    """A mesh and its texture."""
 
-    Attributes
-    ----------
-    vertices : (V, 3) array
-        In units of the texel length.
-    faces : (F, 3) array of int
-    areas : (F,) array
-    neighbours : (F, 3) array of int
-        The slot ``3 f + k`` on the other side of the edge opposite each corner, -1 on the boundary.
-    corners : (F, 3, 2) array
-        Where the corners of each face lie, column and row in texels.
-    owners : (texels,) array of int
-        The face of each texel, row by row, or -1.
-    size : int
-        Texels in a row.
-    """
-
-    vertices: FloatArray
-    faces: IndexArray
-    areas: FloatArray
-    neighbours: IndexArray
-    corners: FloatArray
-    owners: IndexArray
-    size: int
+    vertices: FloatArray  # (V, 3), in units of the texel length
+    faces: IndexArray  # (F, 3)
+    areas: FloatArray  # (F,)
+    neighbours: IndexArray  # (F, 3), slot 3 f + k across the edge opposite each corner, -1 on the boundary
+    corners: FloatArray  # (F, 3, 2), where the corners of each face lie, column and row in texels
+    owners: IndexArray  # (texels,), face of each texel, row by row, or -1
+    size: int  # texels in a row
 
 
 @kernel

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.channels import channels
+from abfm.calculus.operators import edge_lengths
 from abfm.errors import ParameterError
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.streaks import texels
@@ -23,27 +24,15 @@ _ROUNDS = 14
 class TextureAtlas:
     """Where each triangle lies in a square texture; see `texture_atlas`.
 
-    Texel (row, column) covers the square from (column, row) to (column + 1, row + 1); row 0 is at the bottom.
-
-    Attributes
-    ----------
-    mesh : TriangleMesh
-    size : int
-        Texels along a side.
-    texel_length : float
-        What one texel measures on the surface at most, in the mesh's units, unless the texture is very small.
-    corners : (F, 3, 2) array
-        Where the corners of each face lie, x and y in texels.
-    texel_faces : (size, size) array of int32
-        The face that each texel belongs to, -1 where none. Texels around a triangle, which linear filtering reads, are
-        its own.
+    Texel (row, column) covers the square from (column, row) to (column + 1, row + 1); row 0 is at the bottom. Those
+    around a triangle, which linear filtering reads, are its own.
     """
 
     mesh: TriangleMesh
-    size: int
-    texel_length: float
-    corners: FloatArray
-    texel_faces: NDArray[np.int32]
+    size: int  # texels along a side
+    texel_length: float  # on the surface at most, in the mesh's units, unless the texture is very small
+    corners: FloatArray  # (F, 3, 2), where the corners of each face lie, x and y in texels
+    texel_faces: NDArray[np.int32]  # (size, size), the face that each texel belongs to, -1 where none
 
     @cached_property
     def corner_coordinates(self) -> FloatArray:
@@ -53,10 +42,7 @@ class TextureAtlas:
     def affine(self, h: ArrayLike) -> FloatArray:
         """A vertex function (V,) in texels' coordinates: ``a + b x + c y`` in each face, (F, 3).
 
-        Raises
-        ------
-        FunctionError
-            If ``h`` does not fit the mesh.
+        Raises a FunctionError if ``h`` does not fit the mesh.
         """
         h0, h1, h2 = channels(self.mesh, h, "h")[0][self.mesh.faces].T
         origin, first, second = np.moveaxis(self.corners, 1, 0)
@@ -73,17 +59,13 @@ def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
 
     Each triangle becomes a right triangle: the longest edge the hypotenuse, the legs as long in texels as the other two
     edges in units of ``texel_length``, but at least one texel. Two of like size share a rectangle, and all texels that
-    linear filtering reads for a triangle are its own, so that no seams show.
+    linear filtering reads for a triangle are its own, so that no seams show. Raises a ParameterError if the size is out
+    of range, or too small for that many faces.
 
     Parameters
     ----------
     size : int
         Texels along a side, up to 16384. About 2 texels per face are the least, 100 show detail.
-
-    Raises
-    ------
-    ParameterError
-        If the size is out of range, or too small for that many faces.
     """
     if not isinstance(size, int | np.integer) or not _SMALLEST <= size <= LARGEST_SIZE:
         raise ParameterError(f"size is {size!r}; expected a whole number of texels from {_SMALLEST} to {LARGEST_SIZE}")
@@ -124,7 +106,7 @@ def _legs(mesh: TriangleMesh) -> tuple[IntArray, FloatArray]:
     """Corners of each face (F, 3), first the one opposite the longest edge, then the farther and the nearer of the
     others; and how far from the first these are, (F, 2).
     """
-    edges = np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1)[mesh.face_edges]
+    edges = edge_lengths(mesh)[mesh.face_edges]
     by_edge = np.argsort(edges, axis=1, kind="stable")
     return by_edge[:, [2, 0, 1]], np.take_along_axis(edges, by_edge[:, [1, 0]], axis=1)
 

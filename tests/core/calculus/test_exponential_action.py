@@ -5,8 +5,8 @@ import pytest
 from scipy import sparse
 from scipy.linalg import expm
 
-from abfm.calculus.exponential_action import exponential_action
 from abfm.calculus.operators import Matrix
+from abfm.calculus.vector_fields import exponential_action
 from abfm.errors import AdvectionError
 
 

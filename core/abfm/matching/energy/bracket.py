@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from abfm.calculus.exponential_action import exponential_action
 from abfm.calculus.operators import Matrix
-from abfm.calculus.vector_fields import dual_directional_derivative, lie_bracket
+from abfm.calculus.vector_fields import dual_directional_derivative, exponential_action, lie_bracket
 from abfm.flow.exponential import ExponentialFlow
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray

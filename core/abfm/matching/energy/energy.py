@@ -49,17 +49,7 @@ class MatchingEnergy(Problem):
     ``E(v) = dtau/2 sum_j v_j^T G_F D_alpha v_j + 1/(2 sigma^2) sum_c w_c dg_c^T G_V C_beta dg_c`` with
     ``dg = f_tau - g`` (Eq. 6); the mesh is scaled to unit area. A norm of second order has ``D_alpha^2``, a sigma that
     is relative is multiplied by `function_size`, and early stages measure ``dg`` with a `reach`: `abfm.matching.energy.
-    terms` has them all.
-
-    Parameters
-    ----------
-    f, g, mask, weights
-        As `abfm.match` takes them.
-
-    Attributes
-    ----------
-    vertex_count : int
-        Values of a function that is advected: vertices, or clusters of them.
+    terms` has them all. The functions, mask and weights are as `abfm.match` takes them.
     """
 
     def __init__(
@@ -76,7 +66,7 @@ class MatchingEnergy(Problem):
         self.parameters = parameters
         self.shape = (parameters.segments, len(mesh.faces), 2)
         self.step = parameters.tau / parameters.segments
-        self.vertex_count = len(mesh.vertices)
+        self.vertex_count = len(mesh.vertices)  # values of a function that is advected, one a vertex or a cluster
         self._clustered = False
         self._workspace = Workspace(len(mesh.vertices))
         self._regularizers = {parameters.alpha: regularity_term(self.mesh, parameters, parameters.alpha)}

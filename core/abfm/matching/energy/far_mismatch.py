@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
-from abfm.matching.energy.quadratic import QuadraticMismatch
+from abfm.matching.energy.l2_mismatch import QuadraticMismatch
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray
@@ -20,14 +20,8 @@ from abfm.types import FloatArray
 class FarMismatch(QuadraticMismatch):
     """With the matrix ``c A_w (A + s L)^-1 A_w`` on vertex functions, ``s = reach^2``: one Cholesky solve.
 
-    Parameters
-    ----------
-    areas : (V,) array
-        ``A_w``: vertex areas with the mask.
-    reach : float
-        In the mesh's length unit; positive.
-    residuals, weights : (C, V), (C,) arrays
-        Mismatch, with weights of the channels, that shall have the same energy here and in L2, which fixes ``c``.
+    ``areas`` (V,) are ``A_w``, with the mask; ``reach`` is positive, in the mesh's length unit. The mismatch
+    ``residuals`` (C, V), with ``weights`` (C,), shall have the same energy here and in L2, which fixes ``c``.
     """
 
     def __init__(
@@ -42,6 +36,4 @@ class FarMismatch(QuadraticMismatch):
             self._scale = near / far
 
     def __call__(self, difference: FloatArray) -> FloatArray:
-        """The norm's matrix times a function (V,)."""
-        solved: FloatArray = self._scale * self._areas * self._solve(self._areas * difference)
-        return solved
+        return np.asarray(self._scale * self._areas * self._solve(self._areas * difference))

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
-from abfm.calculus.operators import edge_areas
+from abfm.calculus.operators import edge_areas, edge_lengths
 from abfm.matching.energy.problem import Problem
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
@@ -23,12 +23,7 @@ def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
     ``exp(-r^2 / (2 width^2))`` on an even mesh, if it is at least one edge wide. A jump spans half an edge. In the
     plane a narrow bump varies as much as a wide one of the same height, so that it is not overlooked beside that;
     bumps that are much lower do not count. Only changes along edges matter: adding constants, scaling the function and
-    scaling the mesh change nothing.
-
-    Raises
-    ------
-    FunctionError
-        If ``f`` does not fit the mesh.
+    scaling the mesh change nothing. Raises a FunctionError if ``f`` does not fit the mesh.
     """
     return min(_of_channel(mesh, channel) for channel in channels(mesh, f, "f"))
 
@@ -45,8 +40,7 @@ def _of_channel(mesh: TriangleMesh, f: FloatArray) -> float:
         return np.inf
     start, end = mesh.edges.T
     changes = np.abs(f[end] - f[start]) / span
-    lengths = np.linalg.norm(mesh.vertices[end] - mesh.vertices[start], axis=1)
-    variation = edge_areas(mesh) * (changes / lengths) ** 2
+    variation = edge_areas(mesh) * (changes / edge_lengths(mesh)) ** 2
     order = np.argsort(changes, kind="stable")
     below = np.cumsum(variation[order])
     return 0.5 / float(changes[order[np.searchsorted(below, _SHARE * below[-1])]])

@@ -81,8 +81,7 @@ def different_peaks(problem: Problem) -> tuple[int, Extrema, Extrema] | None:
 def within_range(problem: Problem) -> FloatArray:
     """The target (C, V) with its values clipped to those that the source has: the best that values alone allow."""
     low, high = problem.source.min(axis=1, keepdims=True), problem.source.max(axis=1, keepdims=True)
-    clipped: FloatArray = np.clip(problem.target, low, high)
-    return clipped
+    return np.asarray(np.clip(problem.target, low, high))
 
 
 def range_bound(problem: Problem) -> float:

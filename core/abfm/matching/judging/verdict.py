@@ -29,49 +29,24 @@ _NEAR = 0.1  # the least reach that is advised
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What is known of a match that has ended.
+    """What is known of a match that has ended."""
 
-    Attributes
-    ----------
-    advected : (C, V) array
-        Source carried to tau.
-    mismatch, verified : float
-        ``||f_tau - g|| / ||g||`` of the discrete flow, and where flow lines carry the source; NaN if unknown.
-    stop_reason : str
-        "converged", "iteration limit", "line search failed" or "cancelled".
-    folded : float
-        Share of the faces, 0 to 1, that the flow's map turns over; NaN if unknown.
-    energies : (n,) array or None
-        Energy of each iterate of the last stage, to tell whether it still fell; None counts as falling.
-    unmatched : float
-        What smooth flows leave along flow lines, if sigma was raised to it; NaN if not.
-    """
-
-    advected: FloatArray
-    mismatch: float
-    stop_reason: str
-    verified: float = math.nan
-    folded: float = math.nan
-    energies: FloatArray | None = None
-    unmatched: float = math.nan
+    advected: FloatArray  # source carried to tau, (C, V)
+    mismatch: float  # ``||f_tau - g|| / ||g||`` of the discrete flow
+    stop_reason: str  # "converged", "iteration limit", "line search failed" or "cancelled"
+    verified: float = math.nan  # mismatch where flow lines carry the source; NaN if unknown
+    folded: float = math.nan  # share of the faces, 0 to 1, that the flow's map turns over; NaN if unknown
+    energies: FloatArray | None = None  # (n,), of the last stage's iterates; None counts as still falling
+    unmatched: float = math.nan  # what smooth flows leave along flow lines, if sigma was raised to it; NaN if not
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a match came to.
+    """What a match came to; reason and advice are one line each, without a full stop."""
 
-    Attributes
-    ----------
-    kind : str
-        Impossible: no flow would do. Not reached: not by this flow, which may still be worth having.
-    reason, advice : str
-        The first and the last mismatch, and what they mean; and what to try, empty where nothing is needed. Each is one
-        line without a full stop.
-    """
-
-    kind: Kind
-    reason: str
-    advice: str
+    kind: Kind  # impossible: no flow would do; not reached: not by this flow, which may still be worth having
+    reason: str  # the first and the last mismatch, and what they mean
+    advice: str  # what to try, empty where nothing is needed
 
 
 def advice(problem: Problem, outcome: Outcome, parameters: Parameters) -> Verdict:

@@ -45,27 +45,17 @@ _APART, _TIMES = 0.05, 2.0  # witnesses that differ by more than both do not agr
 class Verification:
     """What independent witnesses say of fields that are to carry a source to a target; see `verify`.
 
-    Attributes
-    ----------
-    flow_lines : float
-        Relative mismatch ``||f o phi^-1 - g|| / ||g||`` in L2 (as `abfm.Match.mismatch`), with ``phi`` the flow of the
-        continuous fields to tau.
-    subdivided : float
-        The same by the matrix exponential of the continuous fields on the midpoint subdivision, with f and g
-        interpolated; inf where it overflows or would take very long, NaN where it was not asked.
-    folded, overturned : float
-        Shares of the faces that the inverse flow folds, and whose carried vertices alone look turned over, see
-        `folds.folds`. The first is small even for rough fields, as the flow of a continuous field tears nothing; the
-        second several percent where a smooth flow stretches much, tens of percent where the field is noise.
-    resolution : float
-        How many edges the narrow features of source and target span, mask or not (`resolution.resolution`).
+    ``folded`` is small even for rough fields, as the flow of a continuous field tears nothing; ``overturned`` is
+    several percent where a smooth flow stretches much, tens of percent where the field is noise.
     """
 
-    flow_lines: float
+    flow_lines: float  # ``||f o phi^-1 - g|| / ||g||`` in L2 with phi the flow of the continuous fields to tau
     subdivided: float
-    folded: float
-    overturned: float
-    resolution: float
+    """The same by the matrix exponential of the continuous fields on the midpoint subdivision, with f and g
+    interpolated; inf where it overflows or would take very long, NaN where it was not asked."""
+    folded: float  # shares of the faces that the inverse flow folds,
+    overturned: float  # and whose carried vertices alone look turned over, see `folds.folds`
+    resolution: float  # how many edges the narrow features of both functions span, mask or not
 
     @property
     def mismatch(self) -> float:
@@ -111,6 +101,9 @@ def verify(
 ) -> Verification:
     """Ask independent witnesses whether fields carry a source to a target.
 
+    Raises an AbfmError if an array or ``tau`` does not fit, or the fields lead over too many faces, see
+    `abfm.flow.continuous_flow.flow_map`.
+
     Parameters
     ----------
     source, target, mask, weights
@@ -123,12 +116,6 @@ def verify(
     subdivided : bool
         Whether to ask on the subdivided mesh, which takes most of the time. Above `SUBDIVIDED_LIMIT` vertices it is
         not asked.
-
-    Raises
-    ------
-    AbfmError
-        If an array or ``tau`` does not fit, or the fields lead over too many faces, see
-        `abfm.flow.continuous_flow.flow_map`.
     """
     problem = Problem(mesh, source, target, mask, weights)
     fields = fields_in_a_row(mesh, velocity)
@@ -203,5 +190,4 @@ def _on_children(mesh: TriangleMesh, fine: TriangleMesh, field: FloatArray) -> F
     centres = fine.vertices[fine.faces].mean(axis=1).reshape(-1, 4, 3) - mesh.vertices[mesh.faces[:, :1]]
     places = np.einsum("fqx,fkx->fqk", centres, face_frames(mesh))
     at_centres = vectors[:, None, 0] + np.einsum("fqj,fjk->fqk", places, vectors[:, 1:])
-    on_children: FloatArray = np.einsum("fqk,fkx->fqx", at_centres, face_frames(mesh)).reshape(-1, 3)
-    return on_children
+    return np.asarray(np.einsum("fqk,fkx->fqx", at_centres, face_frames(mesh)).reshape(-1, 3))

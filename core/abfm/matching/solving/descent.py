@@ -33,23 +33,13 @@ class Progress:
 
 
 class Descent:
-    """Runs stages; what is to come of them is for the caller to say.
-
-    Attributes
-    ----------
-    levels, level : list of Level, int
-        At first those with the mesh itself; and where the latest stage was.
-    progress : Progress
-        May be set to what it was before, on the same level, or to ``Progress()`` to begin anew.
-    reason : str
-        Why the latest stage ended.
-    """
+    """Runs stages; what is to come of them is for the caller to say."""
 
     def __init__(self, energy: MatchingEnergy, record: Record, control: Control) -> None:
         self.levels = on_the_mesh(energy)
-        self.level = 0
-        self.progress = Progress()
-        self.reason = "iteration limit"
+        self.level = 0  # that of the latest stage
+        self.progress = Progress()  # may be set to what it was before on the same level, or to begin anew
+        self.reason = "iteration limit"  # why the latest stage ended
         self._parameters, self._record, self._control = energy.parameters, record, control
         self._least = range_bound(energy)
 

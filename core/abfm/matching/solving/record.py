@@ -13,40 +13,21 @@ from abfm.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
-    """One iterate; what it looks like on the mesh is computed when it is first asked for.
+    """One iterate; what it looks like on the mesh is computed when it is first asked for."""
 
-    Attributes
-    ----------
-    iteration, stage : int
-        Number of steps taken, all stages together, 0 at the start; and which stage, from 0.
-    level, levels : int
-        Which mesh, from 0, the coarsest, of how many; the last one is the mesh itself. Where that has thin triangles it
-        is the last but one, too, with their vertices held together, see `abfm.flow.clusters`.
-    vertices : int
-        Of that mesh; clusters of them where some are held together.
-    reach, sigma, alpha : float
-        Values in this stage.
-    energy, regularity, mismatch_energy : float
-        Total and its terms, on the mesh of this level scaled to unit area.
-    mismatch : float
-        ``||f_tau - g|| / ||g||`` on the mesh of this level.
-    evaluations : int
-        Evaluations of energy and gradient so far.
-    """
-
-    iteration: int
-    stage: int
-    level: int
-    levels: int
-    vertices: int
-    reach: float
+    iteration: int  # number of steps taken, all stages together, 0 at the start
+    stage: int  # from 0
+    level: int  # which mesh, from 0, the coarsest; the last one is the mesh itself
+    levels: int  # of how many; a mesh with thin triangles counts twice, first with their vertices held together
+    vertices: int  # of that mesh; clusters of them (`abfm.flow.clusters`) where some are held together
+    reach: float  # values in this stage
     sigma: float
     alpha: float
-    energy: float
+    energy: float  # total and its terms, on the mesh of this level scaled to unit area
     regularity: float
     mismatch_energy: float
-    mismatch: float
-    evaluations: int
+    mismatch: float  # ``||f_tau - g|| / ||g||`` on the mesh of this level
+    evaluations: int  # of energy and gradient so far
     _x: FloatArray
     _carried: FloatArray
     _levels: list[Level]

@@ -25,15 +25,7 @@ _UNKNOWN = Confirmation(np.inf, np.inf, np.inf)
 
 
 class Solver:
-    """Decides which stages a match goes through, and what is kept of them.
-
-    Attributes
-    ----------
-    history, stage_of, schedule : list
-        Those of the match's `Record`.
-    unmatched : float
-        What flow lines of a smooth way leave, in the unit of sigma, where they do not confirm the match; else NaN.
-    """
+    """Decides which stages a match goes through, and what is kept of them."""
 
     def __init__(
         self, energy: MatchingEnergy, on_iteration: Callable[[Iteration], None] | None, control: Control
@@ -41,7 +33,7 @@ class Solver:
         self.energy = energy
         record = Record(on_iteration)
         self.history, self.stage_of, self.schedule = record.history, record.stage_of, record.schedule
-        self.unmatched = np.nan
+        self.unmatched = np.nan  # what flow lines of a smooth way leave, in sigmas, where they do not confirm the match
         self._alpha = energy.parameters.alpha  # with which the target was found
         self._held = _UNKNOWN, Progress()  # what flow lines said last where sigma was raised
         self._descent = Descent(energy, record, control)
@@ -239,5 +231,4 @@ def _averages(given: int, wanted: int) -> FloatArray:
     """Weights (wanted, given) that average over even parts of a time what is constant on other even parts."""
     begins, others = np.arange(wanted)[:, None] * given, np.arange(given) * wanted
     overlaps = np.minimum(begins + given, others + wanted) - np.maximum(begins, others)
-    weights: FloatArray = np.maximum(overlaps, 0) / given
-    return weights
+    return np.asarray(np.maximum(overlaps, 0) / given)

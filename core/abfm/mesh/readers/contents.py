@@ -19,10 +19,7 @@ class FileContents(NamedTuple):
 def coordinates(rows: Sequence[Sequence[str]]) -> FloatArray:
     """Vertices (V, 3) from the words of their lines.
 
-    Raises
-    ------
-    ValueError
-        If a line has fewer than three words, or one is no number.
+    Raises a ValueError if a line has fewer than three words, or one is no number.
     """
     short = next((row for row, words in enumerate(rows) if len(words) < 3), None)
     if short is not None:
@@ -33,10 +30,7 @@ def coordinates(rows: Sequence[Sequence[str]]) -> FloatArray:
 def split_polygons(vertices: FloatArray, polygons: Sequence[Sequence[int]]) -> FileContents:
     """Contents with every polygon of more than three corners split into a fan around its first corner.
 
-    Raises
-    ------
-    ValueError
-        If a polygon has fewer than three corners.
+    Raises a ValueError if a polygon has fewer than three corners.
     """
     sizes = np.array([len(polygon) for polygon in polygons])
     if np.all(sizes == 3):
