@@ -14,7 +14,10 @@ def asset_names() -> list[str]:
 def asset_path(name: str) -> Path:
     """Path of a shipped file, for example ``asset_path("human_A.off")``.
 
-    Raises a MeshError if there is no such file; suggests the nearest name.
+    Raises
+    ------
+    MeshError
+        If there is no such file; suggests the nearest name.
     """
     names = asset_names()
     if name not in names:

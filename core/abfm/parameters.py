@@ -30,8 +30,12 @@ class Parameters:
     """Parameters of a match; lengths and areas are those of the mesh scaled to unit area.
 
     Every field's metadata has its ``symbol`` in the paper, a ``help`` text, its ``minimum`` (excluded if ``open``) and,
-    for whole numbers, its ``maximum``. Other numbers are 0 or between 1e-30 and 1e30, up to sign. Raises a
-    ParameterError if a value is out of range, not a number, or not one of the choices.
+    for whole numbers, its ``maximum``. Other numbers are 0 or between 1e-30 and 1e30, up to sign.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of range, not a number, or not one of the choices.
     """
 
     tau: float = _parameter(1.0, "τ", "end time of the flow; larger deformations may need more", 0, open=True)

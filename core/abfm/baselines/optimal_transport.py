@@ -25,12 +25,23 @@ _SHARPEST = 64.0
 class HeatKernel:
     """Heat flow on a surface: a positive symmetric smoothing that keeps the integral.
 
-    Implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation, for a kernel whose standard deviation along an
-    axis is `width` sqrt(area) where the surface is flat. L has the cotangent weights of the edges, without the negative
-    ones: every entry of the kernel is positive on every mesh, and small ones are exact to rounding, which optimal
-    transport over long distances needs. Each step's tail decays like ``exp(-d / sqrt(s))``, so several steps are needed
-    for one like a Gaussian's: up to distances of about ``sqrt(2 steps) width``. `areas` (V,) are those of the vertices,
-    on the mesh scaled to unit area.
+    Implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation. L has the cotangent weights of the edges,
+    without the negative ones: every entry of the kernel is positive on every mesh, and small ones are exact to
+    rounding, which optimal transport over long distances needs. Each step's tail decays like ``exp(-d / sqrt(s))``, so
+    several steps are needed for one like a Gaussian's: up to distances of about ``sqrt(2 steps) width``.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    width : float
+        Standard deviation of the flat kernel along an axis, as a fraction of sqrt(area).
+    steps : int
+        Implicit Euler steps.
+
+    Attributes
+    ----------
+    areas : (V,) array
+        Of the vertices, on the mesh scaled to unit area.
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:

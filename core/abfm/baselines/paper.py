@@ -45,9 +45,17 @@ class PaperEnergy:
     The unknowns are coefficients in orthonormal face frames, so that plain L-BFGS takes the same steps as on tangent
     vectors in space; the bracket is the tangential part of Eq. 11. Energy and norms are those of `abfm.MatchingEnergy`.
 
-    Source f and target g are (V,); the mesh is scaled to unit area here. Read are the parameters ``tau``, ``alpha``,
-    ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k). As printed, the n-step form drops a factor
-    ``exp(-dtau D_v)`` for ``n > 1``: n-fold product rule and Eq. 9 have ``n - r + 1`` sub-steps where it has ``n - r``.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Scaled to unit area here.
+    f, g : (V,) arrays
+        Source and target.
+    parameters : Parameters
+        Read are ``tau``, ``alpha``, ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k).
+    as_printed : bool
+        For ``n > 1``, leave out the factor ``exp(-dtau D_v)`` that the n-step form drops in print: n-fold product rule
+        and Eq. 9 have ``n - r + 1`` sub-steps where it has ``n - r``.
     """
 
     def __init__(
@@ -93,10 +101,19 @@ class PaperEnergy:
 
 @dataclass(frozen=True)
 class PaperDescent:
-    """The field (F, 3) of the lowest energy, in the input's units; the energy is on the mesh scaled to unit area.
+    """What the paper's algorithm found.
 
-    `history` (rows, 2) has seconds since the start, and the lowest energy so far, at the start and each time that it
-    fell; `stop_reason` is "time limit", or why L-BFGS stopped by itself.
+    Attributes
+    ----------
+    velocity : (F, 3) array
+        Field of the lowest energy, in the input's units.
+    energy : float
+        The lowest energy, on the mesh scaled to unit area.
+    history : (rows, 2) array
+        Seconds since the start, and the lowest energy so far, at the start and each time that it fell.
+    evaluations : int
+    stop_reason : str
+        "time limit", or why L-BFGS stopped by itself.
     """
 
     velocity: FloatArray
@@ -113,11 +130,20 @@ class _OutOfTimeError(Exception):
 def minimise(
     mesh: TriangleMesh, f: ArrayLike, g: ArrayLike, parameters: Parameters, seconds: float = 60.0
 ) -> PaperDescent:
-    """Run the paper's algorithm from ``v = 0`` until it stops by itself or the seconds are over, set-up included.
+    """Run the paper's algorithm from ``v = 0`` until it stops by itself or the time is over, set-up included.
 
     The evaluation under way when time is up still counts. Of two stand-ins for minFunc (both with its memory of
     `MEMORY` pairs, its scaling and a strong Wolfe search), SciPy's L-BFGS-B found lower energies than this package's
     own L-BFGS without preconditioner, which has minFunc's first step and constants.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    f, g : (V,) arrays
+    parameters : Parameters
+        As `PaperEnergy` reads them.
+    seconds : float
+        Time limit.
     """
     start = perf_counter()
     energy = PaperEnergy(mesh, f, g, parameters)

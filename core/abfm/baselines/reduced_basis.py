@@ -49,9 +49,16 @@ class ReducedEnergy:
     The first term is the norm of `abfm.MatchingEnergy` on the basis: the fields are orthonormal eigenfields of the
     Hodge Laplacian, ``Lambda`` their eigenvalues.
 
-    Start and target (k, m) are functional maps to the surface that the flow is on, scaled to unit area here, in its
-    first k eigenfunctions; there are so many gradients as `fields` says, and as many rotated ones; tau, alpha and sigma
-    are as in `abfm.Parameters`.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The surface that the flow is on; scaled to unit area here.
+    start, target : (k, m) arrays
+        Functional maps to this surface, in its first k eigenfunctions.
+    fields : int
+        How many gradients, and as many rotated ones.
+    tau, alpha, sigma : float
+        As in `abfm.Parameters`.
 
     Raises
     ------
@@ -121,8 +128,14 @@ def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]
     """Gradients and rotated gradients of the first eigenfunctions, the constant left out, scaled to norm 1 in L2.
 
     On a boundary the rotated ones are of functions that vanish there, so that no field has flux through it. All are
-    orthogonal, up to rounding on closed surfaces. Eigenvalues of the Hodge Laplacian in 1/length^2, (2 count,),
-    ascending for the gradients, then for the rotated ones; and frame coefficients, one field per column, (2F, 2 count).
+    orthogonal, up to rounding on closed surfaces.
+
+    Returns
+    -------
+    eigenvalues : (2 count,) array
+        Of the Hodge Laplacian, in 1/length^2: ascending for the gradients, then for the rotated ones.
+    fields : (2F, 2 count) array
+        Frame coefficients, one field per column.
 
     Raises
     ------

@@ -25,14 +25,20 @@ COLUMNS = {
 
 
 def cosines(problem: Problem, velocity: FloatArray, substeps: Sequence[int] = SUBSTEPS) -> list[dict[str, float]]:
-    """Compare the bracket gradient with the exact one of the discrete energy at a field (F, 3) in the mesh's units.
+    """Compare the bracket gradient with the exact one of the discrete energy, for several numbers of sub-steps n.
+
+    Parameters
+    ----------
+    problem : Problem
+    velocity : (F, 3) array
+        Where to compare, in the mesh's units.
+    substeps : sequence of int
 
     Returns
     -------
-    One row for each number of sub-steps n: ``cosine`` between both gradients of the mismatch (the regularity's is the
-    same), ``length`` of the bracket gradient of the mismatch relative to the exact one's, ``whole_cosine`` between the
-    gradients of the whole energy, and ``completed_cosine`` as ``cosine`` with the factor ``exp(-dtau D_v)`` that is
-    dropped in print.
+    One row for each n: ``cosine`` between both gradients of the mismatch (the regularity's is the same), ``length`` of
+    the bracket gradient of the mismatch relative to the exact one's, ``whole_cosine`` between the gradients of the
+    whole energy, and ``completed_cosine`` as ``cosine`` with the factor ``exp(-dtau D_v)`` that is dropped in print.
     """
     exact_energy = MatchingEnergy(problem.mesh, problem.source, problem.target, PARAMETERS)
     fields = to_frame(exact_energy.mesh, velocity[None] / exact_energy.length_scale)

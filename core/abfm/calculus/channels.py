@@ -11,8 +11,10 @@ from abfm.types import FloatArray
 def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
     """Check a function (V,) or (V, C) and return its channels as rows (C, V).
 
-    Raises a FunctionError if the length is not the number of vertices (of the file or of the mesh) or a value is not
-    finite.
+    Raises
+    ------
+    FunctionError
+        If the length is not the number of vertices (of the file or of the mesh) or a value is not finite.
     """
     array = np.asarray(values)
     if array.dtype.kind not in "biuf":

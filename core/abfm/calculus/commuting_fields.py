@@ -24,13 +24,29 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
     On a mesh no other field commutes exactly, so a weight takes the place of the constraint. It grows as the edges
     shrink, and the bracket vanishes in the limit: in proportion to the edge length on smoothly varying meshes.
 
-    Boundary condition of `abfm.calculus.operators.hodge_laplacian`: fields stay on the surface. Each has the root mean
-    square of ``v``, and a positive product with ``v`` turned by 90 degrees plus ``v`` times its squared speed, unless
-    that vanishes. Raises a ParameterError if ``v`` has another shape, values that are not finite or no speed, or a
-    number is out of range; a MeshError if the mesh's triangles are too thin to compute with.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Boundary condition of `abfm.calculus.operators.hodge_laplacian`: fields stay on the surface.
+    v : (F, 3) array
+        Tangent vectors, in any unit; a normal part is dropped.
+    count : int
+        How many fields.
+    weight : float, optional
+        Of the bracket; by default sqrt(area) over the mean edge length. 0 gives the smoothest fields of all.
 
-    ``v`` (F, 3) are tangent vectors, in any unit; a normal part is dropped. The bracket's ``weight`` is by default
-    sqrt(area) over the mean edge length; 0 gives the smoothest fields of all.
+    Returns
+    -------
+    (count, F, 3) array
+        Each with the root mean square of ``v``, and a positive product with ``v`` turned by 90 degrees plus ``v`` times
+        its squared speed, unless that vanishes.
+
+    Raises
+    ------
+    ParameterError
+        If ``v`` has another shape, values that are not finite or no speed, or a number is out of range.
+    MeshError
+        If the mesh's triangles are too thin to compute with.
     """
     field = to_frame(mesh, check_field(mesh, v, "v"))
     areas = face_areas(mesh)
@@ -58,7 +74,10 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
 def relative_bracket(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> float:
     """``sqrt(area) |[v, u]| / (|v| |u|)``, with root mean squares: without unit, 0 for fields that commute.
 
-    Raises a ParameterError if a field has another shape, values that are not finite or no speed.
+    Raises
+    ------
+    ParameterError
+        If a field has another shape, values that are not finite or no speed.
     """
     areas = face_areas(mesh)
     fields = [to_frame(mesh, check_field(mesh, w, name)) for w, name in ((v, "v"), (u, "u"))]

@@ -21,10 +21,14 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
     integral of ``phi^3`` positive, which no motion, scaling or renumbering changes; where that integral vanishes (by a
     symmetry), the first vertex with at least half of the largest absolute value is positive.
 
-    The same mesh gives the same bits whatever was computed before: pairs are computed, and cached, in `BLOCKS`, and k
-    only cuts the smallest one that holds it. Eigenspaces of several dimensions get an arbitrary basis in each block.
-    Raises a FunctionError if k is below 1, above 1024 or above the number of vertices, or if the solver does not
-    converge.
+    The same mesh gives the same bits whatever was computed before: pairs are computed, and cached, in blocks of 32, 64,
+    128, 256, 384, ... and k only cuts the smallest block that holds it. Eigenspaces of several dimensions get an
+    arbitrary basis, which may differ between blocks.
+
+    Raises
+    ------
+    FunctionError
+        If k is below 1, above 1024 or above the number of vertices, or if the solver does not converge.
     """
     count = len(mesh.vertices)
     most = min(count, BLOCKS[-1])

@@ -18,9 +18,14 @@ Projection = Callable[[FloatArray], FloatArray]
 def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Split a field into a gradient, a rotated gradient and a harmonic field.
 
-    The three are orthogonal in L2 and sum to ``v`` (F, 3) without its normal part, both to rounding. On a boundary the
-    gradient takes all flux through it: the other two are tangent to the boundary. Raises a ParameterError if ``v`` has
-    another shape or values that are not finite.
+    The three are orthogonal in L2 and sum to ``v``, both to rounding. On a boundary the gradient takes all flux through
+    it: the other two are tangent to the boundary.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    v : (F, 3) array
+        Tangent vectors in space, in any unit; a normal part is dropped.
 
     Returns
     -------
@@ -31,6 +36,11 @@ def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, Float
     harmonic : (F, 3) array
         The rest, without divergence and curl. Such fields have as many dimensions as the surface has independent loops:
         none on a sphere or disc, ``2 genus`` on a closed surface.
+
+    Raises
+    ------
+    ParameterError
+        If ``v`` has another shape or values that are not finite.
     """
     field = to_frame(mesh, check_field(mesh, v, "v")).ravel()
     gradient, rotated = (project(field) for project in _projections(mesh))

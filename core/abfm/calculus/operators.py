@@ -216,9 +216,13 @@ def vector_norm_matrix(mesh: TriangleMesh, alpha: float) -> Matrix:
 def function_norm_matrix(mesh: TriangleMesh, beta: float, weight: ArrayLike | None = None) -> Matrix:
     """``G_V C_beta`` with ``C_beta = id - beta Delta_LB``, (V, V), symmetric positive (semi)definite (section 3).
 
-    Natural (Neumann) boundary condition. A non-negative ``weight`` (V,) of the mismatch makes that
-    ``int w (f^2 + beta |grad f|^2)``; a face has the least of its corners', so that values where it is zero do not
-    matter at all.
+    Natural (Neumann) boundary condition.
+
+    Parameters
+    ----------
+    weight : (V,) array, optional
+        Non-negative weight ``w`` of the mismatch: ``int w (f^2 + beta |grad f|^2)``. A face has the least weight of its
+        corners, so that values where ``w`` is zero do not matter at all.
     """
     areas, face_weight = vertex_areas(mesh), face_areas(mesh)
     if weight is not None:

@@ -17,7 +17,10 @@ _NORM_LIMIT = 1e5
 def check_field(mesh: TriangleMesh, field: ArrayLike, name: str) -> FloatArray:
     """A field (F, 3) as an array.
 
-    Raises a ParameterError if it has another shape or values that are not finite.
+    Raises
+    ------
+    ParameterError
+        If it has another shape or values that are not finite.
     """
     array = np.asarray(field, dtype=np.float64)
     if array.shape != (len(mesh.faces), 3):
@@ -85,9 +88,17 @@ def lie_bracket_of(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> FloatArray
     """Lie bracket ``[v, u]``, (F, 3): the field whose derivative is ``D_v D_u - D_u D_v`` (Eqs. 10 and 11).
 
     Zero where the two flows commute. On smoothly varying meshes the error falls in proportion to the edge length.
-    ``v`` and ``u`` are (F, 3), in the mesh's length unit per unit of time; a normal part is dropped.
 
-    Raises a ParameterError if a field has another shape or values that are not finite.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    v, u : (F, 3) arrays
+        Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped.
+
+    Raises
+    ------
+    ParameterError
+        If a field has another shape or values that are not finite.
     """
     first, second = (to_frame(mesh, check_field(mesh, field, name)) for field, name in ((v, "v"), (u, "u")))
     return to_ambient(mesh, (lie_bracket(mesh, first) @ second.ravel()).reshape(-1, 2))
@@ -98,7 +109,10 @@ def exponential_action(matrix: Matrix, x: FloatArray, t: float) -> FloatArray:
 
     The result is not finite where the exponential overflows.
 
-    Raises an AdvectionError if ``t matrix`` is not finite or so large that the sum would not end in reasonable time.
+    Raises
+    ------
+    AdvectionError
+        If ``t matrix`` is not finite or so large that the sum would not end in reasonable time.
     """
     bound = abs(t) * float(np.min([abs(matrix).sum(axis=axis).max() for axis in (0, 1)]))
     if not bound <= _NORM_LIMIT:
@@ -122,9 +136,22 @@ def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> Flo
 
     Eq. 12 prints ``exp(t ad_v)``. With the bracket of Eq. 10 that is the pullback, which is the pushforward for ``-t``:
     rotating a sphere, for example, must turn a field along, and only the minus sign does. On smoothly varying meshes
-    the error falls in proportion to the edge length. ``v`` (F, 3) is in the mesh's length unit per unit of time, ``t``
-    has either sign; normal parts are dropped. Raises a ParameterError if a field has another shape or values that are
-    not finite; an AdvectionError if the flow is too long, or the carried field overflows.
+    the error falls in proportion to the edge length.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    v, u : (F, 3) arrays
+        Tangent vectors, ``v`` in the mesh's length unit per unit of time; a normal part is dropped.
+    t : float
+        Time of either sign.
+
+    Raises
+    ------
+    ParameterError
+        If a field has another shape or values that are not finite.
+    AdvectionError
+        If the flow is too long, or the carried field overflows.
     """
     velocity, field = (to_frame(mesh, check_field(mesh, w, name)) for w, name in ((v, "v"), (u, "u")))
     carried = exponential_action(lie_bracket(mesh, velocity), field.ravel(), -t)

@@ -100,7 +100,16 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What running an experiment found: numbers, the figure to draw, and what was run, in a sentence or two."""
+    """What running an experiment found.
+
+    Attributes
+    ----------
+    measures : tuple of Measure
+    sheet : Sheet
+        The figure, to be drawn.
+    setting : str
+        What was run: mesh, functions, parameters, in a sentence or two.
+    """
 
     measures: Sequence[Measure]
     sheet: Sheet
@@ -136,10 +145,19 @@ S = TypeVar("S", bound=Setup)
 
 @dataclass(frozen=True, eq=False)
 class Experiment(Generic[S]):
-    """A figure of the paper as a set-up that can be run again, and what the paper shows with it.
+    """A figure of the paper as a set-up that can be run again.
 
-    `set_up` is given a mesh, or None for the experiment's own, and whether to be small (for tests: a few seconds,
-    coarse meshes); `MeshError` says why a mesh will not do. The same set-up gives the same findings when it is `run`.
+    Attributes
+    ----------
+    number : int
+        The figure's number in the paper.
+    claim : str
+        What the paper shows with it.
+    set_up : callable
+        Given a mesh, or None for the experiment's own, and whether to be small (for tests: a few seconds, coarse
+        meshes), makes the set-up; `MeshError` says why a mesh will not do.
+    run : callable
+        Runs a set-up. The same set-up gives the same findings.
     """
 
     number: int

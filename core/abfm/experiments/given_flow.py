@@ -94,9 +94,14 @@ class GivenFields(GivenFlow, Generic[C]):
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:
     """A smooth field without divergence, (F, 3): the rotated gradient of some eigenfunctions.
 
-    On a boundary it is tangent to it, so that the flow stays on the surface. The modes are weights of the
-    eigenfunctions, each scaled to unit L2 norm on the mesh of unit area; the speed is the root mean square of the
-    field's norm, in sqrt(area) per unit of time.
+    On a boundary it is tangent to it, so that the flow stays on the surface.
+
+    Parameters
+    ----------
+    modes : mapping of int to float
+        Weights of the eigenfunctions, each scaled to unit L2 norm on the mesh of unit area.
+    speed : float
+        Root mean square of the field's norm, in sqrt(area) per unit of time.
 
     Raises
     ------
@@ -174,7 +179,14 @@ def relative_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> flo
 
 
 def feet(mesh: TriangleMesh, velocity: FloatArray, times: FloatArray) -> FloatArray:
-    """Where the flow lines of a field (F, 3) through the vertices come from, at times (T,) before, (T, V, 3)."""
+    """Where the flow lines through the vertices come from: places at times before, (T, V, 3).
+
+    Parameters
+    ----------
+    velocity : (F, 3) array
+    times : (T,) array
+        How long before, not negative.
+    """
     lines = flow_lines(mesh, velocity, project_onto_surface(mesh, mesh.vertices), -float(times.max()))
     return np.array([[line.at(-t) for line in lines] for t in times])
 

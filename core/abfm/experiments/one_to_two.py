@@ -24,10 +24,16 @@ _WIDTH = 0.2  # of the targets, as a fraction of the distance between the source
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OneToTwo(Setup):
-    """One Gaussian, around a vertex, of the mass of two others far away.
+    """One Gaussian of the mass of two others, far away.
 
-    `way` is the geodesic distance from there to the nearer target and `width` that of the targets, both as fractions of
-    sqrt(area).
+    Attributes
+    ----------
+    centre : int
+        Vertex of the source.
+    way : float
+        Geodesic distance from it to the nearer target, as a fraction of sqrt(area).
+    width : float
+        Of the targets, in the same unit.
     """
 
     centre: int

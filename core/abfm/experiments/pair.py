@@ -35,10 +35,17 @@ _AXES = "xyz"
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PairSetup(Setup):
-    """What a flow on B, which is `mesh`, is to correct.
+    """What a flow on B is to correct.
 
-    `other` is pose A, vertex by vertex the same surface; `start` is where on A the start map takes each vertex of B,
-    and `wanted` (k, k) the true functional map, cut off.
+    Attributes
+    ----------
+    other : TriangleMesh
+        Pose A, vertex by vertex the same surface as B, which is `mesh`.
+    start : SurfacePoints
+        Where on A the start map takes each vertex of B.
+    wanted : (k, k) array
+        The true functional map, cut off.
+    setting : str
     """
 
     other: TriangleMesh

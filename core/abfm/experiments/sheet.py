@@ -13,7 +13,14 @@ Up = Literal["x", "y", "z"]
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """A function (V,) or (F,), and the title of its colour bar; what has the same title shares one range."""
+    """A function.
+
+    Attributes
+    ----------
+    values : (V,) or (F,) array
+    bar : str
+        Title of the colour bar; what has the same title shares one range.
+    """
 
     values: FloatArray
     bar: str = "function"
@@ -21,14 +28,26 @@ class Values:
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """Places (V, 3) in the mesh's units as colours: x, y, z of its bounding box as red, green, blue."""
+    """Places as colours: x, y, z of the mesh's bounding box as red, green, blue.
+
+    Attributes
+    ----------
+    positions : (V, 3) array
+        In the mesh's units.
+    """
 
     positions: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Checker:
-    """A checkerboard by texture coordinates (V, 2); one unit is the side of two fields."""
+    """A checkerboard by texture coordinates.
+
+    Attributes
+    ----------
+    coordinates : (V, 2) array
+        One unit is the side of two fields.
+    """
 
     coordinates: FloatArray
 
@@ -44,10 +63,22 @@ class Streaks:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture of a surface, with a short label below; all panels of a sheet with the same mesh have one camera.
+    """A picture of a surface.
 
-    On the surface: marked points (P, 3) in the mesh's units, each in a colour of its own, the same in all panels;
-    lines, paths (K, 3); and arrows, a field (F, 3).
+    Attributes
+    ----------
+    mesh : TriangleMesh
+        All panels of a sheet with the same mesh have one camera.
+    paint : Paint
+    label : str
+        Below the picture, short.
+    frame : Frame
+    points : (P, 3) array or None
+        Marked places, in the mesh's units, each in a colour of its own, the same in all panels.
+    lines : tuple of (K, 3) arrays
+        Paths on the surface.
+    arrows : (F, 3) array or None
+        A field as arrows on the surface.
     """
 
     mesh: TriangleMesh
@@ -71,9 +102,21 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Curves over axes, of which the titles have units, as wide as `width` panels, with a short label below.
+    """Curves over axes.
 
-    `top` is the greatest value of y that is shown: a curve that goes beyond leaves the plot.
+    Attributes
+    ----------
+    curves : tuple of Curve
+    x_title, y_title : str
+        With units.
+    label : str
+        Below the plot, short.
+    log_y : bool
+        Whether the vertical axis is logarithmic.
+    width : int
+        How many panels wide.
+    top : float or None
+        Greatest value of y that is shown: a curve that goes beyond leaves the plot.
     """
 
     curves: tuple[Curve, ...]
@@ -87,11 +130,20 @@ class Plot:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Rows of panels and plots, and notes: what must be said with the pictures, a line each below them.
+    """Rows of panels and plots.
 
-    `up` is the axis that points upwards; `seen` are functions (V,) on the first panel's mesh whose remarkable parts the
-    camera must show, by default those of the source and target panels; with `one_view` all meshes are seen from the
-    direction of the first: poses of one body.
+    Attributes
+    ----------
+    rows : tuple of tuples
+    up : Up
+        The axis that points upwards.
+    seen : tuple of (V,) arrays
+        Functions on the first panel's mesh whose remarkable parts the camera must show; by default those of the
+        source and target panels.
+    one_view : bool
+        Whether all meshes are seen from the direction of the first: poses of one body.
+    notes : tuple of str
+        What must be said with the pictures, a line each: they stand below them.
     """
 
     rows: tuple[tuple[Panel | Plot, ...], ...]

@@ -30,7 +30,14 @@ _CORRECT, _SMALL_DRIFT = 0.02, 0.05  # of sqrt(area), for what the paper says in
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SymmetrySetup(Setup):
-    """Functions and the same functions after a symmetry map; `marks` (P,) are vertices whose ways are shown."""
+    """Functions and the same functions after a symmetry map.
+
+    Attributes
+    ----------
+    symmetry : Symmetry
+    marks : (P,) array of int
+        Vertices whose ways are shown.
+    """
 
     symmetry: Symmetry
     marks: IntArray

@@ -11,7 +11,15 @@ _STAGES, _FACTOR = 3, 10.0
 
 @dataclass(frozen=True)
 class Row:
-    """A row of Table 1: the figure, as the paper numbers it, and the parameters that it sets; the others stay."""
+    """A row of Table 1.
+
+    Attributes
+    ----------
+    figure : int
+        The figure, as the paper numbers it.
+    values : mapping of names to values
+        The parameters that the row sets; the others stay.
+    """
 
     figure: int
     values: Mapping[str, Any]

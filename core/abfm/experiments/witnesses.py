@@ -12,9 +12,16 @@ from abfm.matching.result import Match
 
 @dataclass(frozen=True, eq=False)
 class Witnessed:
-    """What is known, a label with the mismatches for the panel of the match, and what is not known and why.
+    """A match as its witnesses see it.
 
-    That note is a sentence after a space, empty if all is known.
+    Attributes
+    ----------
+    measures : tuple of Measure
+        The mismatch by flow lines, that on the subdivided mesh, and the folded faces, as far as they are known.
+    label : str
+        For the panel of the match: both mismatches.
+    note : str
+        What is not known and why, a sentence after a space; empty if all is known.
     """
 
     measures: tuple[Measure, ...]

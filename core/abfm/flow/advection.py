@@ -124,19 +124,26 @@ class Advection:
 
 
 def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> FloatArray:
-    """Function carried along a field for a time: ``exp(-t D_v) f`` (Eq. 4), (V,) or (V, C).
-
-    Raises an AdvectionError if the arrays do not fit the mesh or are not finite, or if the flow is too long or
-    overflows.
+    """Function carried along a field for a time: ``exp(-t D_v) f`` (Eq. 4).
 
     Parameters
     ----------
+    mesh : TriangleMesh
     velocity : (F, 3) array
         Tangent vectors, in the mesh's length unit per unit of time.
     f : (V,) or (V, C) array
         One value or row per vertex of the mesh, or of its file.
     t : float
         Time of either sign.
+
+    Returns
+    -------
+    Array of shape (V,) or (V, C).
+
+    Raises
+    ------
+    AdvectionError
+        If the arrays do not fit the mesh or are not finite, or if the flow is too long or overflows.
     """
     field, functions = np.asarray(velocity, dtype=np.float64), np.asarray(f, dtype=np.float64)
     if field.shape != (len(mesh.faces), 3):

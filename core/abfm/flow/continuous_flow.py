@@ -40,12 +40,10 @@ def flow_map(
     start: FacePoints | None = None,
     between: Callable[[], None] | None = None,
 ) -> SurfacePoints:
-    """Carry P points of the surface along a field, or along N fields in a row, each for ``tau / N``.
+    """Carry points of the surface along a field, or along N fields in a row, each for ``tau / N``.
 
-    At the boundary a point goes on with the part of the field that leads along it; where none does it rests. The
-    points that come back have distances 0. Raises a ParameterError if an array has another shape or values that are not
-    finite, a start is not in the mesh, ``tau`` is out of range, or the fields lead over so many faces that the walks
-    would take very long.
+    A point that comes to the boundary goes on along it with the part of the field that leads along it; where none does
+    it rests.
 
     Parameters
     ----------
@@ -60,6 +58,17 @@ def flow_map(
         For example `SurfacePoints`. All V vertices by default.
     between : callable, optional
         Called again and again in this thread; what it raises ends the work.
+
+    Returns
+    -------
+    SurfacePoints
+        P points with distances 0.
+
+    Raises
+    ------
+    ParameterError
+        If an array has another shape or values that are not finite, a start is not in the mesh, ``tau`` is out of
+        range, or the fields lead over so many faces that the walks would take very long.
     """
     fields = fields_in_a_row(mesh, velocity)
     given = vertex_points(mesh, np.arange(len(mesh.vertices))) if start is None else start

@@ -64,10 +64,14 @@ def _count(terms: int, size: int) -> None:
 
 
 class Workspace:
-    """Memory for the terms of series of functions with so many values, kept between evaluations.
+    """Memory for the terms of series, kept between evaluations: about 560 MB, and as much for scratch where it is full.
 
-    About 560 MB, and as much for scratch where it is full. The array is larger, but touched only as far as used. Beyond
-    a million vertices one short series takes more. ``lock`` is for those that share it between threads.
+    The array is larger, but touched only as far as used. Beyond a million vertices one short series takes more.
+
+    Parameters
+    ----------
+    size : int
+        Rows of ``D_v``.
     """
 
     def __init__(self, size: int) -> None:
@@ -125,10 +129,18 @@ class Trajectory:
 
 
 class ExponentialFlow:
-    """``exp(-t D_v)`` of one field of frame coefficients ``v`` (F, 2), in the mesh's units.
+    """``exp(-t D_v)`` of one field.
 
-    Each segment's series is truncated at a ``tolerance`` relative to ``max |f|``. Vertices of thin triangles are held
-    together if ``clustered``, see `abfm.flow.clusters`.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    v : (F, 2) array
+        Frame coefficients of the field, in the mesh's units.
+    workspace : Workspace
+    tolerance : float
+        Where the series is truncated, relative to ``max |f|``, per segment.
+    clustered : bool
+        Whether vertices of thin triangles are held together, see `abfm.flow.clusters`.
     """
 
     def __init__(

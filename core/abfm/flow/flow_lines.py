@@ -113,9 +113,12 @@ class _Walk:
 
 
 def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
-    """N fields (N, F, 3), of which one may come as (F, 3).
+    """N fields (F, 3), given as (F, 3) or (N, F, 3).
 
-    Raises a ParameterError if they have another shape or values that are not finite.
+    Raises
+    ------
+    ParameterError
+        If they have another shape or values that are not finite.
     """
     array = np.asarray(velocity, dtype=np.float64)
     if array.ndim == 2:
@@ -131,7 +134,10 @@ def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
 def check_start(mesh: TriangleMesh, start: FacePoints) -> tuple[IntArray, FloatArray]:
     """Faces (P,) and barycentric weights (P, 3) of points.
 
-    Raises a ParameterError if they are not points of the mesh.
+    Raises
+    ------
+    ParameterError
+        If they are not points of the mesh.
     """
     faces, barycentric = np.asarray(start.faces), np.asarray(start.barycentric, dtype=np.float64)
     if faces.ndim != 1 or not np.issubdtype(faces.dtype, np.integer) or barycentric.shape != (len(faces), 3):

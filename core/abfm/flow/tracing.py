@@ -46,7 +46,10 @@ def opposite_slots(mesh: TriangleMesh) -> IntArray:
 def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
     """Prepare a field (F, 3); a normal part is dropped.
 
-    Raises a ParameterError if the field is so large that the walk would overflow.
+    Raises
+    ------
+    ParameterError
+        If the field is so large that the walk would overflow.
     """
     coefficients = to_frame(mesh, field)
     corners = mesh.vertices[mesh.faces]

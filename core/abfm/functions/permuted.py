@@ -41,7 +41,10 @@ class Permuted(Family):
 def vertex_map(mesh: TriangleMesh, name: str) -> IntArray:
     """The map, (V,), that a file holds, or that ``mirror`` or ``rotation`` names.
 
-    Raises a FunctionError if the mesh has no such symmetry, or the file holds no map of its vertices.
+    Raises
+    ------
+    FunctionError
+        If the mesh has no such symmetry, or the file holds no map of its vertices.
     """
     for kind in KINDS:
         if name == kind:

@@ -43,7 +43,11 @@ def shape_diameter(mesh: TriangleMesh) -> FloatArray:
     averaged with weights inverse to the angle from the axis. Here the rays are a fixed spiral, even in solid angle and
     turned to the longest edge at the vertex, so the result is reproducible and moves with the mesh. Vertices from which
     no ray counts take the mean of their neighbours. Not smoothed, no logarithm. On a sphere of radius R it is 1.72 R.
-    Raises a FunctionError if no ray from any vertex counts, as on a flat sheet.
+
+    Raises
+    ------
+    FunctionError
+        If no ray from any vertex counts, as on a flat sheet.
 
     References
     ----------

@@ -82,7 +82,10 @@ def families() -> tuple[type[Family], ...]:
 def parse(text: str) -> Spec:
     """Read the text form of a function; nothing about a mesh is checked yet.
 
-    Raises a FunctionError if the text is no spec: what was found, what was expected, and the nearest known name.
+    Raises
+    ------
+    FunctionError
+        If the text is no spec: what was found, what was expected, and the nearest known name.
     """
     if len(text) > LONGEST:
         raise FunctionError(f"function {shown(text)} has {len(text)} characters; at most {LONGEST} are allowed")

@@ -36,9 +36,17 @@ class ValuesFile(Family):
 
 
 def read_column(path: str, column: str | None = None) -> FloatArray:
-    """Read one column of numbers, (n,), by name or number counted from 0; see :func:`read_table` for the formats.
+    """Read one column of numbers, (n,); see :func:`read_table` for the formats.
 
-    Raises a FunctionError if the file cannot be read, is no table of numbers, or has no such column.
+    Parameters
+    ----------
+    column : str, optional
+        Name, or number counted from 0; must be given where there are several columns.
+
+    Raises
+    ------
+    FunctionError
+        If the file cannot be read, is no table of numbers, or has no such column.
     """
     names, table = read_table(path)
     count = table.shape[1]
@@ -58,8 +66,12 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
 
     .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers separated by commas,
     semicolons, tabs or blanks, with or without a line of names on top; empty lines and lines starting with ``#`` are
-    skipped. .gii is GIFTI, whose data arrays are the columns; it needs nibabel (``pip install 'abfm[gifti]'``). Raises
-    a FunctionError if the file cannot be read or is no table of numbers.
+    skipped. .gii is GIFTI, whose data arrays are the columns; it needs nibabel (``pip install 'abfm[gifti]'``).
+
+    Raises
+    ------
+    FunctionError
+        If the file cannot be read or is no table of numbers.
     """
     suffix = next((suffix for suffix in SUFFIXES if path.lower().endswith(suffix)), None)
     if suffix is None:

@@ -27,9 +27,13 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
         file as the nearest vertex that has a partner.
 
     Numbers count the vertices of the mesh file, from 0 or from 1, whichever all of them fit. If both fit: whichever
-    makes the map a permutation; failing that .vts files count from 1, and others from 0, as meshes do. Raises a
-    FunctionError if the file cannot be read, has the wrong length, numbers that fit neither way or, in pairs of .txt or
-    .csv, both ways, or two partners for a vertex.
+    makes the map a permutation; failing that .vts files count from 1, and others from 0, as meshes do.
+
+    Raises
+    ------
+    FunctionError
+        If the file cannot be read, has the wrong length, numbers that fit neither way or, in pairs of .txt or .csv,
+        both ways, or two partners for a vertex.
     """
     table = read_table(path)[1]
     template = Path(path[: -len(_SYMMETRIC)] + ".vts").expanduser()

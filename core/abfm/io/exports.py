@@ -22,8 +22,13 @@ def export_ply(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Dat
     """Write a binary PLY file with the data as extra properties, everything in double precision.
 
     What becomes of them is up to the reader: trimesh returns them all, MeshLab shows point data named
-    ``quality``, ParaView takes only the shape from a PLY file (for the data: `export_vtu`). Data are (V,) or (V, C) at
-    the points and (F,) or (F, C) in the cells; C columns become the properties ``name_0`` to ``name_{C-1}``.
+    ``quality``, ParaView takes only the shape from a PLY file (for the data: `export_vtu`). An array of C columns
+    becomes the properties ``name_0`` to ``name_{C-1}``.
+
+    Parameters
+    ----------
+    point_data : mapping of names to (V,) or (V, C) arrays
+    cell_data : mapping of names to (F,) or (F, C) arrays
 
     Raises
     ------
@@ -51,9 +56,15 @@ def export_ply(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Dat
 def export_vtu(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data) -> None:
     """Write a binary VTK unstructured grid with point and cell data, everything in double precision.
 
-    ParaView, VTK and PyVista read it; they know the format by the path's end, ``.vtu``. Data are (V,) or (V, C) at the
-    points and (F,) or (F, C) in the cells; three columns become a vector, C others the scalars ``name_0`` to
-    ``name_{C-1}``.
+    ParaView, VTK and PyVista read it. An array of three columns becomes a vector, one of C other columns the scalars
+    ``name_0`` to ``name_{C-1}``.
+
+    Parameters
+    ----------
+    path : path
+        Ends in ``.vtu``, by which the readers know the format.
+    point_data : mapping of names to (V,) or (V, C) arrays
+    cell_data : mapping of names to (F,) or (F, C) arrays
 
     Raises
     ------
@@ -77,7 +88,13 @@ def export_vtu(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Dat
 
 
 def export_energy_csv(path: str | os.PathLike[str], energy_history: ArrayLike, stages: ArrayLike) -> None:
-    """Write one line per iteration: its number, its cooling stage (I,), and the energies (I, 3) in solver units.
+    """Write one line per iteration: its number, its cooling stage, and the three energies in solver units.
+
+    Parameters
+    ----------
+    energy_history : (I, 3) array
+        Total, regularity and mismatch.
+    stages : (I,) array of int
 
     Raises
     ------

@@ -18,8 +18,14 @@ BOUNDS = (0.05, 0.1, 0.25)
 
 @dataclass(frozen=True, eq=False)
 class MapAccuracy:
-    """Errors of a map: of the vertices (S,) that were measured, ascending, the geodesic distances (S,) between each
-    one's image and its true image, over the square root of the surface's area.
+    """Errors of a map.
+
+    Attributes
+    ----------
+    vertices : (S,) array of int
+        The vertices that were measured, ascending: rows of the map.
+    errors : (S,) array
+        Geodesic distance between each one's image and its true image, over the square root of the surface's area.
     """
 
     vertices: IntArray
@@ -54,20 +60,28 @@ class MapAccuracy:
 def map_accuracy(
     mesh: TriangleMesh, points: SurfacePoints, truth: ArrayLike | None = None, most: int = 1000
 ) -> MapAccuracy:
-    """Measure a map, which says where on a mesh each of P vertices goes, against a known one.
+    """Measure a map against a known one.
 
     Distances are lengths of straightened shortest edge paths [Sharp, Crane 2020], which may miss the shortest one but
     are geodesics: on two human meshes, of 1,229 and 12,272 vertices, to vertices up to 0.3 away the largest error was
-    0.009 and the mean one 0.001 and 0.0004. The heat method's mean error was 0.007, fast marching's 0.009. Raises an
-    AbfmError if ``truth`` does not fit ``points``, or the mesh has no geodesics between two of its vertices.
+    0.009 and the mean one 0.001 and 0.0004. The heat method's mean error was 0.007, fast marching's 0.009.
 
     Parameters
     ----------
+    mesh : TriangleMesh
+        The surface that the map leads to.
+    points : SurfacePoints
+        Where on it each of P vertices goes.
     truth : (P,) array of int, optional
         The vertex of ``mesh`` where each should go; by default the one with the same number.
     most : int
         Of more vertices than this, so many drawn at random (always the same ones) are measured: on 12,000 vertices each
         takes about 10 ms.
+
+    Raises
+    ------
+    AbfmError
+        If ``truth`` does not fit ``points``, or the mesh has no geodesics between two of its vertices.
 
     References
     ----------

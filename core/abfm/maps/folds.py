@@ -34,8 +34,15 @@ def folds(
     of the 64 parts that it is cut into, each mapped by itself and compared with the surface where it lands. Where a map
     stretches faces so far that even such parts reach around the surface this still says too much, never too little.
 
-    ``carried`` is the map, for points of the surface, and ``corners`` (S, 3, 3) is where it takes the vertices of the
-    ``faces`` (S,). Of more than ``most`` faces, so many evenly chosen ones that are cut into parts stand for all.
+    Parameters
+    ----------
+    carried : callable
+        The map: points of the surface to points of the surface.
+    faces : (S,) array of int
+    corners : (S, 3, 3) array
+        Where it takes their vertices.
+    most : int
+        Faces that are cut into parts: of more, so many evenly chosen ones stand for all.
     """
     overturned = faces[turned_over(mesh, corners)]
     if not len(overturned):

@@ -28,7 +28,10 @@ def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArra
 
     ``Phi^T M`` is the pseudoinverse of ``Phi`` in L2.
 
-    Raises a FunctionError if ``h`` does not fit the mesh, or there are no k eigenfunctions.
+    Raises
+    ------
+    FunctionError
+        If ``h`` does not fit the mesh, or there are no k eigenfunctions.
     """
     unit = mesh.normalized()
     rows = channels(mesh, h, "h")
@@ -37,10 +40,20 @@ def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArra
 
 
 def functional_map(source: TriangleMesh, target: TriangleMesh, points: SurfacePoints, k: int) -> FloatArray:
-    """Functional map in k eigenfunctions, ``Phi_target^+ P Phi_source``, (k, k), of a point map.
+    """Functional map of a point map: ``Phi_target^+ P Phi_source``, (k, k).
 
-    That says where on the source each vertex of the target goes. Raises a FunctionError if there are no k
-    eigenfunctions, or not one point per vertex of the target.
+    Parameters
+    ----------
+    source, target : TriangleMesh
+    points : SurfacePoints
+        Where on the source each vertex of the target goes.
+    k : int
+        How many eigenfunctions of each.
+
+    Raises
+    ------
+    FunctionError
+        If there are no k eigenfunctions, or not one point per vertex of the target.
     """
     return spectral_coefficients(target, pull_back(source, points, eigenbasis(source.normalized(), k)[1]), k)
 
@@ -62,8 +75,23 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Surfa
     that row of ``Phi_source C^T``. Each vertex of the target goes to the vertex of the source whose carried delta
     function is nearest to its own, a row of ``Phi_target``. Looking up rows of ``Phi_target C`` among those of
     ``Phi_source`` instead would carry the target's delta functions back by the adjoint of ``C``, which is its inverse
-    only where ``C`` is orthogonal. Nothing makes that map continuous. Raises a ParameterError if ``C`` is not a finite
-    matrix; a FunctionError if there are not so many eigenfunctions.
+    only where ``C`` is orthogonal. Nothing makes that map continuous.
+
+    Parameters
+    ----------
+    C : (k_target, k_source) array
+
+    Returns
+    -------
+    SurfacePoints
+        A vertex of the source for every vertex of the target.
+
+    Raises
+    ------
+    ParameterError
+        If ``C`` is not a finite matrix.
+    FunctionError
+        If there are not so many eigenfunctions.
     """
     matrix = _check(C)
     arrived = eigenbasis(source.normalized(), matrix.shape[1])[1] @ matrix.T
@@ -74,9 +102,22 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Surfa
 def zoom_out(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, k: int, step: int = 1) -> FloatArray:
     """Refine a functional map to k eigenfunctions, (k, k), by going to points and back with ever more [MRR*19].
 
-    ``C`` (k_target, k_source) is the start, and ``step`` eigenfunctions come in at a time. The way to points is
-    `point_map`: by the adjoint, errors of the start stay. Raises a ParameterError if ``C`` is not a finite matrix,
-    larger than k, or ``step`` is below 1; a FunctionError if there are no k eigenfunctions.
+    The way to points is `point_map`: by the adjoint, errors of the start stay.
+
+    Parameters
+    ----------
+    C : (k_target, k_source) array
+        The start, no larger than k.
+    k : int
+    step : int
+        How many eigenfunctions come in at a time.
+
+    Raises
+    ------
+    ParameterError
+        If ``C`` is not a finite matrix, larger than k, or ``step`` is below 1.
+    FunctionError
+        If there are no k eigenfunctions.
     """
     matrix = _check(C)
     if not max(matrix.shape) <= k:

@@ -28,8 +28,12 @@ Of the same flows those within all three bounds were wrong by at most 0.022 on a
 class MapQuality:
     """What tells a map from none.
 
-    How far its points were from the surface before they were brought onto it, in sqrt(area) of the surface; and the
-    share of the faces, 0 to 1, that it turns over (`abfm.maps.surface_points.Distortion.flipped`).
+    Attributes
+    ----------
+    largest_distance, rms_distance : float
+        How far its points were from the surface before they were brought onto it, in sqrt(area) of the surface.
+    folded : float
+        Share of the faces, 0 to 1, that the map turns over (`surface_points.Distortion.flipped`).
     """
 
     largest_distance: float
@@ -63,9 +67,21 @@ class MapQuality:
 
 
 def map_quality(mesh: TriangleMesh, points: SurfacePoints, onto: TriangleMesh | None = None) -> MapQuality:
-    """Measure a map that takes each of a mesh's V vertices to a point, of another surface or the mesh itself.
+    """Measure a map that takes each vertex of a mesh to a point.
 
-    Raises an AbfmError if there is not one point for each vertex.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The surface that is mapped.
+    points : SurfacePoints
+        Where each of its V vertices goes.
+    onto : TriangleMesh, optional
+        The surface that the points are on, by default the mesh itself.
+
+    Raises
+    ------
+    AbfmError
+        If there is not one point for each vertex.
     """
     folded = distortion(mesh, points.positions, onto).flipped
     distances = points.distances / (mesh if onto is None else onto).length_scale

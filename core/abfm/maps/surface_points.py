@@ -43,10 +43,20 @@ class Distortion:
 
 
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:
-    """Find the closest point of the surface to each of P points (P, 3) in space, in the mesh's units.
+    """Find the closest point of the surface to each point.
 
-    Distances are exact up to rounding; where several faces are equally close the choice is fixed. Raises an AbfmError
-    if the points are not (P, 3) or not finite.
+    Distances are exact up to rounding. Where several faces are equally close the choice is fixed, so that the same
+    input gives the same output.
+
+    Parameters
+    ----------
+    points : (P, 3) array
+        Points in space, in the mesh's units.
+
+    Raises
+    ------
+    AbfmError
+        If the points are not (P, 3) or not finite.
     """
     given = _finite_points(points)
     tree = igl.AABB()
@@ -62,9 +72,12 @@ def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints
 
 
 def vertex_points(mesh: TriangleMesh, vertices: ArrayLike) -> SurfacePoints:
-    """Vertices (P,), by index, as points of the surface.
+    """Vertices (P,), by index, as points of the surface: a vertex-to-vertex map as the maps of this package are kept.
 
-    Raises an AbfmError if an index is not a whole number or not among the mesh's own vertices.
+    Raises
+    ------
+    AbfmError
+        If an index is not a whole number or not among the mesh's own vertices.
     """
     given = np.asarray(vertices)
     count = len(mesh.vertices)
@@ -79,10 +92,23 @@ def vertex_points(mesh: TriangleMesh, vertices: ArrayLike) -> SurfacePoints:
 
 
 def pull_back(mesh: TriangleMesh, points: SurfacePoints, h: ArrayLike) -> FloatArray:
-    """Evaluate a vertex function (V,) or (V, C) at P points, linearly inside each face: (P,) or (P, C).
+    """Evaluate a vertex function at points of the surface (linear inside each face).
 
-    With ``points`` a map of every vertex this is ``h`` composed with the map; with ``h`` the positions of a second map
-    it is the composition of both. Raises a FunctionError if ``h`` does not fit the mesh.
+    With ``points`` the flow map of every vertex this is ``h`` composed with the map, as point-to-point maps transfer
+    functions; with ``h`` the positions of a second map it is the composition of both.
+
+    Parameters
+    ----------
+    h : (V,) or (V, C) array
+
+    Returns
+    -------
+    (P,) or (P, C) array
+
+    Raises
+    ------
+    FunctionError
+        If ``h`` does not fit the mesh.
     """
     at_corners = channels(mesh, h, "h")[:, mesh.faces[points.faces]]
     values: FloatArray = np.einsum("pc,kpc->pk", points.barycentric, at_corners)
@@ -103,16 +129,23 @@ def distortion(mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMe
     """Measure the distortion of the map that is linear on faces and takes each vertex to its mapped position.
 
     The Jacobian of a face, ``J = sum_i x_i (grad phi_i)^T`` with ``x_i`` the mapped corners, has the singular values
-    ``s_1 >= s_2``. Flipped are faces as `turned_over` has them, collapsed ones not. For flow maps the error is of first
-    order in the edge length, that of the map itself of second. Raises an AbfmError if the positions are not (V, 3) or
-    not finite.
+    ``s_1 >= s_2``. Area and angles are those of the flat mapped triangle in space, whose corners lie on the surface.
+    A face counts as flipped where its mapped normal makes an obtuse angle with the surface's normal at the point
+    closest to its mapped centroid; a collapsed face does not count. For flow maps the error is of first order in the
+    edge length, that of the map itself of second.
 
     Parameters
     ----------
     mapped_positions : (V, 3) array
-        Where the map takes each vertex, in the units of ``onto``.
+        Where the map takes each vertex, in the units of ``onto``; for a flow map the ``positions`` of its
+        `SurfacePoints`.
     onto : TriangleMesh, optional
         The surface that the map leads to, by default the mesh itself.
+
+    Raises
+    ------
+    AbfmError
+        If the positions are not (V, 3) or not finite.
     """
     mapped = _finite_points(mapped_positions)
     if len(mapped) != len(mesh.vertices):

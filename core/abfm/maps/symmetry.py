@@ -59,9 +59,23 @@ def detect_symmetry(mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: f
     two moments are equal, the mirrors and rotations that carry one of three vertices to another one as far from the
     centroid. The best are refined by turns of closest points and best axes (not for orders above 2), then tried on all
     vertices. Of several symmetries permutations of the vertices go before others, then smaller errors before
-    larger ones, then the one that moves the surface most is chosen. Made once per mesh. ``tolerance`` is the largest
-    `Symmetry.error` that counts as symmetric. Raises a SymmetryError if there is none within the tolerance; the message
-    has the best error found; a ParameterError if there is no such kind or order.
+    larger ones, then the one that moves the surface most is chosen. Made once per mesh.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    kind : "mirror" or "rotation"
+    order : int
+        Of a rotation by ``2 pi / order``.
+    tolerance : float
+        Largest `Symmetry.error` that counts as symmetric.
+
+    Raises
+    ------
+    SymmetryError
+        If there is none within the tolerance; the message has the best error found.
+    ParameterError
+        If there is no such kind or order.
     """
     if kind not in KINDS:
         raise ParameterError(f"kind is {kind!r}; expected {' or '.join(map(repr, KINDS))}")

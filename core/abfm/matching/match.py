@@ -34,12 +34,12 @@ def match(
 ) -> Match:
     """Find the tangent field whose flow carries ``f`` to ``g``.
 
-    Raises an AbfmError if the functions, parameters, mask, weights or start do not fit.
-
     Parameters
     ----------
+    mesh : TriangleMesh
     f, g : (V,) or (V, C) arrays
         Source and target, one or several channels.
+    parameters : Parameters, optional
     mask : (V,) array, optional
         Weight of the mismatch at each vertex, not negative.
     weights : (C,) array, optional
@@ -53,6 +53,15 @@ def match(
         Called after every iteration, in this thread.
     control : Control, optional
         To pause, resume or cancel from elsewhere.
+
+    Returns
+    -------
+    Match
+
+    Raises
+    ------
+    AbfmError
+        If the functions, parameters, mask, weights or start do not fit.
     """
     if not isinstance(parameters, Parameters | None):
         raise ParameterError(f"parameters is {parameters!r}; expected abfm.Parameters(...)")

@@ -87,7 +87,18 @@ class Match:
         return self.push(self.source if self.channels_given else self.source[:, 0], t)
 
     def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
-        """Any function carried along the same flow to time ``t``, see `abfm.Flow.push`; a negative time undoes it."""
+        """Any function (V,) or (V, C) carried along the same flow to time ``t``; a negative time undoes the flow.
+
+        Linearised steps are undone by the same steps with the sign changed, in reverse order, which is not an exact
+        inverse. An array of times (T,) gives (T, ...).
+
+        Raises
+        ------
+        FunctionError
+            If ``h`` does not fit the mesh.
+        AdvectionError
+            If the flow overflows or is too long.
+        """
         return self.flow.push(h, t)
 
     def start_for(self, parameters: Parameters) -> FloatArray:
@@ -129,7 +140,10 @@ class Match:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a result file (``.npz``, no pickles), whole or not at all.
 
-        Raises a ResultError if it cannot be written.
+        Raises
+        ------
+        ResultError
+            If it cannot be written.
         """
         save_arrays(path, mesh_arrays(self.mesh) | match_arrays(self))
 
@@ -165,7 +179,10 @@ def match_of(
 def load_match(path: str | os.PathLike[str]) -> Match:
     """Read a result file that `Match.save` wrote.
 
-    Raises a ResultError if the file is missing, damaged, or not a result.
+    Raises
+    ------
+    ResultError
+        If the file is missing, damaged, or not a result.
     """
     arrays = load_arrays(path)
     try:

@@ -96,10 +96,19 @@ def finish(
     With a fixed number of iterations per stage, and without reach on one mesh, which is the paper's way, stages go on
     to the end of their iterations; else they end when they stop paying, or are close.
 
-    ``warm`` is whether the target is found already by given fields. ``joined`` is whether the last level but one has
-    the mesh itself already, with vertices of thin triangles held together: it takes the place of the last one, where
-    only what then misses the target goes on. A ``raised`` last sigma, larger than that of the parameters, is the only
-    one then but for those of closing stages. ``alpha`` is that with which the target was found.
+    Parameters
+    ----------
+    p : Parameters
+    levels : int
+    warm : bool
+        Whether the target is found already by given fields.
+    joined : bool
+        Whether the last level but one has the mesh itself already, with vertices of thin triangles held together: it
+        takes the place of the last one, where only what then misses the target goes on.
+    raised : float
+        A larger last sigma than that of the parameters, which is the only one then but for those of closing stages.
+    alpha : float, optional
+        With which the target was found, if not with that of the parameters.
     """
     meshes = levels - joined
     patient = _is_patient(p, meshes)

@@ -31,8 +31,7 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
     """Read a triangle mesh from a file: obj, off, ply, stl, glb, gltf or gii.
 
     Vertices keep the file's order and count, unused ones included in the count; only STL and glTF, which repeat
-    vertices, are merged by position, with a message. Polygons are split into triangles. Raises a MeshError if there is
-    no such file, it cannot be read, or its mesh cannot be used; one line that begins with the file's name.
+    vertices, are merged by position, with a message. Polygons are split into triangles.
 
     Parameters
     ----------
@@ -45,6 +44,12 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
     -------
     TriangleMesh
         Its ``messages`` say what was repaired.
+
+    Raises
+    ------
+    MeshError
+        If there is no such file, it cannot be read, or its mesh cannot be used; one line that begins with the
+        file's name.
     """
     file = Path(path)
     ending = next((ending for ending in READERS if file.name.lower().endswith(ending)), None)

@@ -11,9 +11,21 @@ def faces_to_flip(vertices: FloatArray, faces: IntArray, face_ids: IntArray, slo
     """Faces (F,) to turn over so that neighbours agree; none when they already do.
 
     Each piece joined through edges is settled by itself: a closed one ends with its normals outward, one with a
-    boundary keeps the side that most of its faces have. Raises a MeshError if the surface is not orientable.
+    boundary keeps the side that most of its faces have.
 
-    ``face_ids`` (F,) are what an error calls the faces, ``slots`` (E, 2) are :func:`abfm.mesh.topology.edge_slots`.
+    Parameters
+    ----------
+    vertices : (V, 3) array
+    faces : (F, 3) array
+    face_ids : (F,) array
+        What an error calls them.
+    slots : (E, 2) array
+        :func:`abfm.mesh.topology.edge_slots`.
+
+    Raises
+    ------
+    MeshError
+        If the surface is not orientable.
     """
     inner = slots[slots[:, 1] >= 0]
     start = faces.ravel()[next_corner(inner)]

@@ -12,7 +12,12 @@ def subdivided(mesh: TriangleMesh) -> TriangleMesh:
 
     The vertices stay, and edge e gets vertex ``V + e``. Face f becomes the faces ``4 f`` to ``4 f + 3``: that at its
     corner 0, at corner 1, at corner 2, each with this corner in its place, and the middle one, whose corner c lies
-    opposite the corner c of f. Raises a MeshError if a face is so thin that its parts have no area.
+    opposite the corner c of f.
+
+    Raises
+    ------
+    MeshError
+        If a face is so thin that its parts have no area.
     """
     corners, middles = mesh.faces, mesh.face_edges + len(mesh.vertices)
     children = np.repeat(middles[:, None], 4, axis=1)

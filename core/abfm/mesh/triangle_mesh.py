@@ -180,7 +180,10 @@ class TriangleMesh:
     def local_vertex(self, index: int) -> int:
         """Row in ``vertices`` of the vertex that the file calls ``index``, counted from 0.
 
-        Raises a FunctionError if the file has no such vertex, or it was dropped.
+        Raises
+        ------
+        FunctionError
+            If the file has no such vertex, or it was dropped.
         """
         if not 0 <= index < self.file_vertex_count:
             raise FunctionError(
@@ -195,7 +198,10 @@ class TriangleMesh:
     def restrict(self, values: NDArray[Entry]) -> NDArray[Entry]:
         """Rows of ``values`` that belong to the kept vertices: (file_vertex_count, ...) or (V, ...) to (V, ...).
 
-        Raises a FunctionError if ``values`` has neither length.
+        Raises
+        ------
+        FunctionError
+            If ``values`` has neither length.
         """
         if len(values) == self.file_vertex_count:
             return values[self.vertex_ids]

@@ -27,7 +27,10 @@ Solve = Callable[[FloatArray], FloatArray]
 def factor(matrix: sparse.csr_array) -> Solve:
     """Factor a sparse symmetric positive definite matrix once; the result solves for one right-hand side (n,).
 
-    Raises a MemoryError if there is not enough memory; inside `own_process.factoring_apart`, when solving.
+    Raises
+    ------
+    MemoryError
+        If there is not enough memory; where the work is in another process (`own_process.factor_from`), when solving.
     """
     if matrix.shape[0] == 0:  # a mesh without inner vertices; both libraries refuse it
         return np.copy

@@ -42,10 +42,23 @@ def strong_wolfe(
     first: float,
     longest: float,
 ) -> Trial[Point] | None:
-    """Find a step length with sufficient decrease and, unless it is ``longest``, a flatter slope; None without one.
+    """Find a step length with sufficient decrease and, unless it is ``longest``, a flatter slope.
 
-    A value that is not finite counts as infinite: the step is shortened. ``slope_at`` is asked for the slope along the
-    direction only where the value is low enough; the slope at ``start``, of length 0, is negative.
+    Parameters
+    ----------
+    evaluate : callable
+        Step length to evaluation.
+    slope_at : callable
+        Evaluation to slope along the direction: asked for only where the value is low enough.
+    start : Trial
+        The trial of length 0; its slope is negative.
+    first, longest : float
+        First and longest length to try.
+
+    Returns
+    -------
+    The accepted trial. None if no length decreases the value. A value that is not finite counts as infinite: the step
+    is shortened.
     """
     low, high = start, None
     length = min(first, longest)

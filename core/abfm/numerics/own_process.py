@@ -43,7 +43,13 @@ class ProcessEndedError(Exception):
 
 
 class OwnProcess:
-    """Runs ``python -m module``, which serves `Requests`, until it is closed or nothing refers to it any more."""
+    """Runs ``python -m module``, which serves `Requests`, until it is closed or nothing refers to it any more.
+
+    Parameters
+    ----------
+    module : str
+        Its name, dotted.
+    """
 
     def __init__(self, module: str) -> None:
         self._process = subprocess.Popen([sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
@@ -52,7 +58,10 @@ class OwnProcess:
     def send(self, message: object) -> None:
         """Send one message.
 
-        Raises a ProcessEndedError if nobody is there to read it.
+        Raises
+        ------
+        ProcessEndedError
+            If nobody is there to read it.
         """
         assert self._process.stdin is not None
         try:
@@ -63,7 +72,10 @@ class OwnProcess:
     def receive(self) -> Any:
         """Wait, while other threads go on, for one message.
 
-        Raises a ProcessEndedError if none will come.
+        Raises
+        ------
+        ProcessEndedError
+            If none will come.
         """
         assert self._process.stdout is not None
         try:

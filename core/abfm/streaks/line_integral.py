@@ -46,8 +46,6 @@ def line_integral_convolution(
 ) -> tuple[TextureAtlas, FloatImage]:
     """A grey texture with streaks along a field.
 
-    Raises a ParameterError if the field does not fit the mesh or is not finite, or a number is out of range.
-
     Parameters
     ----------
     velocity : (F, 3) array
@@ -72,6 +70,11 @@ def line_integral_convolution(
     atlas : TextureAtlas
     image : (size, size) or (P, size, size) array of float32
         From 0 to 1, row 0 at the bottom; grey (0.5) where there is no field and outside the triangles.
+
+    Raises
+    ------
+    ParameterError
+        If the field does not fit the mesh or is not finite, or a number is out of range.
     """
     field = check_field(mesh, velocity, "velocity")
     field = to_ambient(mesh, to_frame(mesh, field / (np.abs(field).max() or 1.0)))

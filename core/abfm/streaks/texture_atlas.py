@@ -42,7 +42,10 @@ class TextureAtlas:
     def affine(self, h: ArrayLike) -> FloatArray:
         """A vertex function (V,) in texels' coordinates: ``a + b x + c y`` in each face, (F, 3).
 
-        Raises a FunctionError if ``h`` does not fit the mesh.
+        Raises
+        ------
+        FunctionError
+            If ``h`` does not fit the mesh.
         """
         h0, h1, h2 = channels(self.mesh, h, "h")[0][self.mesh.faces].T
         origin, first, second = np.moveaxis(self.corners, 1, 0)
@@ -59,13 +62,17 @@ def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
 
     Each triangle becomes a right triangle: the longest edge the hypotenuse, the legs as long in texels as the other two
     edges in units of ``texel_length``, but at least one texel. Two of like size share a rectangle, and all texels that
-    linear filtering reads for a triangle are its own, so that no seams show. Raises a ParameterError if the size is out
-    of range, or too small for that many faces.
+    linear filtering reads for a triangle are its own, so that no seams show.
 
     Parameters
     ----------
     size : int
         Texels along a side, up to 16384. About 2 texels per face are the least, 100 show detail.
+
+    Raises
+    ------
+    ParameterError
+        If the size is out of range, or too small for that many faces.
     """
     if not isinstance(size, int | np.integer) or not _SMALLEST <= size <= LARGEST_SIZE:
         raise ParameterError(f"size is {size!r}; expected a whole number of texels from {_SMALLEST} to {LARGEST_SIZE}")

@@ -45,8 +45,19 @@ _OFF_MIRROR = 0.2  # of sqrt(area): how far a landmark is from its image
 class SuccessProblem:
     """A source and a target on a mesh, and what kind of problem they make.
 
-    `index` is its number on its mesh; source and target are as `abfm.function` and the command line read them. Width is
-    one of `WIDTHS` and distance one of `DISTANCES`, None for families without.
+    Attributes
+    ----------
+    mesh_name : str
+    index : int
+        Number of the problem on its mesh.
+    mesh : TriangleMesh
+    family : one of `FAMILIES`
+    source, target : str
+        The functions, as `abfm.function` and the command line read them.
+    width : float or None
+        One of `WIDTHS`; None for families without.
+    distance : str or None
+        One of `DISTANCES`; None for families without.
     """
 
     mesh_name: str

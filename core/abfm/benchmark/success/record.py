@@ -65,7 +65,15 @@ class Record:
 
 
 def run_problem(problem: SuccessProblem, parameters: Parameters, limit: float = 120.0) -> Record:
-    """Match and verify; after some seconds the match ends with what it has."""
+    """Match and verify.
+
+    Parameters
+    ----------
+    problem : SuccessProblem
+    parameters : Parameters
+    limit : float
+        Seconds after which the match ends with what it has.
+    """
     source, target = problem.functions()
     mesh = TriangleMesh(problem.mesh.vertices, problem.mesh.faces)  # nothing computed yet
     start = perf_counter()

@@ -23,16 +23,26 @@ def run_success(
     part: tuple[int, int] = (1, 1),
     versions: Mapping[str, Parameters] = VERSIONS,
 ) -> dict[str, Any]:
-    """Match all problems by all versions, of which the first is what the others are compared with.
+    """Match all problems by all versions.
 
-    Each problem's outcome is told in one line. Seed and count are those of `success_problems`; of ``part`` (k, n), only
-    every n-th problem, from the k-th, which is 1 for the first.
+    Parameters
+    ----------
+    meshes : mapping of names to meshes
+    tell : callable, optional
+        Told in one line what came out of each problem.
+    seed, count : int
+        Of `success_problems`.
+    part : (k, n)
+        Only every n-th problem, from the k-th, which is 1 for the first.
+    versions : mapping of names to parameters
+        The first one is what the others are compared with.
 
     Returns
     -------
     dict
-        Only numbers, text, lists and dictionaries: ``rows``, with the ``problem`` and a record under the name of every
-        version, then ``settings`` and ``machine``. ``interrupted`` is true after Ctrl-C: rows are those finished.
+        Only numbers, text, lists and dictionaries: ``rows``, with the ``problem`` and a record under the name of
+        every version, then ``settings`` and ``machine``. After an interruption by Ctrl-C, ``interrupted`` is true and
+        rows are those that were finished.
     """
     rows: list[dict[str, Any]] = []
     report: dict[str, Any] = {"rows": rows, "interrupted": False}

@@ -15,7 +15,14 @@ class BracketGradient:
     ``-(dt / (k+1)) sum_s exp(s dt / k ad_v)^T sum_r D̄_{f_(r-1)}^T exp(-(n - r) dt D_v)^T mu``, with ``dt = t / n``;
     for ``n = 1`` Eq. 9, ``-(t / (k+1)) sum_s exp(s t / k ad_v)^T D̄_f^T exp(-t D_v)^T mu``.
 
-    ``flow`` is that of ``v`` (F, 2), ``n`` and ``k`` are ``substeps`` and ``quadrature``.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    v : (F, 2) array
+    flow : ExponentialFlow
+        That of ``v``.
+    substeps, quadrature : int
+        ``n`` and ``k``.
     """
 
     def __init__(

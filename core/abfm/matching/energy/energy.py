@@ -26,9 +26,16 @@ from abfm.types import FloatArray
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The energy at one point: total and two terms, infinite where the flow overflows, and the source carried, (C, V).
+    """The energy at one point.
 
-    To differentiate is faster before than after the next evaluation of the energy.
+    Attributes
+    ----------
+    energy, regularity, mismatch : float
+        Total and its two terms; infinite where the flow overflows.
+    advected : (C, V) array
+        Source carried to the end time.
+    differentiate : callable
+        Computes the gradient; faster before than after the next evaluation of the energy.
     """
 
     energy: float
@@ -48,8 +55,26 @@ class MatchingEnergy(Problem):
 
     ``E(v) = dtau/2 sum_j v_j^T G_F D_alpha v_j + 1/(2 sigma^2) sum_c w_c dg_c^T G_V C_beta dg_c`` with
     ``dg = f_tau - g`` (Eq. 6); the mesh is scaled to unit area. A norm of second order has ``D_alpha^2``, a sigma that
-    is relative is multiplied by `function_size`, and early stages measure ``dg`` with a `reach`: `abfm.matching.energy.
-    terms` has them all. The functions, mask and weights are as `abfm.match` takes them.
+    is relative is multiplied by `function_size`, and early stages measure ``dg`` with a `reach`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    f, g : (V,) or (V, C) arrays
+        Source and target.
+    parameters : Parameters
+    mask : (V,) array, optional
+        Weight of the mismatch at each vertex, not negative.
+    weights : (C,) array, optional
+        Weight of each channel's mismatch, not negative.
+
+    Attributes
+    ----------
+    function_size : float
+        The larger of the two functions' deviations from their means, in L2 with mask and weights, all channels
+        together; 1 where both are constant.
+    vertex_count : int
+        Values of a function that is advected: vertices, or clusters of them.
     """
 
     def __init__(
@@ -204,7 +229,10 @@ class MatchingEnergy(Problem):
 def check_fields(velocity: ArrayLike, shape: tuple[int, int, int], name: str = "velocity") -> FloatArray:
     """Fields as (N, F, 3), for the shape (N, F, 2) of the unknowns; one field may come as (F, 3).
 
-    Raises a ParameterError if the shape is another one or a value is not finite.
+    Raises
+    ------
+    ParameterError
+        If the shape is another one or a value is not finite.
     """
     field = np.asarray(velocity, dtype=np.float64)
     expected = (*shape[:2], 3)

@@ -23,7 +23,16 @@ from abfm.types import FloatArray
 
 
 class Regularizer:
-    """``R = G_F D_alpha^order`` on frame coefficients (F, 2), alpha in units of the mesh's area, and its inverse."""
+    """``R = G_F D_alpha^order`` on frame coefficients (F, 2): apply, and apply the inverse.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    alpha : float
+        Weight of the Hodge Laplacian, in units of the mesh's area; not negative.
+    order : int
+        1 for the paper's norm, 2 for that of second order.
+    """
 
     def __init__(self, mesh: TriangleMesh, alpha: float, order: int = 1) -> None:
         self.alpha, self.order = alpha, order

@@ -35,7 +35,14 @@ class Best(NamedTuple):
 class Confirmation(NamedTuple):
     """What flow lines say of fields; all inf for fields that are too fast.
 
-    The mismatch over the norm of g, the energy with a sigma, and the mismatch that is left in the unit of sigma.
+    Attributes
+    ----------
+    mismatch : float
+        Over the norm of g.
+    energy : float
+        With a sigma.
+    left : float
+        The mismatch in the unit of sigma.
     """
 
     mismatch: float
@@ -71,7 +78,13 @@ def is_resolved(energy: MatchingEnergy) -> bool:
 
 
 def by_flow_lines(energy: MatchingEnergy, x: FloatArray, between: Callable[[], None]) -> FloatArray:
-    """The source carried along the continuous fields, (C, V); a ParameterError if they lead over too many faces."""
+    """The source carried along the continuous fields, (C, V).
+
+    Raises
+    ------
+    ParameterError
+        If the fields lead over too many faces.
+    """
     fields = to_ambient(energy.mesh, x)
     points = flow_map(energy.mesh, fields, energy.parameters.tau, backwards=True, between=between)
     return np.ascontiguousarray(pull_back(energy.mesh, points, energy.source.T).T)

@@ -48,7 +48,13 @@ def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
 
 
 def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
-    """Number of peaks and pits of a function (V,) that stand out by a share of its range; of a constant 0 and 0."""
+    """Number of peaks and pits of a function (V,) that stand out by a share of its range; of a constant 0 and 0.
+
+    Parameters
+    ----------
+    share : float
+        Least persistence, as a fraction of ``max f - min f``, 0 to 1.
+    """
     return _count(_both(mesh, f), share * float(np.ptp(f)))
 
 

@@ -16,14 +16,23 @@ _CONSTANT = 1e-9  # a range so small against the values is rounding
 
 
 def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
-    """How many edges the narrow features of a function (V,) or (V, C) span, at least; inf for constants.
+    """How many edges the narrow features of a function span; of several channels the least, inf for constants.
 
     Half the function's range over its change along an edge: over that which the function exceeds on a quarter of its
     variation ``int |grad f|^2``. That makes it the width over the edge length, to within 15 percent, of a Gaussian
     ``exp(-r^2 / (2 width^2))`` on an even mesh, if it is at least one edge wide. A jump spans half an edge. In the
     plane a narrow bump varies as much as a wide one of the same height, so that it is not overlooked beside that;
     bumps that are much lower do not count. Only changes along edges matter: adding constants, scaling the function and
-    scaling the mesh change nothing. Raises a FunctionError if ``f`` does not fit the mesh.
+    scaling the mesh change nothing.
+
+    Parameters
+    ----------
+    f : (V,) or (V, C) array
+
+    Raises
+    ------
+    FunctionError
+        If ``f`` does not fit the mesh.
     """
     return min(_of_channel(mesh, channel) for channel in channels(mesh, f, "f"))
 

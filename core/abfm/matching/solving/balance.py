@@ -32,9 +32,17 @@ def balanced(
 ) -> Best:
     """Move the target by a share of what divides both witnesses, again and again; the best round stays.
 
-    After a round that costs the discrete mismatch more than it may, or gains nothing, the share is halved. ``go_on``
-    makes some iterations from fields (N, F, 2) towards a target (C, V), or gives None where none are left; ``between``
-    is called again and again, and what it raises ends the work.
+    After a round that costs the discrete mismatch more than it may, or gains nothing, the share is halved.
+
+    Parameters
+    ----------
+    energy : MatchingEnergy
+    best : Best
+        The start.
+    go_on : callable
+        Some iterations from fields (N, F, 2) towards a target (C, V); None where none are left.
+    between : callable
+        Called again and again; what it raises ends the work.
     """
     weight = share = energy.parameters.balance
     allowed = max(energy.relative_mismatch(best.point.advected), MATCHED)

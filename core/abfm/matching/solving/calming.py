@@ -23,9 +23,24 @@ def calmed(
 ) -> tuple[FloatArray, Point]:
     """Fields that carry the source about as well as they did on a coarser mesh, or else the best of those tried.
 
-    ``mesh`` is the finer one, scaled to unit area, ``x`` (N, F, 2) are frame coefficients there, and ``mismatch`` is
-    what they left on the coarser one. ``evaluate`` gives what is known of fields on the finer mesh, and the relative
-    mismatch that they leave. What comes back is zero where no flow stays finite.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The finer one, scaled to unit area.
+    x : (N, F, 2) array
+        Frame coefficients there.
+    mismatch : float
+        Relative mismatch on the coarser mesh.
+    evaluate : callable
+        What is known of fields on the finer mesh, and the relative mismatch that they leave; what it raises ends the
+        work.
+
+    Returns
+    -------
+    (N, F, 2) array
+        Zero where no flow stays finite.
+    Point
+        What is known of them.
     """
     area = 1 / len(mesh.vertices)
     calm, least = None, np.inf

@@ -22,9 +22,16 @@ _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradien
 
 @dataclass(frozen=True)
 class Progress:
-    """What a descent goes on from: the best on the latest stage's level, and the latest stage that was minimised.
+    """What a descent goes on from.
 
-    The pairs of the iterate ``learned`` tell how the energy bends there.
+    Attributes
+    ----------
+    best : Best, optional
+        On the level of the latest stage.
+    learned : State, optional
+        The iterate whose pairs tell how the energy bends there.
+    before : Stage, optional
+        The latest one that was minimised.
     """
 
     best: Best | None = None
@@ -33,7 +40,19 @@ class Progress:
 
 
 class Descent:
-    """Runs stages; what is to come of them is for the caller to say."""
+    """Runs stages; what is to come of them is for the caller to say.
+
+    Attributes
+    ----------
+    levels : list of Level
+        At first those with the mesh itself.
+    level : int
+        Where the latest stage was.
+    progress : Progress
+        May be set to what it was before, on the same level, or to ``Progress()`` to begin anew.
+    reason : str
+        Why the latest stage ended.
+    """
 
     def __init__(self, energy: MatchingEnergy, record: Record, control: Control) -> None:
         self.levels = on_the_mesh(energy)

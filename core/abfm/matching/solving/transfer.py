@@ -18,7 +18,12 @@ from abfm.types import FloatArray, IndexArray
 
 
 class Transfer:
-    """Between a coarse and a fine mesh of one surface, in the same units."""
+    """Between a coarse and a fine mesh of one surface, in the same units.
+
+    Parameters
+    ----------
+    coarse, fine : TriangleMesh
+    """
 
     def __init__(self, coarse: TriangleMesh, fine: TriangleMesh) -> None:
         self.coarse, self.fine = coarse, fine

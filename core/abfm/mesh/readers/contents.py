@@ -30,7 +30,10 @@ def coordinates(rows: Sequence[Sequence[str]]) -> FloatArray:
 def split_polygons(vertices: FloatArray, polygons: Sequence[Sequence[int]]) -> FileContents:
     """Contents with every polygon of more than three corners split into a fan around its first corner.
 
-    Raises a ValueError if a polygon has fewer than three corners.
+    Raises
+    ------
+    ValueError
+        If a polygon has fewer than three corners.
     """
     sizes = np.array([len(polygon) for polygon in polygons])
     if np.all(sizes == 3):

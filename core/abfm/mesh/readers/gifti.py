@@ -12,7 +12,10 @@ POINTSET, TRIANGLE = 1008, 1009  # NIFTI_INTENT codes
 def read_gifti(path: Path) -> FileContents:
     """The point set and the triangles of a GIFTI surface file.
 
-    Raises a ValueError if nibabel is not installed, or the file holds no single surface.
+    Raises
+    ------
+    ValueError
+        If nibabel is not installed, or the file holds no single surface.
     """
     try:
         import nibabel

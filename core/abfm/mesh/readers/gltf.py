@@ -13,7 +13,12 @@ def read_gltf(path: Path) -> FileContents:
     """All triangles of a scene, transformed as it says.
 
     glTF repeats a vertex wherever texture or normal are discontinuous. Where that leaves cracks, vertices at the same
-    position are merged. Raises a ValueError if a text file is not JSON; trimesh may raise anything else.
+    position are merged.
+
+    Raises
+    ------
+    ValueError
+        If a text file is not JSON; trimesh may raise anything else.
     """
     import trimesh  # takes longer to import than all of this package
 

@@ -8,7 +8,10 @@ from abfm.mesh.readers.contents import FileContents, coordinates, split_polygons
 def read_obj(path: Path) -> FileContents:
     """Vertices and faces of an OBJ file; groups, materials, textures and normals are passed over.
 
-    Raises a ValueError that says what is wrong with the text.
+    Raises
+    ------
+    ValueError
+        Saying what is wrong with the text.
     """
     text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\\\n", " ")
     rows: list[list[str]] = []

@@ -11,7 +11,10 @@ HEADER = re.compile(r"(?:ST)?C?N?OFF\b", re.IGNORECASE)
 def read_off(path: Path) -> FileContents:
     """Vertices and faces of a text OFF file.
 
-    Raises a ValueError that says what is wrong with the text.
+    Raises
+    ------
+    ValueError
+        Saying what is wrong with the text.
     """
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     rows = [words for line in lines if (words := line.partition("#")[0].split())]

@@ -73,7 +73,10 @@ class Body:
 def read_ply(path: Path) -> FileContents:
     """Vertices and faces of a PLY file; all other elements and properties are passed over.
 
-    Raises a ValueError that says what is wrong with the file.
+    Raises
+    ------
+    ValueError
+        Saying what is wrong with the file.
     """
     header, end, rest = path.read_bytes().partition(b"end_header")
     lines = [line.split() for line in header.decode("utf-8", errors="replace").splitlines()]

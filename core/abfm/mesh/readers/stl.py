@@ -15,7 +15,10 @@ VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE | re.M
 def read_stl(path: Path) -> FileContents:
     """Triangles of an STL file, corners at exactly the same position merged.
 
-    Raises a ValueError if the file is cut off or not STL.
+    Raises
+    ------
+    ValueError
+        If the file is cut off or not STL.
     """
     data = path.read_bytes()
     count = int.from_bytes(data[HEADER_LENGTH - 4 : HEADER_LENGTH], "little")
