@@ -21,8 +21,7 @@ class Flow:
     """The flow of one tangent field, or of N fields in a row, each for ``tau / N``; beyond tau the last one goes on.
 
     A negative time undoes the flow. Exponentials are undone exactly; linearised steps by the same steps with the sign
-    changed, in reverse order, which is not an exact inverse. Raises a ParameterError if the fields have another shape
-    or values that are not finite, tau is not a positive number, or there is no such method.
+    changed, in reverse order, which is not an exact inverse.
 
     Parameters
     ----------
@@ -33,6 +32,12 @@ class Flow:
     method : "nonlinear" or "linearised"
         ``exp(-t D_v)`` (Eq. 4), or its first two terms ``id - t D_v`` (Eq. 5), one step for each field: for smaller
         steps repeat the fields.
+
+    Raises
+    ------
+    ParameterError
+        If the fields have another shape or values that are not finite, tau is not a positive number, or there is no
+        such method.
     """
 
     def __init__(self, mesh: TriangleMesh, velocity: ArrayLike, tau: float = 1.0, method: Method = "nonlinear") -> None:

@@ -56,9 +56,6 @@ def flow_lines(
 ) -> list[FlowLine]:
     """Walk points along a field, or along N fields in a row, exactly from edge to edge.
 
-    Raises a ParameterError if an array has another shape or values that are not finite, a start is not in the mesh, or
-    ``duration`` or ``tau`` is out of range.
-
     Parameters
     ----------
     velocity : (F, 3) or (N, F, 3) array
@@ -69,6 +66,12 @@ def flow_lines(
         How long to walk. Negative: against the flow of the first field.
     tau : float, optional
         End time of the N fields, each of which lasts ``tau / N``; the last one goes on. Needed for several fields.
+
+    Raises
+    ------
+    ParameterError
+        If an array has another shape or values that are not finite, a start is not in the mesh, or ``duration`` or
+        ``tau`` is out of range.
     """
     fields = fields_in_a_row(mesh, velocity)
     faces, barycentric = check_start(mesh, start)

@@ -99,14 +99,16 @@ def parse(text: str) -> Spec:
 def function(mesh: TriangleMesh, spec: str | Spec) -> FloatArray:
     """Values of a function at the vertices, (V,), finite, a new array every time.
 
-    Raises a FunctionError if the text is no spec, names a vertex or file that does not fit the mesh, or gives values
-    that are not finite.
-
     Parameters
     ----------
     spec : str or Spec
         Text such as ``"gaussian:vertex=12,width=0.1 + gaussian:vertex=3"``, or what :func:`parse` makes of it;
         :func:`families` lists the families with their parameters.
+
+    Raises
+    ------
+    FunctionError
+        If the text is no spec, names a vertex or file that does not fit the mesh, or gives values that are not finite.
     """
     tree = parse(spec) if isinstance(spec, str) else spec
     if not isinstance(tree, Spec):

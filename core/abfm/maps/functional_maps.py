@@ -61,7 +61,10 @@ def functional_map(source: TriangleMesh, target: TriangleMesh, points: SurfacePo
 def carry(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike) -> FloatArray:
     """Carry a function of the source, of one channel or several, to the target: ``Phi_target C Phi_source^+ h``.
 
-    Raises an AbfmError if ``C`` or ``h`` does not fit.
+    Raises
+    ------
+    AbfmError
+        If ``C`` or ``h`` does not fit.
     """
     matrix = _check(C)
     basis = eigenbasis(target.normalized(), matrix.shape[0])[1]

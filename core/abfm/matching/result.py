@@ -165,7 +165,10 @@ def match_of(
 ) -> Match:
     """The match that `match_arrays` was given; files from before there were verdicts have None.
 
-    Raises a ValueError if there are more or fewer fields than segments.
+    Raises
+    ------
+    ValueError
+        If there are more or fewer fields than segments.
     """
     parts: dict[str, Any] = {"mask": None, "verified_mismatch": math.nan, "folded": math.nan}
     parts |= {name: array if array.ndim else array.item() for name, array in arrays.items()}

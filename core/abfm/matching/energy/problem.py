@@ -14,12 +14,17 @@ class Problem:
     """A source f and a target g, (V,) or (V, C), on a mesh.
 
     The mask (V,) weighs the mismatch at each vertex of the mesh or of its file, weights (C,) that of each channel; they
-    are 1 unless given. Values of the source may come from where the mask is 0. Raises a FunctionError if a function
-    does not fit the mesh, or they have not as many channels; a ParameterError if mask or weights do not fit, a value is
-    negative or not finite, or all are zero.
+    are 1 unless given. Values of the source may come from where the mask is 0.
 
     ``source`` and ``target`` are (C, V), ``areas`` (V,) those of the vertices times the mask, ``function_size`` is the
     larger of the functions' deviations, 1 where both are constant.
+
+    Raises
+    ------
+    FunctionError
+        If a function does not fit the mesh, or they have not as many channels.
+    ParameterError
+        If mask or weights do not fit, a value is negative or not finite, or all are zero.
     """
 
     def __init__(

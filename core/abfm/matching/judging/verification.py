@@ -101,9 +101,6 @@ def verify(
 ) -> Verification:
     """Ask independent witnesses whether fields carry a source to a target.
 
-    Raises an AbfmError if an array or ``tau`` does not fit, or the fields lead over too many faces, see
-    `abfm.flow.continuous_flow.flow_map`.
-
     Parameters
     ----------
     source, target, mask, weights
@@ -116,6 +113,12 @@ def verify(
     subdivided : bool
         Whether to ask on the subdivided mesh, which takes most of the time. Above `SUBDIVIDED_LIMIT` vertices it is
         not asked.
+
+    Raises
+    ------
+    AbfmError
+        If an array or ``tau`` does not fit, or the fields lead over too many faces, see
+        `abfm.flow.continuous_flow.flow_map`.
     """
     problem = Problem(mesh, source, target, mask, weights)
     fields = fields_in_a_row(mesh, velocity)

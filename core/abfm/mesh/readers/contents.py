@@ -19,7 +19,10 @@ class FileContents(NamedTuple):
 def coordinates(rows: Sequence[Sequence[str]]) -> FloatArray:
     """Vertices (V, 3) from the words of their lines.
 
-    Raises a ValueError if a line has fewer than three words, or one is no number.
+    Raises
+    ------
+    ValueError
+        If a line has fewer than three words, or one is no number.
     """
     short = next((row for row, words in enumerate(rows) if len(words) < 3), None)
     if short is not None:
