@@ -20,8 +20,7 @@ _TABLES = {name: _ROWS[:, 3 * number : 3 * number + 3] for number, name in enume
 
 Written to a file because loading SciPy would take longer than all of polyscope.
 """
-CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))
-"""Of the fields of a checkerboard, in linear light."""
+CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # in linear light
 
 
 @dataclass(frozen=True)
@@ -51,17 +50,14 @@ def color_range(*functions: FloatArray) -> ColorRange:
 def place_colors(vertices: FloatArray, positions: FloatArray) -> FloatArray:
     """Places (V, 3) as colours in linear light: x, y, z in the vertices' bounding box as red, green, blue."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    share: FloatArray = np.clip((positions - low) / np.maximum(high - low, 1e-300), 0, 1)
-    colors: FloatArray = share**2.2
-    return colors
+    return np.asarray(np.clip((positions - low) / np.maximum(high - low, 1e-300), 0, 1) ** 2.2)
 
 
 @lru_cache(maxsize=32)
 def table(colormap: str, size: int = 256) -> FloatArray:
     """The colours of a map from its low to its high end, (size, 3) sRGB in 0 to 1."""
     linear = linear_table(colormap, size)
-    encoded: FloatArray = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return encoded
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def linear_table(colormap: str, size: int) -> FloatArray:
@@ -72,10 +68,7 @@ def linear_table(colormap: str, size: int) -> FloatArray:
 
 
 def loaded_name(colormap: str) -> str:
-    """What polyscope calls a map of ours: it has maps of some of these names itself, and warns of a second one.
-
-    A warning stops the window until the user answers it.
-    """
+    """What polyscope calls a map of ours: a second one of a name of its own would be a warning, which waits for OK."""
     return colormap if colormap.startswith("abfm") else f"abfm {colormap}"
 
 

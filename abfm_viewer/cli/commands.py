@@ -25,8 +25,7 @@ def run(words: list[str]) -> int:
     if not words[0].startswith("-") and words[0] not in _COMMANDS:
         parser.error(f"there is no command {words[0]!r}{did_you_mean(words[0], _COMMANDS)}")
     arguments = parser.parse_whole(words)
-    status: int = arguments.run(arguments)
-    return status
+    return int(arguments.run(arguments))
 
 
 def _parser() -> Parser:

@@ -24,8 +24,7 @@ missing.
 Example:
   abfm demo --out out
 """
-FAILED = 1
-LARGEST_MISMATCH = 0.05
+FAILED, LARGEST_MISMATCH = 1, 0.05
 _MOVIE_SIZE, _FRAMES, _FPS = (640, 480), 50, 25.0
 # From the chest to a hip, and so wide that this mesh of 1,229 vertices carries them.
 SOURCE, TARGET = "gaussian:vertex=394,width=0.2", "gaussian:vertex=454,width=0.2"

@@ -21,9 +21,6 @@ from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
 
 if TYPE_CHECKING:
-    from PIL import Image
-
-    from abfm.experiments.sheet import Sheet
     from abfm_viewer.pictures.sheets.page import Entry
 
 SUMMARY = "a figure of the paper, computed, measured and drawn"
@@ -55,13 +52,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute, draw and write."""
-    numbers = (
-        abfm.experiments.FIGURES
-        if arguments.figure == "all"
-        else (_number(arguments.figure, abfm.experiments.FIGURES),)
-    )
+    figures = abfm.experiments.FIGURES
+    if arguments.figure not in ("all", *map(str, figures)):
+        every = f"a number from {figures[0]} to {figures[-1]}, or all"
+        raise UsageError(f"there is no figure {arguments.figure!r}; expected {every}")
+    numbers = figures if arguments.figure == "all" else (int(arguments.figure),)
     mesh = options.mesh(arguments) if arguments.mesh else None
-    _make_folder(arguments.out)
+    try:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        problem = f"cannot make the folder {arguments.out}: {error.strerror or error}"
+        raise UsageError(f"{problem}; choose another") from None
     for number in numbers:
         for suffix in (".png", ".json"):
             outputs.check(arguments.out / f"figure-{number}{suffix}", [suffix])
@@ -85,19 +86,6 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _number(text: str, figures: tuple[int, ...]) -> int:
-    if text not in map(str, figures):
-        raise UsageError(f"there is no figure {text!r}; expected a number from {figures[0]} to {figures[-1]}, or all")
-    return int(text)
-
-
-def _make_folder(path: Path) -> None:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"cannot make the folder {path}: {error.strerror or error}; choose another") from None
-
-
 def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespace) -> pictures.Entry:
     """Run an experiment; when all are wanted, one that a mesh does not allow is told on the page."""
     of = abfm.experiments.experiment_of(number)
@@ -109,21 +97,16 @@ def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespa
             findings = of.run(setup, report)
             report("drawing", 1.0)
             sheet = replace(findings.sheet, up=arguments.up or ("y" if mesh else findings.sheet.up))
-            notes = pictures.captions(sheet)
-            picture, problem = _drawn(sheet, notes)
+            notes, picture, problem = pictures.captions(sheet), None, ""
+            try:
+                picture = pictures.figure_picture(sheet, notes)
+            except DrawingError as error:
+                problem = f"no picture: {error}"
     except AbfmError as error:
         if arguments.figure != "all":
             raise
         return pictures.Entry(number, of.title, of.claim, problem=f"Not on this mesh: {error}")
     return pictures.Entry(number, of.title, of.claim, findings.setting, findings.measures, picture, problem, notes)
-
-
-def _drawn(sheet: Sheet, notes: list[str]) -> tuple[Image.Image | None, str]:
-    """The picture, or why there is none."""
-    try:
-        return pictures.figure_picture(sheet, notes), ""
-    except DrawingError as error:
-        return None, f"no picture: {error}"
 
 
 def _write(entry: Entry, folder: Path) -> None:
@@ -142,15 +125,9 @@ def _write_text(path: Path, text: str) -> None:
 
 def _described(entry: Entry) -> dict[str, Any]:
     """What stands in a figure's JSON."""
-    return {
-        "figure": entry.number,
-        "title": entry.title,
-        "claim": entry.claim,
-        "setting": entry.setting,
-        "problem": entry.problem,
-        "notes": list(entry.notes),
-        "measures": [measure.to_dict() for measure in entry.measures],
-    }
+    texts = {name: getattr(entry, name) for name in ("title", "claim", "setting", "problem")}
+    measures = [measure.to_dict() for measure in entry.measures]
+    return {"figure": entry.number, **texts, "notes": list(entry.notes), "measures": measures}
 
 
 def _print(entry: Entry) -> None:

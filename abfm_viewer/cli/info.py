@@ -44,8 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def describe(mesh: TriangleMesh) -> dict[str, Any]:
     """Counts, topology and sizes of a mesh; lengths are in the file's unit."""
-    ends = mesh.vertices[mesh.edges]
-    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1)[:, 0], axis=1)
     return {
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),

@@ -3,7 +3,7 @@
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from types import FrameType
 
 from abfm import Control
@@ -17,36 +17,25 @@ def cancelled_by_signals(control: Control) -> Iterator[None]:
     """
 
     def stop(number: int, frame: FrameType | None) -> None:
-        restore()
+        handled.close()
         control.cancel()
         print("stopping with the best result so far; Ctrl-C again to leave at once", file=sys.stderr, flush=True)
 
-    restore = _restoring(signal.SIGINT, signal.SIGTERM)
-    signal.signal(signal.SIGINT, stop)
-    signal.signal(signal.SIGTERM, stop)
-    try:
+    with ExitStack() as handled:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            _handle(handled, number, stop)
         yield
-    finally:
-        restore()
 
 
 @contextmanager
 def interrupted_by_sigterm() -> Iterator[None]:
     """Let SIGTERM do inside the block what Ctrl-C does, so that nothing half-written stays."""
-    restore = _restoring(signal.SIGTERM)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
+    with ExitStack() as handled:
+        _handle(handled, signal.SIGTERM, signal.default_int_handler)
         yield
-    finally:
-        restore()
 
 
-def _restoring(*signals: signal.Signals) -> Callable[[], None]:
-    """What to call to handle signals as now again."""
-    before = {number: signal.getsignal(number) for number in signals}
-
-    def restore() -> None:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-    return restore
+def _handle(handled: ExitStack, number: signal.Signals, handler: Callable[[int, FrameType | None], None]) -> None:
+    """Handle a signal until the stack is closed."""
+    handled.callback(signal.signal, number, signal.getsignal(number))
+    signal.signal(number, handler)

@@ -14,7 +14,7 @@ from abfm import FunctionError, Match, ParameterError, load_match
 from abfm.functions.permuted import vertex_map
 from abfm.functions.values_file import read_table
 from abfm.io import write_atomically
-from abfm.maps.accuracy import BOUNDS, MapAccuracy, map_accuracy
+from abfm.maps.accuracy import BOUNDS, map_accuracy
 from abfm.maps.quality import map_quality
 from abfm.maps.surface_points import SurfacePoints, map_vertices_to_nearest
 from abfm_viewer.cli.exit_status import UsageError
@@ -75,17 +75,18 @@ def run(arguments: argparse.Namespace) -> int:
     time = match.parameters.tau if arguments.time is None else arguments.time
     points = match.point_map(time)
     quality = map_quality(match.mesh, points)
-    described = {
-        "off_surface": quality.largest_distance,
-        "off_surface_rms": quality.rms_distance,
-        "folded": quality.folded,
-        "warning": quality.warning,
-        "report": quality.report(),
-    }
-    said: dict[str, Any] = {"time": time, "quality": described}
+    distances = {"off_surface": quality.largest_distance, "off_surface_rms": quality.rms_distance}
+    others = {"folded": quality.folded, "warning": quality.warning, "report": quality.report()}
+    said: dict[str, Any] = {"time": time, "quality": {**distances, **others}}
     if arguments.truth:
         truth = None if arguments.truth == "identity" else vertex_map(match.mesh, arguments.truth)
-        said["accuracy"] = _described(map_accuracy(match.mesh, points, truth))
+        accuracy = map_accuracy(match.mesh, points, truth)
+        said["accuracy"] = {
+            "vertices": len(accuracy.vertices),
+            **{name: getattr(accuracy, name) for name in ("mean", "median", "maximum")},
+            "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in BOUNDS},
+            "report": accuracy.report(),
+        }
     if arguments.out is not None:
         if arguments.functional_map is not None:
             table = match.functional_map(arguments.functional_map, time)
@@ -128,17 +129,6 @@ def _as_in_file(match: Match, points: SurfacePoints) -> NDArray[Any]:
     nearest = map_vertices_to_nearest(match.mesh, points)
     whole[match.mesh.vertex_ids] = match.mesh.vertex_ids[nearest]
     return whole
-
-
-def _described(accuracy: MapAccuracy) -> dict[str, Any]:
-    return {
-        "vertices": len(accuracy.vertices),
-        "mean": accuracy.mean,
-        "median": accuracy.median,
-        "maximum": accuracy.maximum,
-        "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in BOUNDS},
-        "report": accuracy.report(),
-    }
 
 
 def _write(path: Path, table: NDArray[Any]) -> None:

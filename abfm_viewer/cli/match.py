@@ -70,17 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
     pairs, weights = _pairs(arguments)
     mesh = options.mesh(arguments)
     sources, targets = (_channels(mesh, specs) for specs in zip(*pairs, strict=True))
-    outcome = solve(
-        mesh,
-        sources,
-        targets,
-        parameters,
-        arguments.out,
-        arguments.quiet,
-        weights=weights,
-        mask=_mask(mesh, arguments.mask),
-        start=_start(mesh, arguments.start, parameters),
-    )
+    settings = {"mask": _mask(mesh, arguments.mask), "start": _start(mesh, arguments.start, parameters)}
+    outcome = solve(mesh, sources, targets, parameters, arguments.out, arguments.quiet, weights=weights, **settings)
     if arguments.json:
         print(json.dumps({"mesh": arguments.mesh, **outcome.to_dict()}))
     else:

@@ -16,8 +16,7 @@ from abfm import Iteration
 from abfm_viewer.document.verdict_words import place
 
 Report = Callable[[Iteration], None]
-_LINES_EVERY = 10
-_LINES_OF_A_MOVIE = 10
+_LINES_EVERY = _LINES_OF_A_MOVIE = 10
 
 
 @contextmanager
@@ -30,10 +29,7 @@ def progress(iterations: int, quiet: bool) -> Iterator[Report]:
         columns = (*_counted("{task.fields[place]}"), numbers, TimeElapsedColumn(), TimeRemainingColumn())
         with _bar(columns, iterations, place="-", energy="-", mismatch="-") as update:
             yield lambda now: update(
-                completed=now.iteration,
-                place=place(now),
-                energy=f"{now.energy:.4g}",
-                mismatch=f"{now.mismatch:.4f}",
+                completed=now.iteration, place=place(now), energy=f"{now.energy:.4g}", mismatch=f"{now.mismatch:.4f}"
             )
     else:
         yield _print_line

@@ -40,6 +40,8 @@ Examples:
 _MOVIES = (".mp4", ".gif")
 _SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
 _SECONDS, _FPS = 4.0, 30.0
+_OF_MOVIES = {"--seconds": "seconds", "--fps": "fps", "--from": "start", "--to": "end", "--turntable": "turntable"}
+_OF_WINDOWS = ("transparent", "no_color_bar", "no_labels", "streaks", "fade")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -104,26 +106,12 @@ def run(arguments: argparse.Namespace) -> int:
 def _check_options(arguments: argparse.Namespace, style: str, is_movie: bool) -> None:
     """Refuse options that would do nothing."""
     suffix = arguments.out.suffix
-    of_movies = {
-        "--seconds": arguments.seconds,
-        "--fps": arguments.fps,
-        "--from": arguments.start,
-        "--to": arguments.end,
-        "--turntable": arguments.turntable,
-    }
-    for option, value in of_movies.items():
-        if not is_movie and value is not None:
+    for option, name in _OF_MOVIES.items():
+        if not is_movie and getattr(arguments, name) is not None:
             raise UsageError(f"{option} is for movies, and {arguments.out} is a picture")
-    of_windows = {
-        "--transparent": arguments.transparent,
-        "--no-color-bar": arguments.no_color_bar,
-        "--no-labels": arguments.no_labels,
-        "--streaks": arguments.streaks,
-        "--fade": arguments.fade,
-    }
-    for option, wanted in of_windows.items():
-        if style == "sheet" and wanted:
-            raise UsageError(f"{option} is not for sheets; add --style window")
+    for name in _OF_WINDOWS:
+        if style == "sheet" and getattr(arguments, name):
+            raise UsageError(f"--{name.replace('_', '-')} is not for sheets; add --style window")
     if arguments.fade and not arguments.streaks:
         raise UsageError("--fade is for streaks; add --streaks")
     if is_movie:
@@ -161,7 +149,6 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
 def _sheet(arguments: argparse.Namespace, document: Document) -> Image.Image:
     if document.result is None:
         raise ParameterError(f"{arguments.input} holds no result to make a sheet of; add --style window")
-
     return pictures.match_picture(
         document.result, arguments.time, arguments.size, document.channel, arguments.up or "y"
     )
@@ -170,11 +157,9 @@ def _sheet(arguments: argparse.Namespace, document: Document) -> Image.Image:
 def _picture(arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]) -> Image.Image:
     if len(arguments.time or []) > 1:
         raise UsageError("--time is given more than once, and a picture of the window shows one time")
-
     choices = pictures.PictureOptions(arguments.transparent, not arguments.no_color_bar, not arguments.no_labels)
-    with pictures.DocumentRenderer(
-        _turned_up(arguments, document), known, arguments.size or _SIZE[".png"], choices
-    ) as renderer:
+    seen, size = _turned_up(arguments, document), arguments.size or _SIZE[".png"]
+    with pictures.DocumentRenderer(seen, known, size, choices) as renderer:
         return renderer.picture(arguments.time[0] if arguments.time else document.time)
 
 

@@ -22,8 +22,5 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
     source = int(np.argmin(np.maximum(from_one_end, from_other_end) / length - 0.1 * normals[:, 2]))
     off = np.abs(abfm.calculus.geodesic_distance(mesh, [source]) / length - 0.25)
     target = int(np.argmin(off - 0.1 * normals @ normals[source]))
-    return _gaussian(mesh, source), _gaussian(mesh, target)
-
-
-def _gaussian(mesh: TriangleMesh, vertex: int) -> str:
-    return f"gaussian:vertex={mesh.vertex_ids[vertex]},width={WIDTH}"
+    one, other = (f"gaussian:vertex={mesh.vertex_ids[vertex]},width={WIDTH}" for vertex in (source, target))
+    return one, other

@@ -15,25 +15,18 @@ Side = Literal["source", "target"]
 Theme = Literal["light", "dark"]
 Layout = Literal["row", "column", "advected only"]
 Coloring = Literal[
-    "function",
-    "speed",
-    "divergence",
-    "curl",
-    "coordinates",
-    "checker",
-    "area distortion",
-    "conformal distortion",
+    "function", "speed", "divergence", "curl", "coordinates", "checker", "area distortion", "conformal distortion"
 ]
 FieldPart = Literal["whole", "curl-free", "divergence-free", "harmonic", "commuting", "carried gradient"]
 ClickTool = Literal["nothing", "flow line", "follow a point"]
 
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
-SIDES: tuple[Side, ...] = ("source", "target")
-THEMES: tuple[Theme, ...] = ("light", "dark")
-LAYOUTS: tuple[Layout, ...] = ("row", "column", "advected only")
+SIDES: tuple[Side, ...] = get_args(Side)
+THEMES: tuple[Theme, ...] = get_args(Theme)
+LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 HODGE_PARTS: tuple[FieldPart, ...] = ("curl-free", "divergence-free", "harmonic")
-FIELD_PARTS: tuple[FieldPart, ...] = ("whole", *HODGE_PARTS, "commuting", "carried gradient")
-CLICK_TOOLS: tuple[ClickTool, ...] = ("nothing", "flow line", "follow a point")
+FIELD_PARTS: tuple[FieldPart, ...] = get_args(FieldPart)
+CLICK_TOOLS: tuple[ClickTool, ...] = get_args(ClickTool)
 Triple = tuple[float, float, float]
 EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
@@ -101,85 +94,45 @@ class Front:
 
 @dataclass(frozen=True)
 class View:
-    """Everything that decides how the document is drawn, and nothing that decides what is solved.
-
-    Attributes
-    ----------
-    colormap : str
-        "automatic" (sequential or diverging by the functions' signs), or one of `appearance.colormaps.NAMES`.
-    front : Front or None
-        None until the default functions are known, which it should show.
-    camera : Camera or None
-        None is the fitted front view.
-    coloring : Coloring
-        What the advected surface shows.
-    blend, transport, error : bool
-        Whether the surfaces of the linear blend, of optimal transport and of the pointwise error are there.
-    arrows, arrow_length, arrow_density
-        Whether the field is drawn, the longest arrow as a fraction of sqrt(area), and the share of faces with one.
-    part : FieldPart
-        Which Helmholtz-Hodge part of the field is drawn, coloured and traced; or the smoothest field that commutes with
-        it, or the source's gradient carried along.
-    streaks : bool
-        Line integral convolution of the field on the advected surface.
-    fade, animate : bool
-        Whether the streaks fade where the field is slow, and whether they move along it.
-    tool : ClickTool
-        What a click on a surface does.
-    previous_runs : bool
-        Whether the plot of the energy shows earlier runs.
-    """
+    """Everything that decides how the document is drawn, and nothing that decides what is solved."""
 
     theme: Theme = "light"
     ui_scale: float = 1.0
     layout: Layout = "row"
-    colormap: str = "automatic"
+    colormap: str = "automatic"  # by the functions' signs; or one of `appearance.colormaps.NAMES`
     isolines: bool = False
     isoline_count: int = 12
     color_bar: bool = True
-    front: Front | None = None
-    camera: Camera | None = None
-    coloring: Coloring = "function"
-    blend: bool = False
+    front: Front | None = None  # until the default functions are known, which it should show
+    camera: Camera | None = None  # the fitted front view
+    coloring: Coloring = "function"  # of the advected surface
+    blend: bool = False  # whether there is a surface for it, as for the next two
     transport: bool = False
     error: bool = False
     arrows: bool = False
-    arrow_length: float = 0.12
-    arrow_density: float = 0.3
-    part: FieldPart = "whole"
-    streaks: bool = False
-    fade: bool = False
-    animate: bool = False
+    arrow_length: float = 0.12  # the longest arrow's, of sqrt(area)
+    arrow_density: float = 0.3  # share of faces with an arrow
+    part: FieldPart = "whole"  # of the field that is drawn, coloured and traced, or a field that belongs to it
+    streaks: bool = False  # on the advected surface
+    fade: bool = False  # streaks, where the field is slow
+    animate: bool = False  # streaks move along the field
     tool: ClickTool = "nothing"
-    previous_runs: bool = True
+    previous_runs: bool = True  # are in the plot of the energy
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
     """The energy of one run: what the plot of the energy shows of it.
 
-    Attributes
-    ----------
-    energies : (n, 3) array
-        Total, regularity and mismatch.
-    stages : (n,) array of int
-        Stage of each row.
-    restarts : tuple of int
-        Rows at which a change of the problem started the solver again from the field that it had.
-    mismatch : float
-    label : str
-        What was solved, in a few words.
-    vertices : (n,) or (0,) array of int
-        Of the mesh of each row, which may be a coarser one than the document's; empty where this is not known.
-    reaches : (n,) or (0,) array
-        The reach of each row's stage, likewise.
+    The vertices of each row's mesh, which may be coarser than the document's, and its reach, (n,), are empty where they
+    are not known.
     """
 
-    energies: FloatArray
-    stages: IntArray
-    restarts: tuple[int, ...]
+    energies: FloatArray  # (n, 3): total, regularity and mismatch
+    stages: IntArray  # (n,)
+    restarts: tuple[int, ...]  # rows at which a changed problem started the solver again from the field that it had
     mismatch: float
-    label: str
+    label: str  # what was solved, in a few words
     vertices: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     reaches: FloatArray = field(default_factory=lambda: np.zeros(0))
 
@@ -191,41 +144,19 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """A state of the session that undo returns to and a project file keeps.
-
-    Attributes
-    ----------
-    mesh : TriangleMesh
-    name : str
-        What the mesh is called in the window.
-    channels : tuple of Channel
-        Empty until the default functions of a new mesh are known.
-    channel, side, bump : int, Side, int
-        The active channel, its active side, and which of that side's Gaussians the mouse moves.
-    parameters : Parameters
-    mask : str
-        Spec of the weight of the mismatch at each vertex; empty for none.
-    result : Match or None
-    runs : tuple of Run
-        Those that ended, the latest last.
-    time : float
-        The time shown, 0 to 2 tau.
-    lines, points : tuple of Point
-        Where flow lines and followed points start.
-    view : View
-    """
+    """A state of the session that undo returns to and a project file keeps."""
 
     mesh: TriangleMesh
-    name: str
-    channels: tuple[Channel, ...] = ()
-    channel: int = 0
-    side: Side = "source"
-    bump: int = 0
+    name: str  # of the mesh, in the window
+    channels: tuple[Channel, ...] = ()  # until the default functions of a new mesh are known
+    channel: int = 0  # the active one
+    side: Side = "source"  # of it, the active one
+    bump: int = 0  # which of that side's Gaussians the mouse moves
     parameters: Parameters = field(default_factory=Parameters)
-    mask: str = ""
+    mask: str = ""  # spec of the weight of the mismatch at each vertex; empty for none
     result: abfm.Match | None = None
-    runs: tuple[Run, ...] = ()
-    time: float = 0.0
-    lines: tuple[Point, ...] = ()
-    points: tuple[Point, ...] = ()
+    runs: tuple[Run, ...] = ()  # those that ended, the latest last
+    time: float = 0.0  # shown, 0 to 2 tau
+    lines: tuple[Point, ...] = ()  # where flow lines start
+    points: tuple[Point, ...] = ()  # that are followed, at time 0
     view: View = field(default_factory=View)

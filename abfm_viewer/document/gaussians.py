@@ -17,13 +17,7 @@ _WIDTH = 0.1
 
 
 def gaussians(spec: str) -> list[functions.Gaussian]:
-    """The Gaussians among a function's terms, in their order.
-
-    Raises
-    ------
-    FunctionError
-        If the text is no spec.
-    """
+    """The Gaussians among a function's terms, in their order; a `FunctionError` if the text is no spec."""
     return [term for term in _terms(functions.parse(spec)) if isinstance(term, functions.Gaussian)]
 
 
@@ -35,10 +29,7 @@ def is_mapped(spec: str) -> bool:
 def changed(spec: str, bump: int, **values: Any) -> str:
     """The spec with other parameters of one Gaussian; a vertex takes the place of x, y and z.
 
-    Raises
-    ------
-    FunctionError
-        If a value is refused.
+    A value that is refused is a `FunctionError`.
     """
     if values.get("vertex") is not None:
         values |= {"x": None, "y": None, "z": None}
@@ -48,10 +39,7 @@ def changed(spec: str, bump: int, **values: Any) -> str:
 def added(spec: str, mesh: TriangleMesh) -> str:
     """The spec with one more Gaussian at the end, as wide as the last and as far as possible from all of them.
 
-    Raises
-    ------
-    FunctionError
-        If one of them is at a vertex that the mesh has not.
+    One at a vertex that the mesh has not is a `FunctionError`.
     """
     known = gaussians(spec)
     width = known[-1].width if known else _WIDTH
@@ -68,13 +56,7 @@ def removed(spec: str, bump: int) -> str:
 
 
 def centre(gaussian: functions.Gaussian, mesh: TriangleMesh) -> int:
-    """The vertex it sits at, as the mesh file counts; of several the first.
-
-    Raises
-    ------
-    FunctionError
-        If the mesh has no such vertex.
-    """
+    """The vertex it sits at, as the mesh file counts, of several the first; a `FunctionError` if there is none such."""
     return int(mesh.vertex_ids[gaussian.sources(mesh)[0]])
 
 

@@ -17,19 +17,11 @@ class Step:
 
 
 class History:
-    """Every change is a step; changes in a row with the same merge key (a drag, a scrub) are one.
-
-    Attributes
-    ----------
-    document : Document
-        The present state; what the user did not do changes it without a step.
-    moves : int
-        Counts what the user did: changes, undo and redo.
-    """
+    """Every change is a step; changes in a row with the same merge key (a drag, a scrub) are one."""
 
     def __init__(self, document: Document) -> None:
-        self.document = document
-        self.moves = 0
+        self.document = document  # at present; what the user did not do changes it without a step
+        self.moves = 0  # what the user did: changes, undo and redo
         self._past: list[Step] = []
         self._future: list[Step] = []
 

@@ -24,12 +24,7 @@ _SHOWN: dict[int, dict[str, Any]] = {
 def figure_document(figure: int, view: View) -> tuple[Document, dict[str, FloatArray]]:
     """A figure of the paper, drawn in a view's theme and layout, and the values of functions that no text describes.
 
-    It is set up in a process of its own, in seconds.
-
-    Raises
-    ------
-    AbfmError
-        If it cannot be set up.
+    It is set up in a process of its own, in seconds; an `AbfmError` says why it cannot be.
     """
     setup, given = abfm.experiments.set_up_apart(figure)
     document = Document(

@@ -6,11 +6,10 @@ import math
 
 import abfm
 
-_OTHERWISE = {
+_OTHERWISE = {  # of matches that did not come to their end
     "cancelled": "The best field so far was kept.",
     "given": "Nothing was solved: press Play below the surfaces to see its flow. Match looks for a field of its own.",
 }
-"""What to say of matches that did not come to their end."""
 
 
 def headline(match: abfm.Match) -> str:

@@ -21,27 +21,11 @@ _ABANDONED = 120.0  # seconds without a heartbeat: the process is gone, whatever
 
 
 class Autosave:
-    """Writes the document to the state folder when it has changed, in the background, at most every few seconds.
-
-    Parameters
-    ----------
-    folder : StateFolder
-    seconds : float
-        Between two copies.
-    clock : callable
-        Seconds that pass.
-
-    Attributes
-    ----------
-    path : Path
-        The copy.
-    error : str
-        Why the last copy could not be written; empty if it could.
-    """
+    """Writes the document to the state folder when it has changed, in the background, at most every few seconds."""
 
     def __init__(self, folder: StateFolder, seconds: float = 20.0, clock: Callable[[], float] = time.monotonic) -> None:
-        self.path = folder.path / f"{_PREFIX}{os.getpid()}{_SUFFIX}"
-        self.error = ""
+        self.path = folder.path / f"{_PREFIX}{os.getpid()}{_SUFFIX}"  # the copy
+        self.error = ""  # why the last copy could not be written; empty if it could
         self._seconds, self._clock = seconds, clock
         self._last = clock()
         self._document: Document | None = None
@@ -127,8 +111,7 @@ def recoverable(folder: StateFolder, now: float | None = None) -> list[Recovery]
         for path in folder.path.glob(f"{_PREFIX}*{_SUFFIX}"):
             with suppress(OSError, ValueError, OverflowError):
                 number, _, left = path.stem.removeprefix(_PREFIX).partition("-")
-                process = int(number)
-                written = path.stat().st_mtime
+                process, written = int(number), path.stat().st_mtime
                 abandoned = (time.time() if now is None else now) - written > _ABANDONED
                 if abandoned or left or not _is_alive(process):
                     found.append(Recovery(path, written))

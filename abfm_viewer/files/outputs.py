@@ -15,18 +15,11 @@ from abfm.io import export_energy_csv, export_ply, export_vtu, write_atomically
 from abfm.types import FloatArray
 
 SLOWEST = 0.1
-FASTEST = {".mp4": 120.0, ".gif": 50.0}
-"""Frames per second of movies by suffix; browsers slow down a GIF that is faster."""
+FASTEST = {".mp4": 120.0, ".gif": 50.0}  # frames a second by suffix; browsers slow down a GIF that is faster
 
 
 def check(path: Path, suffixes: Collection[str]) -> None:
-    """Refuse a path that could not be written.
-
-    Raises
-    ------
-    ResultError
-        If the suffix is not one of those given, the folder does not exist, or something is in the way.
-    """
+    """Refuse a path that could not be written, by a `ResultError` that says why and what to do."""
     if path.suffix not in suffixes:
         raise ResultError(f"cannot write {path}: its name must end in {', '.join(suffixes)}")
     if not path.parent.is_dir():
@@ -36,8 +29,7 @@ def check(path: Path, suffixes: Collection[str]) -> None:
     if path.exists() and not os.access(path, os.W_OK):
         raise ResultError(f"cannot write {path}: no permission; choose another place")
     try:
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
+        tempfile.TemporaryFile(dir=path.parent).close()
     except OSError as error:
         raise ResultError(f"cannot write {path}: {error.strerror or error}; choose another place") from None
 

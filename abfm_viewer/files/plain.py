@@ -13,9 +13,8 @@ class PlainError(ValueError):
 def to_plain(value: Any, without: tuple[str, ...] = ()) -> Any:
     """Dataclasses as dictionaries, the outermost without some fields, and tuples as lists, all the way down."""
     if is_dataclass(value):
-        return {
-            entry.name: to_plain(getattr(value, entry.name)) for entry in fields(value) if entry.name not in without
-        }
+        names = [entry.name for entry in fields(value) if entry.name not in without]
+        return {name: to_plain(getattr(value, name)) for name in names}
     return [to_plain(part) for part in value] if isinstance(value, tuple | list) else value
 
 
@@ -23,12 +22,8 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
     """What `to_plain` was given, for a type hint; missing fields take their defaults.
 
     Fields that are given are not looked for in the value. A dataclass that has a `from_dict` of its own is made by
-    that, which knows what older versions left out.
-
-    Raises
-    ------
-    PlainError
-        If a value has another type, is not finite or not one of the choices, or a field is unknown or missing.
+    that, which knows what older versions left out. A value of another type, not finite or not one of the choices, and
+    a field that is unknown or missing, are a `PlainError`.
     """
     origin, options = get_origin(hint), get_args(hint)
     if origin is Literal:
@@ -41,9 +36,7 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
         _check(isinstance(value, list), where, value, "a list")
         kinds = [options[0]] * len(value) if options[1:] == (Ellipsis,) else list(options)
         _check(len(kinds) == len(value), where, value, f"{len(kinds)} entries")
-        return tuple(
-            from_plain(kind, part, f"{where}[{i}]") for i, (kind, part) in enumerate(zip(kinds, value, strict=True))
-        )
+        return tuple(from_plain(kind, value[i], f"{where}[{i}]") for i, kind in enumerate(kinds))
     if is_dataclass(hint):
         return _dataclass(hint, value, where, given)
     if origin is dict:

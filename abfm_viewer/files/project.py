@@ -12,7 +12,7 @@ import os
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -27,10 +27,7 @@ from abfm_viewer.files.plain import from_plain, to_plain
 from abfm_viewer.files.project_checks import check
 
 _MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
-_RUN = {
-    "stages": Entry("integer", ("n",), may_be_empty=True),
-    "energies": Entry("real", ("n", 3), may_be_empty=True),
-}
+_RUN = {"stages": Entry("integer", ("n",), may_be_empty=True), "energies": Entry("real", ("n", 3), may_be_empty=True)}
 _COURSE = _RUN | {"vertices": Entry("integer", ("n",)), "reaches": Entry("real", ("n",))}
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in ("parameters", "verdict")}
 
@@ -50,13 +47,7 @@ class _Header:
 def save_project(path: str | os.PathLike[str], document: Document, known: Mapping[str, FloatArray]) -> None:
     """Write a project, whole or not at all. The same document gives the same bytes.
 
-    Parameters
-    ----------
-    path
-        Usually ends in ``.abfm``.
-    document : Document
-    known : mapping of str to (V,) array
-        Values of the terms that `terms_from_files` names.
+    Known are the values (V,) of the terms that `terms_from_files` names.
 
     Raises
     ------
@@ -114,13 +105,7 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
 def _document(
     content: object, arrays: Mapping[str, Any], mesh: TriangleMesh | None = None
 ) -> tuple[Document, dict[str, FloatArray]]:
-    """Document and known values from what a file holds; the mesh is made unless it is given.
-
-    Raises
-    ------
-    ValueError
-        If anything does not fit.
-    """
+    """Document and known values from what a file holds; the mesh is made unless it is given."""
     header: _Header = from_plain(_Header, content, "project")
     mesh_parts = check_arrays(arrays, _MESH, "mesh/")
     mesh = mesh or mesh_of({**mesh_parts, "file_vertex_count": np.array(header.file_vertex_count)})
@@ -137,8 +122,7 @@ def _document(
 def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
     plain = {name: value for name, value in state.items() if name != "has_course"}
     parts = check_arrays(arrays, _COURSE if state.get("has_course") else _RUN, f"runs/{number}/")
-    run: Run = from_plain(Run, plain, f"project.runs[{number}]", **parts)
-    return run
+    return cast(Run, from_plain(Run, plain, f"project.runs[{number}]", **parts))
 
 
 def _result(state: dict[str, Any], has_mask: bool, arrays: Mapping[str, Any], mesh: TriangleMesh) -> abfm.Match:
@@ -147,7 +131,5 @@ def _result(state: dict[str, Any], has_mask: bool, arrays: Mapping[str, Any], me
     given = {**arrays, **{f"result/{name}": value for name, value in known.items()}}
     parts = check_arrays(given, entries, "result/", V=len(mesh.vertices), F=len(mesh.faces))
     parameters = from_plain(Parameters, known.get("parameters"), "project.result.parameters")
-    verdict = (
-        from_plain(abfm.matching.Verdict, known["verdict"], "project.result.verdict") if "verdict" in known else None
-    )
+    verdict = from_plain(abfm.matching.Verdict | None, known.get("verdict"), "project.result.verdict")
     return abfm.matching.match_of(mesh, parts, parameters, verdict)

@@ -12,10 +12,7 @@ from abfm_viewer.document.document import EXTRAPOLATION, Document
 def terms_from_files(spec: str) -> list[str]:
     """The terms of a function that read files, in their text form: what a project must hold the values of.
 
-    Raises
-    ------
-    FunctionError
-        If the text is no spec.
+    A text that is no spec is a `FunctionError`.
     """
 
     def reads_files(term: abfm.functions.Spec) -> bool:
@@ -31,19 +28,13 @@ def terms_from_files(spec: str) -> list[str]:
 
 
 def check(document: Document) -> None:
-    """Refuse a document that does not fit together or could not be drawn.
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range, or a text no function.
-    """
+    """Refuse a document that does not fit together or could not be drawn, by a `ValueError` that says why."""
     for number, run in enumerate(document.runs):
         rows = run.stages.size
         _require(all(0 <= row <= rows for row in run.restarts), f"run {number} of {rows} rows restarts outside them")
-    for spec in [spec for channel in document.channels for spec in (channel.source, channel.target)]:
-        terms_from_files(spec)
     for channel in document.channels:
+        terms_from_files(channel.source)
+        terms_from_files(channel.target)
         _require(0 <= channel.weight < np.inf, f"a channel has the weight {channel.weight}; expected 0 or more")
     if document.mask:
         terms_from_files(document.mask)

@@ -18,10 +18,7 @@ VARIABLE = "ABFM_STATE_FOLDER"
 class StateFolder:
     """A folder of the user's; where it cannot be read or written, the app starts afresh every time.
 
-    Parameters
-    ----------
-    path : Path, optional
-        By default what the environment variable ABFM_STATE_FOLDER says, or the system's place for such things.
+    It is by default what the environment variable ABFM_STATE_FOLDER says, or the system's place for such things.
     """
 
     def __init__(self, path: Path | None = None) -> None:

@@ -31,15 +31,8 @@ def canvas(width: int, height: int) -> Iterator[None]:
         Where the machine cannot draw, or no pictures of this size.
     """
     opengl.start(opengl.OFFSCREEN, _SMALL, _SMALL)
-    longest = max(width, height)
-    side = next(
-        (
-            side
-            for side, most in _MOST_SAMPLES.items()
-            if width * height * side**2 <= most and longest * side <= _LONGEST_SIDE
-        ),
-        1,
-    )
+    allowed = [side for side, most in _MOST_SAMPLES.items() if width * height * side**2 <= most]
+    side = next((side for side in allowed if max(width, height) * side <= _LONGEST_SIDE), 1)
     try:
         _resize(width, height, side)
         yield
@@ -80,10 +73,8 @@ def _without_black(colors: Pixels, alpha: Pixels) -> Pixels:
     luminance = _WHITE**2 / 2 * (np.sqrt(b**2 + 4 * mapped / _WHITE**2) - b)
     whole = luminance / share
     encoded = np.clip(light / mapped * _mapped(whole), 0, 1) ** (1 / _GAMMA)
-    straight: Pixels = np.round(255 * encoded).astype(np.uint8)
-    return straight
+    return np.asarray(np.round(255 * encoded), dtype=np.uint8)
 
 
 def _mapped(luminance: FloatArray) -> FloatArray:
-    mapped: FloatArray = luminance * (1 + luminance / _WHITE**2) / (1 + luminance)
-    return mapped
+    return luminance * (1 + luminance / _WHITE**2) / (1 + luminance)

@@ -25,42 +25,25 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
 
-LARGEST = 8192
-"""Pixels along a side."""
+LARGEST = 8192  # pixels along a side
 _TEXT, _SMALLEST_TEXT, _WINDOW_TEXT = 1 / 42, 11.0, 16.0  # of the shorter side; pixels; pixels at a scale of 1
 
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """What a picture has besides its surfaces.
+    """What a picture has besides its surfaces."""
 
-    Attributes
-    ----------
-    transparent : bool
-        No ground.
-    color_bar, labels : bool
-        The colour bars, unless the document's view hides them, and the surfaces' names.
-    turns : bool
-        Whether the surfaces get room to turn in; the document's camera then gives only the direction.
-    """
+    transparent: bool = False  # no ground
+    color_bar: bool = True  # unless the document's view hides it
+    labels: bool = True  # the surfaces' names
+    turns: bool = False  # the surfaces get room to turn in; the document's camera then gives only the direction
 
-    transparent: bool = False
-    color_bar: bool = True
-    labels: bool = True
-    turns: bool = False
+
+_EVERYTHING = PictureOptions()
 
 
 class DocumentRenderer:
-    """Draws one document; a context manager.
-
-    Parameters
-    ----------
-    document : Document
-    known : dict of str to (V,) array
-        Values of functions from files, as `load_project` gives them.
-    size : (int, int)
-        Width and height in pixels.
-    options : PictureOptions
+    """Draws one document, with values (V,) of its functions from files, in a size (width, height) in pixels.
 
     Raises
     ------
@@ -73,13 +56,12 @@ class DocumentRenderer:
         document: Document,
         known: dict[str, FloatArray],
         size: tuple[int, int],
-        options: PictureOptions | None = None,
+        options: PictureOptions = _EVERYTHING,
     ) -> None:
         if not all(16 <= length <= LARGEST for length in size):
             raise ParameterError(f"size is {size[0]}x{size[1]}; expected 16 to {LARGEST} pixels along each side")
-        self._document, self._known = document, known
-        self._size, self._options = size, options or PictureOptions()
-        self._color_bar = self._options.color_bar and document.view.color_bar
+        self._document, self._known, self._size, self._options = document, known, size, options
+        self._color_bar = options.color_bar and document.view.color_bar
         height = max(_SMALLEST_TEXT, min(size) * _TEXT)
         self._font = ImageFont.load_default(height)
         self._pen = Pen(height / _WINDOW_TEXT, 1.2 * height, self._font.getlength)
@@ -128,9 +110,8 @@ class DocumentRenderer:
             raise AbfmError(f"no picture of time {time:g}: {problem}")
         self._scene.turn(degrees)
         picture = Image.fromarray(drawn(self._options.transparent))
-        whole = (0.0, 0.0, float(self._size[0]), float(self._size[1]))
-        colors, labels = theme.palette(self._document.view.theme), self._options.labels
-        parts = laid_out(self._scene, whole, colors, self._pen, self._color_bar, labels)
+        whole, colors = (0.0, 0.0, *self._size), theme.palette(self._document.view.theme)
+        parts = laid_out(self._scene, whole, colors, self._pen, self._color_bar, self._options.labels)
         letter(picture, parts, self._pen, self._font)
         return picture
 

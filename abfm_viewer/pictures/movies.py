@@ -23,11 +23,7 @@ _H264 = {"crf": "16", "colorspace": "bt709", "color_primaries": "bt709", "color_
 
 
 def write_movie(
-    path: Path,
-    frames: Iterable[Frame],
-    fps: float,
-    count: int,
-    on_frame: Callable[[int], None] | None = None,
+    path: Path, frames: Iterable[Frame], fps: float, count: int, on_frame: Callable[[int], None] | None = None
 ) -> None:
     """Write an MP4 (H.264, 4:2:0, BT.709) or GIF (one palette, endless), whole or not at all.
 
@@ -36,14 +32,10 @@ def write_movie(
 
     Parameters
     ----------
-    path : Path
-        Ends in ``.mp4`` or ``.gif``.
-    frames : iterable of (H, W, 3) arrays of uint8
-        sRGB, all of one size; asked for one by one.
+    frames, count : iterable of (H, W, 3) arrays of uint8, int
+        sRGB, all of one size; asked for one by one, and how many will come.
     fps : float
         Frames per second, 0.1 to 120, for a GIF to 50.
-    count : int
-        How many frames will come.
     on_frame : callable, optional
         Called with the number of frames that were taken so far. What it or ``frames`` raises ends the movie and leaves
         the file as it was.
@@ -55,10 +47,9 @@ def write_movie(
     """
     if path.suffix not in FASTEST:
         raise ResultError(f"cannot write {path}: its name must end in {', '.join(FASTEST)}")
-    if not SLOWEST <= fps <= FASTEST[path.suffix]:
-        raise ResultError(
-            f"cannot write {path} with {fps:g} frames a second; expected {SLOWEST} to {FASTEST[path.suffix]:g}"
-        )
+    fastest = FASTEST[path.suffix]
+    if not SLOWEST <= fps <= fastest:
+        raise ResultError(f"cannot write {path} with {fps:g} frames a second; expected {SLOWEST} to {fastest:g}")
     if count < 1:
         raise ResultError(f"cannot write {path} with {count} frames; a movie needs at least one")
     write = _write_mp4 if path.suffix == ".mp4" else _write_gif

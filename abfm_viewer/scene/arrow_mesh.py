@@ -12,20 +12,14 @@ _LONGEST_HEAD = 0.5  # of the arrow
 
 
 def arrow_mesh(starts: FloatArray, vectors: FloatArray, radius: float) -> tuple[FloatArray, IntArray]:
-    """Closed arrows, all of a piece.
+    """Closed arrows from `starts` along `vectors`, both (n, 3), of which those of length 0 are left out.
 
-    Parameters
-    ----------
-    starts, vectors : (n, 3) arrays
-        Arrows of length 0 are left out.
-    radius : float
-        Of the shafts; arrows too short for their heads are thinner.
+    The shafts have a radius, and are thinner where an arrow is too short for its head.
 
     Returns
     -------
-    vertices : (V, 3) array
-    faces : (F, 3) array of int
-        Counterclockwise from outside.
+    vertices, faces : (V, 3) array, (F, 3) array of int
+        All of a piece, counterclockwise from outside.
     """
     lengths = np.linalg.norm(vectors, axis=1)
     starts, vectors, lengths = (values[lengths > 0] for values in (starts, vectors, lengths))
@@ -42,10 +36,8 @@ def arrow_mesh(starts: FloatArray, vectors: FloatArray, radius: float) -> tuple[
     centers = starts[:, None] + along[:, :, None] * axis[:, None]
     rings = centers[:, 1:4, None] + widths[:, 1:4, None, None] * around[:, None]
     vertices = np.concatenate([centers[:, :1], rings.reshape(len(starts), 3 * _SIDES, 3), centers[:, 4:]], axis=1)
-    faces = _faces()
-    count = vertices.shape[1]
-    shifted: IntArray = (faces + count * np.arange(len(starts))[:, None, None]).reshape(-1, 3)
-    return vertices.reshape(-1, 3), shifted
+    faces = _faces() + vertices.shape[1] * np.arange(len(starts))[:, None, None]
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3)
 
 
 def _faces() -> IntArray:

@@ -43,14 +43,8 @@ def _share(facing: FloatArray, weights: FloatArray) -> FloatArray:
 def fitted(vertices: FloatArray, front: Front, aspect: float | None, angle: float, margin: float) -> Camera:
     """The nearest camera in a direction that sees all vertices (V, 3).
 
-    Parameters
-    ----------
-    aspect
-        Width over height of what is to be seen; None: the shape's own.
-    angle
-        Vertical angle of view, in degrees.
-    margin
-        What stays free on each side, as a share of what the vertices take.
+    Its aspect is by default the shape's own, its angle is in degrees, and the margin that stays free on each side is a
+    share of what the vertices take.
     """
     x, y, z = front.axes @ vertices.T
     middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])
@@ -60,5 +54,4 @@ def fitted(vertices: FloatArray, front: Front, aspect: float | None, angle: floa
     extent = np.maximum(half_width / aspect, half_height) * (1 + 2 * margin)
     distance = float((z - middle[2] + extent / np.tan(np.radians(angle / 2))).max())
     target = middle @ front.axes
-    position = target + distance * np.array(front.direction)
-    return Camera(triple(position), triple(target), front.up, angle, aspect)
+    return Camera(triple(target + distance * np.array(front.direction)), triple(target), front.up, angle, aspect)

@@ -9,8 +9,7 @@ from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.widgets.widget_record import Rect
 
-GAP = 3
-"""Between a bar and its texts, in pixels at a scale of 1."""
+GAP = 3  # between a bar and its texts, in pixels at a scale of 1
 
 
 @dataclass(frozen=True)
@@ -48,23 +47,14 @@ Part = Text | Strip | Line
 class Pen:
     """How large things are written.
 
-    Attributes
-    ----------
-    scale : float
-        Of all lengths but the text's.
-    line : float
-        Height of a line.
-    width : callable
-        That of a text.
-    tick : float
-        Length of the ticks of colour bars, which are outlined then and stand at round numbers. Without ticks only the
-        ends and the middle have numbers, and nothing stands out beyond the ends.
+    Colour bars with ticks are outlined and have round numbers. Without ticks only the ends and the middle have numbers,
+    and nothing stands out beyond the ends.
     """
 
-    scale: float
-    line: float
-    width: Callable[[str], float]
-    tick: float = 0.0
+    scale: float  # of all lengths but the text's
+    line: float  # height of a line of text
+    width: Callable[[str], float]  # of a text
+    tick: float = 0.0  # length
 
 
 def bar_parts(title: str, colors: ColorRange, rect: Rect, pen: Pen, inks: Palette, upright: bool = False) -> list[Part]:

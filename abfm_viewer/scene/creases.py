@@ -15,18 +15,10 @@ _HALF_SHARP, _SHARP = 20.0, 40.0  # degrees between the normals at an edge
 
 @dataclass(frozen=True, eq=False)
 class DrawnMesh:
-    """A mesh as it is drawn.
+    """A mesh as it is drawn."""
 
-    Attributes
-    ----------
-    origin : (D,) array of int
-        The mesh's vertex that each drawn vertex stands for.
-    faces : (F, 3) array of int
-        In the mesh's order, of drawn vertices.
-    """
-
-    origin: IntArray
-    faces: IntArray
+    origin: IntArray  # (D,): the mesh's vertex that each drawn vertex stands for
+    faces: IntArray  # (F, 3): in the mesh's order, of drawn vertices
 
     def values(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (V, ...) of vertices for what is drawn, (D, ...): the same array where nothing is split."""

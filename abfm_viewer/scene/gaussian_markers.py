@@ -5,7 +5,7 @@ from contextlib import suppress
 import numpy as np
 import polyscope.imgui as imgui
 
-from abfm import FunctionError, TriangleMesh
+from abfm import FunctionError
 from abfm.types import FloatArray
 from abfm_viewer.computing.memo import Memo
 from abfm_viewer.document import gaussians
@@ -31,10 +31,10 @@ class GaussianMarkers:
         if session.values("source") is None and session.values("target") is None:
             return
         x, y = imgui.GetIO().MousePos
-        inside = rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
+        wanted = imgui.GetIO().KeyShift and rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
         for side in SIDES:
             if side in scene.offsets:
-                self._draw_side(ui, session, scene, side, imgui.GetIO().KeyShift and inside)
+                self._draw_side(ui, session, scene, side, wanted)
 
     def _draw_side(self, ui: Ui, session: Session, scene: Scene, side: Side, wanted: bool) -> None:
         chosen, mesh = active_gaussian(session, side), session.mesh
@@ -47,8 +47,9 @@ class GaussianMarkers:
         def centre() -> tuple[FloatArray, FloatArray] | None:
             """A place and a normal; None for a vertex that is not there, of which the panel tells."""
             with suppress(FunctionError):
-                vertex = int(gaussians.gaussians(spec)[chosen].sources(mesh)[0])
-                return mesh.vertices[vertex], _normal(mesh, vertex)
+                vertex = gaussians.gaussians(spec)[chosen].sources(mesh)[0]
+                a, b, c = np.moveaxis(mesh.vertices[mesh.faces[(mesh.faces == vertex).any(axis=1)]], 1, 0)
+                return mesh.vertices[vertex], np.cross(b - a, c - a).sum(axis=0)
             return None
 
         found = self._centres[side].get((mesh, spec, chosen), centre)
@@ -61,12 +62,6 @@ class GaussianMarkers:
             for width, color in ((2 * _LINE, ui.colors.ground), (_LINE, ui.colors.ink)):
                 ring = int(imgui.GetColorU32(color))
                 canvas.AddCircle((x, y), ui.px(_RADIUS), ring, 0, ui.px(width))
-
-
-def _normal(mesh: TriangleMesh, vertex: int) -> FloatArray:
-    corners = mesh.vertices[mesh.faces[(mesh.faces == vertex).any(axis=1)]]
-    normal: FloatArray = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
-    return normal
 
 
 def _faces_camera(place: FloatArray, normal: FloatArray) -> bool:

@@ -12,8 +12,7 @@ from abfm_viewer.scene.arrow_mesh import arrow_mesh
 from abfm_viewer.scene.opengl import ps
 
 Rgb = Sequence[float]
-Drawn = Callable[[FloatArray], FloatArray]
-"""From places (..., 3) in the mesh's units to those that are drawn, in which radii are given."""
+Drawn = Callable[[FloatArray], FloatArray]  # places (..., 3) from the mesh's units to drawn ones, which radii are in
 _FAST = 98  # percentile of the speeds shown that gets the full length
 _SLOW, _LONGEST = 0.01, 1.25  # of it: below there is no arrow, and none is longer
 _HIGH = 0.012  # of sqrt(area): what lies on a surface is hidden by it where it bends
@@ -27,7 +26,7 @@ def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
     side = 0.12 * (0.15 / 0.12) ** (1 - density) * 10 ** (-0.9 * density)
     by_size = np.argsort(-abfm.calculus.face_areas(mesh), kind="stable")
     cells = np.floor(centers[by_size] / side).astype(np.int64)
-    return np.asarray(np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]]))
+    return np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]])
 
 
 def draw_arrows(
@@ -42,11 +41,8 @@ def draw_arrows(
     faces = faces[speed[faces] > _SLOW * fast]
     capped = np.minimum(1, _LONGEST * fast / speed[faces])
     vectors = (length / fast * capped)[:, None] * velocity[faces]
-    centers = (
-        mesh.vertices[mesh.faces[faces]].mean(axis=1)
-        + _HIGH * mesh.length_scale * abfm.calculus.face_normals(mesh)[faces]
-    )
-    triangles = arrow_mesh(drawn(centers), vectors, _THICK)
+    lift = _HIGH * mesh.length_scale * abfm.calculus.face_normals(mesh)[faces]
+    triangles = arrow_mesh(drawn(mesh.vertices[mesh.faces[faces]].mean(axis=1) + lift), vectors, _THICK)
     arrows = ps.register_surface_mesh(name, *triangles, smooth_shade=False, material=material.NAME, color=color[:3])
     arrows.reset_transform()  # polyscope remembers that of earlier structures of this name; likewise below
 

@@ -19,23 +19,17 @@ from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.shown.shown import Shown
 
-_ARROWS, _LINES, _PATHS, _NOW, _START = (
-    "arrows",
-    "flow lines",
-    "ways of points",
-    "followed points",
-    "starts of points",
-)
+_ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"
+_NOW, _START = "followed points", "starts of points"
 _CURVES = (ps.get_curve_network, ps.remove_curve_network)
 _CLOUD = (ps.get_point_cloud, ps.remove_point_cloud)
-_STRUCTURES: dict[str, tuple[Callable[..., Any], Callable[..., None]]] = {
+_STRUCTURES: dict[str, tuple[Callable[..., Any], Callable[..., None]]] = {  # how to get and how to remove each
     _ARROWS: (ps.get_surface_mesh, ps.remove_surface_mesh),
     _LINES: _CURVES,
     _PATHS: _CURVES,
     _NOW: _CLOUD,
     _START: _CLOUD,
 }
-"""How to get and how to remove each of them."""
 _LIFT = 0.004  # of sqrt(area): what lies on a surface is hidden by it where it bends
 _THIN, _POINT = 0.0025, 0.014  # radii of lines and points
 

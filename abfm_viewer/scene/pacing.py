@@ -14,16 +14,10 @@ _SLOW_REDRAWS_APART = 2.0  # new textures, of moving streaks
 
 
 class Pacing:
-    """Counts frames, and the pictures of a run.
-
-    Attributes
-    ----------
-    redraw_seconds : float
-        How long it took to draw the surfaces lately.
-    """
+    """Counts frames, and the pictures of a run."""
 
     def __init__(self, session: Session) -> None:
-        self.redraw_seconds = 0.0
+        self.redraw_seconds = 0.0  # how long it took to draw the surfaces lately
         self._session = session
         self._frames_behind = 0
         self._run = 0

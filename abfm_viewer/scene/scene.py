@@ -36,40 +36,20 @@ class Hit:
 
 
 class Scene:
-    """Copies of the mesh, moved apart in the vertices themselves (picks are wrong on structures with a transform).
-
-    Parameters
-    ----------
-    shown : Shown
-    turns : bool
-        Whether the surfaces get room to turn in.
-
-    Attributes
-    ----------
-    names : tuple of str
-        The surfaces, in their order.
-    offsets : dict of str to (3,) array
-        How far each one was moved.
-    viewport : Viewport
-        Where polyscope draws them; known from the first `update` on.
-    paints : dict of str to Paint
-        What each one shows.
-    room_above, room_below : float
-        What the names and the colour bars cover, in pixels: a fitted camera leaves it free.
-    """
+    """Copies of the mesh, moved apart in the vertices themselves (picks are wrong on structures with a transform)."""
 
     def __init__(self, shown: Shown, turns: bool = False) -> None:
         self._session = shown.session
-        self._turns = turns
+        self._turns = turns  # the surfaces get room to turn in
         self.pick: Callable[[tuple[float, float]], Hit | None] = self._picked  # another where nothing is drawn
-        self.names: tuple[str, ...] = ()
-        self.offsets: dict[str, FloatArray] = {}
-        self.viewport: Viewport
+        self.names: tuple[str, ...] = ()  # of the surfaces, in their order
+        self.offsets: dict[str, FloatArray] = {}  # (3,): how far each one was moved
+        self.viewport: Viewport  # known from the first `update` on
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
         self.overlays = Overlays(shown)
         self.pacing = Pacing(shown.session)
-        self.room_above = self.room_below = 0.0
+        self.room_above = self.room_below = 0.0  # pixels of names and colour bars, which a fitted camera leaves free
         self._mesh: TriangleMesh | None = None
         self._front = Memo[Front]()
         self._heads: FloatArray = np.zeros((0, 3))

@@ -43,8 +43,8 @@ def show_paint(
 ) -> None:
     """Show a paint on the surface of this name, with as little work as what it showed before allows."""
     surface, kind, colors = ps.get_surface_mesh(name), paint.kind, paint.colors
-    if before is not None and before[1] == isolines and before[0].kind == kind:
-        old = before[0]
+    old, old_isolines = before or (None, None)
+    if old is not None and old_isolines == isolines and old.kind == kind:
         if old.colors == colors and old.values is paint.values:
             return
         if old.colors == colors and kind in ("vertex values", "face values"):
@@ -85,38 +85,19 @@ def show(
 ) -> None:
     """Show a paint on a surface of a mesh, as a quantity of its kind's name.
 
-    Parameters
-    ----------
-    isolines
-        Polyscope's options.
-    checker
-        Size of a checkerboard's fields, and in which of polyscope's units.
+    `isolines` are polyscope's options, and `checker` the size of a checkerboard's fields in one of its units.
     """
     values = drawn_values(mesh, paint)
     if paint.kind == "colors":
         surface.add_color_quantity(paint.kind, values, enabled=True)
     elif paint.kind == "checker":
         size, units = checker
-        surface.add_parameterization_quantity(
-            paint.kind,
-            values,
-            coords_type=units,
-            enabled=True,
-            viz_style="checker",
-            checker_size=size,
-            checker_colors=CHECKER_COLORS,
-        )
+        look = {"viz_style": "checker", "checker_size": size, "checker_colors": CHECKER_COLORS}
+        surface.add_parameterization_quantity(paint.kind, values, coords_type=units, enabled=True, **look)
     elif paint.kind == "texture":
         surface.add_parameterization_quantity(_CORNERS, paint.corners, defined_on="corners")
-        surface.add_color_quantity(
-            paint.kind,
-            values,
-            defined_on="texture",
-            param_name=_CORNERS,
-            image_origin="lower_left",
-            filter_mode="linear",
-            enabled=True,
-        )
+        place = {"defined_on": "texture", "param_name": _CORNERS, "image_origin": "lower_left"}
+        surface.add_color_quantity(paint.kind, values, filter_mode="linear", enabled=True, **place)
     elif paint.colors is not None:
         surface.add_scalar_quantity(
             paint.kind,

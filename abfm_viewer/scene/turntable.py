@@ -12,20 +12,12 @@ _POINTS_OF_A_RIM = 32
 
 @dataclass(frozen=True, eq=False)
 class Turntable:
-    """The cylinder in which a mesh turns.
+    """The cylinder in which a mesh turns."""
 
-    Attributes
-    ----------
-    middle, axis : (3,) array
-        A point of the axis, and its direction, which is one of the coordinates'.
-    radius, low, high : float
-        Distance of the mesh's farthest vertex from the axis, and its ends along the axis as seen from the middle.
-    """
-
-    middle: FloatArray
-    axis: FloatArray
-    radius: float
-    low: float
+    middle: FloatArray  # (3,), on the axis
+    axis: FloatArray  # (3,): its direction, which is one of the coordinates'
+    radius: float  # the farthest vertex's distance from the axis
+    low: float  # the mesh's ends along the axis, from the middle
     high: float
 
     def rims(self) -> FloatArray:

@@ -12,16 +12,7 @@ from abfm_viewer.widgets.widget_record import Rect
 class Viewport:
     """Cameras and points are in a mesh's units; polyscope draws in others, as graphics cards have but seven digits.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-
-    Attributes
-    ----------
-    center : (3,) array
-        The middle of the mesh's bounding box, from which polyscope's coordinates count.
-    length : float
-        The square root of its area, which is their unit.
+    Its coordinates count from the middle of the mesh's bounding box, with the square root of the area as the unit.
     """
 
     def __init__(self, mesh: TriangleMesh) -> None:
@@ -47,10 +38,7 @@ class Viewport:
     def place(self, camera: Camera, rect: Rect, whole: bool = False) -> None:
         """Make polyscope draw what a camera sees into a rectangle of the window.
 
-        Parameters
-        ----------
-        whole
-            See the camera's whole width, too, where the rectangle is narrower than its aspect.
+        `whole` is to see the camera's whole width, too, where the rectangle is narrower than its aspect.
         """
         width, height = rect[2] - rect[0], rect[3] - rect[1]
         half = np.tan(np.radians(camera.angle / 2)) * max(1.0, camera.aspect * height / width if whole else 0.0)

@@ -22,20 +22,13 @@ _LARGEST = 1e37  # value that can be shown in single precision
 class FlowState:
     """A field and the parameters it was found with; two are the same only if they are one object.
 
-    Attributes
-    ----------
-    mesh : TriangleMesh
-    found : (N, F, 3) array or callable
-        The field, or what computes it: that of a coarse mesh takes a while to be read on a fine one.
-    parameters : Parameters
-    final : bool
-        Whether it is a result, and not an iterate.
+    The field (N, F, 3) may be given by what computes it: that of a coarse mesh takes a while to be read on a fine one.
     """
 
     mesh: TriangleMesh
     found: FloatArray | Callable[[], FloatArray]
     parameters: Parameters
-    final: bool = True
+    final: bool = True  # a result, and not an iterate
 
     @cached_property
     def velocity(self) -> FloatArray:
@@ -58,27 +51,18 @@ class FlowState:
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """A function at evenly spaced times, (T, ...) in single precision; between two times it is blended.
-
-    Attributes
-    ----------
-    times : (T,) array
-    frames : (T, V) or (T, V, C) array
-    note : str
-        Why it ends before the time bar does; empty if it does not.
-    """
+    """A function at evenly spaced times (T,), as (T, V) or (T, V, C) in single precision, blended between two times."""
 
     times: FloatArray
     frames: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
-    note: str = ""
+    note: str = ""  # why it ends before the time bar does; empty if it does not
 
     def at(self, time: float) -> FloatArray:
         """The function at a time; the last one known for times after the end."""
         position = float(np.interp(time, self.times, np.arange(len(self.times))))
         before = min(int(position), len(self.times) - 2)
         blend = np.float32(position - before)
-        blended: FloatArray = self.frames[before] + blend * (self.frames[before + 1] - self.frames[before])
-        return blended
+        return np.asarray(self.frames[before] + blend * (self.frames[before + 1] - self.frames[before]))
 
 
 def span(state: FlowState, function: FloatArray) -> Span:
@@ -119,14 +103,11 @@ class Carried:
     def at(self, state: FlowState, function: FloatArray, time: float, settled: bool) -> FloatArray | None:
         """Values at a time, those of an earlier flow or function while new ones come, None before any.
 
-        Parameters
-        ----------
-        settled : bool
-            The time does not move at present: compute it exactly.
+        A time that is settled, as it does not move at present, is computed exactly.
         """
         if time == 0:
             return function
-        exact = partial(self._exact.ask, (state, function, time), partial(_exactly, state, function, time))
+        exact = partial(self._exact.ask, (state, function, time), lambda: state.carry(function, np.array([time]))[0])
         if self._at_once:
             return exact()
         known = self._span.newest(function.shape, (state, function), partial(span, state, function))
@@ -136,8 +117,3 @@ class Carried:
         if settled and state.final and not self._span.busy and time <= known.times[-1]:
             values = exact()
         return self._blended.get((known, time), partial(known.at, time)) if values is None else values
-
-
-def _exactly(state: FlowState, function: FloatArray, time: float) -> FloatArray:
-    carried: FloatArray = state.carry(function, np.array([time]))[0]
-    return carried

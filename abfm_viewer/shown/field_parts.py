@@ -18,28 +18,16 @@ _LARGEST = 15_000  # vertices of a mesh whose commuting fields are computed: twe
 class Field:
     """One part of one of the flow's fields, or a field that belongs to it.
 
-    Attributes
-    ----------
-    velocity : (F, 3) array
-        In the input's units.
-    speed : (F,) array
-    shares : dict of FieldPart to float
-        Of the squared norm of the whole field, for each Helmholtz-Hodge part; empty where these were not asked for.
-    unit : str
-        Of the speed.
-    note : str
-        What else is to be said, if anything.
-    dimension : int
-        The power of a length in that unit.
+    `shares` are those of each Helmholtz-Hodge part in the whole field's squared norm, empty unless asked for.
     """
 
     mesh: TriangleMesh
-    velocity: FloatArray
-    speed: FloatArray
+    velocity: FloatArray  # (F, 3), in the input's units
+    speed: FloatArray  # (F,)
     shares: dict[FieldPart, float] = field(default_factory=dict)
-    unit: str = "the mesh's length per time"
-    note: str = ""
-    dimension: int = 1
+    unit: str = "the mesh's length per time"  # of the speed
+    note: str = ""  # what else is to be said, if anything
+    dimension: int = 1  # the power of a length in the unit
 
 
 def acting_segment(flow: FlowState, time: float) -> int:
@@ -50,9 +38,7 @@ def acting_segment(flow: FlowState, time: float) -> int:
 
 def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
     """A part of one of the flow's fields, or the field that commutes with it (see `commuting`)."""
-    velocity = flow.velocity[segment]
-    shares: dict[FieldPart, float] = {}
-    note = ""
+    velocity, shares, note = flow.velocity[segment], {}, ""
     if part == "commuting":
         velocity, bracket = commuting(flow, segment)
         note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
@@ -74,10 +60,7 @@ def carried_part(flow: FlowState, function: FloatArray, time: float) -> Field:
 def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
     """The smoothest field (F, 3) that commutes with one of the flow's, and the bracket relative to both.
 
-    Raises
-    ------
-    AbfmError
-        During a run, on a large mesh, or if the field is zero.
+    During a run, on a large mesh and of a field that is zero an `AbfmError` says why there is none.
     """
     if not flow.final:
         raise AbfmError("the field that commutes is computed when the run has ended")
@@ -94,10 +77,7 @@ def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
 def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> FloatArray:
     """The gradient of a function (V,), carried along the flow's fields one after the other to a time, (F, 3).
 
-    Raises
-    ------
-    AbfmError
-        If the flow is too long, or the carried field overflows.
+    A flow that is too long and a field that overflows are an `AbfmError`.
     """
     field = abfm.calculus.to_ambient(flow.mesh, (abfm.calculus.gradient(flow.mesh) @ function).reshape(-1, 2))
     ends = np.linspace(0, flow.parameters.tau, len(flow.velocity) + 1)

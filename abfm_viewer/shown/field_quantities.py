@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
+
+import numpy as np
 
 import abfm
-from abfm.types import FloatArray
+from abfm.types import FloatArray, IntArray
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.document.document import EXTRAPOLATION, Point
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown.carried import FlowState
 from abfm_viewer.shown.field_parts import Field, acting_segment, carried_part, derivative, field_part
-from abfm_viewer.shown.map_quantities import flow_distortion, flow_quality
-from abfm_viewer.shown.paths import lines_through, paths_from
 from abfm_viewer.shown.shown_flow import ShownFlow
 from abfm_viewer.shown.streaks import Streaks, Texture, coloured, convolved
 
@@ -70,7 +73,7 @@ class FieldQuantities(Jobs):
         flow, time = self._flow.state, self._flow.time
         if flow is None:
             return None
-        return self._distortion.newest(flow.mesh, (flow, time), partial(flow_distortion, flow, time))
+        return self._distortion.newest(flow.mesh, (flow, time), partial(_distortion, flow, time))
 
     def map_quality(self) -> abfm.maps.MapQuality | None:
         """Whether what is shown of the flow as a map can be trusted: where values came from, or where faces go."""
@@ -78,7 +81,7 @@ class FieldQuantities(Jobs):
         if flow is None:
             return None
         time = -time if self._session.view.coloring in ("area distortion", "conformal distortion") else time
-        return self._quality.newest(flow.mesh, (flow, time), partial(flow_quality, flow, time))
+        return self._quality.newest(flow.mesh, (flow, time), partial(_quality, flow, time))
 
     def texture(self, values: FloatArray, colors: ColorRange) -> Texture | None:
         """Streaks along the field, coloured by a function (V,), lately by an earlier one; None before there are any."""
@@ -102,11 +105,44 @@ class FieldQuantities(Jobs):
         if flow is None or field is None or not points:
             return []
         tau = flow.parameters.tau
-        return self._lines.ask((field, points, tau), partial(lines_through, field, points, tau)) or []
+        return self._lines.ask((field, points, tau), partial(_lines, field, points, tau)) or []
 
     def paths(self) -> list[abfm.flow.FlowLine]:
         """The ways of the points that are followed, to the end of the time bar."""
         flow, points = self._flow.state, self._session.document.points
         if flow is None or not points:
             return []
-        return self._paths.ask((flow, points), partial(paths_from, flow, points)) or []
+        return self._paths.ask((flow, points), partial(_paths, flow, points)) or []
+
+
+def _distortion(flow: FlowState, time: float) -> abfm.maps.Distortion:
+    """Of the map that takes each vertex to where it is at a time."""
+    return abfm.maps.distortion(flow.mesh, _mapped(flow, -time).positions)
+
+
+def _quality(flow: FlowState, time: float) -> abfm.maps.MapQuality:
+    """Of the map to where each vertex's value came from at a time; of its inverse below 0."""
+    return abfm.maps.map_quality(flow.mesh, _mapped(flow, time))
+
+
+def _mapped(flow: FlowState, time: float) -> abfm.maps.SurfacePoints:
+    return abfm.maps.project_onto_surface(flow.mesh, flow.carry(flow.mesh.vertices, np.array([time]))[0])
+
+
+class _Starts(NamedTuple):
+    faces: IntArray
+    barycentric: FloatArray
+
+
+def _starts(points: tuple[Point, ...]) -> _Starts:
+    return _Starts(np.array([p.face for p in points]), np.array([p.barycentric for p in points]))
+
+
+def _lines(field: Field, points: tuple[Point, ...], tau: float) -> list[abfm.flow.FlowLine]:
+    starts = _starts(points)
+    return [line for time in (-tau, tau) for line in abfm.flow.flow_lines(field.mesh, field.velocity, starts, time)]
+
+
+def _paths(flow: FlowState, points: tuple[Point, ...]) -> list[abfm.flow.FlowLine]:
+    tau = flow.parameters.tau
+    return abfm.flow.flow_lines(flow.mesh, flow.velocity, _starts(points), EXTRAPOLATION * tau, tau)

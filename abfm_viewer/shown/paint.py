@@ -26,27 +26,15 @@ _NO_VALUES = 0.3  # grey, in linear light
 class Paint:
     """One surface's colours.
 
-    Attributes
-    ----------
-    kind : PaintKind
-    values : array
-        (V,), (F,), (V, 3) colours in linear light, (V, 2) texture coordinates, or (size, size, 3) texture.
-    title : str
-        What is shown, for the label above the surface.
-    colors : ColorRange or None
-        None where the values are colours themselves and no function's.
-    bar : str
-        Title of the colour bar; surfaces with the same title share one.
-    corners : (3F, 2) array or None
-        Places of the corners in a texture.
+    The values are (V,), (F,), (V, 3) colours in linear light, (V, 2) texture coordinates, or (size, size, 3) texture.
     """
 
     kind: PaintKind
     values: FloatArray | NDArray[np.float32]
-    title: str
-    colors: ColorRange | None = None
-    bar: str = ""
-    corners: FloatArray | None = None
+    title: str  # for the label above the surface
+    colors: ColorRange | None = None  # where the values are colours themselves and no function's
+    bar: str = ""  # title of the colour bar; surfaces with the same title share one
+    corners: FloatArray | None = None  # (3F, 2): their places in a texture
 
 
 def surfaces(session: Session) -> tuple[str, ...]:
@@ -62,10 +50,7 @@ def surfaces(session: Session) -> tuple[str, ...]:
 class Painter:
     """Decides the paint of every surface; a paint stays the same object while what it is made of does.
 
-    Attributes
-    ----------
-    largest_error : float or None
-        The end of the error's range, for a movie, in which it must not change; by default the shown error's maximum.
+    The error's range ends at the shown error's maximum, or, in a movie, where it must not change, at `largest_error`.
     """
 
     def __init__(self, shown: Shown) -> None:
@@ -170,24 +155,16 @@ class Painter:
         texture = self._shown.quantities.texture(advected, colors)
         if texture is None:
             return None
-        values, corners = texture.colors, texture.corners
-        made_of = (texture, colors)
-        return self._keep(
-            "advected", made_of, lambda: Paint("texture", values, "advected", colors, "function", corners)
-        )
+        paint = Paint("texture", texture.colors, "advected", colors, "function", texture.corners)
+        return self._keep("advected", (texture, colors), lambda: paint)
 
     def _blend(self, source: FloatArray, target: FloatArray, colors: ColorRange) -> Paint:
         tau = self._session.parameters.tau
         time = min(self._session.time, tau)
 
         def make() -> Paint:
-            return Paint(
-                "vertex values",
-                abfm.baselines.linear_blend(source, target, time, tau),
-                "linear blend",
-                colors,
-                "function",
-            )
+            blend = abfm.baselines.linear_blend(source, target, time, tau)
+            return Paint("vertex values", blend, "linear blend", colors, "function")
 
         return self._keep("linear blend", (source, target, time, tau, colors), make)
 

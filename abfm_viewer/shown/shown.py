@@ -1,9 +1,31 @@
 """What pictures show of a session: everything that is computed from it, and nothing that it knows of."""
 
+import abfm
+from abfm.types import FloatArray
+from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.field_quantities import FieldQuantities
-from abfm_viewer.shown.mass_transport import MassTransport
 from abfm_viewer.shown.shown_flow import ShownFlow
+
+
+class MassTransport(Jobs):
+    """Optimal transport between source and target at the shown time, or tau beyond it; lately at an earlier time."""
+
+    def __init__(self, session: Session) -> None:
+        super().__init__(session.at_once)
+        self._session = session
+        self._values: Latest[FloatArray] = self.latest("optimal transport")
+
+    def values(self) -> FloatArray | None:
+        """The interpolation (V,); None before there is any, or where there cannot be."""
+        session = self._session
+        source, target = session.values("source"), session.values("target")
+        if source is None or target is None:
+            return None
+        problem, share = (session.mesh, source, target), min(session.time / session.parameters.tau, 1.0)
+        return self._values.newest(
+            problem, share, lambda: abfm.baselines.optimal_transport(*problem, share, sharpen=True)
+        )
 
 
 class Shown:

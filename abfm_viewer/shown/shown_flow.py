@@ -53,10 +53,10 @@ class ShownFlow(Jobs):
             return source
         time, tau, channel = self.time, flow.parameters.tau, session.document.channel
         if abs(time - tau) <= 1e-9 * tau:
-            snapshot, result = session.solver.snapshot, session.result
+            snapshot = session.solver.snapshot
             found: abfm.Match | abfm.Iteration | None = None
             if flow.final:
-                found = None if session.outdated else result
+                found = None if session.outdated else session.result
             elif snapshot is not None and len(snapshot.problem.channels) == len(session.channels):
                 found = snapshot.shown
             if found is not None:

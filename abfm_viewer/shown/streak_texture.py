@@ -9,8 +9,7 @@ from abfm.streaks.texture_atlas import TextureAtlas
 from abfm.types import FloatArray, IndexArray
 from abfm_viewer.appearance.colormaps import ColorRange, linear_table
 
-SHADE = 0.72
-"""How much the darkest streak darkens a function's colour, in linear light."""
+SHADE = 0.72  # how much the darkest streak darkens a function's colour, in linear light
 _BRIGHT, _DARK = 0.85, 0.06  # streaks without a function, in linear light
 _COLORS = 1024
 
@@ -25,13 +24,10 @@ def streak_texture(
 
     Parameters
     ----------
-    atlas : TextureAtlas
     image : (size, size) array of float32 or uint8
         As `line_integral_convolution` returns it, from 0 to 1, or that in steps from 0 to 255.
-    values : (V,) array, optional
+    values, colors : (V,) array, ColorRange, optional
         A function whose colours the streaks darken; grey streaks without.
-    colors : ColorRange, optional
-        Of the function.
 
     Returns
     -------

@@ -58,11 +58,8 @@ def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
     atlas, images = abfm.streaks.line_integral_convolution(
         field.mesh, field.velocity, size=size, fade=fade, phase=phases
     )
-    return Streaks(field, atlas, np.stack([_in_steps(image) for image in images.reshape(-1, size, size)]))
-
-
-def _in_steps(image: abfm.streaks.FloatImage) -> NDArray[np.uint8]:
-    return (255 * image + np.float32(0.5)).astype(np.uint8)
+    steps = [(255 * image + np.float32(0.5)).astype(np.uint8) for image in images.reshape(-1, size, size)]
+    return Streaks(field, atlas, np.stack(steps))
 
 
 def coloured(streaks: Streaks, phase: float, values: FloatArray, colors: ColorRange) -> Texture:

@@ -11,18 +11,11 @@ from abfm_viewer.pictures.sheets.plot_pictures import font
 from abfm_viewer.pictures.sheets.ranges import color_ranges
 from abfm_viewer.pictures.sheets.sheet_picture import sheet_picture
 
-_ASPECTS = (0.45, 1.9)
-"""Least and greatest width over height of a panel."""
+_ASPECTS = (0.45, 1.9)  # least and greatest width over height of a panel
 
 
 def figure_picture(sheet: Sheet, notes: Sequence[str] = ()) -> Image.Image:
-    """Draw a figure, with notes below it.
-
-    Raises
-    ------
-    DrawingError
-        Where the machine cannot draw.
-    """
+    """Draw a figure, with notes below it; a `DrawingError` says why the machine cannot."""
     views = cameras(sheet, _ASPECTS)
     usual = next(iter(views.values())).aspect if views else 1.0
     aspects = [

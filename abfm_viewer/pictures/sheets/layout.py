@@ -44,17 +44,9 @@ def laid_out(
 ) -> Layout:
     """Give cells, of which the widths over the heights are given row by row, one height, as large as there is room.
 
-    Parameters
-    ----------
-    bars : int
-        How many colour bars there are below.
-    upright : bool
-        Whether there is one to the right instead.
-    width, height : int, optional
-        Of the sheet, in the middle of which the cells lie; without them it is as large as its cells need. Without both
-        it is at most `WIDEST`, and its cells are at most `TALLEST_PANEL`.
-    scale : float
-        Of all lengths but these.
+    So many colour bars are below, or one to the right if it is upright. The cells lie in the middle of the sheet, which
+    without a width and a height is as large as its cells need: it is at most `WIDEST`, and they are at most
+    `TALLEST_PANEL`. All other lengths are scaled.
     """
     margin, gap, label = scale * MARGIN, scale * GAP, scale * LABEL
     beside, below = scale * _BESIDE * upright, scale * _BELOW * (bars > 0 and not upright)

@@ -33,10 +33,8 @@ def match_picture(
         When to show the source besides 0 and tau; by default at a quarter, half and three quarters of tau.
     size
         Width and height in pixels; by default a wide sheet that fits the shape.
-    channel
-        Which of several pairs of functions to show.
-    up
-        The axis that points upwards.
+    channel, up
+        Which of several pairs of functions to show, and the axis that points upwards.
 
     Raises
     ------
@@ -51,13 +49,13 @@ def match_picture(
 
     panels = [panel(match.source, "source", "source")]
     for time, values in zip(moments, match.advect(moments), strict=True):
-        last = time == tau
-        label = f"t = {time:.4g}" + (f", {match.verdict.kind}" if last else "")
-        panels.append(panel(values, label, "result" if last else "other"))
-    panels.append(panel(match.target, "target", "target"))
-    sheet = Sheet((tuple(panels),), up)
+        if time == tau:
+            panels.append(panel(values, f"t = {time:.4g}, {match.verdict.kind}", "result"))
+        else:
+            panels.append(panel(values, f"t = {time:.4g}"))
+    sheet = Sheet(((*panels, panel(match.target, "target", "target")),), up)
     views = cameras(sheet)
-    layout = grid(len(panels), views[match.mesh].aspect, size)
+    layout = grid(len(sheet.rows[0]), views[match.mesh].aspect, size)
     return sheet_picture(sheet, views, layout, ImageFont.load_default)
 
 

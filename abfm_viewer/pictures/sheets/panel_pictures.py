@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Literal
 
 from PIL import Image
@@ -23,8 +24,8 @@ from abfm_viewer.shown.streak_texture import streak_texture
 
 _FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees: so narrow that shapes are hardly distorted
 _INK = (0.1, 0.1, 0.12)
+# of marked points, in linear light
 POINT_COLORS = ((1.0, 0.45, 0.0), (0.45, 0.1, 0.75), (0.0, 0.5, 0.25), (0.85, 0.0, 0.45), (0.0, 0.4, 0.8))
-"""Colours of marked points, in linear light."""
 _ARROW_LENGTH, _ARROW_DENSITY = 0.12, 0.3
 _POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
 _TEXELS = 2048
@@ -62,17 +63,14 @@ def panel_pictures(
 ) -> list[Image.Image]:
     """Draw all panels of a sheet, in sizes (width, height) in pixels, on a transparent ground.
 
-    Raises
-    ------
-    DrawingError
-        Where the machine cannot draw.
+    A `DrawingError` says why the machine cannot.
     """
     pictures: dict[int, Image.Image] = {}
-    everything = panels(sheet)
     for size in dict.fromkeys(sizes):  # the canvas is made once for each size
         with canvas(*size):
-            for number in (i for i, other in enumerate(sizes) if other == size):
-                panel = everything[number]
+            for number, panel in enumerate(panels(sheet)):
+                if sizes[number] != size:
+                    continue
                 _show(panel, ranges)
                 Viewport(panel.mesh).place(views[panel.mesh], (0, 0, *size))
                 pictures[number] = Image.fromarray(drawn(transparent=True))
@@ -91,8 +89,7 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
         marks.draw_arrows("arrows", mesh, panel.arrows, _ARROW_LENGTH, _ARROW_DENSITY, viewport.drawn, _INK)
     if panel.lines:
         marks.draw_curves("lines", panel.lines, viewport.drawn, _INK, _LINE)
-    for number, point in enumerate([] if panel.points is None else panel.points):
-        color = POINT_COLORS[number % len(POINT_COLORS)]
+    for number, (point, color) in enumerate(zip([] if panel.points is None else panel.points, cycle(POINT_COLORS))):
         marks.draw_points(f"point {number}", point[None], viewport.drawn, color, _POINT)
 
 

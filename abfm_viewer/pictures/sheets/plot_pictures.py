@@ -14,9 +14,8 @@ from PIL import Image, ImageFont
 from abfm.experiments.sheet import Plot
 
 CURVE_COLORS = ("#111111", "#2455c3", "#c62828", "#1b7a43", "#b26a00", "#6b3fa0")
-_FAINT = "#8a909c"
+_FAINT = "#8a909c"  # the colour of all faint curves, which differ in style
 _STYLES: tuple[str | tuple[int, tuple[int, ...]], ...] = ("--", ":", "-.", (0, (8, 3)), (0, (5, 2, 1, 2, 1, 2)))
-"""Of faint curves, which have one colour."""
 _DPI = 100
 
 
@@ -32,14 +31,8 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
     axes = figure.add_subplot()
     colors, styles = cycle(CURVE_COLORS), cycle(_STYLES)
     for curve in plot.curves:
-        axes.plot(
-            curve.x,
-            curve.y,
-            label=curve.name,
-            color=_FAINT if curve.faint else next(colors),
-            linestyle=next(styles) if curve.faint else "-",
-            linewidth=points / 7,
-        )
+        color, style = (_FAINT, next(styles)) if curve.faint else (next(colors), "-")
+        axes.plot(curve.x, curve.y, label=curve.name, color=color, linestyle=style, linewidth=points / 7)
     if plot.log_y:
         axes.set_yscale("log")
     if plot.top is not None and axes.get_ylim()[1] > plot.top:
@@ -50,21 +43,15 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
     axes.grid(color="#e3e6eb", linewidth=1)
     axes.set_axisbelow(True)
     axes.margins(x=0)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["top", "right"]].set_visible(False)
     if len(plot.curves) > 1:
         legend = axes.legend(fontsize=0.9 * points, frameon=False)
         figure.draw_without_rendering()
         if _covers_curves(legend, axes):
             beside = max(int(0.9 * size[0] / legend.get_window_extent().width), 1)
-            rows = math.ceil(len(plot.curves) / beside)
+            columns = math.ceil(len(plot.curves) / math.ceil(len(plot.curves) / beside))
             legend.remove()
-            figure.legend(
-                fontsize=0.9 * points,
-                frameon=False,
-                loc="outside upper center",
-                ncols=math.ceil(len(plot.curves) / rows),
-            )
+            figure.legend(fontsize=0.9 * points, frameon=False, loc="outside upper center", ncols=columns)
     figure.draw_without_rendering()
     title = axes.yaxis.label.get_window_extent()
     room = 2 * min((title.y0 + title.y1) / 2, size[1] - (title.y0 + title.y1) / 2)

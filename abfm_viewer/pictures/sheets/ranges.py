@@ -1,5 +1,7 @@
 """The ranges of a sheet's colour bars, and what must be said of values that they do not reach."""
 
+from collections import defaultdict
+
 import numpy as np
 
 from abfm.experiments.sheet import Coordinates, Panel, Sheet, Streaks, Values
@@ -24,15 +26,15 @@ def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
     It is that of the sources and targets, where there are some: what overshoots them has the colour of the bar's end,
     and `captions` says how far it goes.
     """
-    every: dict[str, list[FloatArray]] = {}
-    ends: dict[str, list[FloatArray]] = {}
+    every: dict[str, list[FloatArray]] = defaultdict(list)
+    ends: dict[str, list[FloatArray]] = defaultdict(list)
     for panel in panels(sheet):
         bar, values = function(panel)
         if values is not None:
-            every.setdefault(bar, []).append(values)
+            every[bar].append(values)
             if panel.frame in ("source", "target"):
-                ends.setdefault(bar, []).append(values)
-    return {bar: color_range(*ends.get(bar, functions)) for bar, functions in every.items()}
+                ends[bar].append(values)
+    return {bar: color_range(*(ends[bar] or functions)) for bar, functions in every.items()}
 
 
 def captions(sheet: Sheet) -> list[str]:

@@ -17,14 +17,13 @@ from abfm_viewer.pictures.sheets.panel_pictures import panel_pictures
 from abfm_viewer.pictures.sheets.ranges import color_ranges
 from abfm_viewer.scene.color_bars import Pen, bar_parts
 
-_FRAMES: dict[Frame, tuple[str, float]] = {
+_FRAMES: dict[Frame, tuple[str, float]] = {  # colours and widths
     "source": ("#2455c3", 5),
     "target": ("#c62828", 5),
     "result": ("#111111", 5),
     "field": ("#8a909c", 5),
     "other": ("#d0d4db", 1.5),
 }
-"""Colour and width of each frame."""
 _INK = "#1d222b"
 # in pixels at a scale of 1
 _TEXT, _SMALL, _SMALLEST, _LINE, _TICK = 24, 20, 13, 28, 6
@@ -39,10 +38,7 @@ def sheet_picture(
 ) -> Image.Image:
     """Draw the cells of a sheet, row by row, at the places of a layout, and notes below them in lines.
 
-    Raises
-    ------
-    DrawingError
-        Where the machine cannot draw.
+    A `DrawingError` says why the machine cannot.
     """
     ranges, scale = color_ranges(sheet), layout.scale
     small = font(scale * _SMALL)

@@ -12,7 +12,6 @@ from abfm import TriangleMesh
 from abfm.baselines import linear_blend, optimal_transport
 from abfm_viewer.document.document import COLORINGS
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown import mass_transport
 from abfm_viewer.shown.field_parts import Field
 from abfm_viewer.shown.paint import Painter, _most, surfaces
 from abfm_viewer.shown.shown import Shown
@@ -144,8 +143,12 @@ def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(session
     session.amend(time=0.0)
     before = settled_transport(shown, painter)
     go_on = threading.Event()
-    compute = mass_transport._transported
-    monkeypatch.setattr(mass_transport, "_transported", lambda *inputs: (go_on.wait(30), compute(*inputs))[1])
+
+    def late(*inputs, **options):
+        go_on.wait(30)
+        return optimal_transport(*inputs, **options)
+
+    monkeypatch.setattr("abfm.baselines.optimal_transport", late)
     session.amend(time=0.5 * session.parameters.tau)
     assert painter.paint("optimal transport") is before
     assert shown.mass_transport.busy
