@@ -6,7 +6,15 @@ from abfm.errors import did_you_mean
 from abfm_viewer.cli import bench, demo, figure, info, map, match, render
 from abfm_viewer.cli.parser import Parser
 
-_COMMANDS = {"match": match, "demo": demo, "figure": figure, "map": map, "render": render, "info": info, "bench": bench}
+_COMMANDS = {
+    "match": match,
+    "demo": demo,
+    "figure": figure,
+    "map": map,
+    "render": render,
+    "info": info,
+    "bench": bench,
+}
 _DESCRIPTION = """\
 Match two functions on a triangle mesh: find the vector field whose flow carries the one to the other.
 

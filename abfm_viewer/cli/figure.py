@@ -41,7 +41,9 @@ Examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("figure", metavar="N|all", help="number of the figure, 1 to 13, or all")
+    parser.add_argument(
+        "figure", metavar="N|all", help=f"number of the figure, 1 to {max(abfm.experiments.FIGURES)}, or all"
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder, made if missing")
     parser.add_argument("--mesh", metavar="FILE", help="compute the figure on this mesh instead of its own")
     options.add_largest_component(parser)

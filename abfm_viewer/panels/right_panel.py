@@ -9,7 +9,7 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.widget_record import Rect
 
 Guard = Callable[[str, Callable[[], None]], None]
-_SECTIONS: tuple[tuple[str, bool, ModuleType], ...] = (  # drawn by `draw` of these modules
+SECTIONS: tuple[tuple[str, bool, ModuleType], ...] = (  # drawn by `draw` of these modules
     ("Mesh", False, mesh),
     ("Functions", True, functions),
     ("Parameters", True, parameters),
@@ -27,7 +27,7 @@ def draw(context: Context, rect: Rect, guarded: Guard) -> None:
     with ui.window("panel", rect):
         guarded("Solver", lambda: solver.draw(context))
         with ui.child("sections", 0, border=False):
-            for label, opened, panel in _SECTIONS:
+            for label, opened, panel in SECTIONS:
                 with ui.section(label, opened) as is_open:
                     if is_open:
                         guarded(label, partial(panel.draw, context))

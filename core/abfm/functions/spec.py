@@ -43,8 +43,18 @@ LONGEST, DEEPEST = 10_000, 50
 _FAMILIES: dict[str, type[Family]] = {
     cls.family: cls
     for cls in (
-        *(Gaussian, Eigenfunction, HeatKernelSignature, WaveKernelSignature, Curvature, Coordinate, Geodesic),
-        *(ShapeDiameter, Indicator, ValuesFile, Expression, Permuted),
+        Gaussian,
+        Eigenfunction,
+        HeatKernelSignature,
+        WaveKernelSignature,
+        Curvature,
+        Coordinate,
+        Geodesic,
+        ShapeDiameter,
+        Indicator,
+        ValuesFile,
+        Expression,
+        Permuted,
     )
 }
 

@@ -127,8 +127,8 @@ def test_without_opengl_the_numbers_are_there(small, tmp_path, monkeypatch, caps
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["figure", "14"], "--out"),
-        (["figure", "14", "--out", "x"], "there is no figure '14'; expected a number from"),
+        (["figure", "99"], "--out"),
+        (["figure", "99", "--out", "x"], "there is no figure '99'; expected a number from"),
         (["figure", "seven", "--out", "x"], "or all"),
         (["figure", "7", "--out", __file__], "cannot make the folder"),
         (["figure", "7", "--mesh", "none.off", "--out", "x"], "none.off"),

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import pytest
 
 import abfm
 from abfm_viewer import panels
-from abfm_viewer.panels import status_line, time_bar
+from abfm_viewer.panels import right_panel, status_line, time_bar
 from abfm_viewer.window import menus, window
 
 PARTS = {"menu": (menus, "draw"), "time bar": (time_bar, "draw"), "status line": (status_line, "draw")}
-SECTIONS = ("Mesh", "Functions", "Parameters", "Energy", "Field", "Compare", "Maps", "Export")
+MODULES = {label: module for label, _, module in right_panel.SECTIONS}
+SECTIONS = tuple(MODULES)
 PARTS |= {"labels": (window, "draw_annotations"), "Solver": (panels.solver, "draw")}
 
 
@@ -45,11 +44,6 @@ def test_a_part_that_fails_is_named_and_comes_back(gui, monkeypatch, capsys, par
     gui.wait(lambda s: s.solver.finished)
 
 
-def panel(section):
-    """The module that draws a section."""
-    return import_module(f"abfm_viewer.panels.{section.lower()}")
-
-
 def test_the_sections_are_these(gui):
     assert tuple(w.label for w in gui.window.ui.widgets if w.kind == "section" and not w.section) == SECTIONS
 
@@ -58,7 +52,7 @@ def test_the_sections_are_these(gui):
 def test_a_section_that_fails_leaves_the_others(gui, monkeypatch, section):
     gui.window.ui.open_sections[section] = True
     with monkeypatch.context() as patch:
-        patch.setattr(panel(section), "draw", fail)
+        patch.setattr(MODULES[section], "draw", fail)
         gui.frames(3)
         assert gui.errors == {section: "RuntimeError: the roof leaks"}
         assert set(SECTIONS) <= set(gui.labels())
@@ -77,7 +71,7 @@ def test_sections_that_fail_halfway_leave_imgui_whole(gui, monkeypatch):
     with monkeypatch.context() as patch:
         for section in SECTIONS:
             gui.window.ui.open_sections[section] = True
-            patch.setattr(panel(section), "draw", draw)
+            patch.setattr(MODULES[section], "draw", draw)
         assert lives(gui)
         assert set(gui.errors) == set(SECTIONS)
     gui.frames(2)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import pytest
 
 from abfm import Parameters
@@ -117,3 +119,9 @@ def test_a_tooltip_explains_a_parameter(gui, monkeypatch):
     gui.hover("Pause")
     assert shown
     gui.session.solver.cancel()  # it may have ended by now
+
+
+def test_every_parameter_has_a_widget(gui):
+    gui.window.ui.open_sections["Advanced"] = True
+    gui.frames(3)
+    assert {entry.name for entry in fields(Parameters)} <= {widget.label for widget in gui.window.ui.widgets}
