@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -71,3 +72,15 @@ def test_pictures_and_linked_files_are_there():
     assert "docs/images/demo.png" in links
     for link in links:
         assert (ROOT / link).is_file()
+
+
+def test_names_of_the_library_in_the_pages_exist():
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+    names = {name for page in pages for name in re.findall(r"`(abfm(?:_viewer)?(?:\.\w+)+)", page.read_text("utf-8"))}
+    assert len(names) > 20
+    for name in names:
+        found, *parts = name.split(".")
+        value: object = import_module(found)
+        for part in parts:
+            found += f".{part}"
+            value = getattr(value, part) if hasattr(value, part) else import_module(found)
