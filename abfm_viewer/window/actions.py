@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.opening import PROJECT, RESULT
@@ -87,8 +89,6 @@ class Actions:
 
     def show_about(self) -> None:
         from importlib.metadata import version  # it takes a while to load
-
-        import numpy as np
 
         self.context.dialogs.show(
             "About abfm",
