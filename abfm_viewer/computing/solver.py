@@ -12,11 +12,14 @@ import numpy as np
 
 import abfm
 from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
+from abfm.numerics.own_process import factoring_apart
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.memo import Memo
 from abfm_viewer.document.document import Channel, Run
 
+_Row = tuple[float, float, float, int, int, float]  # total, regularity, mismatch; stage, vertices, reach
 _ITERATIONS_BETWEEN_RESTARTS = 3
 _TIMES_A_PICTURE, _LONGEST_WAIT = 9, 0.2
 """How long no picture is made after one, times what it took, and at most, in seconds."""
@@ -75,7 +78,8 @@ class Solver:
         self.problem: Problem | None = None
         self.snapshot: Snapshot | None = None  # may be read at any time
         self.started = 0  # how many runs there were
-        self._rows: list[tuple[float, float, float, int, int, float]] = []
+        self._rows: list[_Row] = []
+        self._run = Memo[Run]()
         self._lock = threading.Lock()
 
     @property
@@ -101,12 +105,17 @@ class Solver:
         """The energies of the run so far."""
         if not self.running or not self._rows or self.snapshot is None or self.problem is None:
             return None
-        table, parameters = np.array(self._rows[:]), self.problem.parameters
+        rows, mismatch, parameters = self._rows[:], self.snapshot.iteration.mismatch, self.problem.parameters
+        made_of = (self.started, len(rows), mismatch, parameters, tuple(self._restarts))
+        return self._run.get(made_of, lambda: self._run_of(rows, mismatch, parameters))
+
+    def _run_of(self, rows: list[_Row], mismatch: float, parameters: Parameters) -> Run:
+        table = np.array(rows)
         return Run(
             energies=table[:, :3],
             stages=table[:, 3].astype(np.int64),
             restarts=tuple(self._restarts),
-            mismatch=self.snapshot.iteration.mismatch,
+            mismatch=mismatch,
             label=f"alpha {parameters.alpha:g}, beta {parameters.beta:g}, sigma {parameters.sigma:g}",
             vertices=table[:, 4].astype(np.int64),
             reaches=table[:, 5],
@@ -189,6 +198,7 @@ class Solver:
 
     # In the thread
 
+    @factoring_apart()
     def _work(self, functions: Functions, start: FloatArray | None) -> None:
         try:
             while (problem := self._take()) is not None:

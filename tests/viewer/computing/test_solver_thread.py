@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import abfm
+from abfm.numerics.own_process import is_factored_apart
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.solver import Problem, Solver, State
 from abfm_viewer.document.document import Channel
@@ -55,6 +56,33 @@ def test_a_run_posts_every_iterate_and_ends_with_the_result_of_match(functions):
     assert (run.has_course, set(run.vertices.tolist())) == (True, {len(SPHERE.vertices)})
     assert run.reaches[0] == QUICK.reach
     assert newest == len(run.energies) - 1
+
+
+def test_large_systems_are_factored_apart_in_the_thread_of_a_run(functions, monkeypatch):
+    """Else the window would stand still meanwhile: cholespy stops all threads."""
+    asked = []
+
+    def look(*_, **__):
+        asked.extend(is_factored_apart(size) for size in (14_000, 15_000))
+        raise abfm.FunctionError("seen enough")
+
+    monkeypatch.setattr(abfm, "match", look)
+    solver = started(functions, problem())
+    ended(solver)
+    assert (asked, solver.state) == ([False, True], State.FAILED)
+    assert not is_factored_apart(10**9)
+
+
+def test_the_run_is_the_same_object_until_there_is_more_of_it(functions):
+    solver = started(functions, problem(ENDLESS))
+    until(lambda: rows(solver) > 2)
+    solver.pause()
+    until(lambda: solver.run is solver.run)
+    solver.resume()
+    before = solver.run
+    until(lambda: rows(solver) > len(before.stages))
+    assert solver.run is not before
+    solver.close()
 
 
 def test_a_paused_run_stands_still_and_goes_on(functions):
