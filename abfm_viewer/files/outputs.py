@@ -11,7 +11,7 @@ from PIL import Image
 
 import abfm
 from abfm import ResultError
-from abfm.io import export_energy_csv, export_ply, export_vtu, write_atomically
+from abfm.io import write_atomically
 from abfm.types import FloatArray
 
 SLOWEST = 0.1
@@ -36,9 +36,9 @@ def check(path: Path, suffixes: Collection[str]) -> None:
 
 WRITERS: dict[str, Callable[[Path, abfm.Match], None]] = {
     ".npz": lambda path, match: match.save(path),
-    ".ply": lambda path, match: export_ply(path, match.mesh, _point_data(match), _cell_data(match)),
-    ".vtu": lambda path, match: export_vtu(path, match.mesh, _point_data(match), _cell_data(match)),
-    ".csv": lambda path, match: export_energy_csv(path, match.energy_history, match.stages),
+    ".ply": lambda path, match: abfm.io.export_ply(path, match.mesh, _point_data(match), _cell_data(match)),
+    ".vtu": lambda path, match: abfm.io.export_vtu(path, match.mesh, _point_data(match), _cell_data(match)),
+    ".csv": lambda path, match: abfm.io.export_energy_csv(path, match.energy_history, match.stages),
 }
 
 

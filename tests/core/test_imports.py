@@ -31,6 +31,7 @@ def python(code: str) -> str:
         "from abfm import AbfmError, Parameters, TriangleMesh, load_mesh",
         "from abfm.assets import asset_path; from abfm.mesh import load_mesh; load_mesh(asset_path('human_A.off'))",
         "import abfm_viewer.app, abfm_viewer.cli, abfm_viewer.scene.opengl, abfm_viewer.scene.camera",
+        "import abfm_viewer.window.window, abfm_viewer.window.open_window",
     ],
 )
 def test_reading_and_drawing_a_mesh_loads_no_solver(code):

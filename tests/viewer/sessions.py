@@ -10,9 +10,11 @@ from abfm.parameters import PAPER
 from abfm_viewer.computing.solver import Problem
 from abfm_viewer.document.document import Channel
 from abfm_viewer.session.session import Session
-from tests.shapes import icosphere
+from tests.shapes import ellipsoid, icosphere
 
 SPHERE = icosphere(3)
+EGG = ellipsoid(3, 1.0, 0.7, 0.55)
+SIZE = (640, 480)  # of windows: drawing takes as long as there are pixels
 PAIR = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=1,z=0,width=0.15")
 QUICK = Parameters(iterations=20)
 ENDLESS = Parameters(**PAPER, iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1)
@@ -40,3 +42,17 @@ def until(condition: Callable[[], object], session: Session | None = None, secon
         if session:
             session.update()
         time.sleep(0.002)
+
+
+def matched(session: Session) -> Session:
+    """The session after its match."""
+    session.match()
+    until(lambda: session.solver.finished, session)
+    return session
+
+
+def solving(session: Session, rows: int = 5) -> Session:
+    """The session during a run that has made more than some steps."""
+    session.match()
+    until(lambda: session.solver.run and len(session.solver.run.stages) > rows, session)
+    return session

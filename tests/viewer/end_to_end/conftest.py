@@ -6,27 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from abfm_viewer.automation import Driver
-from tests.shapes import ellipsoid
 from tests.viewer.sessions import ENDLESS
-
-EGG = ellipsoid(3, 1.0, 0.7, 0.55)
-SIZE = (640, 480)  # drawing takes as long as there are pixels
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _recorded(request):
     with request.config.pluginmanager.get_plugin("widget coverage").recording():
         yield
-
-
-@pytest.fixture
-def gui(tmp_path):
-    """The app on an egg with its default functions."""
-    with Driver(EGG, size=SIZE) as gui:
-        gui.window.dialogs.folder = tmp_path
-        yield gui
-        assert not gui.errors
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from PIL import Image
 from abfm_viewer.automation.driver import Driver, DriverError
 from abfm_viewer.widgets.slider_scale import share_of
 from tests.shapes import icosphere
-from tests.viewer.end_to_end.conftest import SIZE
+from tests.viewer.sessions import SIZE
 
 ROOT = Path(__file__).parents[3]
 
@@ -166,7 +166,7 @@ def test_without_pictures_everything_but_pictures_works():
     code = """
 from abfm_viewer.automation import Driver
 from tests.shapes import icosphere
-from tests.viewer.end_to_end.conftest import SIZE
+from tests.viewer.sessions import SIZE
 for size in ((1280, 800), (1000, 640)):
     with Driver(icosphere(2), backend="openGL_mock", size=size) as gui:
         gui.click("Match")

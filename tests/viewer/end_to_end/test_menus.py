@@ -15,7 +15,7 @@ from abfm_viewer.document.document import LAYOUTS
 from abfm_viewer.window.menus import UI_SCALES
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
-from tests.viewer.end_to_end.conftest import EGG
+from tests.viewer.sessions import EGG
 
 
 @pytest.fixture

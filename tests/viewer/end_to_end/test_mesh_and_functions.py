@@ -7,7 +7,7 @@ import pytest
 
 from abfm.functions import families, function
 from abfm_viewer.document.gaussians import gaussians
-from tests.viewer.end_to_end.conftest import EGG
+from tests.viewer.sessions import EGG
 
 
 def settled(gui):

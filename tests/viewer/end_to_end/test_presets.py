@@ -10,7 +10,7 @@ import pytest
 from abfm.experiments import FIGURES, TITLES, experiment_of
 from abfm_viewer.automation import Driver
 from tests.shapes import icosphere
-from tests.viewer.end_to_end.conftest import SIZE
+from tests.viewer.sessions import SIZE
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image, ImageDraw
 
 from abfm_viewer.automation import Driver
-from tests.viewer.end_to_end.conftest import EGG
 from tests.viewer.end_to_end.likeness import difference
+from tests.viewer.sessions import EGG
 
 SNAPSHOTS = Path(__file__).parents[2] / "snapshots"
 

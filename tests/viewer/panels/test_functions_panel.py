@@ -9,15 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from abfm_viewer.automation import Driver, aim
+from abfm_viewer.automation import aim
 from abfm_viewer.document.document import Channel
 from abfm_viewer.document.gaussians import gaussians
 from abfm_viewer.session import active_gaussian
-from tests.shapes import ellipsoid
-from tests.viewer.sessions import PAIR, SPHERE, opened
+from tests.viewer.sessions import EGG, PAIR, SPHERE, opened
 
-EGG = ellipsoid(3, 1.0, 0.7, 0.55)
-SIZE = (640, 480)
 TWO = "gaussian:vertex=1 + gaussian:vertex=2 + gaussian:vertex=3"
 
 
@@ -111,20 +108,12 @@ def test_channels_are_added_copied_swapped_and_removed_one_step_each():
 
 
 def test_the_first_frame_does_without_the_functions():
-    code = "import sys, abfm_viewer.app; print('abfm.functions' in sys.modules)"
+    code = "import sys, abfm_viewer.window.window; print('abfm.functions.spec' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
 
 
 # In the panel
-
-
-@pytest.fixture
-def gui(tmp_path):
-    with Driver(EGG, size=SIZE) as gui:
-        gui.window.dialogs.folder = tmp_path
-        yield gui
-        assert not gui.errors
 
 
 def refusals(gui):

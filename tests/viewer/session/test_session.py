@@ -14,35 +14,9 @@ from abfm_viewer.document.document import Channel
 from abfm_viewer.session.notices import Notice
 from abfm_viewer.session.session import Session
 from tests.shapes import torus
-from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, opened, until
+from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, matched, opened, solving, until
 
 TORUS = torus(24, 12)
-
-
-@pytest.fixture
-def session():
-    session = opened()
-    yield session
-    session.close()
-
-
-@pytest.fixture
-def endless():
-    session = opened(ENDLESS)
-    yield session
-    session.close()
-
-
-def matched(session: Session) -> Session:
-    session.match()
-    until(lambda: session.solver.finished, session)
-    return session
-
-
-def solving(session: Session, rows: int = 5) -> Session:
-    session.match()
-    until(lambda: session.solver.run and len(session.solver.run.stages) > rows, session)
-    return session
 
 
 # Functions

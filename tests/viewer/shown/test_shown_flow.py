@@ -7,9 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from abfm_viewer.session.session import Session
 from abfm_viewer.shown.shown import Shown
-from tests.viewer.sessions import ENDLESS, opened, until
+from tests.viewer.sessions import matched, solving, until
 
 
 @pytest.fixture
@@ -24,32 +23,6 @@ def watched():
     yield watch
     for shown in made:
         shown.close()
-
-
-@pytest.fixture
-def session():
-    session = opened()
-    yield session
-    session.close()
-
-
-@pytest.fixture
-def endless():
-    session = opened(ENDLESS)
-    yield session
-    session.close()
-
-
-def matched(session: Session) -> Session:
-    session.match()
-    until(lambda: session.solver.finished, session)
-    return session
-
-
-def solving(session: Session, rows: int = 5) -> Session:
-    session.match()
-    until(lambda: session.solver.run and len(session.solver.run.stages) > rows, session)
-    return session
 
 
 def test_after_a_match_its_end_is_shown(session, watched):

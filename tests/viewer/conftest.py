@@ -1,0 +1,32 @@
+"""What tests of the viewer share: a session on a sphere, and the app on an egg."""
+
+from __future__ import annotations
+
+import pytest
+
+from abfm_viewer.automation import Driver
+from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened
+
+
+@pytest.fixture
+def session():
+    session = opened()
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def endless():
+    """A session whose runs go on until they are told otherwise."""
+    session = opened(ENDLESS)
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def gui(tmp_path):
+    """The app on an egg with its default functions."""
+    with Driver(EGG, size=SIZE) as gui:
+        gui.window.dialogs.folder = tmp_path
+        yield gui
+        assert not gui.errors
