@@ -9,8 +9,6 @@ stays. Edges with an infinite key never do.
 window would stand still.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from abfm.numerics.kernels import kernel
@@ -51,20 +49,20 @@ def collapse_edges(
     for slot in range(faces.size):
         slot_of[edges[slot]] = slot
         corner_of[faces[slot]] = slot
-    seen = np.zeros(fixed.size, dtype=np.int64)
+    seen, star = np.zeros(fixed.size, dtype=np.int64), np.empty_like(faces)
     left, total, attempt = finite, faces.size // 3, 0
     while left > wanted and total > 4 and keys[heap[0]] < np.inf:
         edge = heap[0]
         slot = slot_of[edge]
         _rekey(heap, place, keys, edge, np.inf)
         attempt += 1
-        if not _is_free(faces, twins, slot, seen, attempt):
+        if not _is_free(faces, twins, slot, star, seen, attempt):
             continue
         for side in (slot, twins[slot]):
             left -= side < 3 * finite
         total -= 2
-        u = _collapse(points, faces, twins, edges, slot_of, corner_of, heap, place, keys, slot)
-        for corner in _corners(twins, corner_of[u]):
+        u = _collapse(points, faces, twins, edges, slot_of, corner_of, heap, place, keys, slot, star)
+        for corner in star[: _fill(star, twins, corner_of[u])]:
             spoke, rim = _next(corner), edges[corner]
             _rekey(heap, place, keys, edges[spoke], _squared_length(points, fixed, u, faces[_next(spoke)]))
             if keys[rim] == np.inf:  # refused before
@@ -89,23 +87,26 @@ def _next(slot: int) -> int:
 
 
 @kernel
-def _corners(twins: IndexArray, first: int) -> Iterator[int]:
-    """The corners at the same vertex as the first, face by face around it."""
-    corner = first
-    while True:
-        yield corner
+def _fill(star: IndexArray, twins: IndexArray, first: int) -> int:
+    """Put the corners at the vertex of the first, face by face around it, into ``star``; how many they are.
+
+    (A generator would read better, but numba cannot compile what calls one that it has kept on disk.)
+    """
+    count, corner = 0, first
+    while count == 0 or corner != first:
+        star[count] = corner
+        count += 1
         corner = _next(twins[_next(corner)])
-        if corner == first:
-            break
+    return count
 
 
 @kernel
-def _is_free(faces: IndexArray, twins: IndexArray, slot: int, seen: IndexArray, mark: int) -> bool:
+def _is_free(faces: IndexArray, twins: IndexArray, slot: int, star: IndexArray, seen: IndexArray, mark: int) -> bool:
     """Whether the ends of an edge have two common neighbours only; those of one end are marked as ``seen``."""
-    for corner in _corners(twins, _next(slot)):
+    for corner in star[: _fill(star, twins, _next(slot))]:
         seen[faces[_next(corner)]] = mark
     common = 0
-    for corner in _corners(twins, _next(_next(slot))):
+    for corner in star[: _fill(star, twins, _next(_next(slot)))]:
         common += seen[faces[_next(corner)]] == mark
     return common == 2
 
@@ -122,13 +123,14 @@ def _collapse(
     place: IndexArray,
     keys: FloatArray,
     slot: int,
+    star: IndexArray,
 ) -> int:
     """Move one end of an edge to its middle, give it the faces of the other end, and take out the two between."""
     u: int = faces[_next(slot)]
     v = faces[_next(_next(slot))]
     for x in range(3):
         points[u, x] = 0.5 * (points[u, x] + points[v, x])
-    for corner in _corners(twins, _next(_next(slot))):
+    for corner in star[: _fill(star, twins, _next(_next(slot)))]:
         faces[corner] = u
     for side in (slot, twins[slot]):
         p, q = twins[_next(side)], twins[_next(_next(side))]
