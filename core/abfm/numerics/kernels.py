@@ -3,11 +3,15 @@
 Indices are unsigned: a signed one would be tested for counting from the end at every use, which doubles the time.
 """
 
+import hashlib
+import inspect
+import sys
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core.dispatcher import Dispatcher
 from scipy import sparse
 
 from abfm.types import FloatArray, IndexArray
@@ -16,9 +20,28 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 def kernel(function: Kernel) -> Kernel:
-    """Compile with the settings that all kernels share."""
+    """Compile with the settings that all kernels share.
+
+    numba takes compiled code from disk as long as the function's own file is as it was. It is filed under a name with
+    the stamp of the other files, so that a change of a kernel reaches those that call it from elsewhere, too.
+    """
+    name = function.__qualname__
+    function.__qualname__ = f"{name}_{_stamp(function.__globals__)}"
     compiled = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})(function)
+    function.__qualname__ = name
     return cast(Kernel, compiled)
+
+
+def _stamp(namespace: dict[str, Any]) -> str:
+    """Of the source of this file and of all whose kernels a module, or what it calls, has."""
+    modules, left = {__name__}, [namespace]
+    while left:
+        for value in left.pop().values():
+            if isinstance(value, Dispatcher) and value.__module__ not in modules:
+                modules.add(value.__module__)
+                left.append(vars(sys.modules[value.__module__]))
+    sources = "".join(inspect.getsource(sys.modules[name]) for name in sorted(modules))
+    return hashlib.sha256(sources.encode()).hexdigest()[:12]
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
