@@ -63,7 +63,7 @@ def _outcome(ui: Ui, session: Session) -> None:
         return
     steps = len(result.energy_history) - 1
     first, rest = headline(result).split(": ", 1)
-    after = "" if result.stop_reason == "given" else f" after {steps} iterations"
+    after = f" after {steps} iterations" if steps else ""
     poor = first in ("not reached", "impossible")
     ui.note(f"{first.capitalize()}{after}: {rest}.", "error" if poor else "good" if first == "matched" else "ink")
     if session.outdated:
