@@ -6,6 +6,7 @@ from contextlib import suppress
 import numpy as np
 
 import abfm
+from abfm.mesh.subdivision import subdivided
 from abfm_viewer import shown
 
 
@@ -17,12 +18,13 @@ def start() -> threading.Thread:
 
 
 def _match_something() -> None:
-    """A match on an octahedron; what fails here fails again, and is told, when the user presses Match."""
+    """A match by way of a coarser mesh; what fails here fails again, and is told, where it is asked for."""
     corners = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
     faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
-    mesh = abfm.TriangleMesh(corners, np.array(faces))
     with suppress(Exception):
-        result = abfm.match(mesh, corners[:, 0], corners[:, 1], abfm.Parameters(iterations=2))
+        mesh = subdivided(subdivided(abfm.TriangleMesh(corners, np.array(faces))))
+        source, target, _ = mesh.vertices.T
+        result = abfm.match(mesh, source, target, abfm.Parameters(iterations=8, levels=2))
         result.advect([0.0, 0.5])
-        atlas, image = abfm.streaks.line_integral_convolution(mesh, result.velocity[0], size=16)
+        atlas, image = abfm.streaks.line_integral_convolution(mesh, result.velocity[0], size=64)
         shown.streak_texture(atlas, (255 * image).astype(np.uint8))
