@@ -13,11 +13,14 @@ import pytest
 
 from abfm import Parameters, load_match, load_mesh
 from abfm.assets import asset_path
+from abfm.experiments import FIGURES
 from abfm.functions import families, function
+from abfm.parameters import PAPER
 from abfm_viewer.cli import main
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 
 
 def table(heading: str) -> list[list[str]]:
@@ -68,15 +71,30 @@ def test_commands_shown_exist(capsys):
 
 
 def test_pictures_and_linked_files_are_there():
-    links = [link for link in re.findall(r"\]\(([^)]+)\)", README) if "://" not in link]
-    assert "docs/images/demo.png" in links
-    for link in links:
-        assert (ROOT / link).is_file()
+    linked = {}
+    for page in PAGES:
+        links = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text("utf-8"))
+        linked[page] = {(page.parent / link).resolve() for link in links if "://" not in link}
+        assert {link for link in linked[page] if not link.exists()} == set()
+    assert ROOT / "docs/images/demo.png" in linked[ROOT / "README.md"]
+
+
+def test_every_figure_has_a_page_with_its_picture_and_a_row_in_the_list():
+    figures = ROOT / "docs/figures"
+    for figure in FIGURES:
+        assert f"../images/figure-{figure:02}.png" in (figures / f"figure-{figure:02}.md").read_text("utf-8")
+        assert f"(figure-{figure:02}.md)" in (figures / "README.md").read_text("utf-8")
+
+
+def test_what_makes_the_energy_the_papers_is_listed():
+    said = [part for part in README.split("\n\n") if "the paper's energy and course" in part.replace("\n", " ").lower()]
+    assert len(said) == 2
+    for part in said:
+        assert [name for name in PAPER if f"`{name}" not in part] == []
 
 
 def test_names_of_the_library_in_the_pages_exist():
-    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
-    names = {name for page in pages for name in re.findall(r"`(abfm(?:_viewer)?(?:\.\w+)+)", page.read_text("utf-8"))}
+    names = {name for page in PAGES for name in re.findall(r"`(abfm(?:_viewer)?(?:\.\w+)+)", page.read_text("utf-8"))}
     assert len(names) > 20
     for name in names:
         found, *parts = name.split(".")

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+import abfm
 from abfm import MeshError, TriangleMesh, load_mesh
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm_viewer.cli import options
@@ -44,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def describe(mesh: TriangleMesh) -> dict[str, Any]:
     """Counts, topology and sizes of a mesh; lengths are in the file's unit."""
-    lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1)[:, 0], axis=1)
+    lengths = abfm.calculus.edge_lengths(mesh)
     return {
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),

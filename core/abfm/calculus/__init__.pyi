@@ -9,6 +9,7 @@ from .operators import cotangent_laplacian as cotangent_laplacian
 from .operators import curl as curl
 from .operators import divergence as divergence
 from .operators import edge_areas as edge_areas
+from .operators import edge_lengths as edge_lengths
 from .operators import face_areas as face_areas
 from .operators import face_frames as face_frames
 from .operators import face_normals as face_normals

@@ -136,6 +136,7 @@ def test_specs_made_in_python_are_checked_like_text() -> None:
 def test_families_describe_themselves() -> None:
     described = {cls.family: cls for cls in families()}
     assert set(described) == {spec.family for spec in MEANINGS.values() if isinstance(spec, Family)}
+    assert set(described) == {*TERMS, "permuted"}
     assert all(cls.summary() and all(p.summary for p in cls.parameters()) for cls in described.values())
     width = next(p for p in described["gaussian"].parameters() if p.name == "width")
     assert (width.default, width.required, width.unit) == (0.1, False, "fraction of sqrt(area)")
@@ -175,28 +176,30 @@ points = st.one_of(
     st.fixed_dictionaries({"vertex": st.lists(indices, min_size=1, max_size=3).map(tuple)}),
     st.fixed_dictionaries({"x": numbers, "y": numbers, "z": numbers}),
 )
-terms: st.SearchStrategy[Spec] = st.one_of(
-    st.builds(
+TERMS: dict[str, st.SearchStrategy[Spec]] = {
+    "gaussian": st.builds(
         lambda p, **others: Gaussian(**p, **others),
         points,
         width=positives,
         height=numbers,
         metric=st.sampled_from(["geodesic", "euclidean"]),
     ),
-    st.builds(lambda p: Geodesic(**p), points),
-    st.builds(lambda p, radius: Indicator(**p, radius=radius), points, positives),
-    st.builds(Indicator, axis=st.sampled_from("xyz"), above=numbers, below=st.none() | numbers),
-    st.builds(Eigenfunction, index=indices),
-    st.builds(HeatKernelSignature, time=positives, eigenpairs=st.integers(1, 2000)),
-    st.builds(WaveKernelSignature, energy=numbers, width=st.none() | positives, eigenpairs=st.integers(2, 2000)),
-    st.builds(ValuesFile, path=names, column=st.none() | names),
-    st.builds(
+    "eigenfunction": st.builds(Eigenfunction, index=indices),
+    "hks": st.builds(HeatKernelSignature, time=positives, eigenpairs=st.integers(1, 2000)),
+    "wks": st.builds(WaveKernelSignature, energy=numbers, width=st.none() | positives, eigenpairs=st.integers(2, 2000)),
+    "curvature": st.builds(Curvature, kind=st.sampled_from(["gaussian", "mean"])),
+    "coordinate": st.builds(Coordinate, axis=st.sampled_from("xyz")),
+    "geodesic": st.builds(lambda p: Geodesic(**p), points),
+    "shape-diameter": st.just(ShapeDiameter()),
+    "indicator": st.builds(lambda p, radius: Indicator(**p, radius=radius), points, positives)
+    | st.builds(Indicator, axis=st.sampled_from("xyz"), above=numbers, below=st.none() | numbers),
+    "file": st.builds(ValuesFile, path=names, column=st.none() | names),
+    "expression": st.builds(
         Expression, formula=st.sampled_from(["x", "sin(10*x)*z", "(x + 1) * -y", "where(x > 0, min(x, y), 1e-3)"])
     ),
-    st.just(ShapeDiameter()),
-)
+}
 specs = st.recursive(
-    terms,
+    st.one_of(*TERMS.values()),
     lambda inner: st.one_of(
         st.builds(Permuted, path=names, function=inner),
         st.lists(inner.filter(lambda s: not isinstance(s, Sum)), min_size=2, max_size=3).map(lambda t: Sum(tuple(t))),
