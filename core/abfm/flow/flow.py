@@ -60,7 +60,7 @@ class Flow:
         AdvectionError
             If the flow overflows or is too long.
         """
-        return self.span(h, t) if np.ndim(t) else self.span(h, [t])[0]
+        return self.span(h, t) if np.ndim(t) else self.span(h, np.atleast_1d(t))[0]
 
     def advect(self, f: ArrayLike, t: ArrayLike | None = None) -> FloatArray:
         """As `push`, to the end time where none is given."""
