@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-import abfm
 from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from abfm import Match
 
 Side = Literal["source", "target"]
 Theme = Literal["light", "dark"]
@@ -154,7 +156,7 @@ class Document:
     bump: int = 0  # which of that side's Gaussians the mouse moves
     parameters: Parameters = field(default_factory=Parameters)
     mask: str = ""  # spec of the weight of the mismatch at each vertex; empty for none
-    result: abfm.Match | None = None
+    result: Match | None = None
     runs: tuple[Run, ...] = ()  # those that ended, the latest last
     time: float = 0.0  # shown, 0 to 2 tau
     lines: tuple[Point, ...] = ()  # where flow lines start

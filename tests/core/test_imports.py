@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import pkgutil
 import subprocess
 import sys
@@ -61,6 +62,9 @@ def test_public_names_are_no_modules_whatever_is_imported_first(front, code):
 
 def test_every_public_name_is_listed_and_others_are_refused():
     assert set(abfm.__all__) <= set(dir(abfm))
+    for name in abfm.__all__:
+        found = getattr(abfm, name)
+        assert (found.__name__.removeprefix("abfm.") if inspect.ismodule(found) else found.__qualname__) == name
     with pytest.raises(AttributeError, match="macth"):
         _ = abfm.macth
     with pytest.raises(ImportError, match="cannot import name 'macth'"):

@@ -11,7 +11,9 @@ import pytest
 from PIL import Image
 
 import abfm
+from abfm.numerics.own_process import is_factored_apart
 from abfm_viewer.document.document import Channel, Document
+from abfm_viewer.files import outputs
 from abfm_viewer.session.exporter import Exporter, MovieSettings, PictureSettings
 from tests.shapes import icosphere
 
@@ -133,3 +135,11 @@ def test_data_is_written_by_its_suffix(exporter, document, out, suffix):
     exporter.wait()
     assert (exporter.message, exporter.failed) == (f"saved {path}", False)
     assert path.stat().st_size > 100
+
+
+def test_large_systems_are_factored_apart_in_the_thread_of_an_export(exporter, document, out, monkeypatch):
+    asked = []
+    monkeypatch.setattr(outputs, "write", lambda path, match: asked.append(is_factored_apart(10**9)))
+    exporter.save_result(out / "a.npz", document.result)
+    exporter.wait()
+    assert asked == [True]

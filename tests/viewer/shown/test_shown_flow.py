@@ -30,6 +30,29 @@ def test_after_a_match_its_end_is_shown(session, watched):
     np.testing.assert_array_equal(shown.flow.advected(), session.result.advected[:, 0])
 
 
+def test_an_outdated_end_is_not_shown_but_what_the_flow_makes_of_the_source_now(session, watched):
+    shown = watched(matched(session))
+    session.set_spec("source", "coordinate:x")
+    until(lambda: not session.obstacle, session)
+    time.sleep(0.2)
+    until(lambda: (shown.flow.advected(), shown.flow.settled and not shown.flow.busy)[1], session)
+    expected = shown.flow.state.carry(session.values("source"), np.array([session.parameters.tau]))[0]
+    np.testing.assert_allclose(shown.flow.advected(), expected, atol=1e-12)
+
+
+def test_a_channel_that_the_run_does_not_have_is_carried_by_its_field(endless, watched):
+    shown = watched(endless)
+    solving(endless)
+    endless.solver.follow = False
+    endless.solver.pause()
+    time.sleep(0.1)
+    endless.duplicate_channel()
+    assert endless.document.channel == 1
+    until(lambda: (shown.flow.advected(), shown.flow.settled and not shown.flow.busy)[1], endless)
+    iterate = endless.solver.snapshot.shown
+    np.testing.assert_allclose(shown.flow.advected(), iterate.advected[:, 0], atol=1e-6)
+
+
 def test_during_a_run_the_newest_iterate_is_shown_at_tau_and_followed_elsewhere(endless, watched):
     shown = watched(endless)
     solving(endless)
