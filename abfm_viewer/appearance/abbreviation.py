@@ -1,5 +1,6 @@
 """Texts that are cut where there is no room for them."""
 
+from bisect import bisect
 from collections.abc import Callable
 
 
@@ -7,5 +8,5 @@ def cut(text: str, room: float, width_of: Callable[[str], float]) -> str:
     """A text, or as much of it as has room, with an ellipsis; nothing where not even that has."""
     if width_of(text) <= room:
         return text
-    shorter = (text[:length].rstrip() + "..." for length in range(len(text), 0, -1))
-    return next((one for one in shorter if width_of(one) <= room), "")
+    too_long = bisect(range(len(text)), room, key=lambda length: width_of(text[:length].rstrip() + "..."))
+    return text[: too_long - 1].rstrip() + "..." if too_long > 1 else ""

@@ -32,12 +32,13 @@ class InputEvents:
         imgui.GetIO().AddMousePosEvent(x, y)
         self._frames(1)
 
-    def press(self) -> None:
-        imgui.GetIO().AddMouseButtonEvent(0, True)
+    def press(self, button: int = 0) -> None:
+        """Press a mouse button; 0 is the left one, 1 the right one."""
+        imgui.GetIO().AddMouseButtonEvent(button, True)
         self._frames(1)
 
-    def release(self) -> None:
-        imgui.GetIO().AddMouseButtonEvent(0, False)
+    def release(self, button: int = 0) -> None:
+        imgui.GetIO().AddMouseButtonEvent(button, False)
         self._frames(2)
 
     def click(self, count: int = 1) -> None:
@@ -50,14 +51,15 @@ class InputEvents:
             self.release()
         io.MouseDoubleClickTime = seconds
 
-    def drag(self, *places: Place) -> None:
-        """Press the button at the first place, move over the others, in thirds of the way, and let go at the last."""
+    def drag(self, *places: Place, steps: int = 3, button: int = 0) -> None:
+        """Press a button at the first place, move over the others in steps, and let go at the last."""
         self.move(*places[0])
-        self.press()
+        self.press(button)
         for start, end in pairwise(places):
-            for share in (1 / 3, 2 / 3, 1):
+            for step in range(1, steps + 1):
+                share = step / steps
                 self.move(start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
-        self.release()
+        self.release(button)
 
     def wheel(self, amount: float) -> None:
         """Turn the wheel, upwards if positive."""

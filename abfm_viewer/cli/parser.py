@@ -1,7 +1,7 @@
 """An argument parser whose errors are one line with the nearest right word."""
 
 import argparse
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from abfm.errors import did_you_mean
 from abfm_viewer.cli.exit_status import UsageError
@@ -10,9 +10,13 @@ from abfm_viewer.cli.exit_status import UsageError
 class Parser(argparse.ArgumentParser):
     """Raises `UsageError` instead of printing the whole usage and leaving."""
 
-    def __init__(self, prog: str, description: str) -> None:
+    def __init__(self, prog: str, description: str, **settings: Any) -> None:  # argparse has its own for subcommands
         super().__init__(
-            prog, description=description, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+            prog,
+            description=description,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+            **settings,
         )
 
     def error(self, message: str) -> NoReturn:

@@ -16,6 +16,7 @@ from PIL import Image, ImageSequence
 from abfm import Parameters, benchmark, load_match
 from abfm.assets import asset_path
 from abfm_viewer.cli import main
+from abfm_viewer.cli.parser import Parser
 from abfm_viewer.cli.solving import Outcome
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.project import load_project, save_project
@@ -50,6 +51,11 @@ def test_help_and_version_end_well(words, capsys):
         main(words)
     assert ended.value.code == 0
     assert "abfm" in capsys.readouterr().out
+
+
+def test_what_argparse_gives_the_parsers_of_commands_reaches_them():
+    commands = Parser(prog="abfm", description="").add_subparsers()
+    assert commands.add_parser("match", description="", epilog="the end").epilog == "the end"  # Python 3.14: color
 
 
 def test_help_of_match_names_every_parameter_and_example(capsys):

@@ -11,7 +11,8 @@ import polyscope.imgui as imgui
 import pytest
 from PIL import Image
 
-from abfm_viewer.automation.driver import Driver, DriverError
+from abfm_viewer.automation import Driver, DriverError
+from abfm_viewer.scene.opengl import ps
 from abfm_viewer.widgets.slider_scale import share_of
 from tests.shapes import icosphere
 from tests.viewer.sessions import SIZE
@@ -129,6 +130,15 @@ def test_a_picture_keeps_sections_and_scrolling_and_changes_nothing(gui, tmp_pat
     tick = once[int(box[1]) : int(box[3]), int(box[0]) : int(box[0] + box[3] - box[1])]
     assert tick.std() > 1  # it is where it was on the screen, not below it
     assert gui.session.view.previous_runs is False
+
+
+def test_the_right_button_drags_in_as_many_steps_as_it_is_told(gui):
+    before, drawn = ps.get_camera_view_matrix(), gui.window.frames
+    gui.input.drag((150, 300), (250, 350), steps=7, button=1)
+    after = ps.get_camera_view_matrix()
+    assert gui.window.frames - drawn == 1 + 1 + 7 + 2
+    assert np.abs(after[:3, 3] - before[:3, 3]).max() > 0.01
+    np.testing.assert_allclose(after[:3, :3], before[:3, :3], atol=1e-6)  # moved, not turned
 
 
 def test_nothing_is_held_from_one_driver_to_the_next():

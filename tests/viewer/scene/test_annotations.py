@@ -85,6 +85,12 @@ def test_texts_are_cut_to_their_room():
         assert width(cut("advected", room, width)) <= room
 
 
+def test_a_long_text_is_measured_a_few_times_only():
+    measured = []
+    assert cut("x" * 10_000, 80, lambda text: measured.append(text) or width(text)) == "xxxxxxx..."
+    assert len(measured) < 20
+
+
 @pytest.mark.parametrize(
     ("low", "high", "expected"),
     [
