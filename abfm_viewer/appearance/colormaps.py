@@ -43,7 +43,8 @@ def color_range(*functions: FloatArray) -> ColorRange:
     if min(-low, high) > 0.05 * largest:
         return ColorRange("abfm diverging", -largest, largest)
     if high - low <= 1e-12 * max(largest, 1e-300):
-        return ColorRange("abfm sequential", low - 0.5, high + 0.5)
+        around = max(0.5, 1e-12 * largest)  # a half is lost beside large numbers, and colour bars need a length
+        return ColorRange("abfm sequential", low - around, high + around)
     return ColorRange("abfm sequential", 0.0 if -1e-9 * largest < low < 0.02 * largest else low, high)
 
 

@@ -85,7 +85,7 @@ def test_functions_of_both_signs_have_zero_in_the_middle():
     assert (shared.colormap, shared.low, shared.high) == ("abfm diverging", -2.0, 2.0)
 
 
-@pytest.mark.parametrize("value", [0.0, -3.0, 1e-300])
+@pytest.mark.parametrize("value", [0.0, -3.0, 1e-300, 1e17, -1e30])
 def test_a_constant_has_a_range_around_it(value):
     shared = color_range(np.full(4, value))
     assert shared.low < value < shared.high
