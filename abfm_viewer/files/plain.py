@@ -52,7 +52,8 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
 
 def _dataclass(hint: Any, value: Any, where: str, given: dict[str, Any]) -> Any:
     _check(isinstance(value, dict), where, value, "an object")
-    hints = get_type_hints(hint, localns={"Match": Any})  # a document without a result does not load its type
+    without_results = types.SimpleNamespace(Match=Any)  # a document that has none does not load their type
+    hints = get_type_hints(hint, localns={"abfm": without_results})
     known = {entry.name: entry for entry in fields(hint) if entry.name not in given}
     unknown = sorted(value.keys() - known.keys())
     _check(not unknown, where, unknown, f"only {', '.join(known)}")

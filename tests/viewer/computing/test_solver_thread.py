@@ -173,7 +173,7 @@ def test_after_cancel_nothing_restarts(functions):
     assert solver.problem.parameters == result.parameters == ENDLESS
 
 
-def test_after_close_nothing_restarts_though_the_evaluation_under_way_takes_longer_than_it_waits(functions, monkeypatch):
+def test_after_close_nothing_restarts_though_it_waits_less_than_an_evaluation_takes(functions, monkeypatch):
     begun, go_on, solved = threading.Event(), threading.Event(), []
 
     def slowly(*arguments, **named):

@@ -503,7 +503,7 @@ class TestTermsFromFiles:
         save_project(tmp_path / "p.abfm", Document(WHOLE, "empty"), {})
         code = (
             "import sys; from abfm_viewer.files.project import load_project; load_project(sys.argv[1]);"
-            "print([name for name in ('abfm.matching.match', 'polyscope') if name in sys.modules])"
+            "print([name for name in ('abfm.matching.result', 'polyscope') if name in sys.modules])"
         )
         done = subprocess.run(
             [sys.executable, "-c", code, tmp_path / "p.abfm"], capture_output=True, text=True, check=True
