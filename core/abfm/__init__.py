@@ -4,6 +4,10 @@ Names are imported when they are first used, here and in the rooms, so that a pr
 without the solver. ``__init__.pyi`` beside each ``__init__.py`` lists them.
 """
 
+import pkgutil
+
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
+_rooms = {module.name for module in pkgutil.iter_modules(__path__)}
+__all__ = [name for name in _names if name not in _rooms]  # from abfm import * would take the name of Python's own io

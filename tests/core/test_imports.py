@@ -65,3 +65,8 @@ def test_every_public_name_is_listed_and_others_are_refused():
         _ = abfm.macth
     with pytest.raises(ImportError, match="cannot import name 'macth'"):
         from abfm import macth  # noqa: F401
+
+
+def test_importing_all_names_takes_those_of_no_other_modules() -> None:
+    code = "import io; from abfm import *; print(io.StringIO('text').read(), match is not None, 'flow' in globals())"
+    assert python(code) == "text True False"

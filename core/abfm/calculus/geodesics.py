@@ -33,9 +33,10 @@ def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
     Crane, Weischedel, Wardetzky: Geodesics in Heat, ACM TOG 32(5), 2013, Algorithm 1.
     Sharp, Crane: A Laplacian for Nonmanifold Triangle Meshes, SGP 2020.
     """
+    vertices = np.atleast_1d(sources).astype(int).tolist()  # as files have them: 3.0 is a vertex, too
     try:
         solver = _heat_solver(mesh.normalized())
-        found = [(source, solver.compute_distance(source)) for source in np.atleast_1d(sources).tolist()]
+        found = [(source, solver.compute_distance(source)) for source in vertices]
     except RuntimeError as error:
         raise FunctionError(
             f"no geodesic distance on this mesh: {error}; for a gaussian try metric=euclidean"

@@ -30,7 +30,7 @@ def factor(matrix: sparse.csr_array) -> Solve:
     Raises
     ------
     MemoryError
-        If there is not enough memory; where the work is in another process (`own_process.factor_from`), when solving.
+        If there is not enough memory; when solving where it is in another process (`own_process.factoring_apart`).
     """
     if matrix.shape[0] == 0:  # a mesh without inner vertices; both libraries refuse it
         return np.copy

@@ -51,6 +51,11 @@ def test_geodesic_distance_to_the_nearest_of_several_and_to_a_point() -> None:
     assert_array_equal(function(mesh, f"geodesic:x={x!s},y={y!s},z={z!s}"), apart[1])
 
 
+def test_vertices_for_distances_may_be_numbers_as_a_file_has_them() -> None:
+    mesh = icosphere(1)
+    assert_array_equal(geodesic_distance(mesh, np.array([3.0, 7.0])), geodesic_distance(mesh, [3, 7]))
+
+
 def test_geodesic_distance_with_a_boundary_and_at_a_pinched_vertex() -> None:
     flat = square(24)
     corner = function(flat, "geodesic:vertex=0")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,15 @@ def test_everything_comes_back(match: Match, tmp_path: Path) -> None:
     assert loaded.verify(subdivided=False) == match.verify(subdivided=False)
     loaded.save(tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "match.npz").read_bytes()
+
+
+def test_a_loaded_match_that_was_advected_still_goes_to_another_process(match: Match, tmp_path: Path) -> None:
+    match.save(tmp_path / "match.npz")
+    loaded = abfm.load_match(tmp_path / "match.npz")
+    there = loaded.advect([-0.5, 0.5, 1.0])
+    sent = pickle.dumps(loaded)
+    assert len(sent) < 20_000_000  # not the memory that flows work in
+    np.testing.assert_array_equal(pickle.loads(sent).advect([-0.5, 0.5, 1.0]), there)
 
 
 def test_what_is_not_known_stays_unknown(tmp_path: Path) -> None:
