@@ -92,6 +92,11 @@ class Solver:
         return self.state is State.PAUSED
 
     @property
+    def _goes_on(self) -> bool:
+        """Whether the run was neither cancelled nor closed, which its thread may outlive."""
+        return self.state in (State.RUNNING, State.PAUSED)
+
+    @property
     def finished(self) -> bool:
         """Whether there was a run and it ended, well or not."""
         return self.state in (State.ENDED, State.FAILED)
@@ -219,7 +224,7 @@ class Solver:
             self._since_restart = 0
             if self.state is State.PAUSED:
                 self._control.pause()
-            return None if self.state is State.ENDING and self._result is not None else problem
+            return problem if self._goes_on or self._result is None else None
 
     def _solve(self, problem: Problem, functions: Functions, start: FloatArray | None) -> abfm.Match:
         sources, targets = (
@@ -228,7 +233,7 @@ class Solver:
         )
         mask = functions.evaluate(problem.mask) if problem.mask else None
         with self._lock:
-            if self.state is State.ENDING:
+            if not self._goes_on:
                 self._control.cancel()
 
         def solve(from_field: FloatArray | None) -> abfm.Match:

@@ -173,6 +173,27 @@ def test_after_cancel_nothing_restarts(functions):
     assert solver.problem.parameters == result.parameters == ENDLESS
 
 
+def test_after_close_nothing_restarts_though_it_waits_less_than_an_evaluation_takes(functions, monkeypatch):
+    begun, go_on, solved = threading.Event(), threading.Event(), []
+
+    def slowly(*arguments, **named):
+        solved.append(arguments[3])
+        begun.set()
+        go_on.wait(30)
+        return match(*arguments, **named)
+
+    match = abfm.match
+    monkeypatch.setattr(abfm, "match", slowly)
+    solver = started(functions, problem(ENDLESS))
+    begun.wait(30)
+    solver.follow_problem(problem(QUICK))
+    solver.close(0.01)
+    assert not solver.running
+    go_on.set()
+    solver._thread.join(30)
+    assert solved == [ENDLESS]
+
+
 def test_a_restart_that_cannot_be_solved_keeps_the_result_so_far(functions):
     solver = started(functions, problem(ENDLESS))
     until(lambda: rows(solver) > 10)
