@@ -45,7 +45,8 @@ def _block(mesh: TriangleMesh, size: int) -> tuple[FloatArray, FloatArray]:
     scale = sparse.diags_array(1 / root_mass)
     operator = sparse.csr_array(scale @ cotangent_laplacian(mesh) @ scale)
     if count <= 2 * size + 1:  # too small for Lanczos to have room
-        values, vectors = linalg.eigh(operator.toarray(), subset_by_index=(0, size - 1))
+        found = linalg.eigh(operator.toarray(), subset_by_index=(0, size - 1))
+        values, vectors = (np.asarray(array, dtype=np.float64) for array in found)
     else:
         values, vectors = _shift_invert(operator, size, shift=1 / mesh.length_scale**2)
     order = np.argsort(values, kind="stable")

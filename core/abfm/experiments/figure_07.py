@@ -68,8 +68,8 @@ def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tupl
     turns = [l2_norm(mesh, turn) for turn in np.diff(steps, axis=0)]
     stiffness = cotangent_laplacian(mesh)
     energy = np.array([f @ (stiffness @ f) for f in (*path, target)])
-    turn = max(turns) / lengths.mean()
-    rise = energy[:-1].max() / max(energy[0], energy[-1])
+    turn = float(max(turns) / lengths.mean())
+    rise = float(energy[:-1].max() / max(energy[0], energy[-1]))
     claim, whole = "smooth path", l2_norm(mesh, steps.sum(axis=0))
     of_energy = "largest Dirichlet energy on the way over that of source or target"
     return (

@@ -142,7 +142,7 @@ def turned_gradient(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
 def with_speed(mesh: TriangleMesh, field: FloatArray, speed: float) -> FloatArray:
     """The field (F, 3), scaled so that its root mean square is a multiple of sqrt(area) per unit of time."""
     areas = face_areas(mesh)
-    factor: float = areas.sum() * speed / np.sqrt(areas @ (field**2).sum(axis=1))
+    factor = float(areas.sum() * speed / np.sqrt(areas @ (field**2).sum(axis=1)))
     return factor * field
 
 

@@ -92,7 +92,7 @@ def twice_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
 
-def _count(number: int, one: str, many: str) -> str:
+def _count(number: int | np.integer[Any], one: str, many: str) -> str:
     return f"1 {one}" if number == 1 else f"{number} {many}"
 
 

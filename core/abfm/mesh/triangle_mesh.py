@@ -167,7 +167,7 @@ class TriangleMesh:
         """Number of closed loops that make up the boundary; loops that touch at a pinched vertex count separately."""
         start = next_corner(self.edge_slots[self.is_boundary_edge, 0])
         ends = np.stack([self.corner_fans.ravel()[start], self.corner_fans.ravel()[next_corner(start)]], axis=1)
-        loops = connected(self.corner_fans.max() + 1, ends)
+        loops = connected(int(self.corner_fans.max()) + 1, ends)
         return len(np.unique(loops[ends]))
 
     @cached_property

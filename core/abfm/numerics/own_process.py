@@ -11,7 +11,7 @@ import subprocess
 import sys
 import weakref
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import IO, Any
 
@@ -116,3 +116,6 @@ def _send(pipe: IO[bytes], message: object) -> None:
 def _end(process: subprocess.Popen[bytes]) -> None:
     process.kill()
     process.wait()
+    assert process.stdin is not None
+    with suppress(OSError, ValueError):  # what nobody read, which Python would else report when it forgets the pipe
+        process.stdin.close()
