@@ -4,7 +4,6 @@ The solvers behind geodesics and eigenfunctions keep the interpreter to themselv
 vertices. On large meshes they therefore run in a process of their own, which gets the mesh once.
 """
 
-import copy
 import threading
 from typing import Any
 
@@ -63,9 +62,7 @@ class Evaluator:
         if self._closed:
             raise ProcessEndedError
         self._process = OwnProcess("abfm_viewer.computing.evaluator")
-        bare = copy.copy(self._mesh)
-        bare.__dict__["cache"] = {}
-        self._process.send(bare)
+        self._process.send(self._mesh)
         return self._process
 
 

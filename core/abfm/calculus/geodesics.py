@@ -21,22 +21,27 @@ def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
     Parameters
     ----------
     sources : (n,) array of int
-        Indices among the mesh's own vertices (not the file's); not checked.
+        Indices among the mesh's own vertices (not the file's).
 
     Raises
     ------
     FunctionError
-        If the solver fails on this mesh.
+        If a source is no vertex, there is none, or the solver fails on this mesh.
 
     References
     ----------
     Crane, Weischedel, Wardetzky: Geodesics in Heat, ACM TOG 32(5), 2013, Algorithm 1.
     Sharp, Crane: A Laplacian for Nonmanifold Triangle Meshes, SGP 2020.
     """
-    vertices = np.atleast_1d(sources).astype(int).tolist()  # as files have them: 3.0 is a vertex, too
+    given = np.atleast_1d(sources)
+    wrong = given[~np.isin(given, np.arange(len(mesh.vertices)))]  # 3.0, as files have it, is a vertex, too
+    if wrong.size or not given.size:
+        raise FunctionError(
+            f"sources are {wrong[0] if wrong.size else 'missing'}; expected vertices 0 to {len(mesh.vertices) - 1}"
+        )
     try:
         solver = _heat_solver(mesh.normalized())
-        found = [(source, solver.compute_distance(source)) for source in vertices]
+        found = [(source, solver.compute_distance(source)) for source in given.astype(int).tolist()]
     except RuntimeError as error:
         raise FunctionError(
             f"no geodesic distance on this mesh: {error}; for a gaussian try metric=euclidean"

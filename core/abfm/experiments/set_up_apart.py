@@ -1,8 +1,7 @@
 """Setting experiments up in a process of their own: eigenfunctions and geodesics would stop a window."""
 
-import copy
 import math
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 
@@ -44,12 +43,8 @@ def _serve() -> None:
     for figure in requests:
         try:
             found = experiment_of(figure).set_up(None, False)
-            match = given(found)
-            bare = copy.copy(found.mesh)
-            bare.__dict__["cache"] = {}
             common = {entry.name: getattr(found, entry.name) for entry in fields(Setup)}
-            setup = Setup(**{**common, "mesh": bare, "flow": None})
-            requests.answer(("setup", (setup, match and replace(match, mesh=bare))))
+            requests.answer(("setup", (Setup(**common | {"flow": None}), given(found))))
         except AbfmError as error:
             requests.answer(("error", str(error)))
 

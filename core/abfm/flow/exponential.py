@@ -85,10 +85,6 @@ class Workspace:
         self.used = self.block
         self.generation = 0
 
-    def __reduce__(self) -> tuple[type[Workspace], tuple[int]]:
-        """A mesh or a match that goes to another process takes no memory along, nor the lock, which cannot go."""
-        return Workspace, (self.terms.shape[1],)
-
     def fits(self, rows: int) -> bool:
         """Whether so many more rows may be kept; the first block is for scratch."""
         return self.used - self.block + rows <= self.capacity

@@ -1,6 +1,7 @@
 """The flow of given fields: functions carried along it, and where its points come from."""
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +48,10 @@ class Flow:
             raise ParameterError(f"method is {method!r}; expected {' or '.join(map(repr, CHOICES['method']))}")
         self.mesh, self.tau, self.method = mesh, float(tau), method
         self.velocity = fields_in_a_row(mesh, velocity)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy, or the flow in another process, has: it computes what it needs itself."""
+        return {name: value for name, value in self.__dict__.items() if name != "_advection"}
 
     def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
         """Any function (V,) or (V, C) carried to time ``t``, in the same shape; to several times (T,) as by `span`.

@@ -115,6 +115,13 @@ class TriangleMesh:
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(f"a TriangleMesh does not change: make a new one instead of setting {name}")
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy, or the mesh in another process, has: nothing of what is kept with this one."""
+        return self.__dict__ | {"cache": {}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update({k: _frozen(v) if isinstance(v, np.ndarray) else v for k, v in state.items()})
+
     def __repr__(self) -> str:
         return f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
@@ -127,7 +134,7 @@ class TriangleMesh:
     def normalized(self) -> TriangleMesh:
         """The same mesh scaled to unit area (made once)."""
         scaled = copy.copy(self)
-        scaled.__dict__.update(vertices=_frozen(self.vertices / self.length_scale), length_scale=1.0, cache={})
+        scaled.__dict__.update(vertices=_frozen(self.vertices / self.length_scale), length_scale=1.0)
         return scaled
 
     @cached_property

@@ -56,6 +56,14 @@ def test_vertices_for_distances_may_be_numbers_as_a_file_has_them() -> None:
     assert_array_equal(geodesic_distance(mesh, np.array([3.0, 7.0])), geodesic_distance(mesh, [3, 7]))
 
 
+@pytest.mark.parametrize("source", [-1, 42, 3.5, np.nan])
+def test_what_is_no_vertex_has_no_distances(source: float) -> None:
+    with pytest.raises(FunctionError, match=rf"sources are {source}; expected vertices 0 to 41"):
+        geodesic_distance(icosphere(1), [3, source])
+    with pytest.raises(FunctionError, match="sources are missing"):
+        geodesic_distance(icosphere(1), [])
+
+
 def test_geodesic_distance_with_a_boundary_and_at_a_pinched_vertex() -> None:
     flat = square(24)
     corner = function(flat, "geodesic:vertex=0")
