@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -14,8 +15,8 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.memo import same
 from abfm_viewer.scene import marks
-from abfm_viewer.scene.marks import Drawn
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.placing import Placed
 from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.shown.shown import Shown
 
@@ -40,13 +41,14 @@ class Overlays:
     def __init__(self, shown: Shown) -> None:
         self._shown = shown
         self._drawn: dict[str, tuple[object, ...]] = {}
+        self._versions: Counter[str] = Counter()
 
-    def update(self, offsets: dict[str, FloatArray], viewport: Viewport) -> None:
-        """Show what the view and the document ask for."""
+    def update(self, surfaces: tuple[str, ...], viewport: Viewport) -> None:
+        """Show what the view and the document ask for on surfaces, of which the advected one is there."""
         session, quantities = self._shown.session, self._shown.quantities
-        mesh, view, home, start = session.mesh, session.view, offsets["advected"], offsets.get("source")
-        palette, look = theme.palette(view.theme), (view.theme, *home)
-        placed, length, density = _placed(viewport, home), view.arrow_length, view.arrow_density
+        mesh, view = session.mesh, session.view
+        palette, look = theme.palette(view.theme), (view.theme,)
+        placed, length, density = viewport.drawn, view.arrow_length, view.arrow_density
         field = quantities.field() if view.arrows else None
         if self._is_new(_ARROWS, (field, length, density, *look) if field and field.speed.any() else None):
             assert field is not None
@@ -57,20 +59,19 @@ class Overlays:
                 marks.draw_curves(name, [_lifted(mesh, line) for line in curves], placed, palette.marker, _THIN)
         if self._is_new(_NOW, (paths, time, *look) if paths else None):
             marks.draw_points(_NOW, np.array([path.at(time) for path in paths]), placed, palette.marker, _POINT)
-        if self._is_new(_START, (paths, view.theme, *start) if paths and start is not None else None):
-            assert start is not None
+        if self._is_new(_START, (paths, *look) if paths and "source" in surfaces else None):
             starts = np.array([path.positions[0] for path in paths])
-            marks.draw_points(_START, starts, _placed(viewport, start), palette.marker, _POINT)
+            marks.draw_points(_START, starts, placed, palette.marker, _POINT)
 
-    def structures(self) -> Iterator[tuple[str, Any]]:
-        """What is drawn now, each with the surface that it belongs to."""
+    def structures(self) -> Iterator[Placed]:
+        """What is drawn now."""
         for name in self._drawn:
-            yield "source" if name == _START else "advected", _STRUCTURES[name][0](name)
+            yield "source" if name == _START else "advected", name, self._versions[name], _STRUCTURES[name][0](name)
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
         """Nothing of it is in the way of a pick in the block."""
-        structures = [structure for _, structure in self.structures()]
+        structures = [structure for *_, structure in self.structures() if structure.is_enabled()]
         for structure in structures:
             structure.set_enabled(False)
         try:
@@ -91,6 +92,7 @@ class Overlays:
         self._remove(name)
         if made_of is not None:
             self._drawn[name] = made_of
+            self._versions[name] += 1
         return made_of is not None
 
     def _remove(self, name: str) -> None:
@@ -100,8 +102,3 @@ class Overlays:
 
 def _lifted(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> FloatArray:
     return line.positions + _LIFT * mesh.length_scale * abfm.calculus.face_normals(mesh)[line.faces]
-
-
-def _placed(viewport: Viewport, home: FloatArray) -> Drawn:
-    """Where things go on a surface that was moved."""
-    return lambda places: viewport.drawn(places + home)
