@@ -13,6 +13,7 @@ from abfm_viewer.computing.evaluation import Evaluated, Functions
 from abfm_viewer.computing.solver import Problem, Solver
 from abfm_viewer.document.document import Channel, Document, Side
 from abfm_viewer.document.history import History
+from abfm_viewer.session.after_match import AfterMatch
 from abfm_viewer.session.editing import Editing
 from abfm_viewer.session.notices import Notice, Notices
 from abfm_viewer.session.outdated import Outdated
@@ -35,6 +36,7 @@ class Session(Editing):
         self.at_once = at_once
         self.solver = Solver()
         self.player = Player()
+        self.after_match = AfterMatch()
         self.dragging = False
         self._notices = Notices()
         # of each mesh, to which undo may come back, what need not be saved, with the project file that it is in
@@ -258,7 +260,11 @@ class Session(Editing):
             return
         runs = self.document.runs if run is None else (*self.document.runs, run)
         if match is not None:
-            self.change("match", result=match, runs=runs)
+            view = None if self.at_once else self.after_match.view(self.view, self.mesh, match)
+            self.change("match", result=match, runs=runs, view=view or self.view)
+            if view is not None:
+                self.amend(time=0.0)
+                self.player.play_once()
         if self.solver.failed:
             self.say(f"the solver stopped: {self.solver.reason}", is_error=True)
 
