@@ -1,9 +1,10 @@
-"""Smooth edges while nothing moves: one frame with several samples a pixel, and single ones as soon as something does."""
+"""Smooth edges while nothing moves: one frame of several samples a pixel, and single ones once something does."""
 
 import time
 from collections.abc import Callable
 
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.session.session import Session
 
 STILL = 0.2
 """Seconds without motion after which the surfaces are drawn once more."""
@@ -12,38 +13,34 @@ _LONGEST_DRAWING = {3: 0.1, 2: 0.5}  # seconds
 
 
 class Resting:
-    """Decides in every frame with how many samples polyscope draws it.
+    """Decides in every frame of a session's window with how many `samples` along a side of a pixel it is drawn.
 
-    Parameters
-    ----------
-    set_samples, now : callable
-        How to set the number of samples along a side of a pixel, and to read a clock in seconds.
+    Only in a window on a screen (`is_real`); `now` reads a clock in seconds.
     """
 
-    def __init__(
-        self,
-        set_samples: Callable[[int], None] = ps.set_SSAA_factor,
-        now: Callable[[], float] = time.perf_counter,
-    ) -> None:
+    def __init__(self, session: Session, is_real: bool, now: Callable[[], float] = time.perf_counter) -> None:
         self.samples = 1
-        self._set_samples, self._now = set_samples, now
+        self._session, self._is_real, self._now = session, is_real, now
         self._moved_at = now()
 
-    def update(self, moves: bool, may_rest: bool, pixels: float, seconds: float) -> None:
+    def update(self, moves: bool, seconds: float) -> None:
         """Take in whether the frame that polyscope is about to draw differs from the last: call before it draws.
 
-        Off the screen, during a run and where drawing takes long (`seconds` with a single sample) nothing `may_rest`.
+        `seconds` is how long it takes to draw one with a single sample.
         """
+        if not self._is_real:
+            return
         now = self._now()
-        if moves or not may_rest:
+        if moves or self._session.solver.running or self._session.player.playing:
             self._moved_at = now
             self._use(1)
         elif self.samples == 1 and now >= self._moved_at + STILL:
-            self._use(_affordable(pixels, seconds))
+            width, height = ps.get_window_size()
+            self._use(_affordable(width * height, seconds))
 
     def _use(self, samples: int) -> None:
         if samples != self.samples:
-            self._set_samples(samples)
+            ps.set_SSAA_factor(samples)  # polyscope takes it in when it draws
             self.samples = samples
 
 

@@ -21,6 +21,10 @@ class AfterMatch:
         self.draws_quickly = False
         self._shown_on: TriangleMesh | None = None
 
+    def forget(self) -> None:
+        """Show the flow again after the next match, though the user hid it."""
+        self._shown_on = None
+
     def view(self, view: View, mesh: TriangleMesh, match: abfm.Match) -> View | None:
         """The view after a match; None where there is nothing to play."""
         if not view.flow_after_match or not match.velocity.any():

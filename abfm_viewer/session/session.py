@@ -167,6 +167,15 @@ class Session(Editing):
         self.amend(time=self.parameters.tau)
         self.solver.start(self.problem, self.functions, field)
 
+    def switch_flow_after_match(self) -> None:
+        """Show the flow after the next match, or neither after that nor now."""
+        if self.view.flow_after_match:
+            self.player.playing = False
+            self.set_view("hide the flow after matches", flow_after_match=False, arrows=False, streaks=False)
+        else:
+            self.after_match.forget()
+            self.set_view("show the flow after matches", flow_after_match=True)
+
     def end_run(self) -> None:
         """End the run, if there is one, and take its best field; the evaluation under way is waited for."""
         self.solver.cancel()
@@ -213,11 +222,11 @@ class Session(Editing):
             self._coarse_meshes.ask((mesh, parameters.levels), lambda: abfm.matching.prepare(mesh, parameters))
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
-        self._collect()
         if self.view.animate:
             self.player.move_streaks(elapsed)
         if self.player.playing:
             self.amend(time=self.player.advance(self.time, elapsed, self.parameters.tau, self.end))
+        self._collect()
 
     def _finish_loading(self) -> None:
         self._load_count += 1  # this one is done
@@ -260,7 +269,7 @@ class Session(Editing):
             return
         runs = self.document.runs if run is None else (*self.document.runs, run)
         if match is not None:
-            view = None if self.at_once else self.after_match.view(self.view, self.mesh, match)
+            view = None if self.at_once or self.dragging else self.after_match.view(self.view, self.mesh, match)
             self.change("match", result=match, runs=runs, view=view or self.view)
             if view is not None:
                 self.amend(time=0.0)

@@ -72,10 +72,10 @@ class ShownFlow(Jobs):
 
     @property
     def is_ready(self) -> bool:
-        """Whether what the view carries along is known at all times of the flow, so that it can be played."""
+        """Whether what the view carries along is known at all times of the flow; during a run it never is for long."""
         session, state = self._session, self.state
         source = session.values("source")
-        if state is None or source is None:
+        if state is None or source is None or not state.final:
             return True
         carries_places = session.view.coloring in ("coordinates", "checker")
         return self._source.is_ready(state, source) and (
