@@ -21,7 +21,7 @@ _LONGEST_PATH = 60
 _INITIAL = Parameters()
 _FIGURE = (
     "The mesh, the functions and the parameters of this figure of the paper, ready to match; where the figure is about "
-    "a given field, its flow. Only the parameters, from Table 1: in the section Parameters."
+    "a given field, its flow. Only the parameters, from Table 1: in the tab Match."
 )
 
 
@@ -43,7 +43,7 @@ def _file(ui: Ui, actions: Actions) -> None:
     imgui.Separator()
     for label in ("Export picture...", "Export movie...", "Export data..."):
         if ui.menu_item(label):
-            ui.show_section("Export")
+            ui.show_tab("Export")
     imgui.Separator()
     _item(ui, "Quit", actions.quit)
 
@@ -85,6 +85,9 @@ def _view(ui: Ui, actions: Actions) -> None:
             session.set_view(f"{'hide' if shown else 'show'} the {label.lower()}", "", **{name: not shown})
     _item(ui, "Wireframe", actions.view.wireframe, view.wireframe)
     _item(ui, "Flat shading", actions.view.flat, view.flat)
+    if ui.menu_item("Flow after a match", checked=view.flow_after_match):
+        session.switch_flow_after_match()
+    ui.tip("A match that has ended shows its flow, by streaks or arrows, and plays it once.")
     imgui.Separator()
     _surfaces(ui, actions)
     with ui.menu("Look from") as is_open:

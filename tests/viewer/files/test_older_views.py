@@ -48,7 +48,7 @@ def test_a_near_camera_is_as_near_to_the_same_point():
     np.testing.assert_allclose(document.view.look.target, POINT, atol=1e-5)  # of single precision
     then = camera("near.abfm")
     with Driver(OLDER / "near.abfm", size=(900, 600)) as gui:
-        left, top, right, bottom = gui.window.parts.scene
+        _, top, _, bottom = gui.window.parts.scene
         distance = np.linalg.norm(then["position"] - then["target"])
         pixels = (bottom - top) / (2 * distance * np.tan(np.radians(then["angle"] / 2)))
         now = gui.window.scene.view.scale / gui.session.mesh.length_scale
