@@ -93,8 +93,8 @@ def _position(window: Window, vertex: int, surface: str) -> FloatArray:
 
 
 def _sees(window: Window, vertex: int, surface: str) -> bool:
-    left, top, right, bottom = window.scene.view.slots[surface].rect
     x, y = place(window, vertex, surface)
+    left, top, right, bottom = window.scene.view.slots[surface].rect
     if not (left < x < right and top < y < bottom):
         return False
     hit = window.scene.pick((x, y))

@@ -77,6 +77,7 @@ def _view(ui: Ui, actions: Actions) -> None:
         keys = actions.switch_theme.hint if theme != view.theme else ""
         if ui.menu_item(f"{theme.capitalize()} theme", keys, checked=view.theme == theme):
             session.set_view("change the theme", theme=theme)
+    _choices(ui, session, "UI scale", "ui_scale", {f"{scale:g}": scale for scale in UI_SCALES})
     imgui.Separator()
     _choices(ui, session, "Layout", "layout", {name: name for name in LAYOUTS})
     _choices(ui, session, "Color map", "colormap", {name: name for name in ("automatic", *colormaps.NAMES)})
@@ -94,8 +95,6 @@ def _view(ui: Ui, actions: Actions) -> None:
         for axis, action in actions.view.axes.items() if is_open else ():
             _item(ui, axis, action)
     _item(ui, "Reset camera", actions.view.reset)
-    imgui.Separator()
-    _choices(ui, session, "UI scale", "ui_scale", {f"{scale:g}": scale for scale in UI_SCALES})
 
 
 def _surfaces(ui: Ui, actions: Actions) -> None:

@@ -27,6 +27,7 @@ class Mouse:
         self._wheel_until = 0.0
         self._pressed_at: Place | None = None
         self._turned: tuple[str, Place] | None = None  # the surface that it turns, and where it was
+        self._clicked_twice: Place | None = None  # where, until the button is released
         self._moves = False
 
     @property
@@ -54,15 +55,18 @@ class Mouse:
     def _look(self, scene: Scene, place: Place, over: bool, free: bool) -> None:
         """Turn, move and zoom the surfaces, or show one of them large; what began over them may go on outside."""
         io, delta = imgui.GetIO(), tuple(imgui.GetIO().MouseDelta)
-        if over and imgui.IsMouseDoubleClicked(0):
-            scene.enlarge("" if len(scene.shown) < len(scene.names) else self.over)
-        elif over and imgui.IsMouseClicked(0):
+        if over and imgui.IsMouseClicked(0):
             self._turned = self.over, place
+            self._clicked_twice = place if imgui.IsMouseDoubleClicked(0) else None
         elif self._turned is not None and delta != (0, 0):
             name, before = self._turned
             if name in scene.shown:
                 scene.rotate(name, before, place)
                 self._turned = name, place
+        if over and imgui.IsMouseReleased(0) and self._clicked_twice is not None:
+            if math.dist(place, self._clicked_twice) <= _STILL:
+                scene.enlarge("" if len(scene.shown) < len(scene.names) else self.over)
+            self._clicked_twice = None
         pressed = any(imgui.IsMouseClicked(button) for button in _MOVING)
         held = any(imgui.IsMouseDown(button) for button in _MOVING)
         if self._moves and held and free and delta != (0, 0):
