@@ -1,9 +1,12 @@
 """A document at work: its functions, its solver, and what they give, taken in once a frame."""
 
+from __future__ import annotations
+
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import abfm
 from abfm import AbfmError, TriangleMesh
@@ -17,6 +20,9 @@ from abfm_viewer.session.editing import Editing
 from abfm_viewer.session.notices import Notice, Notices
 from abfm_viewer.session.outdated import Outdated
 from abfm_viewer.session.player import Player
+
+if TYPE_CHECKING:
+    from abfm.matching import Remedy
 
 _SECONDS_TO_END = 10.0
 _SAVED = ("channels", "parameters", "mask", "lines", "points")
@@ -48,6 +54,7 @@ class Session(Editing):
         self._coarse_meshes: Latest[None] = self._jobs.latest("coarse meshes")
         self._load_count = 0
         self._outdated = Outdated()
+        self._remedied = -1  # moves of the history when a remedy began the run: its result belongs to that step
         self._last_update = clock.perf_counter()
 
     @property
@@ -150,20 +157,35 @@ class Session(Editing):
             return "the mask must not be negative, nor zero everywhere"
         return "" if any(channel.weight for channel in self.channels) else "all channels have the weight 0"
 
-    def match(self) -> None:
-        """Start a run, unless one is under way; if there is nothing to match yet, say why."""
+    def match(self, goes_on: bool | None = None) -> None:
+        """Start a run, unless one is under way; if there is nothing to match yet, say why.
+
+        Whether it `goes_on` from the present field is what the solver is set to, unless it is given.
+        """
         if self.solver.running:
             return
         if self.obstacle:
             self.say(f"no match yet: {self.obstacle}", is_error=bool(self._evaluated.errors))
             return
         field = None
-        if self.solver.warm and self.result is not None and self.result.mesh is self.mesh:
+        warm = self.solver.warm if goes_on is None else goes_on
+        if warm and self.result is not None and self.result.mesh is self.mesh:
             field = self.result.start_for(self.parameters)
         self._notices.clear()
         self.player.playing = False
         self.amend(time=self.parameters.tau)
+        self._remedied = -1
         self.solver.start(self.problem, self.functions, field)
+
+    def remedy(self, remedy: Remedy) -> None:
+        """Do what a verdict proposes: change the parameters, and start a run. With its result it is one step of undo.
+
+        ParameterError if the document's other parameters do not allow it.
+        """
+        if not (self.solver.running or self.obstacle):
+            self.set_parameter(label=remedy.label.lower(), **remedy.parameters)
+        self.match(remedy.goes_on)
+        self._remedied = self.history.moves if remedy.parameters else -1
 
     def end_run(self) -> None:
         """End the run, if there is one, and take its best field; the evaluation under way is waited for."""
@@ -258,7 +280,10 @@ class Session(Editing):
             return
         runs = self.document.runs if run is None else (*self.document.runs, run)
         if match is not None:
-            self.change("match", result=match, runs=runs)
+            if self._remedied == self.history.moves:
+                self.amend(result=match, runs=runs)
+            else:
+                self.change("match", result=match, runs=runs)
         if self.solver.failed:
             self.say(f"the solver stopped: {self.solver.reason}", is_error=True)
 
