@@ -7,7 +7,7 @@ from abfm import TriangleMesh
 from abfm.types import FloatArray
 
 WIDTH, _WIDEST = 0.13, 0.3
-_EDGES = 5.5  # mean edges that a Gaussian is wide at least, as long as it is no wider than that: else flows are coarse
+_EDGES = 6.0  # mean edges that a Gaussian is wide at least, as long as it is no wider than that: else flows are coarse
 _PLACE, _APART, _FARTHEST = 0.34, 0.32, 0.7
 """Where the source is on the way from end to end, how far the target is from it, as shares of that way, and at most."""
 _SIDE = 0.1  # how much of the way facing the viewer is worth

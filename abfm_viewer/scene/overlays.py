@@ -41,22 +41,23 @@ class Overlays:
         session, quantities = self._shown.session, self._shown.quantities
         mesh, view, home, start = session.mesh, session.view, offsets["advected"], offsets.get("source")
         palette, look = theme.palette(view.theme), (view.theme, *home)
+        ink, marker = theme.linear(palette.ink), theme.linear(palette.marker)
         placed, length, density = _placed(viewport, home), view.arrow_length, view.arrow_density
         field = quantities.field() if view.arrows else None
         if self._is_new(_ARROWS, (field, length, density, *look) if field and field.speed.any() else None):
             assert field is not None
-            marks.draw_arrows(_ARROWS, mesh, field.velocity, length, density, placed, palette.ink)
+            marks.draw_arrows(_ARROWS, mesh, field.velocity, length, density, placed, ink)
         lines, paths, time = tuple(quantities.lines()), tuple(quantities.paths()), self._shown.flow.time
         for name, curves in ((_LINES, lines), (_PATHS, paths)):
             if self._is_new(name, (curves, *look) if curves else None):
                 courses = [course_of(mesh, line) for line in curves if len(line.times) > 1]
-                marks.draw_lines(name, mesh, courses, placed, palette.marker, _THIN)
+                marks.draw_lines(name, mesh, courses, placed, marker, _THIN)
         if self._is_new(_NOW, (paths, time, *look) if paths else None):
-            marks.draw_points(_NOW, np.array([path.at(time) for path in paths]), placed, palette.marker, _POINT)
+            marks.draw_points(_NOW, np.array([path.at(time) for path in paths]), placed, marker, _POINT)
         if self._is_new(_START, (paths, view.theme, *start) if paths and start is not None else None):
             assert start is not None
             starts = np.array([path.positions[0] for path in paths])
-            marks.draw_points(_START, starts, _placed(viewport, start), palette.marker, _POINT)
+            marks.draw_points(_START, starts, _placed(viewport, start), marker, _POINT)
 
     def _draw_isolines(self, surface: str, paint: Paint | None, home: FloatArray, viewport: Viewport) -> None:
         """Lines of a function's equal values; none at the ends of its range nor in the middle, where it is constant."""
@@ -68,7 +69,7 @@ class Overlays:
             mesh, low, high = self._shown.session.mesh, paint.colors.low, paint.colors.high
             levels = low + (high - low) * (np.arange(view.isoline_count) + 0.5) / view.isoline_count
             lines = isoline_ribbons(mesh, np.asarray(paint.values, dtype=np.float64), levels, _ISOLINE)
-            marks.draw_ribbons(name, mesh, lines, _placed(viewport, home), theme.palette(view.theme).ink)
+            marks.draw_ribbons(name, mesh, lines, _placed(viewport, home), theme.linear(theme.palette(view.theme).ink))
 
     def structures(self) -> Iterator[tuple[str, Any]]:
         """What is drawn now, each with the surface that it belongs to."""

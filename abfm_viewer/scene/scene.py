@@ -68,7 +68,7 @@ class Scene:
         session, view = self._session, self._session.view
         session.after_match.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
-        ps.set_background_color([*(channel**2.2 for channel in ground[:3]), 1.0])  # polyscope wants linear light
+        ps.set_background_color([*theme.linear(ground), 1.0])
         front = self._front_view()
         structure = (session.mesh, surfaces(session), view.layout, front)
         if structure != (self._mesh, self.names, self._layout, self._placed):
