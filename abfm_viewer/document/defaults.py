@@ -6,8 +6,9 @@ import abfm
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 
-WIDTH, _WIDEST = 0.13, 0.3
-_EDGES = 6.0  # mean edges that a Gaussian is wide at least, as long as it is no wider than that: else flows are coarse
+WIDTH, _WIDEST = 0.13, 0.5
+"""How wide a Gaussian is, if the mesh is fine enough, and at most, as a share of the way between the two."""
+_EDGES = 6.0  # that one is wide on coarser meshes: else no flow of theirs would be exact
 _PLACE, _APART, _FARTHEST = 0.34, 0.32, 0.7
 """Where the source is on the way from end to end, how far the target is from it, as shares of that way, and at most."""
 _SIDE = 0.1  # how much of the way facing the viewer is worth
@@ -34,7 +35,7 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
     alike = normals[:, 2] + normals @ normals[source]
     target = int(np.argmin(off + backwards + 0.5 * detour - 0.5 * _SIDE * alike))
     edge = np.sqrt(4 / np.sqrt(3) / len(mesh.faces))  # of even triangles, in the unit of lengths
-    width = min(max(_EDGES * edge, WIDTH), _WIDEST)
+    width = min(max(_EDGES * edge, WIDTH), _WIDEST * apart / unit)
     one, other = (f"gaussian:vertex={mesh.vertex_ids[vertex]},width={width:.2g}" for vertex in (source, target))
     return one, other
 
