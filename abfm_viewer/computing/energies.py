@@ -1,5 +1,7 @@
 """The energies of a run, which one thread adds to and another one reads."""
 
+from __future__ import annotations
+
 import numpy as np
 
 import abfm

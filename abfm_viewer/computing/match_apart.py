@@ -16,14 +16,18 @@ from queue import SimpleQueue
 from typing import Any
 
 import abfm
-from abfm import Control, Iteration, Match, Parameters, TriangleMesh
+from abfm import Control, Parameters, TriangleMesh
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError
 from abfm.progress import Step, Tell
 from abfm.types import FloatArray
 
 MODULE = "abfm_viewer.computing.match_process"
-PUBLIC = tuple(each.name for each in fields(Iteration) if each.name != "look")
 _ENDED = "the process that matches has ended; match again"
+
+
+def numbers() -> list[str]:
+    """Names of what an iterate is made of besides its look."""
+    return [each.name for each in fields(abfm.Iteration) if each.name != "look"]
 
 
 class Relayed(Control):
@@ -94,10 +98,10 @@ class MatchApart:
         mask: FloatArray | None,
         weights: Sequence[float],
         start: FloatArray | None,
-        on_iteration: Callable[[Iteration], None],
+        on_iteration: Callable[[abfm.Iteration], None],
         control: Relayed,
         tell: Tell,
-    ) -> Match:
+    ) -> abfm.Match:
         """As `abfm.match`; MemoryError if the process ends. `tell` gets the steps of `abfm.progress`."""
         connection, number = self._connected(mesh), control.number
         answers = connection.begin(number)
@@ -112,13 +116,13 @@ class MatchApart:
             elif kind == "step":
                 tell(None if content is None else Step(content.task, content.expected, content.done))
             elif kind == "match":
-                match: Match = replace(content, mesh=mesh)
+                match: abfm.Match = replace(content, mesh=mesh)
                 return match
             else:
                 raise content
 
     @staticmethod
-    def pictured(iteration: Iteration) -> bool:
+    def pictured(iteration: abfm.Iteration) -> bool:
         """Whether an iterate came with its picture."""
         return not isinstance(iteration.look, RemoteLook) or iteration.look.picture is not None
 
@@ -131,10 +135,10 @@ class MatchApart:
 
     def _iteration(
         self, connection: _Connection, number: int, public: tuple[Any, ...], picture: FloatArray | None
-    ) -> Iteration:
-        known = dict(zip(PUBLIC, public, strict=True))
+    ) -> abfm.Iteration:
+        known = dict(zip(numbers(), public, strict=True))
         look = RemoteLook(picture, lambda: connection.fetch(number, known["iteration"]))
-        return Iteration(**known, look=look)
+        return abfm.Iteration(**known, look=look)
 
     def _connected(self, mesh: TriangleMesh | None = None) -> _Connection:
         """The process, which knows a mesh then."""

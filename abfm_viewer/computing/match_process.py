@@ -11,7 +11,7 @@ import abfm
 from abfm import AbfmError, Control, Iteration, TriangleMesh
 from abfm.numerics.own_process import Requests, factoring_apart
 from abfm.progress import telling
-from abfm_viewer.computing.match_apart import PUBLIC
+from abfm_viewer.computing.match_apart import numbers
 from abfm_viewer.computing.picture_pace import PicturePace
 
 _KEPT = 4  # iterates whose fields may be asked for
@@ -77,10 +77,14 @@ class _Matching:
                     self._match(mesh, number, problem, given)
 
     def _match(self, mesh: TriangleMesh, number: int, problem: tuple[Any, ...], given: dict[str, Any]) -> None:
-        pace = PicturePace()
+        pace, names = PicturePace(), numbers()
         control = self._controls[number]
         for earlier in [each for each in self._controls if each < number]:
             del self._controls[earlier]
+        with self._lock:  # of the run before something may be shown yet
+            last = max((each for each, _ in self._recent), default=0)
+            for key in [key for key in self._recent if key[0] < last]:
+                del self._recent[key]
 
         def post(iteration: Iteration) -> None:
             picture = None
@@ -90,7 +94,7 @@ class _Matching:
                     self._recent[number, iteration.iteration] = iteration
                     while len(self._recent) > _KEPT:
                         self._recent.popitem(last=False)
-            self._answer("iteration", number, (tuple(getattr(iteration, name) for name in PUBLIC), picture))
+            self._answer("iteration", number, (tuple(getattr(iteration, name) for name in names), picture))
 
         try:
             with telling(partial(self._answer, "step", number)):

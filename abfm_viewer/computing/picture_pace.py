@@ -1,5 +1,7 @@
 """Which iterates of a run get a picture, so that pictures take a tenth of its time."""
 
+from __future__ import annotations
+
 import time as clock
 
 import abfm

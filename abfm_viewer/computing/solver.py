@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
@@ -266,21 +267,11 @@ class Solver:
         def post(iteration: abfm.Iteration) -> None:
             self._post(problem, iteration, is_pictured)
 
+        given: dict[str, Any] = {"mask": mask, "weights": weights, "start": start, "on_iteration": post}
         if apart and isinstance(control, Relayed):
-            return apart.match(
-                problem.mesh,
-                *functions,
-                mask=mask,
-                weights=weights,
-                start=start,
-                on_iteration=post,
-                control=control,
-                tell=self._tell,
-            )
+            return apart.match(problem.mesh, *functions, **given, control=control, tell=self._tell)
         with telling(self._tell):
-            return abfm.match(
-                problem.mesh, *functions, mask=mask, weights=weights, start=start, on_iteration=post, control=control
-            )
+            return abfm.match(problem.mesh, *functions, **given, control=control)
 
     def _tell(self, step: Step | None) -> None:
         self.step = step
