@@ -6,7 +6,7 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from abfm import AbfmError, TriangleMesh
 from abfm.types import FloatArray
@@ -282,7 +282,7 @@ class Session(Editing):
         runs = self.document.runs if run is None else (*self.document.runs, run)
         if match is not None:
             view = None if self.at_once or self.dragging else self.after_match.view(self.view, self.mesh, match)
-            outcome = {"result": match, "runs": runs, "view": view or self.view}
+            outcome: dict[str, Any] = {"result": match, "runs": runs, "view": view or self.view}
             self.amend(**outcome) if self._remedied == self.history.moves else self.change("match", **outcome)
             if view is not None:
                 self.amend(time=0.0)

@@ -26,6 +26,11 @@ class Look(Protocol):
         """The source carried to tau, (V, C)."""
         ...
 
+    @property
+    def warning(self) -> str | None:
+        """What looks wrong so far, see `early_warning`."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
@@ -56,12 +61,17 @@ class Iteration:
         """The source carried to tau, (V, C); on a coarser level what was carried there, interpolated."""
         return self.look.advected
 
+    @property
+    def warning(self) -> str | None:
+        """What looks wrong so far, see `early_warning`."""
+        return self.look.warning
+
 
 class Found:
     """The look of an iterate: coefficients (N, F, 2) on the first of some levels, and the source carried there."""
 
-    def __init__(self, x: FloatArray, carried: FloatArray, levels: list[Level]) -> None:
-        self._x, self._carried, self._levels = x, carried, levels
+    def __init__(self, x: FloatArray, carried: FloatArray, levels: list[Level], iteration: int) -> None:
+        self._x, self._carried, self._levels, self._iteration = x, carried, levels, iteration
 
     @cached_property
     def velocity(self) -> FloatArray:
@@ -79,8 +89,7 @@ class Found:
 
     @cached_property
     def warning(self) -> str | None:
-        """What looks wrong so far, see `early_warning`."""
-        return early_warning(self._levels[0].energy, self._carried, self.iteration)
+        return early_warning(self._levels[0].energy, self._carried, self._iteration)
 
 
 class Record:
@@ -125,6 +134,6 @@ class Record:
                 mismatch_energy=point.mismatch,
                 mismatch=energy.relative_mismatch(point.advected),
                 evaluations=self.evaluations,
-                look=Found(best.x, point.advected, levels[stage.level :]),
+                look=Found(best.x, point.advected, levels[stage.level :], len(self.history) - 1),
             )
         )
