@@ -28,7 +28,7 @@ from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import SessionFiles
+from abfm_viewer.session.session_files import OTHER_MESH, OTHER_NAME, SessionFiles
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets import style
 from abfm_viewer.widgets.toolkit import Ui
@@ -94,9 +94,11 @@ class Window:
         self.exporter = Exporter(session.say)
         self.files = SessionFiles(session, state, self.dialogs.ask)
         self.preferences = Preferences(session, state) if state else None
-        self.recoveries = Recoveries(session, state, self.dialogs) if state else None
+        self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
         self.context = Context(self.ui, session, self.shown, self.exporter, self.files, self.dialogs)
+        self.files.ways_out[OTHER_MESH] = self.context.open_mesh
         self.actions = Actions(self.context, lambda: self.scene.reset_camera(), self._end)
+        self.files.ways_out[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0
         self.errors: dict[str, str] = {}
         self.closing = self.interrupted = False
