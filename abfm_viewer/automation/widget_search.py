@@ -1,4 +1,4 @@
-"""Finds widgets by their label as a user would: opens sections, looks into menus, scrolls."""
+"""Finds widgets by their label as a user would: opens tabs and sections, looks into menus, scrolls."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -50,6 +50,7 @@ class WidgetSearch:
         candidates = [w for w in self._window.ui.widgets if w.label == label and (not kinds or w.kind in kinds)]
         if within:
             candidates = [w for w in candidates if within == w.section or within in w.section.split("/")]
+        candidates = [w for w in candidates if w.kind != "tab"] or candidates  # the button Match is no tab
         usable = [w for w in candidates if w.enabled] or candidates
         if len({w.section for w in usable}) > 1:
             raise DriverError(f"{label!r} is there {len(usable)} times, in {_sections(usable)}: say within= which")
@@ -61,7 +62,7 @@ class WidgetSearch:
 
     def _sought(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget:
         seen: dict[str, None] = {}  # labels, in their order
-        for _ in chain([None], self._frames_of_a_dialog(), self._openings(within)):
+        for _ in chain([None], self._frames_of_a_dialog(), self._openings(within, kinds)):
             if (widget := self.drawn(label, within, kinds)) is not None:
                 return widget
             seen |= dict.fromkeys(widget.label for widget in self._window.ui.widgets)
@@ -75,10 +76,17 @@ class WidgetSearch:
             self._window.frame()
             yield
 
-    def _openings(self, within: str) -> Iterator[None]:
-        """Open closed sections and menus one after the other, the one asked for first; what was opened is closed."""
-        tried: set[str] = set()
-        yield from self._open_sections(within, tried)
+    def _openings(self, within: str, kinds: Sequence[WidgetKind] | None) -> Iterator[None]:
+        """Open what is closed, one after the other, the one asked for first; what was opened is closed again."""
+        of_menus = set(kinds or ()) <= {"menu", "item"} and kinds is not None
+        if of_menus or any(w.kind == "menu" and w.label == within for w in self._window.ui.widgets):
+            yield from self._open_menus()
+        if not of_menus:
+            yield from self._open_sections(within, set())
+            yield from self._open_tabs(within)
+            yield from self._open_menus()
+
+    def _open_menus(self) -> Iterator[None]:
         for menu in [w for w in self._window.ui.widgets if w.kind == "menu" and not w.section and w.enabled]:
             self._open(menu)
             yield
@@ -88,8 +96,8 @@ class WidgetSearch:
             self._input.key("esc")
             self._input.key("esc")
 
-    def _open(self, menu: Widget) -> None:
-        self._input.move(*middle(menu))
+    def _open(self, widget: Widget) -> None:
+        self._input.move(*middle(widget))
         self._input.click()
 
     def _open_sections(self, within: str, tried: set[str]) -> Iterator[None]:
@@ -100,6 +108,15 @@ class WidgetSearch:
             yield
             yield from self._open_sections(within, tried)
             self._toggle(section)
+
+    def _open_tabs(self, within: str) -> Iterator[None]:
+        tabs = [w for w in self._window.ui.widgets if w.kind == "tab" and w.enabled]
+        for tab in sorted((w for w in tabs if w.text == "closed"), key=lambda w: w.label != within):
+            self._open(tab)
+            yield
+            yield from self._open_sections(within, set())
+        for tab in (w for w in tabs if w.text == "open"):
+            self._open(tab)
 
     def _toggle(self, section: Widget) -> None:
         self.point_at(self._scrolled_to(section), partial(middle, share=0.2))

@@ -1,4 +1,4 @@
-"""The column at the right: the solver always in view, and the other panels below it in sections."""
+"""The column at the right: the solver always in view, and below it a tab for each step of the work."""
 
 from collections.abc import Callable
 from functools import partial
@@ -9,25 +9,22 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.widget_record import Rect
 
 Guard = Callable[[str, Callable[[], None]], None]
-SECTIONS: tuple[tuple[str, bool, ModuleType], ...] = (  # drawn by `draw` of these modules
-    ("Mesh", False, mesh),
-    ("Functions", True, functions),
-    ("Parameters", True, parameters),
-    ("Energy", True, energy),
-    ("Field", False, field),
-    ("Compare", False, compare),
-    ("Maps", False, maps),
-    ("Export", False, export),
-)
+TABS: dict[str, dict[str, ModuleType]] = {  # by label, what `draw` of these modules draws in it, one below the other
+    "Functions": {"mesh": mesh, "functions": functions},
+    "Match": {"parameters": parameters, "energy": energy},
+    "Look": {"field": field, "maps": maps, "compare": compare},
+    "Export": {"export": export},
+}
+STEPS = "steps"
+"""Where the tabs are, for the Driver: the button Match has the name of one of them."""
 
 
 def draw(context: Context, rect: Rect, guarded: Guard) -> None:
-    """Draw the column; a section that fails does not take the others with it."""
+    """Draw the column; a part that fails does not take the others with it."""
     ui = context.ui
     with ui.window("panel", rect):
         guarded("Solver", lambda: solver.draw(context))
-        with ui.child("sections", 0, border=False):
-            for label, opened, panel in SECTIONS:
-                with ui.section(label, opened) as is_open:
-                    if is_open:
-                        guarded(label, partial(panel.draw, context))
+        label = ui.tabs(STEPS, tuple(TABS))
+        with ui.child(label, 0, border=False), ui.group(label):
+            for part, panel in TABS[label].items():
+                guarded(part, partial(panel.draw, context))

@@ -2,7 +2,8 @@
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.document.verdict_words import explanation, headline, place
+from abfm_viewer.document.verdict_words import explanation, headline
+from abfm_viewer.panels import progress
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
@@ -16,7 +17,7 @@ def draw(context: Context) -> None:
     _buttons(ui, session)
     with ui.child("state", ui.px(_STATE_HEIGHT), border=False):  # always as high: what is below must not jump
         if session.solver.running:
-            _progress(ui, session)
+            progress.draw(ui, session)
         elif session.obstacle:
             failed = any(session.error(spec) for spec in session.specs)
             ui.note(f"No match yet: {session.obstacle}", "error" if failed else "muted")
@@ -39,18 +40,6 @@ def _buttons(ui: Ui, session: Session) -> None:
     tip = "End the run and keep the best field so far (Esc)."
     if ui.button("Cancel", tip, enabled=solver.running, width=-1):
         solver.cancel()
-
-
-def _progress(ui: Ui, session: Session) -> None:
-    snapshot = session.solver.snapshot
-    if snapshot is None:
-        imgui.ProgressBar(0, (-1, 0), "")
-        ui.note("Starting: making coarser meshes and factoring the norm of the field")
-        return
-    now, limit = snapshot.iteration, snapshot.problem.parameters.iterations
-    imgui.ProgressBar(now.iteration / max(limit, 1), (-1, 0), "")
-    ui.note(f"Iteration {now.iteration}/{limit}, mismatch {now.mismatch:.3g}", "ink")
-    ui.note(place(now).capitalize())
 
 
 def _outcome(ui: Ui, session: Session) -> None:

@@ -22,9 +22,9 @@ def why_fixed(session: Session, side: Side) -> str:
     if session.active is None:
         return f"the {side} is still being chosen"
     if active_gaussian(session, side) is None:
-        return f"the {side} has no Gaussian to move: choose the family gaussian in the section Functions"
+        return f"the {side} has no Gaussian to move: choose the family gaussian in the tab Functions"
     if gaussians.is_mapped(session.active.spec(side)):
-        return f"the {side} goes through a vertex map: type its Gaussian's vertex in the section Functions"
+        return f"the {side} goes through a vertex map: type its Gaussian's vertex in the tab Functions"
     return ""
 
 
@@ -40,7 +40,7 @@ def widen(session: Session, side: Side, notches: float, merge: str) -> None:
     """Make it wider by so many turns of the wheel, or narrower if negative."""
     chosen = active_gaussian(session, side)
     if chosen is None or session.active is None:
-        session.say(f"the {side} has no Gaussian to widen: choose the family gaussian in the section Functions")
+        session.say(f"the {side} has no Gaussian to widen: choose the family gaussian in the tab Functions")
         return
     spec = session.active.spec(side)
     width = gaussians.gaussians(spec)[chosen].width * _WIDTH_PER_NOTCH**notches

@@ -3,7 +3,7 @@
 Everything that opens something is a context manager, so that an error inside leaves ImGui's stacks whole.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Any
 
@@ -40,7 +40,7 @@ class Containers:
         self.scale = 1.0
         self.colors: Palette = theme.LIGHT
         self.open_sections: dict[str, bool] = {}
-        self._scroll_to = ""
+        self.open_tab = ""
         self.capturing = False
         self._widget_record = WidgetRecord()
         self._scrolls: dict[str, float] = {}
@@ -134,9 +134,6 @@ class Containers:
         imgui.PopStyleColor()
         self.record(label, "section", text="open" if now_open else "closed")
         self.open_sections[label] = now_open
-        if self._scroll_to == label:
-            imgui.SetScrollHereY(0)
-            self._scroll_to = ""
         try:
             with self.group(label):
                 yield now_open
@@ -144,10 +141,37 @@ class Containers:
             if now_open:
                 imgui.Dummy((0, self.px(4)))
 
-    def show_section(self, label: str) -> None:
-        """Open a section and bring it into view in the next frame."""
-        self.open_sections[label] = True
-        self._scroll_to = label
+    def tabs(self, name: str, labels: Sequence[str]) -> str:
+        """A row of tabs, as wide as the panel; which one is open, at first the first."""
+        if self.open_tab not in labels:
+            self.open_tab = labels[0]
+        gap = self.px(2)
+        width = (imgui.GetContentRegionAvail()[0] - gap * (len(labels) - 1)) / len(labels)
+        with self.group(name):
+            for number, label in enumerate(labels):
+                if number:
+                    imgui.SameLine(0, gap)
+                if self._tab(label, width, label == self.open_tab):
+                    self.open_tab = label
+        return self.open_tab
+
+    def _tab(self, label: str, width: float, is_open: bool) -> bool:
+        """One of the tabs; whether it was clicked."""
+        ground = self.colors.pressed if is_open else self.colors.panel
+        imgui.PushStyleColor(imgui.ImGuiCol_Button, ground)
+        imgui.PushStyleColor(imgui.ImGuiCol_Text, self.colors.ink if is_open else self.colors.muted)
+        clicked = bool(imgui.Button(label, (width, 0)))
+        imgui.PopStyleColor(2)
+        (left, _), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
+        line = self.colors.accent if is_open else self.colors.border
+        canvas, height = imgui.GetWindowDrawList(), self.px(2 if is_open else 1)
+        canvas.AddRectFilled((left, bottom - height), (right, bottom), imgui.GetColorU32(line))
+        self.record(label, "tab", text="open" if is_open else "closed")
+        return clicked
+
+    def show_tab(self, label: str) -> None:
+        """Open a tab from the next frame on."""
+        self.open_tab = label
 
     @contextmanager
     def menu_bar(self) -> Iterator[None]:

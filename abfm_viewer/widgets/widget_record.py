@@ -12,7 +12,7 @@ Item = TypeVar("Item")
 
 Rect = tuple[float, float, float, float]
 """Left, top, right, bottom in window pixels."""
-WidgetKind = Literal["button", "checkbox", "combo", "choice", "slider", "box", "section", "menu", "item", "plot"]
+WidgetKind = Literal["button", "checkbox", "combo", "choice", "slider", "box", "section", "tab", "menu", "item", "plot"]
 KINDS: tuple[WidgetKind, ...] = get_args(WidgetKind)
 VARIABLE = "ABFM_WIDGETS"
 """Names the file in which `write_widgets` says where the widgets are; without it none is written."""

@@ -20,7 +20,7 @@ _LONGEST_PATH = 60
 _INITIAL = Parameters()
 _FIGURE = (
     "The mesh, the functions and the parameters of this figure of the paper, ready to match; where the figure is about "
-    "a given field, its flow. Only the parameters, from Table 1: in the section Parameters."
+    "a given field, its flow. Only the parameters, from Table 1: in the tab Match."
 )
 
 
@@ -42,7 +42,7 @@ def _file(ui: Ui, actions: Actions) -> None:
     imgui.Separator()
     for label in ("Export picture...", "Export movie...", "Export data..."):
         if ui.menu_item(label):
-            ui.show_section("Export")
+            ui.show_tab("Export")
     imgui.Separator()
     _item(ui, "Quit", actions.quit)
 

@@ -94,7 +94,7 @@ def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
 
     disabled: set[str] = set()
     monkeypatch.setattr("abfm_viewer.panels.energy.draw", draw)
-    with pytest.raises(DriverError, match="'bump' is there 2 times, in 'Energy/source', 'Energy/target': say within="):
+    with pytest.raises(DriverError, match="'bump' is there 2 times, in 'Match/source', 'Match/target': say within="):
         gui.click("bump")
     gui.click("bump", within="target")
     assert pressed == ["target"]
@@ -103,15 +103,28 @@ def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
     assert pressed == ["target", "source"]
 
 
-def test_closed_sections_are_opened_and_stay_as_they_were_where_nothing_was_found(gui):
-    gui.click("Energy")
-    assert gui.text_of("Energy", kind="section") == "closed"
+def test_what_is_closed_is_opened_and_stays_as_it_was_where_nothing_was_found(gui):
+    def opened():
+        return [(w.label, w.kind) for w in gui.window.ui.widgets if w.text == "open"]
+
+    before = opened()
     with pytest.raises(DriverError):
         gui.click("nowhere")
-    assert gui.text_of("Energy", kind="section") == "closed"
+    assert opened() == before == [("Functions", "tab")]
     gui.check("previous runs", False)
-    assert gui.text_of("Energy", kind="section") == "open"
     assert not gui.session.view.previous_runs
+    assert opened() == [("Match", "tab")]
+    gui.type("memory", "7")
+    assert gui.session.parameters.memory == 7
+    assert opened() == [("Match", "tab"), ("Advanced", "section")]
+
+
+def test_the_button_match_is_not_the_tab(gui):
+    gui.click("Match", within="steps")
+    assert not gui.session.solver.running
+    assert gui.text_of("Match", within="steps") == "open"
+    gui.click("Match")
+    gui.wait(lambda s: s.result is not None)
 
 
 def test_a_picture_keeps_sections_and_scrolling_and_changes_nothing(gui, tmp_path):

@@ -10,8 +10,7 @@ from abfm_viewer.panels import right_panel, status_line, time_bar
 from abfm_viewer.window import menus, window
 
 PARTS = {"menu": (menus, "draw"), "time bar": (time_bar, "draw"), "status line": (status_line, "draw")}
-MODULES = {label: module for label, _, module in right_panel.SECTIONS}
-SECTIONS = tuple(MODULES)
+PANELS = [(tab, part, module) for tab, parts in right_panel.TABS.items() for part, module in parts.items()]
 PARTS |= {"labels": (window, "draw_annotations"), "Solver": (panels.solver, "draw")}
 
 
@@ -44,36 +43,37 @@ def test_a_part_that_fails_is_named_and_comes_back(gui, monkeypatch, capsys, par
     gui.wait(lambda s: s.solver.finished)
 
 
-def test_the_sections_are_these(gui):
-    assert tuple(w.label for w in gui.window.ui.widgets if w.kind == "section" and not w.section) == SECTIONS
+def test_the_tabs_are_these(gui):
+    assert [w.label for w in gui.window.ui.widgets if w.kind == "tab"] == ["Functions", "Match", "Look", "Export"]
 
 
-@pytest.mark.parametrize("section", SECTIONS)
-def test_a_section_that_fails_leaves_the_others(gui, monkeypatch, section):
-    gui.window.ui.open_sections[section] = True
+@pytest.mark.parametrize(("tab", "panel", "module"), PANELS)
+def test_a_panel_that_fails_leaves_the_others(gui, monkeypatch, tab, panel, module):
+    gui.click(tab, within=right_panel.STEPS)
     with monkeypatch.context() as patch:
-        patch.setattr(MODULES[section], "draw", fail)
+        patch.setattr(module, "draw", fail)
         gui.frames(3)
-        assert gui.errors == {section: "RuntimeError: the roof leaks"}
-        assert set(SECTIONS) <= set(gui.labels())
+        assert gui.errors == {panel: "RuntimeError: the roof leaks"}
+        assert set(right_panel.TABS) <= set(gui.labels())
         assert lives(gui)
         gui.drag("time", 0.5)
     gui.frames(2)
     assert gui.errors == {}
 
 
-def test_sections_that_fail_halfway_leave_imgui_whole(gui, monkeypatch):
+def test_panels_that_fail_halfway_leave_imgui_whole(gui, monkeypatch):
     def draw(ui, *_arguments):
         with ui.group("deep"), ui.disabled(), ui.child("inner", 40), ui.section("more") as is_open:
             assert is_open
             fail()
 
     with monkeypatch.context() as patch:
-        for section in SECTIONS:
-            gui.window.ui.open_sections[section] = True
-            patch.setattr(MODULES[section], "draw", draw)
-        assert lives(gui)
-        assert set(gui.errors) == set(SECTIONS)
+        for tab, panel, module in PANELS:
+            patch.setattr(module, "draw", draw)
+            gui.click(tab, within=right_panel.STEPS)
+            assert lives(gui)
+            assert panel in gui.errors
+        assert len(gui.errors) == len(PANELS)
     gui.frames(2)
     gui.type("alpha", "3")
     assert gui.session.parameters.alpha == 3

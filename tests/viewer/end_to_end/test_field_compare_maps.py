@@ -37,9 +37,9 @@ def test_arrows_and_streaks(matched):
     matched.check("arrows")
     matched.drag("length", 0.2)
     assert matched.session.view.arrow_length == pytest.approx(0.2, abs=0.01)
-    matched.type("length", "0.15", within="Field")
+    matched.type("length", "0.15", within="Look")
     matched.drag("density", 0.8)
-    matched.type("density", "0.5", within="Field")
+    matched.type("density", "0.5", within="Look")
     assert matched.session.view.arrow_density == 0.5
     matched.check("streaks")
     calm(matched)
@@ -66,7 +66,7 @@ def test_clicks_start_flow_lines_and_follow_points(matched):
         ("flow line", "lines", "Clear lines"),
         ("follow a point", "points", "Clear points"),
     ):
-        matched.click(tool, within="Field")
+        matched.click(tool, within="Look")
         matched.pick(vertex=12, surface="advected", modifiers=())
         matched.pick(vertex=40, surface="source", modifiers=())
         assert len(getattr(matched.session.document, name)) == 2
@@ -74,7 +74,7 @@ def test_clicks_start_flow_lines_and_follow_points(matched):
         matched.drag("time", 0.3)
         matched.click(clear)
         assert getattr(matched.session.document, name) == ()
-    matched.click("nothing", within="Field")
+    matched.click("nothing", within="Look")
     matched.pick(vertex=12, modifiers=())
     assert matched.session.document.points == ()
     matched.check("follow clicked points")
@@ -85,7 +85,7 @@ def test_clicks_start_flow_lines_and_follow_points(matched):
 
 def test_maps_color_the_advected_surface(matched):
     for coloring in MAPS:
-        matched.click(coloring, within="Maps")
+        matched.click(coloring, within="Look")
         assert matched.session.view.coloring == coloring
         calm(matched)
         matched.drag("time", 0.5)
@@ -110,7 +110,7 @@ def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, monkeypatch)
     for result, expected in ((slow, 0), (replace(good, velocity=wild), 1)):
         session.amend(result=result)
         for coloring in MAPS:
-            matched.click(coloring, within="Maps")
+            matched.click(coloring, within="Look")
             calm(matched)
             notes.clear()
             wanted = expected if coloring != "function" else 0

@@ -146,7 +146,7 @@ def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
     matched.session.set_parameter(alpha=saved.parameters.alpha)
     matched.key("ctrl+s")
     matched.wait(lambda s: not s.unsaved)
-    matched.click("Reset to defaults", within="Parameters")
+    matched.click("Reset to defaults", within="Match")
     matched.menu("File", "Open project...")
     matched.double_click("first.abfm")
     matched.wait(lambda s: s.path == path and s.parameters.sigma == 0.03)
@@ -283,7 +283,8 @@ def test_quitting_asks_about_unsaved_work(gui, tmp_path):
     assert gui.window.closing
 
 
-def test_export_entries_lead_to_the_section(gui):
+def test_export_entries_lead_to_their_tab(gui):
     for entry in ("Export picture...", "Export movie...", "Export data..."):
+        gui.click("Look")
         gui.menu("File", entry)
-        assert gui.window.ui.open_sections["Export"]
+        assert gui.text_of("Export", kind="tab") == "open"

@@ -9,6 +9,7 @@ import pytest
 from abfm import Parameters
 from abfm.experiments.table_1 import TABLE_1
 from abfm.parameters import CHOICES
+from abfm_viewer.panels.right_panel import STEPS
 
 
 @pytest.mark.parametrize(
@@ -85,7 +86,7 @@ def test_presets_set_and_defaults_return(gui):
     assert gui.text_of("preset") == rows[0].name
     gui.type("alpha", "12")
     assert gui.text_of("preset") == "own values"
-    gui.click("Reset to defaults", within="Parameters")
+    gui.click("Reset to defaults", within="Match")
     assert gui.session.parameters == Parameters()
     gui.key("ctrl+z")
     assert gui.session.parameters.alpha == 12
@@ -122,6 +123,7 @@ def test_a_tooltip_explains_a_parameter(gui, monkeypatch):
 
 
 def test_every_parameter_has_a_widget(gui):
-    gui.window.ui.open_sections["Advanced"] = True
+    gui.click("Match", within=STEPS)
+    gui.click("Advanced")
     gui.frames(3)
     assert {entry.name for entry in fields(Parameters)} <= {widget.label for widget in gui.window.ui.widgets}

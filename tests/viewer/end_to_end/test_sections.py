@@ -1,14 +1,18 @@
-"""Sections are closed and opened by their titles."""
+"""Tabs and sections are opened and closed by their titles."""
 
 from __future__ import annotations
 
-from tests.viewer.end_to_end.test_errors import SECTIONS
+from abfm_viewer.panels.right_panel import STEPS, TABS
 
 
-def test_every_section_is_closed_and_opened(gui):
-    for section in (*SECTIONS, "Advanced"):
-        before = gui.text_of(section, kind="section")
-        gui.click(section)
-        assert gui.text_of(section, kind="section") == {"open": "closed", "closed": "open"}[before]
-        gui.click(section)
-        assert gui.text_of(section, kind="section") == before
+def test_every_tab_is_opened(gui):
+    for label in (*TABS, next(iter(TABS))):
+        gui.click(label, within=STEPS)
+        open_tabs = [w.label for w in gui.window.ui.widgets if w.kind == "tab" and w.text == "open"]
+        assert open_tabs == [label]
+
+
+def test_a_section_is_opened_and_closed(gui):
+    for expected in ("open", "closed"):
+        gui.click("Advanced")
+        assert gui.text_of("Advanced", kind="section") == expected

@@ -275,7 +275,7 @@ def test_a_mesh_is_opened_from_its_section(gui, tmp_path):
     lines += [" ".join(map(str, row)) for row in SPHERE.vertices.tolist()]
     lines += [" ".join(map(str, [3, *row])) for row in SPHERE.faces.tolist()]
     (tmp_path / "ball.off").write_text("\n".join(lines))
-    gui.click("Open mesh...", within="Mesh")
+    gui.click("Open mesh...", within="Functions")
     gui.double_click("ball.off")
     gui.wait(lambda s: s.document.name == "ball.off" and not s.obstacle)
     assert len(gui.session.mesh.vertices) == len(SPHERE.vertices)
@@ -370,7 +370,7 @@ def test_a_double_click_which_moves_the_camera_places_one_point(gui):
 
 def test_a_dialog_keeps_the_mouse_from_the_surfaces(gui):
     before = gui.session.channels
-    gui.click("Open mesh...", within="Mesh")
+    gui.click("Open mesh...", within="Functions")
     gui.pick(front(gui), surface="target")
     assert gui.session.channels == before
     gui.key("escape")
