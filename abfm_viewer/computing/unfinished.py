@@ -1,5 +1,7 @@
 """The result of a run that has not ended: what is kept if it never does."""
 
+from __future__ import annotations
+
 import numpy as np
 
 import abfm
