@@ -14,6 +14,7 @@ from abfm_viewer.computing.solver import Problem, Solver
 from abfm_viewer.computing.unfinished import unfinished_match
 from abfm_viewer.document.document import Channel, Document, Side
 from abfm_viewer.document.history import History
+from abfm_viewer.session.after_match import AfterMatch
 from abfm_viewer.session.housekeeping import RUN, Housekeeping
 from abfm_viewer.session.kept import Kept
 from abfm_viewer.session.outdated import Outdated
@@ -35,6 +36,7 @@ class Session(Housekeeping):
         self.at_once = at_once
         self.solver = Solver()
         self.player = Player()
+        self.after_match = AfterMatch()
         self.dragging = False
         self._functions: dict[TriangleMesh, Functions] = {}
         self._evaluated = Evaluated()
@@ -149,6 +151,15 @@ class Session(Housekeeping):
         self._run_began = self.document
         self.solver.start(self.problem, self.functions, field)
 
+    def switch_flow_after_match(self) -> None:
+        """Show the flow after the next match, or neither after that nor now."""
+        if self.view.flow_after_match:
+            self.player.playing = False
+            self.set_view("hide the flow after matches", flow_after_match=False, arrows=False, streaks=False)
+        else:
+            self.after_match.forget()
+            self.set_view("show the flow after matches", flow_after_match=True)
+
     def end_run(self) -> None:
         """End the run, if there is one, and take its best field; the evaluation under way is waited for."""
         self.solver.cancel()
@@ -194,11 +205,11 @@ class Session(Housekeeping):
             self._coarse_meshes.ask((mesh, parameters.levels), lambda: abfm.matching.prepare(mesh, parameters))
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
-        self._collect()
         if self.view.animate:
             self.player.move_streaks(elapsed)
         if self.player.playing:
             self.amend(time=self.player.advance(self.time, elapsed, self.parameters.tau, self.end))
+        self._collect()
 
     def _find_defaults(self) -> None:
         if self.channels:
@@ -226,19 +237,23 @@ class Session(Housekeeping):
             return
         match, run, problem = ended
         self._notices.mend(RUN)
+        failed, replaced = match is None, problem.mesh is not self.mesh
         if match is None and snapshot is not None:  # it failed: the best field so far must not be lost with it
             match = unfinished_match(snapshot.shown, problem, self.functions_of(problem.mesh), run)
-        replaced = problem.mesh is not self.mesh
         document = self._run_began if replaced else self.document
         runs = document.runs if run is None else (*document.runs, run)
-        if match is not None and not replaced:
-            self.change("match", result=match, runs=runs)
-            document = self.document
         if match is not None:
             self._kept.found(replace(document, result=match, runs=runs))
         if replaced:
             self.solver.forget()
-        elif self.solver.failed:
+        elif match is not None:
+            shows = not (failed or self.at_once or self.dragging)
+            view = self.after_match.view(self.view, self.mesh, match) if shows else None
+            self.change("match", result=match, runs=runs, view=view or self.view)
+            if view is not None:
+                self.amend(time=0.0)
+                self.player.play_once()
+        if not replaced and self.solver.failed:
             self.say(f"the solver stopped: {self.solver.reason}", True, RUN, {"Try again": self.match})
 
     def close(self) -> None:
