@@ -1,6 +1,7 @@
 """What menus and keys do: one table for the keyboard, the hints in the menus and the list in Help."""
 
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -82,7 +83,12 @@ class Actions:
         self.redo = Action("Changes", "redo", session.redo, ("Ctrl+Y", "Ctrl+Shift+Z"), repeats=True)
         self.match = Action("Solver", "match", session.match, ("Ctrl+Enter",), while_typing=True)
         self.pause = Action("Solver", "pause or resume", self._pause, ("P",))
-        self.cancel = Action("Solver", "cancel, and keep the best field so far", session.solver.cancel, ("Esc",))
+        self.cancel = Action(
+            "Solver",
+            "take the latest message away; else cancel, and keep the best field so far",
+            self._escape,
+            ("Esc",),
+        )
         self.play = Action("Time", "play or pause", session.player.toggle, ("Space",))
         self.step_back = Action("Time", "a twentieth of tau back", lambda: self._step(-STEP), ("Left",), repeats=True)
         self.step_on = Action("Time", "a twentieth of tau on", lambda: self._step(STEP), ("Right",), repeats=True)
@@ -166,6 +172,13 @@ class Actions:
         solver = self.context.session.solver
         solver.resume() if solver.paused else solver.pause()
 
+    def _escape(self) -> None:
+        session = self.context.session
+        if session.cards:
+            session.dismiss(session.cards[0])
+        else:
+            session.solver.cancel()
+
     def _step(self, share: float) -> None:
         session = self.context.session
         session.set_time(session.time + share * session.parameters.tau)
@@ -173,6 +186,13 @@ class Actions:
     def _switch_theme(self) -> None:
         session = self.context.session
         session.set_view("change the theme", theme="dark" if session.view.theme == "light" else "light")
+
+    def show_messages(self) -> None:
+        """Show everything that was told since the launch, the latest first."""
+        log = [(time.strftime("%H:%M:%S", time.localtime(entry.time)), entry) for entry in self.context.session.log]
+        rows = [(f"{clock}   {entry.kind}", entry.text) for clock, entry in reversed(log)]
+        text = "\n".join(f"{clock} {entry.kind}: {entry.text}" for clock, entry in log)
+        self.context.dialogs.show("Messages", rows or ["There are none yet."], text)
 
     def _show_shortcuts(self) -> None:
         self.context.dialogs.show("Shortcuts", self.listed())

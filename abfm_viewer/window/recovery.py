@@ -81,9 +81,11 @@ class Recoveries:
                 self._session.say(f"no copy of unsaved work could be kept: {problem}", True, COPIES)
 
     def _running(self) -> Snapshot | None:
-        """What the run that is under way has come to; None without one."""
+        """What the run that is under way has come to; None before its first step."""
         snapshot = self._session.solver.snapshot
-        return snapshot if snapshot is not None and snapshot.problem.mesh is self._session.mesh else None
+        if snapshot is None or snapshot.problem.mesh is not self._session.mesh or not snapshot.iteration.iteration:
+            return None
+        return snapshot
 
     def _content(self, document: Document) -> Content:
         return document, known_values(document, self._session.functions_of(document.mesh))

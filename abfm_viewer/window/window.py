@@ -19,7 +19,7 @@ from abfm.io import write_atomically
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
-from abfm_viewer.panels import right_panel, status_line, time_bar
+from abfm_viewer.panels import cards, right_panel, status_line, time_bar
 from abfm_viewer.panels.context import Context
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.annotations import bar_room, draw_annotations, window_pen
@@ -230,6 +230,7 @@ class Window:
             self.guarded("panel", lambda: right_panel.draw(self.context, parts.panel, self.guarded))
             self.guarded("time bar", lambda: time_bar.draw(self.context, parts.time_bar))
             self.guarded("status line", lambda: status_line.draw(self.context, parts.status))
+            self.guarded("messages", lambda: cards.draw(self.context, parts.scene))
         keys_are_free = is_live and not self.dialogs.is_open
         self.guarded("dialog", lambda: self.dialogs.draw(self.ui))
         if keys_are_free:
