@@ -33,7 +33,7 @@ def _draw_card(context: Context, card: Card, number: int, more: int, rect: Rect,
     """Draw one, and those that are not shown in a line; where the next one begins."""
     ui, session = context.ui, context.session
     name = f"message {number}"
-    with ui.card(name, _place(ui, rect, top), ui.colors.error, 0.4 * (rect[3] - rect[1])), ui.group(name):
+    with ui.card(name, _place(ui, rect, top), ui.colors.failure, 0.4 * (rect[3] - rect[1])), ui.group(name):
         ui.note(card.text, "ink")
         for label, do in card.remedies.items():
             if ui.button(label, primary=label == next(iter(card.remedies))):

@@ -47,7 +47,6 @@ def test_a_result_that_was_left_is_unsaved_until_it_is_saved(solved, small, tmp_
     assert session.has_new_result(left)
     solved.files.save(tmp_path / "left.abfm", document=left)
     solved.settle()
-    print(session.log, session._kept._left)
     assert session.unsaved_documents == ()
     session.undo()
     assert session.result is found
