@@ -6,7 +6,7 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import abfm
 from abfm import TriangleMesh
@@ -262,7 +262,7 @@ class Session(Housekeeping):
         elif match is not None:
             shows = not (failed or self.at_once or self.dragging)
             view = self.after_match.view(self.view, self.mesh, match) if shows else None
-            outcome = {"result": match, "runs": runs, "view": view or self.view}
+            outcome: dict[str, Any] = {"result": match, "runs": runs, "view": view or self.view}
             self.amend(**outcome) if self._remedied == self.history.moves else self.change("match", **outcome)
             if view is not None:
                 self.amend(time=0.0)
