@@ -40,7 +40,7 @@ def _names(scene: Scene, colors: Palette, pen: Pen) -> list[Text]:
     inks = {"source": colors.source, "target": colors.target}
     found = []
     for name, (left, top, right, bottom) in scene.labels().items():
-        title = scene.paints[name].title if name in scene.paints else name
+        title = scene.paints[name].title if name in scene.paints else f"{name}: computing"
         title = cut(title, right - left - 4 * pen.scale, pen.width)
         place = (left + right - pen.width(title)) / 2, (top + bottom - pen.line) / 2
         found.append(Text(*place, title, inks.get(name, colors.ink)))

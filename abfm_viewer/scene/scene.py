@@ -18,7 +18,7 @@ from abfm_viewer.scene.pacing import Pacing
 from abfm_viewer.scene.placing import Placed, Placing
 from abfm_viewer.scene.slot_view import Fit, SlotView
 from abfm_viewer.scene.slots import slots
-from abfm_viewer.scene.surface_quantities import Isolines, register, set_style, show_paint
+from abfm_viewer.scene.surface_quantities import register, set_style, show_paint
 from abfm_viewer.scene.turntable import Turntable, turntable
 from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.shown.paint import Paint, Painter
@@ -60,7 +60,7 @@ class Scene:
         self._placing = Placing()
         self._style: object = None
         self._degrees = 0.0
-        self._drawn: dict[str, tuple[Paint, Isolines]] = {}
+        self._drawn: dict[str, Paint] = {}
         opengl.clear()
 
     def update(self, rect: Rect) -> None:
@@ -68,7 +68,7 @@ class Scene:
         session, view = self._session, self._session.view
         session.after_match.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
-        ps.set_background_color([*(channel**2.2 for channel in ground[:3]), 1.0])  # polyscope wants linear light
+        ps.set_background_color([*theme.linear(ground), 1.0])
         front = self._front()
         names = () if front is None else view.shown_surfaces
         if session.mesh is not self._mesh or not names:
@@ -81,19 +81,16 @@ class Scene:
             self._register(names)
         self._look(rect, front)
         self._restyle()
-        isolines = Isolines(view.isolines, view.isoline_count)
         for name in self.shown:
             paint, before = self.painter.paint(name), self._drawn.get(name)
-            is_like_before = before is not None and before[1] == isolines
-            if paint is None or (is_like_before and self.pacing.waits(name, name == self.shown[0])):
+            if paint is None or (before is not None and self.pacing.waits(name, name == self.shown[0])):
                 continue
             if name == "advected":
                 self.pacing.count(paint is not self.paints.get(name), paint.kind == "texture")
             self.paints[name] = paint
-            show_paint(name, session.mesh, paint, isolines, before)
-            self._drawn[name] = (paint, isolines)
-        if "advected" in self.names:
-            self.overlays.update(self.names, self.viewport)
+            show_paint(name, session.mesh, paint, before)
+            self._drawn[name] = paint
+        self.overlays.update(self.names, self.viewport, self.paints)
         self._place()
 
     @property
@@ -216,7 +213,9 @@ class Scene:
         if style != self._style:
             self._style = style
             for name in self.names:
-                set_style(ps.get_surface_mesh(name), view.wireframe, view.flat, theme.palette(view.theme).ink)
+                set_style(
+                    ps.get_surface_mesh(name), view.wireframe, view.flat, theme.linear(theme.palette(view.theme).ink)
+                )
 
     def _look(self, rect: Rect, front: Front) -> None:
         """Decide where everything is to be seen."""
