@@ -15,7 +15,7 @@ class Clipping:
     """
 
     def __init__(self) -> None:
-        self._planes: list[Any] = []
+        self._planes: list[str] = []  # names: a handle that outlives its plane spoils later ones at its address
         self._sides: list[_Side] = []
         self._active = False
         self._minded: dict[str, tuple[object, tuple[_Side, ...]]] = {}
@@ -30,15 +30,16 @@ class Clipping:
             plane = ps.add_slice_plane()
             plane.set_draw_plane(False)
             plane.set_draw_widget(False)
-            self._planes.append(plane)
-        for number, plane in enumerate(self._planes):
+            self._planes.append(plane.get_name())
+        for number, name in enumerate(self._planes):
+            plane = ps.get_slice_plane(name)
             if plane.get_active() != (number < len(sides)):
                 plane.set_active(number < len(sides))
-        for plane, (axis, at, sign) in zip(self._planes, sides, strict=False):
+        for name, (axis, at, sign) in zip(self._planes, sides, strict=False):
             position, normal = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
             position[axis] = float(view.drawn((at, at), window)[axis])
             normal[axis] = float(sign)
-            plane.set_pose(position, normal)
+            ps.get_slice_plane(name).set_pose(position, normal)
         self._active = clips
 
     def forget(self) -> None:
@@ -53,10 +54,10 @@ class Clipping:
         if self._minded.get(key) == (version, kept):
             return
         self._minded[key] = version, kept
-        for plane, side in zip(self._planes, self._sides, strict=False):
+        for name, side in zip(self._planes, self._sides, strict=False):
             ignored = side not in kept
-            if structure.get_ignore_slice_plane(plane) != ignored:
-                structure.set_ignore_slice_plane(plane, ignored)
+            if structure.get_ignore_slice_plane(name) != ignored:
+                structure.set_ignore_slice_plane(name, ignored)
 
 
 def _sides(view: SlotView, name: str) -> tuple[_Side, ...]:
