@@ -18,7 +18,7 @@ from typing import Any
 import abfm
 from abfm import Control, Parameters, TriangleMesh
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError
-from abfm.progress import Step, Tell
+from abfm.progress import Tell
 from abfm.types import FloatArray
 
 MODULE = "abfm_viewer.computing.match_process"
@@ -114,7 +114,7 @@ class MatchApart:
             if kind == "iteration":
                 on_iteration(self._iteration(connection, number, *content))
             elif kind == "step":
-                tell(None if content is None else Step(content.task, content.expected, content.done))
+                tell(content and content.begun_now())
             elif kind == "match":
                 match: abfm.Match = replace(content, mesh=mesh)
                 return match

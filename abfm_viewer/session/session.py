@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from abfm import AbfmError, TriangleMesh
+from abfm.progress import said
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Evaluated, Functions
@@ -211,12 +212,12 @@ class Session(Editing):
 
     @property
     def busy(self) -> str:
-        """What it computes in the background besides the solver, in a word or two; empty if nothing."""
+        """What it computes in the background besides the solver, and for how long if known; empty if nothing."""
         if self._loading.busy:
-            return "opening"
+            return said("opening", self._loading.step)
         if not self.channels and not self._defaults.error:
-            return "choosing functions"
-        return "computing functions" if self.functions.busy else ""
+            return said("choosing functions", self._defaults.step)
+        return said("computing functions", self.functions.step) if self.functions.busy else ""
 
     # The frame
 
