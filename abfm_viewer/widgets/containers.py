@@ -146,12 +146,13 @@ class Containers:
         if self.open_tab not in labels:
             self.open_tab = labels[0]
         gap = self.px(2)
-        width = (imgui.GetContentRegionAvail()[0] - gap * (len(labels) - 1)) / len(labels)
+        widths = [float(imgui.CalcTextSize(label)[0]) for label in labels]
+        padding = (imgui.GetContentRegionAvail()[0] - gap * (len(labels) - 1) - sum(widths)) / len(labels)
         with self.group(name):
-            for number, label in enumerate(labels):
-                if number:
+            for number, (label, width) in enumerate(zip(labels, widths, strict=True)):
+                if number and padding > 0:
                     imgui.SameLine(0, gap)
-                if self._tab(label, width, label == self.open_tab):
+                if self._tab(label, width + max(padding, self.px(2)), label == self.open_tab):
                     self.open_tab = label
         return self.open_tab
 
@@ -160,7 +161,9 @@ class Containers:
         ground = self.colors.pressed if is_open else self.colors.panel
         imgui.PushStyleColor(imgui.ImGuiCol_Button, ground)
         imgui.PushStyleColor(imgui.ImGuiCol_Text, self.colors.ink if is_open else self.colors.muted)
+        imgui.PushStyleVarX(imgui.ImGuiStyleVar_FramePadding, 0)
         clicked = bool(imgui.Button(label, (width, 0)))
+        imgui.PopStyleVar()
         imgui.PopStyleColor(2)
         (left, _), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
         line = self.colors.accent if is_open else self.colors.border
@@ -200,7 +203,7 @@ class Containers:
 
     @contextmanager
     def plot(self, label: str, height: float, flags: int) -> Iterator[bool]:
-        """A plot as wide as the panel; yields whether there is something to draw on."""
+        """A plot as wide as the panel, as high as so many pixels; yields whether there is something to draw on."""
         clear = (0, 0, 0, 0)
         colors = {
             implot.ImPlotCol_FrameBg: clear,
@@ -213,7 +216,7 @@ class Containers:
         }
         for index, color in colors.items():
             implot.PushStyleColor(index, color)
-        is_drawn = bool(implot.BeginPlot(f"##{label}", (-1, self.px(height)), flags))
+        is_drawn = bool(implot.BeginPlot(f"##{label}", (-1, height), flags))
         try:
             yield is_drawn
         finally:

@@ -73,9 +73,9 @@ def test_the_method_decides_what_can_be_set(gui):
 def test_what_makes_no_sense_is_refused_in_place(gui, label, text):
     gui.type(label, text)
     assert gui.session.parameters == Parameters()
-    assert gui.window.ui._refused
+    assert gui.window.ui.refusals.reasons
     gui.drag(label, 0.5 if label != "iterations" else 50)
-    assert not gui.window.ui._refused
+    assert not gui.window.ui.refusals.reasons
 
 
 def test_presets_set_and_defaults_return(gui):

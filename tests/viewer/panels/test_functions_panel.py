@@ -117,7 +117,7 @@ def test_the_first_frame_does_without_the_functions():
 
 
 def refusals(gui):
-    return list(gui.window.ui._refused.values())
+    return list(gui.window.ui.refusals.reasons.values())
 
 
 def spec(gui, side="source"):
