@@ -13,6 +13,7 @@ from abfm_viewer.computing.evaluation import Evaluated, Functions
 from abfm_viewer.computing.solver import Problem, Solver
 from abfm_viewer.document.document import Channel, Document, Side
 from abfm_viewer.document.history import History
+from abfm_viewer.session.after_match import AfterMatch
 from abfm_viewer.session.editing import Editing
 from abfm_viewer.session.notices import Notice, Notices
 from abfm_viewer.session.outdated import Outdated
@@ -35,6 +36,7 @@ class Session(Editing):
         self.at_once = at_once
         self.solver = Solver()
         self.player = Player()
+        self.after_match = AfterMatch()
         self.dragging = False
         self._notices = Notices()
         # of each mesh, to which undo may come back, what need not be saved, with the project file that it is in
@@ -165,6 +167,15 @@ class Session(Editing):
         self.amend(time=self.parameters.tau)
         self.solver.start(self.problem, self.functions, field)
 
+    def switch_flow_after_match(self) -> None:
+        """Show the flow after the next match, or neither after that nor now."""
+        if self.view.flow_after_match:
+            self.player.playing = False
+            self.set_view("hide the flow after matches", flow_after_match=False, arrows=False, streaks=False)
+        else:
+            self.after_match.forget()
+            self.set_view("show the flow after matches", flow_after_match=True)
+
     def end_run(self) -> None:
         """End the run, if there is one, and take its best field; the evaluation under way is waited for."""
         self.solver.cancel()
@@ -211,11 +222,11 @@ class Session(Editing):
             self._coarse_meshes.ask((mesh, parameters.levels), lambda: abfm.matching.prepare(mesh, parameters))
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
-        self._collect()
         if self.view.animate:
             self.player.move_streaks(elapsed)
         if self.player.playing:
             self.amend(time=self.player.advance(self.time, elapsed, self.parameters.tau, self.end))
+        self._collect()
 
     def _finish_loading(self) -> None:
         self._load_count += 1  # this one is done
@@ -258,7 +269,11 @@ class Session(Editing):
             return
         runs = self.document.runs if run is None else (*self.document.runs, run)
         if match is not None:
-            self.change("match", result=match, runs=runs)
+            view = None if self.at_once or self.dragging else self.after_match.view(self.view, self.mesh, match)
+            self.change("match", result=match, runs=runs, view=view or self.view)
+            if view is not None:
+                self.amend(time=0.0)
+                self.player.play_once()
         if self.solver.failed:
             self.say(f"the solver stopped: {self.solver.reason}", is_error=True)
 
