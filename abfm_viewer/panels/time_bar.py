@@ -91,15 +91,17 @@ def _slider(context: Context) -> None:
     """The slider over 0 to 2 tau; right of its tick at tau is what no target was given for."""
     ui, session, note = context.ui, context.session, context.shown.flow.note
     box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]
-    width = imgui.GetContentRegionAvail()[0] - box - 2 * spacing - imgui.CalcTextSize("time")[0]
+    width = imgui.GetContentRegionAvail()[0] - box - 2 * spacing - ui.text_width("time")
     left, top = imgui.GetCursorScreenPos()
-    _track(ui, note, (left, top, left + width, top + imgui.GetFrameHeight()))
+    track = (left, top, left + width, top + imgui.GetFrameHeight())
+    _track(ui, note, track, session.time / session.end)
     grounds = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
     for color in grounds:  # the track stays in sight
         imgui.PushStyleColor(color, (0, 0, 0, 0))
     tip = note or "0 is the source, tau the match; beyond, the flow goes on by itself."
     slid = ui.slider("time", session.time, 0.0, session.end, tip, width=width, tip_above=True)
     imgui.PopStyleColor(len(grounds))
+    _mark(ui, track)
     if slid is not None:
         session.set_time(slid)
     ui.beside(spacing)
@@ -111,20 +113,30 @@ def _slider(context: Context) -> None:
             session.set_time(time)
 
 
-def _track(ui: Ui, note: str, rect: Rect) -> None:
+def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
+    """The ground of the slider, whose grab is at a share of it, with words where the grab hides none."""
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
-    middle = (left + right) / 2
+    middle, gap = (left + right) / 2, ui.px(12)
     canvas.AddRectFilled((left, top), (right, bottom), _packed(colors.field), rounding)
     tint, corners = _packed((*colors.marker[:3], 0.16)), imgui.ImDrawFlags_RoundCornersRight
     canvas.AddRectFilled((middle, top), (right, bottom), tint, rounding, corners)
-    canvas.AddLine((middle, top), (middle, bottom), _packed(colors.ink), ui.px(1.5))
-    text, color = ("cannot be followed", colors.error) if note else ("extrapolation", colors.muted)
-    size = imgui.CalcTextSize(text)
-    place = (right - size[0] - ui.px(6), (top + bottom - size[1]) / 2)
-    if place[0] > middle + ui.px(12):
-        canvas.AddText(place, _packed(color), text)
-    canvas.AddText((middle - ui.px(12) - imgui.CalcTextSize("tau")[0], place[1]), _packed(colors.ink), "tau")
+    text, color = ("cannot be followed", colors.error) if note else ("extrapolation", colors.ink)
+    width, height = imgui.CalcTextSize(text)
+    y, tau = (top + bottom - height) / 2, ui.text_width("tau")
+    grab = left + share * (right - left)
+    beyond = middle + gap if middle - tau - 2 * gap < grab < middle - gap / 2 else middle - gap - tau
+    canvas.AddText((beyond, y), _packed(colors.ink), "tau")
+    end = max(middle, beyond + tau)
+    if right - ui.px(6) - width > end + gap:
+        canvas.AddText((right - width - ui.px(6), y), _packed(color), text)
+
+
+def _mark(ui: Ui, rect: Rect) -> None:
+    """The tick at tau, also over the grab."""
+    left, top, right, bottom = rect
+    middle = (left + right) / 2
+    imgui.GetWindowDrawList().AddLine((middle, top), (middle, bottom), _packed(ui.colors.ink), ui.px(1.5))
 
 
 def _packed(color: tuple[float, float, float, float]) -> int:

@@ -32,6 +32,8 @@ _DIALOG = (
 class Containers:
     """Opens and closes what holds widgets; `scale` are the pixels of a length of 1.
 
+    `hidden_heights` are those of the parts of windows and children, by their names, that must be scrolled to.
+
     While it is `capturing`, frames are drawn for a picture: polyscope does that in a new ImGui context, which remembers
     nothing.
     """
@@ -44,6 +46,7 @@ class Containers:
         self.capturing = False
         self._widget_record = WidgetRecord()
         self._scrolls: dict[str, float] = {}
+        self.hidden_heights: dict[str, float] = {}
 
     @property
     def widgets(self) -> list[Widget]:
@@ -99,12 +102,17 @@ class Containers:
     def child(self, name: str, height: float, border: bool = True, shrinks: bool = False) -> Iterator[None]:
         """A part of a panel that scrolls by itself; a negative height leaves that much below it.
 
-        One that `shrinks` is as low as what is in it.
+        One that `shrinks` is as low as what is in it. Others leave room for a scroll bar also where there is none: what
+        is in them stays where it is when more comes.
         """
         flags = imgui.ImGuiChildFlags_Borders if border else imgui.ImGuiChildFlags_None
         if shrinks:
             flags |= imgui.ImGuiChildFlags_AutoResizeY
             imgui.SetNextWindowSizeConstraints((0, 0), (imgui.GetContentRegionAvail()[0], height))
+        else:
+            padding = 2 * imgui.GetStyle().WindowPadding[0] if border else 0
+            width = imgui.GetContentRegionAvail()[0] - imgui.GetStyle().ScrollbarSize - padding
+            imgui.SetNextWindowContentSize((width, 0))
         imgui.BeginChild(name, (0, 0 if shrinks else height), flags)
         with self._inside(imgui.EndChild, self._widget_record.area(_window_rect())):
             self._keep_scroll(self._widget_record.path(name))
@@ -245,6 +253,7 @@ class Containers:
 
     def _keep_scroll(self, name: str) -> None:
         """Remember how far the present window was scrolled; new ones, and a new context, start from there."""
+        self.hidden_heights[name] = imgui.GetScrollMaxY()
         if self.capturing or name not in self._scrolls:
             imgui.SetScrollY(self._scrolls.setdefault(name, 0.0))
         else:

@@ -14,7 +14,7 @@ from abfm_viewer.widgets.containers import Containers
 _AWAY = 8  # how far the mouse moves before tooltips come again
 _CAPTION = 96  # the column of captions, at a scale of 1
 _WIDEST_CAPTION = 0.45  # of the panel
-_NARROW = 228  # a panel as narrow has captions above its widgets
+_NARROW = 280  # a panel as narrow has captions above its widgets
 _NARROW_PAIR = 300
 
 Ink = Literal["ink", "muted", "error", "good", "source", "target"]

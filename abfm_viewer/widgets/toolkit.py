@@ -24,10 +24,14 @@ _BOX = 76  # beside a slider, at a scale of 1
 
 
 class Ui(Texts):
-    """Draws widgets, in containers, and remembers them."""
+    """Draws widgets, in containers, and remembers them.
+
+    After `text` it says whether the keyboard was in that box, also if it is no more: `typing`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
+        self.typing = False
         self.refusals = Refusals()
 
     def begin_frame(self, scale: float, name: Theme) -> None:
@@ -197,6 +201,7 @@ class Ui(Texts):
         _, typed = imgui.InputTextWithHint(f"##{label}", hint, shown, imgui.ImGuiInputTextFlags_AutoSelectAll)
         is_longer = self.text_width(typed) > width - 2 * imgui.GetStyle().FramePadding[0]
         self._done(label, "box", self._in_full(typed if is_longer else "", tip), name=name, text=typed)
+        self.typing = bool(imgui.IsItemActive() or imgui.IsItemDeactivated())
         if imgui.IsItemActive():
             self.refusals.is_typing(key, typed)
         if imgui.IsItemDeactivated():

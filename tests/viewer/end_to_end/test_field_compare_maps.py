@@ -1,4 +1,4 @@
-"""Field, Compare and Maps: what the surfaces show, arrows, streaks, flow lines, followed points."""
+"""The tab Look: what the surfaces show, arrows, streaks, flow lines, followed points, comparisons."""
 
 from __future__ import annotations
 
@@ -77,15 +77,11 @@ def test_clicks_start_flow_lines_and_follow_points(matched):
     matched.click("nothing", within="Look")
     matched.pick(vertex=12, modifiers=())
     assert matched.session.document.points == ()
-    matched.check("follow clicked points")
-    assert matched.session.view.tool == "follow a point"
-    matched.check("follow clicked points", False)
-    assert matched.session.view.tool == "nothing"
 
 
 def test_maps_color_the_advected_surface(matched):
     for coloring in MAPS:
-        matched.click(coloring, within="Look")
+        matched.choose("color by", coloring)
         assert matched.session.view.coloring == coloring
         calm(matched)
         matched.drag("time", 0.5)
@@ -110,7 +106,7 @@ def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, monkeypatch)
     for result, expected in ((slow, 0), (replace(good, velocity=wild), 1)):
         session.amend(result=result)
         for coloring in MAPS:
-            matched.click(coloring, within="Look")
+            matched.choose("color by", coloring)
             calm(matched)
             notes.clear()
             wanted = expected if coloring != "function" else 0

@@ -126,4 +126,4 @@ def test_every_parameter_has_a_widget(gui):
     gui.click("Match", within=STEPS)
     gui.click("Advanced")
     gui.frames(3)
-    assert {entry.name for entry in fields(Parameters)} <= {widget.label for widget in gui.window.ui.widgets}
+    assert {entry.name for entry in fields(Parameters)} <= {w.name for w in gui.window.ui.widgets}
