@@ -29,7 +29,7 @@ class Palette:
     accent_ink: Color
     source: Color
     target: Color
-    error: Color
+    failure: Color  # of what went wrong or was not reached; nothing else has its hue
     good: Color
     marker: Color
 
@@ -48,7 +48,7 @@ LIGHT = Palette(
     accent_ink=_hex("#ffffff"),
     source=_hex("#2455c3"),
     target=_hex("#b31f1f"),
-    error=_hex("#a3211a"),
+    failure=_hex("#8a1c9e"),
     good=_hex("#12633a"),
     marker=_hex("#0b8f6a"),
 )
@@ -66,7 +66,7 @@ DARK = Palette(
     accent_ink=_hex("#10141c"),
     source=_hex("#a3beff"),
     target=_hex("#ffaba3"),
-    error=_hex("#ffaba3"),
+    failure=_hex("#e8a6f7"),
     good=_hex("#69d39a"),
     marker=_hex("#38d9a9"),
 )

@@ -18,7 +18,7 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
 _LOWEST, _HIGHEST = 130, 240
-_NAMES = ("total", "regularity", "data term")
+_NAMES = ("total energy", "smoothness term", "closeness term")
 _SHORTEST_AXIS = 10  # iterations
 _PLOT = (
     implot.ImPlotFlags_NoTitle
@@ -47,7 +47,9 @@ def draw(context: Context) -> None:
     if ui.button("Export CSV...", tip, enabled=run is not None) and run is not None:
         context.dialogs.save("Export the energy", (".csv",), "energy.csv", partial(_export, session, run))
     if run is None:
-        ui.note("The energy of each iteration appears here while the solver runs: total, regularity and data term.")
+        ui.note(
+            "Appears here while the solver runs: the energy of each iteration, with its smoothness and closeness terms."
+        )
         return
     marks = ["grey line: next stage"] if _stage_starts(run) else []
     marks += ["strong grey line: finer mesh"] if _mesh_starts(run) else []

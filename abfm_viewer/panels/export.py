@@ -52,7 +52,7 @@ def _draw_state(ui: Ui, session: Session, exporter: Exporter) -> None:
         if ui.button("Cancel export", "Stop; an older file stays as it was."):
             exporter.cancel()
     elif exporter.message:
-        ui.note(exporter.message, "error" if exporter.failed else "good")
+        ui.note(exporter.message, "failure" if exporter.failed else "good")
     if session.solver.running:
         ui.note("What is saved shows the latest result, not the run that goes on.")
 

@@ -100,7 +100,7 @@ class _Editor:
         known = {cls.family: cls for cls in functions.families()}
         names = [name for name in known if known[name] is not functions.Permuted]
         now = self._family()
-        about = known[now].summary() if now in known else "A sum of functions."
+        about = known[now].summary().replace("``", "") if now in known else "A sum of functions."
         tip = _FAMILY_TIP.format(name=now, summary=about)
         chosen = self._ui.combo("family", now, names if now in names else [*names, now], tip, width)
         if chosen == now:

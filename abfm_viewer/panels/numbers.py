@@ -19,7 +19,7 @@ def draw(context: Context) -> None:
 def _error(context: Context) -> None:
     ui, session = context.ui, context.session
     if session.view.transport and context.shown.mass_transport.error:
-        ui.note(f"No optimal transport: {context.shown.mass_transport.error}.", "error")
+        ui.note(f"No optimal transport: {context.shown.mass_transport.error}.", "failure")
     target, advected = session.values("target"), context.shown.flow.advected()
     if target is not None and advected is not None:
         difference = np.abs(target - advected)
@@ -47,7 +47,7 @@ def _field(context: Context) -> None:
         if shares:
             ui.note(f"Of the squared norm: {', '.join(shares)}.")
     if quantities.error:
-        ui.note(quantities.error, "error")
+        ui.note(quantities.error, "failure")
 
 
 def _map(context: Context) -> None:
@@ -62,7 +62,7 @@ def _map(context: Context) -> None:
     if view.coloring in _MAPS:
         quality = quantities.map_quality()
         if quality is not None and quality.warning:
-            ui.note(f"Warning: {quality.warning}.", "error")
+            ui.note(f"Warning: {quality.warning}.", "failure")
 
 
 def _points(context: Context) -> None:

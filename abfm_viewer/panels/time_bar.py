@@ -121,7 +121,7 @@ def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
     canvas.AddRectFilled((left, top), (right, bottom), _packed(colors.field), rounding)
     tint, corners = _packed((*colors.marker[:3], 0.16)), imgui.ImDrawFlags_RoundCornersRight
     canvas.AddRectFilled((middle, top), (right, bottom), tint, rounding, corners)
-    text, color = ("cannot be followed", colors.error) if note else ("extrapolation", colors.ink)
+    text, color = ("cannot be followed", colors.failure) if note else ("extrapolation", colors.ink)
     width, height = imgui.CalcTextSize(text)
     y, tau = (top + bottom - height) / 2, ui.text_width("tau")
     grab = left + share * (right - left)

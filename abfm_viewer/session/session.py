@@ -1,9 +1,13 @@
 """A document at work: its functions, its solver, and what they give, taken in once a frame."""
 
+from __future__ import annotations
+
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+from typing import TYPE_CHECKING
 
 import abfm
 from abfm import AbfmError, TriangleMesh
@@ -16,8 +20,12 @@ from abfm_viewer.document.history import History
 from abfm_viewer.session.after_match import AfterMatch
 from abfm_viewer.session.editing import Editing
 from abfm_viewer.session.notices import Notice, Notices
+from abfm_viewer.session.obstacle import obstacle
 from abfm_viewer.session.outdated import Outdated
 from abfm_viewer.session.player import Player
+
+if TYPE_CHECKING:
+    from abfm.matching import Remedy
 
 _SECONDS_TO_END = 10.0
 _SAVED = ("channels", "parameters", "mask", "lines", "points")
@@ -50,6 +58,7 @@ class Session(Editing):
         self._coarse_meshes: Latest[None] = self._jobs.latest("coarse meshes")
         self._load_count = 0
         self._outdated = Outdated()
+        self._remedied = -1  # moves of the history when a remedy began the run: its result belongs to that step
         self._last_update = clock.perf_counter()
 
     @property
@@ -140,32 +149,37 @@ class Session(Editing):
     @property
     def obstacle(self) -> str:
         """Why a match cannot start now; empty if it can."""
-        if not self.channels:
-            return "a source and a target for this mesh are being chosen"
-        for spec in self.specs:
-            if spec in self._evaluated.errors:
-                return f"{spec}: {self._evaluated.errors[spec]}"
-        if any(spec not in self._evaluated.values for spec in self.specs):
-            return "the functions are being computed"
-        mask = self._evaluated.values.get(self.document.mask)
-        if mask is not None and (mask.min() < 0 or not mask.any()):
-            return "the mask must not be negative, nor zero everywhere"
-        return "" if any(channel.weight for channel in self.channels) else "all channels have the weight 0"
+        return obstacle(self.document, self.specs, self._evaluated)
 
-    def match(self) -> None:
-        """Start a run, unless one is under way; if there is nothing to match yet, say why."""
+    def match(self, goes_on: bool | None = None) -> None:
+        """Start a run, unless one is under way; if there is nothing to match yet, say why.
+
+        Whether it `goes_on` from the present field is what the solver is set to, unless it is given.
+        """
         if self.solver.running:
             return
         if self.obstacle:
             self.say(f"no match yet: {self.obstacle}", is_error=bool(self._evaluated.errors))
             return
         field = None
-        if self.solver.warm and self.result is not None and self.result.mesh is self.mesh:
+        warm = self.solver.warm if goes_on is None else goes_on
+        if warm and self.result is not None and self.result.mesh is self.mesh:
             field = self.result.start_for(self.parameters)
         self._notices.clear()
         self.player.playing = False
         self.amend(time=self.parameters.tau)
+        self._remedied = -1
         self.solver.start(self.problem, self.functions, field)
+
+    def remedy(self, remedy: Remedy) -> None:
+        """Do what a verdict proposes: change the parameters, and start a run. With its result it is one step of undo.
+
+        ParameterError if the document's other parameters do not allow it.
+        """
+        if not (self.solver.running or self.obstacle):
+            self.set_parameter(label=remedy.label.lower(), **remedy.parameters)
+        self.match(remedy.goes_on)
+        self._remedied = self.history.moves if remedy.parameters else -1
 
     def switch_flow_after_match(self) -> None:
         """Show the flow after the next match, or neither after that nor now."""
@@ -270,7 +284,8 @@ class Session(Editing):
         runs = self.document.runs if run is None else (*self.document.runs, run)
         if match is not None:
             view = None if self.at_once or self.dragging else self.after_match.view(self.view, self.mesh, match)
-            self.change("match", result=match, runs=runs, view=view or self.view)
+            outcome: dict[str, Any] = {"result": match, "runs": runs, "view": view or self.view}
+            self.amend(**outcome) if self._remedied == self.history.moves else self.change("match", **outcome)
             if view is not None:
                 self.amend(time=0.0)
                 self.player.play_once()

@@ -17,7 +17,8 @@ _WIDEST_CAPTION = 0.45  # of the panel
 _NARROW = 280  # a panel as narrow has captions above its widgets
 _NARROW_PAIR = 300
 
-Ink = Literal["ink", "muted", "error", "good", "source", "target"]
+Kind = Literal["ink", "muted", "failure", "good", "source", "target"]
+"""Colours of texts, by their names in the theme."""
 
 
 class Texts(Containers):
@@ -35,7 +36,7 @@ class Texts(Containers):
         elif self._clicked_at and math.dist(self._clicked_at, (x, y)) > self.px(_AWAY):
             self._clicked_at = None
 
-    def note(self, text: str, kind: Ink = "muted") -> None:
+    def note(self, text: str, kind: Kind = "muted") -> None:
         """Text that wraps at the panel's edge."""
         imgui.PushStyleColor(imgui.ImGuiCol_Text, getattr(self.colors, kind))
         imgui.PushTextWrapPos(0)
@@ -43,7 +44,7 @@ class Texts(Containers):
         imgui.PopTextWrapPos()
         imgui.PopStyleColor()
 
-    def line(self, text: str, kind: Ink = "muted", tip: str = "", room: float = 0) -> None:
+    def line(self, text: str, kind: Kind = "muted", tip: str = "", room: float = 0) -> None:
         """Text on one line, cut where its room in pixels ends, by default the panel's; the tooltip has all of it."""
         shown = self.fitted(text, room or imgui.GetContentRegionAvail()[0])
         imgui.PushStyleColor(imgui.ImGuiCol_Text, getattr(self.colors, kind))

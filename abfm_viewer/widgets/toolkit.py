@@ -259,7 +259,7 @@ class Ui(Texts):
     def refusal(self, name: str, otherwise: str = "") -> None:
         """Show what `refuse` was told, or else another error."""
         if reason := self.refusals.reasons.get(self._widget_record.path(name), otherwise):
-            self.note(reason, "error")
+            self.note(reason, "failure")
 
     def _done(self, label: str, kind: WidgetKind, tip: str, shown: str = "", **details: Any) -> None:
         """Remember the widget that was just drawn, which shows that much of its label, and give it a tooltip."""

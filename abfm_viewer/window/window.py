@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
 _IDLE_AFTER = 1.0  # seconds without anything that moves
 _PANEL_WIDTH, _WIDEST_PANEL = 380, 0.44
-_STATUS_HEIGHT = 28
+_STATUS_HEIGHT = 30
 
 
 @dataclass(frozen=True)

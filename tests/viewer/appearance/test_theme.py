@@ -1,22 +1,23 @@
-"""Everything that is read can be read: contrast as WCAG 2.2 defines it, in both themes."""
+"""The colours of the window: what can be read, and what means one thing only."""
 
 from __future__ import annotations
 
+import colorsys
 from itertools import product
 from typing import get_args
 
 import pytest
 
-from abfm_viewer.appearance.theme import palette
+from abfm_viewer.appearance.theme import Color, palette
 from abfm_viewer.document.document import THEMES
-from abfm_viewer.widgets.texts import Ink
+from abfm_viewer.widgets.texts import Kind
 from tests.viewer.contrast import contrast
 
 GROUNDS = ("panel", "field", "hovered", "pressed", "ground")
 READ, SEEN = 4.5, 3.0  # at least, of texts, and of marks without which a widget could not be understood
 
 
-@pytest.mark.parametrize(("theme", "ink", "ground"), product(THEMES, get_args(Ink), GROUNDS))
+@pytest.mark.parametrize(("theme", "ink", "ground"), product(THEMES, get_args(Kind), GROUNDS))
 def test_texts_stand_out_from_every_ground(theme, ink, ground):
     colors = palette(theme)
     assert contrast(getattr(colors, ink), getattr(colors, ground)) >= READ
@@ -30,3 +31,15 @@ def test_the_one_button_and_the_marks_of_sliders(theme):
     assert contrast(colors.accent, colors.panel) >= SEEN
     assert contrast(colors.accent, colors.field) >= SEEN
     assert contrast(colors.marker, colors.field) >= SEEN
+
+
+def hue(color: Color) -> float:
+    return 360 * colorsys.rgb_to_hsv(*color[:3])[0]
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_failure_has_a_hue_of_its_own(theme):
+    colors = palette(theme)
+    for name in ("source", "target", "accent", "accent_hovered", "good", "marker"):
+        apart = abs(hue(colors.failure) - hue(getattr(colors, name))) % 360
+        assert min(apart, 360 - apart) > 45, name

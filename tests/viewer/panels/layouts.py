@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import polyscope.imgui as imgui
 
@@ -43,14 +43,16 @@ def _states(gui: Driver) -> Iterator[str]:
 def _layouts(gui: Driver, lines: list[dict[str, object]]) -> Iterator[dict[str, object]]:
     for state in _states(gui):
         for scale in SCALES:
-            gui.session.amend(view=_scaled(gui, scale))
+            gui.session.amend(view=replace(gui.session.view, ui_scale=scale))
             for tab in TABS:
                 gui.window.ui.show_tab(tab)
                 gui.frames(3)
                 lines.clear()
                 gui.frames(1)
                 assert not gui.errors
-                widgets = [asdict(w) | {"text_width": imgui.CalcTextSize(w.shown)[0]} for w in gui.window.ui.widgets]
+                widgets = [
+                    asdict(w) | {"text_width": imgui.CalcTextSize(w.shown or w.label)[0]} for w in gui.window.ui.widgets
+                ]
                 yield {
                     "state": state,
                     "scale": scale,
@@ -62,10 +64,8 @@ def _layouts(gui: Driver, lines: list[dict[str, object]]) -> Iterator[dict[str, 
                 }
 
 
-def _scaled(gui: Driver, scale: float):
-    from dataclasses import replace
-
-    return replace(gui.session.view, ui_scale=scale)
+def _width(text: str) -> float:
+    return imgui.CalcTextSize(text)[0]
 
 
 def main() -> None:
