@@ -121,7 +121,7 @@ class Solver:
             stages=table[:, 3].astype(np.int64),
             restarts=tuple(self._restarts),
             mismatch=mismatch,
-            label=f"alpha {parameters.alpha:g}, beta {parameters.beta:g}, sigma {parameters.sigma:g}",
+            label=f"α {parameters.alpha:g}, β {parameters.beta:g}, σ {parameters.sigma:g}",
             vertices=table[:, 4].astype(np.int64),
             reaches=table[:, 5],
         )

@@ -18,7 +18,7 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
 _LOWEST, _HIGHEST = 130, 240
-_NAMES = ("total energy", "smoothness term", "closeness term")
+_NAMES = ("energy", "smoothness", "closeness")
 _SHORTEST_AXIS = 10  # iterations
 _PLOT = (
     implot.ImPlotFlags_NoTitle

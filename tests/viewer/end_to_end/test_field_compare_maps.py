@@ -10,6 +10,7 @@ import pytest
 from abfm.calculus.operators import face_normals, vertex_areas
 from abfm_viewer.document.document import FIELD_PARTS
 from abfm_viewer.widgets.toolkit import Ui
+from tests.viewer.sessions import ENDLESS
 
 MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")
 
@@ -114,6 +115,27 @@ def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, monkeypatch)
             notes.clear()
             matched.frames(1)
             assert len(warned()) == wanted
+
+
+def test_numbers_of_the_last_run_are_gone_during_a_new_one(matched, monkeypatch):
+    notes = []
+    note = Ui.note
+    monkeypatch.setattr(Ui, "note", lambda self, text, *kind: notes.append(text) or note(self, text, *kind))
+
+    def told():
+        notes.clear()
+        matched.frames(1)
+        return any(text.startswith("Mismatch at tau") for text in notes)
+
+    matched.click("Look")
+    assert told()
+    matched.session.amend(parameters=ENDLESS)
+    matched.click("Match")
+    matched.wait(lambda s: s.solver.snapshot is not None)
+    assert not told()
+    matched.session.solver.cancel()
+    matched.wait(lambda s: s.solver.finished)
+    assert told()
 
 
 def test_the_comparison_has_surfaces_of_its_own(matched):
