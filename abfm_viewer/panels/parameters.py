@@ -159,6 +159,8 @@ def _control(ui: Ui, session: Session, name: str) -> None:
     else:
         whole = _FIELDS[name].type == "int"
         new = ui.number(about.label, value, about.low, about.high, _tip(name), log=about.log, whole=whole, name=name)
+    if isinstance(new, float) and new.is_integer() and _FIELDS[name].type == "int":
+        new = int(new)
     if new is not None and new != value:
         with ui.refusing(name, about.label):
             session.set_parameter(name, f"change {about.label}", **{name: new})

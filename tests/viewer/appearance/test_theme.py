@@ -17,7 +17,7 @@ GROUNDS = ("panel", "field", "hovered", "pressed", "ground")
 READ, SEEN = 4.5, 3.0  # at least, of texts, and of marks without which a widget could not be understood
 
 
-@pytest.mark.parametrize(("theme", "ink", "ground"), product(THEMES, get_args(Kind), GROUNDS))
+@pytest.mark.parametrize(("theme", "ink", "ground"), [*product(THEMES, get_args(Kind), GROUNDS)])
 def test_texts_stand_out_from_every_ground(theme, ink, ground):
     colors = palette(theme)
     assert contrast(getattr(colors, ink), getattr(colors, ground)) >= READ
