@@ -12,6 +12,7 @@ from abfm.progress import Step, step
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.evaluator import Evaluator
 from abfm_viewer.computing.solver import Solver
+from abfm_viewer.session.loading import Load
 from tests.viewer.sessions import ENDLESS, SPHERE, opened, solving, until
 
 
@@ -82,8 +83,8 @@ def test_what_is_busy_is_said_with_its_step(monkeypatch):
             go_on.wait(10)
         return lambda: None
 
-    session.load("opening a file", read)
-    until(lambda: session._loading.step)
+    session.load(Load("opening a file", read))
+    until(lambda: session._loading.step, session)
     assert session.busy == "opening: reading .off"
     go_on.set()
     until(lambda: not session.busy, session)
