@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -171,10 +172,7 @@ class Session(Editing):
         self.solver.start(self.problem, self.functions, field)
 
     def remedy(self, remedy: Remedy) -> None:
-        """Do what a verdict proposes: change the parameters, and start a run. With its result it is one step of undo.
-
-        ParameterError if the document's other parameters do not allow it.
-        """
+        """Do what a verdict proposes: change the parameters, and start a run; with its result one step of undo."""
         if not (self.solver.running or self.obstacle):
             self.set_parameter(label=remedy.label.lower(), **remedy.parameters)
         self.match(remedy.goes_on)
@@ -283,8 +281,8 @@ class Session(Editing):
         runs = self.document.runs if run is None else (*self.document.runs, run)
         if match is not None:
             view = None if self.at_once or self.dragging else self.after_match.view(self.view, self.mesh, match)
-            outcome = {"result": match, "runs": runs, "view": view or self.view}
-            self.amend(**outcome) if self._remedied == self.history.moves else self.change("match", **outcome)
+            put = self.amend if self._remedied == self.history.moves else partial(self.change, "match")
+            put(result=match, runs=runs, view=view or self.view)
             if view is not None:
                 self.amend(time=0.0)
                 self.player.play_once()
