@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import abfm
 from abfm import AbfmError, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
@@ -230,7 +229,7 @@ class Session(Editing):
         self._evaluate()
         if not (self.obstacle or self.at_once):  # the functions come first, and pictures off the screen solve nothing
             mesh, parameters = self.mesh, self.parameters  # a match that begins earlier waits for its coarse meshes
-            self._coarse_meshes.ask((mesh, parameters.levels), lambda: abfm.matching.prepare(mesh, parameters))
+            self._coarse_meshes.ask((mesh, parameters.levels), lambda: self.solver.prepare(mesh, parameters))
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
         if self.view.animate:

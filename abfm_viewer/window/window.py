@@ -131,6 +131,7 @@ class Window:
         before = [signal.signal(number, self._interrupt) for number in signals]
         try:
             self.frame()
+            self.session.solver.work_apart()
             warm_up.start()
             while not self.closing:
                 self.frame()
