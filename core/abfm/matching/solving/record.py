@@ -44,6 +44,7 @@ class Iteration:
     mismatch_energy: float
     mismatch: float  # ``||f_tau - g|| / ||g||`` on the mesh of this level
     evaluations: int  # of energy and gradient so far
+    warning: str | None  # what looks wrong so far, see `early_warning`
     look: Look
 
     @property
@@ -76,11 +77,6 @@ class Found:
         for level in self._levels[:-1]:
             functions = level.functions_to_finer(functions)
         return functions.T.copy()
-
-    @cached_property
-    def warning(self) -> str | None:
-        """What looks wrong so far, see `early_warning`."""
-        return early_warning(self._levels[0].energy, self._carried, self.iteration)
 
 
 class Record:
@@ -125,6 +121,7 @@ class Record:
                 mismatch_energy=point.mismatch,
                 mismatch=energy.relative_mismatch(point.advected),
                 evaluations=self.evaluations,
+                warning=early_warning(energy, point.advected, len(self.history) - 1),
                 look=Found(best.x, point.advected, levels[stage.level :]),
             )
         )
