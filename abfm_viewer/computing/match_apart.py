@@ -53,8 +53,8 @@ class Relayed(Control):
 class RemoteLook:
     """What an iterate looks like: its picture came along if it has one, its fields are fetched when asked for."""
 
-    def __init__(self, picture: FloatArray | None, fetch: Callable[[], FloatArray]) -> None:
-        self.picture, self._fetch = picture, fetch
+    def __init__(self, picture: FloatArray | None, warning: str | None, fetch: Callable[[], FloatArray]) -> None:
+        self.picture, self.warning, self._fetch = picture, warning, fetch
         self._velocity: FloatArray | None = None
 
     @property
@@ -134,10 +134,15 @@ class MatchApart:
                 self._connection.close()
 
     def _iteration(
-        self, connection: _Connection, number: int, public: tuple[Any, ...], picture: FloatArray | None
+        self,
+        connection: _Connection,
+        number: int,
+        public: tuple[Any, ...],
+        picture: FloatArray | None,
+        warning: str | None,
     ) -> abfm.Iteration:
         known = dict(zip(numbers(), public, strict=True))
-        look = RemoteLook(picture, lambda: connection.fetch(number, known["iteration"]))
+        look = RemoteLook(picture, warning, lambda: connection.fetch(number, known["iteration"]))
         return abfm.Iteration(**known, look=look)
 
     def _connected(self, mesh: TriangleMesh | None = None) -> _Connection:

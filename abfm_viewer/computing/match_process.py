@@ -94,7 +94,8 @@ class _Matching:
                     self._recent[number, iteration.iteration] = iteration
                     while len(self._recent) > _KEPT:
                         self._recent.popitem(last=False)
-            self._answer("iteration", number, (tuple(getattr(iteration, name) for name in names), picture))
+            public = tuple(getattr(iteration, name) for name in names)
+            self._answer("iteration", number, (public, picture, iteration.warning))
 
         try:
             with telling(partial(self._answer, "step", number)):

@@ -26,7 +26,10 @@ def _buttons(ui: Ui, session: Session) -> None:
     solver, side = session.solver, ui.px(_SIDE_BUTTON)
     others = 2 * (side + imgui.GetStyle().ItemSpacing[0])
     tip = "Find the field whose flow carries the source to the target (Ctrl+Enter)."
-    if ui.button("Match", tip, primary=True, enabled=not (solver.running or session.obstacle), width=-others):
+    if session.opening:
+        tip = f"{session.opening}: that takes the place of {session.document.name}. Wait, or cancel it."
+    ready = not (solver.running or session.obstacle or session.opening)
+    if ui.button("Match", tip, primary=True, enabled=ready, width=-others):
         session.match()
     ui.beside()
     tip = "Let the solver go on (P)." if solver.paused else "Hold the solver; the window stays as it is (P)."

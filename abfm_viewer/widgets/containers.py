@@ -11,7 +11,7 @@ import polyscope.imgui as imgui
 import polyscope.implot as implot
 
 from abfm_viewer.appearance import theme
-from abfm_viewer.appearance.theme import Palette
+from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.document.document import Theme
 from abfm_viewer.widgets.widget_record import Rect, Widget, WidgetKind, WidgetRecord
 
@@ -20,6 +20,15 @@ _WINDOW = (
     | imgui.ImGuiWindowFlags_NoMove
     | imgui.ImGuiWindowFlags_NoSavedSettings
     | imgui.ImGuiWindowFlags_NoBringToFrontOnFocus
+)
+_CARD = (
+    imgui.ImGuiWindowFlags_NoTitleBar
+    | imgui.ImGuiWindowFlags_NoResize
+    | imgui.ImGuiWindowFlags_NoMove
+    | imgui.ImGuiWindowFlags_NoCollapse
+    | imgui.ImGuiWindowFlags_NoSavedSettings
+    | imgui.ImGuiWindowFlags_AlwaysAutoResize
+    | imgui.ImGuiWindowFlags_NoFocusOnAppearing
 )
 _DIALOG = (
     imgui.ImGuiWindowFlags_NoCollapse
@@ -69,6 +78,24 @@ class Containers:
         imgui.Begin(name, _WINDOW)
         with self._inside(imgui.End, self._widget_record.area(rect)):
             self._keep_scroll(name)
+            yield
+
+    @contextmanager
+    def card(self, name: str, place: tuple[float, float, float], color: Color, highest: float) -> Iterator[None]:
+        """A window as high as what is in it, up to a height, at a left end, top and width; the colour is its edge's.
+
+        It takes the keyboard from nothing.
+        """
+        left, top, width = place
+        imgui.SetNextWindowPos((left, top))
+        imgui.SetNextWindowSizeConstraints((width, 0), (width, max(highest, self.px(40))))
+        imgui.PushStyleColor(imgui.ImGuiCol_Border, color)
+        imgui.PushStyleVar(imgui.ImGuiStyleVar_WindowBorderSize, max(1.0, 2 * self.scale))
+        imgui.PushStyleVar(imgui.ImGuiStyleVar_WindowRounding, self.px(6))
+        imgui.Begin(f"{name}##card", _CARD)
+        imgui.PopStyleVar(2)
+        imgui.PopStyleColor()
+        with self._inside(imgui.End, self._widget_record.area(_window_rect())):
             yield
 
     def backdrop(self) -> None:

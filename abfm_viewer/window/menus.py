@@ -112,6 +112,8 @@ def _presets(ui: Ui, actions: Actions) -> None:
 
 def _help(ui: Ui, actions: Actions) -> None:
     _item(ui, "Shortcuts", actions.show_shortcuts)
+    if ui.menu_item("Messages"):
+        actions.show_messages()
     if ui.menu_item("About"):
         actions.show_about()
 

@@ -19,7 +19,7 @@ from abfm.io import write_atomically
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
-from abfm_viewer.panels import right_panel, status_line, time_bar
+from abfm_viewer.panels import cards, right_panel, status_line, time_bar
 from abfm_viewer.panels.context import Context
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.annotations import bar_room, draw_annotations, window_pen
@@ -29,7 +29,7 @@ from abfm_viewer.scene.resting import Resting
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import SessionFiles
+from abfm_viewer.session.session_files import OTHER_MESH, OTHER_NAME, SessionFiles
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets import style
 from abfm_viewer.widgets.toolkit import Ui
@@ -95,9 +95,11 @@ class Window:
         self.exporter = Exporter(session.say)
         self.files = SessionFiles(session, state, self.dialogs.ask)
         self.preferences = Preferences(session, state) if state else None
-        self.recoveries = Recoveries(session, state, self.dialogs) if state else None
+        self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
         self.context = Context(self.ui, session, self.shown, self.exporter, self.files, self.dialogs)
+        self.files.ways_out[OTHER_MESH] = self.context.open_mesh
         self.actions = Actions(self.context, lambda: self.scene.reset_camera(), self._end)
+        self.files.ways_out[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0
         self.errors: dict[str, str] = {}
         self.closing = self.interrupted = False
@@ -229,6 +231,7 @@ class Window:
             self.guarded("panel", lambda: right_panel.draw(self.context, parts.panel, self.guarded))
             self.guarded("time bar", lambda: time_bar.draw(self.context, parts.time_bar))
             self.guarded("status line", lambda: status_line.draw(self.context, parts.status))
+            self.guarded("messages", lambda: cards.draw(self.context, parts.scene))
         keys_are_free = is_live and not self.dialogs.is_open
         self.guarded("dialog", lambda: self.dialogs.draw(self.ui))
         if keys_are_free:

@@ -26,6 +26,11 @@ class Look(Protocol):
         """The source carried to tau, (V, C)."""
         ...
 
+    @property
+    def warning(self) -> str | None:
+        """What looks wrong so far, see `early_warning`."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
@@ -44,7 +49,6 @@ class Iteration:
     mismatch_energy: float
     mismatch: float  # ``||f_tau - g|| / ||g||`` on the mesh of this level
     evaluations: int  # of energy and gradient so far
-    warning: str | None  # what looks wrong so far, see `early_warning`
     look: Look
 
     @property
@@ -57,12 +61,17 @@ class Iteration:
         """The source carried to tau, (V, C); on a coarser level what was carried there, interpolated."""
         return self.look.advected
 
+    @property
+    def warning(self) -> str | None:
+        """What looks wrong so far, see `early_warning`."""
+        return self.look.warning
+
 
 class Found:
     """The look of an iterate: coefficients (N, F, 2) on the first of some levels, and the source carried there."""
 
-    def __init__(self, x: FloatArray, carried: FloatArray, levels: list[Level]) -> None:
-        self._x, self._carried, self._levels = x, carried, levels
+    def __init__(self, x: FloatArray, carried: FloatArray, levels: list[Level], iteration: int) -> None:
+        self._x, self._carried, self._levels, self._iteration = x, carried, levels, iteration
 
     @cached_property
     def velocity(self) -> FloatArray:
@@ -77,6 +86,10 @@ class Found:
         for level in self._levels[:-1]:
             functions = level.functions_to_finer(functions)
         return functions.T.copy()
+
+    @cached_property
+    def warning(self) -> str | None:
+        return early_warning(self._levels[0].energy, self._carried, self._iteration)
 
 
 class Record:
@@ -121,7 +134,6 @@ class Record:
                 mismatch_energy=point.mismatch,
                 mismatch=energy.relative_mismatch(point.advected),
                 evaluations=self.evaluations,
-                warning=early_warning(energy, point.advected, len(self.history) - 1),
-                look=Found(best.x, point.advected, levels[stage.level :]),
+                look=Found(best.x, point.advected, levels[stage.level :], len(self.history) - 1),
             )
         )
