@@ -72,6 +72,12 @@ DARK = Palette(
 )
 
 
+def linear(color: Color) -> tuple[float, float, float]:
+    """A colour in linear light, as polyscope wants it."""
+    red, green, blue = (channel**2.2 for channel in color[:3])
+    return red, green, blue
+
+
 def palette(theme: Theme) -> Palette:
     """The colours of a theme."""
     return LIGHT if theme == "light" else DARK
