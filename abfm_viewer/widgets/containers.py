@@ -41,6 +41,8 @@ _DIALOG = (
 class Containers:
     """Opens and closes what holds widgets; `scale` are the pixels of a length of 1.
 
+    `hidden_heights` are those of the parts of windows and children, by their names, that must be scrolled to.
+
     While it is `capturing`, frames are drawn for a picture: polyscope does that in a new ImGui context, which remembers
     nothing.
     """
@@ -53,6 +55,7 @@ class Containers:
         self.capturing = False
         self._widget_record = WidgetRecord()
         self._scrolls: dict[str, float] = {}
+        self.hidden_heights: dict[str, float] = {}
 
     @property
     def widgets(self) -> list[Widget]:
@@ -126,12 +129,17 @@ class Containers:
     def child(self, name: str, height: float, border: bool = True, shrinks: bool = False) -> Iterator[None]:
         """A part of a panel that scrolls by itself; a negative height leaves that much below it.
 
-        One that `shrinks` is as low as what is in it.
+        One that `shrinks` is as low as what is in it. Others leave room for a scroll bar also where there is none: what
+        is in them stays where it is when more comes.
         """
         flags = imgui.ImGuiChildFlags_Borders if border else imgui.ImGuiChildFlags_None
         if shrinks:
             flags |= imgui.ImGuiChildFlags_AutoResizeY
             imgui.SetNextWindowSizeConstraints((0, 0), (imgui.GetContentRegionAvail()[0], height))
+        else:
+            padding = 2 * imgui.GetStyle().WindowPadding[0] if border else 0
+            width = imgui.GetContentRegionAvail()[0] - imgui.GetStyle().ScrollbarSize - padding
+            imgui.SetNextWindowContentSize((width, 0))
         imgui.BeginChild(name, (0, 0 if shrinks else height), flags)
         with self._inside(imgui.EndChild, self._widget_record.area(_window_rect())):
             self._keep_scroll(self._widget_record.path(name))
@@ -179,12 +187,13 @@ class Containers:
         if self.open_tab not in labels:
             self.open_tab = labels[0]
         gap = self.px(2)
-        width = (imgui.GetContentRegionAvail()[0] - gap * (len(labels) - 1)) / len(labels)
+        widths = [float(imgui.CalcTextSize(label)[0]) for label in labels]
+        padding = (imgui.GetContentRegionAvail()[0] - gap * (len(labels) - 1) - sum(widths)) / len(labels)
         with self.group(name):
-            for number, label in enumerate(labels):
-                if number:
+            for number, (label, width) in enumerate(zip(labels, widths, strict=True)):
+                if number and padding > 0:
                     imgui.SameLine(0, gap)
-                if self._tab(label, width, label == self.open_tab):
+                if self._tab(label, width + max(padding, self.px(2)), label == self.open_tab):
                     self.open_tab = label
         return self.open_tab
 
@@ -193,7 +202,9 @@ class Containers:
         ground = self.colors.pressed if is_open else self.colors.panel
         imgui.PushStyleColor(imgui.ImGuiCol_Button, ground)
         imgui.PushStyleColor(imgui.ImGuiCol_Text, self.colors.ink if is_open else self.colors.muted)
+        imgui.PushStyleVarX(imgui.ImGuiStyleVar_FramePadding, 0)
         clicked = bool(imgui.Button(label, (width, 0)))
+        imgui.PopStyleVar()
         imgui.PopStyleColor(2)
         (left, _), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
         line = self.colors.accent if is_open else self.colors.border
@@ -233,7 +244,7 @@ class Containers:
 
     @contextmanager
     def plot(self, label: str, height: float, flags: int) -> Iterator[bool]:
-        """A plot as wide as the panel; yields whether there is something to draw on."""
+        """A plot as wide as the panel, as high as so many pixels; yields whether there is something to draw on."""
         clear = (0, 0, 0, 0)
         colors = {
             implot.ImPlotCol_FrameBg: clear,
@@ -246,7 +257,7 @@ class Containers:
         }
         for index, color in colors.items():
             implot.PushStyleColor(index, color)
-        is_drawn = bool(implot.BeginPlot(f"##{label}", (-1, self.px(height)), flags))
+        is_drawn = bool(implot.BeginPlot(f"##{label}", (-1, height), flags))
         try:
             yield is_drawn
         finally:
@@ -275,6 +286,7 @@ class Containers:
 
     def _keep_scroll(self, name: str) -> None:
         """Remember how far the present window was scrolled; new ones, and a new context, start from there."""
+        self.hidden_heights[name] = imgui.GetScrollMaxY()
         if self.capturing or name not in self._scrolls:
             imgui.SetScrollY(self._scrolls.setdefault(name, 0.0))
         else:

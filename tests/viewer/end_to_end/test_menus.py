@@ -213,7 +213,7 @@ def test_every_layout_color_map_and_scale(gui):
         assert gui.session.view.ui_scale == scale
         width = gui.window.parts.status[2]
         left, _, right, _ = gui.window.parts.panel
-        assert right - left == pytest.approx(min(380 * scale, width / 2))
+        assert right - left == pytest.approx(min(380 * scale, 0.44 * width))
 
 
 def test_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
