@@ -104,7 +104,7 @@ def test_texts_without_room_are_cut_and_hovering_shows_them(gui, monkeypatch):
     )
     gui.session.amend(result=replace(result, verdict=long))
     tips = []
-    monkeypatch.setattr(type(gui.window.ui), "tip", lambda ui, text: tips.append(text))
+    monkeypatch.setattr(type(gui.window.ui), "tip", lambda ui, text, **_: tips.append(text))
     gui.frames(1)
     assert any(tip.startswith("So many words") and tip.endswith("for them .") for tip in tips)
 

@@ -13,6 +13,8 @@ from abfm.errors import ParameterError
 from abfm.matching import Remedy
 from abfm.matching.energy.problem import Problem
 from abfm.matching.judging.remedies import Remedies
+from abfm.matching.judging.verdict import Outcome
+from abfm.matching.judging.verdict import advice as judged
 from abfm.matching.result import Match
 from abfm.parameters import PAPER, Parameters
 from abfm.types import FloatArray
@@ -87,7 +89,6 @@ def test_sigma_that_was_raised_is_lowered_as_an_absolute_one() -> None:
 @pytest.mark.parametrize(
     ("parameters", "labels"),
     [
-        (Parameters(), "Smoother"),
         (Parameters(alpha=0.5), "Match closer"),
         (Parameters(sigma=0.5), "Match closer"),
         (Parameters(alpha=0.001), "Smoother"),
@@ -103,6 +104,11 @@ def test_what_flow_lines_refute_goes_back_towards_the_defaults_first(parameters:
 def test_no_field_is_smooth_enough_for_functions_that_the_mesh_does_not_carry() -> None:
     narrow = Problem(EGG, at(0, 0.01), at(60, 0.01))
     assert Remedies(narrow, Parameters(), np.nan).truer() is None
+    for problem, labels in ((narrow, []), (Problem(EGG, at(0, 0.2), at(60, 0.2)), ["Smoother"])):
+        refuted = Outcome(problem.target, 0.0, "converged", verified=0.5)
+        assert [remedy.label for remedy in judged(problem, refuted, Parameters()).remedies] == labels
+        doubted = judged(problem, replace(refuted, verified=0.2), Parameters())
+        assert (doubted.kind, doubted.remedies) == ("nearly", ())
 
 
 @pytest.mark.parametrize("wrong", [{"sigmma": 1.0}, {"sigma": -1.0}, {"sigma": "small"}])
