@@ -164,6 +164,12 @@ class Ui(Containers):
         self.record(label, "choice", text="chosen" if chosen else "")
         return clicked, clicked and bool(imgui.IsMouseDoubleClicked(0))
 
+    def tile(self, label: str, chosen: bool, size: tuple[float, float]) -> bool:
+        """An empty place of a size in pixels in a menu, to be drawn on; whether it was chosen."""
+        pressed = bool(imgui.Selectable(f"##{label}", chosen, imgui.ImGuiSelectableFlags_None, size))
+        self.record(label, "item", text="checked" if chosen else "")
+        return pressed
+
     def refuse(self, label: str, reason: str) -> None:
         """Say below the widget of this label why its new value was not taken; empty to say nothing any more."""
         self._refused.pop(self._widget_record.path(label), None)
