@@ -13,24 +13,32 @@ from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
 
 _WIDTH, _HEIGHT = 290, 50
-_COLUMNS = 2
+_FEWEST, _MOST = 2, 3  # columns
 _SHARE = 0.86  # of the window's height that the menu may take
 
 
 def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
-    """Draw what the menu shows when it is open: two columns, as low as the window asks for."""
+    """Draw what the menu shows when it is open: as low as the window asks for, and as many columns as that takes."""
     display = imgui.GetIO().DisplaySize
-    rows = sum(-(-len(part) // _COLUMNS) for part in (SAMPLES, FIGURE_SAMPLES)) + 2
-    spacing = imgui.GetStyle().ItemSpacing[1]
-    height = min(ui.px(_HEIGHT), _SHARE * display[1] / rows - spacing)
-    size = (min(ui.px(_WIDTH), 0.47 * display[0]), max(height, imgui.GetTextLineHeight()))
+    spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
+    columns = _FEWEST
+    while (height := _height(columns, display[1], spacing[1], line)) < line and columns < _MOST:
+        columns += 1
+    width = min(ui.px(_WIDTH), 0.92 * display[0] / columns - spacing[0])
+    size = (width, max(min(height, ui.px(_HEIGHT)), line))
     for heading, part in (("Meshes", SAMPLES), ("Figures of the paper", FIGURE_SAMPLES)):
         ui.heading(heading)
         for number, sample in enumerate(part):
-            if number % _COLUMNS:
+            if number % columns:
                 ui.beside()
             if _entry(ui, sample, files.sample == sample.name, size, textures):
                 files.open_figure(sample.figure) if sample.figure else files.open(asset_path(sample.name))
+
+
+def _height(columns: int, room: float, spacing: float, line: float) -> float:
+    """What the entries may be high, below their two headings."""
+    rows = sum(-(-len(part) // columns) for part in (SAMPLES, FIGURE_SAMPLES))
+    return float((_SHARE * room - 2 * (line + spacing)) / rows - spacing)
 
 
 def _entry(ui: Ui, sample: Sample, loaded: bool, size: tuple[float, float], textures: SampleTextures) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 import numpy as np
-import polyscope as ps
 import pytest
 from PIL import Image
 
@@ -15,6 +14,7 @@ from abfm.experiments import FIGURES, experiment_of
 from abfm_viewer.appearance.samples import PICTURES, SIDE, vertices
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.samples import MESHES
+from abfm_viewer.scene.scene import Scene
 from tests.shapes import icosphere
 from tests.viewer.sessions import SIZE
 
@@ -105,7 +105,6 @@ def test_pictures_come_again_after_polyscope_forgot_its_structures(presets):
         assert opened_menu(presets)
         presets.frames(3)
         presets.key("esc")
-        ps.remove_all_structures()
+        presets.window.scene = Scene(presets.window.shown)  # which removes all of another
         presets.frames(2)
-        presets.window.scene._mesh = None  # so that it is drawn anew
     assert presets.errors == {}
