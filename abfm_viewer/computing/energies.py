@@ -44,7 +44,7 @@ def _run(rows: list[_Row], restarts: tuple[int, ...], mismatch: float, parameter
         stages=table[:, 3].astype(np.int64),
         restarts=restarts,
         mismatch=mismatch,
-        label=f"alpha {parameters.alpha:g}, beta {parameters.beta:g}, sigma {parameters.sigma:g}",
+        label=f"α {parameters.alpha:g}, β {parameters.beta:g}, σ {parameters.sigma:g}",
         vertices=table[:, 4].astype(np.int64),
         reaches=table[:, 5],
     )

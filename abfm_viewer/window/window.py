@@ -48,8 +48,8 @@ if TYPE_CHECKING:
 
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
 _IDLE_AFTER = 1.0  # seconds without anything that moves
-_PANEL_WIDTH, _WIDEST_PANEL = 380, 0.5
-_STATUS_HEIGHT = 28
+_PANEL_WIDTH, _WIDEST_PANEL = 380, 0.44
+_STATUS_HEIGHT = 30
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,7 @@ class Window:
         self.files.ways_out[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0
         self.errors: dict[str, str] = {}
+        self._drawn: set[str] = set()
         self.closing = self.interrupted = False
         self.parts = areas(size, 0, 1)
         self._redraws = self._active = False
@@ -199,6 +200,7 @@ class Window:
             self.session.say(f"{part}: {one_line(error)}", is_error=True)
         else:
             self.errors.pop(part, None)
+        self._drawn.add(part)
 
     def _callback(self) -> None:
         """Draw one frame; an exception that escaped would stop polyscope from drawing ever again."""
@@ -241,6 +243,8 @@ class Window:
         if keys_are_free:
             self.guarded("keyboard", lambda: self.keyboard.do_pressed(self.actions))
         if is_live:
+            self.errors = {part: error for part, error in self.errors.items() if part in self._drawn}
+            self._drawn.clear()
             self.ui.end_frame()
             self.guarded("widget file", lambda: write_widgets(self.ui.widgets, self.frames))
 
