@@ -13,6 +13,7 @@ from PIL import Image
 from abfm import load_mesh
 from abfm.assets import asset_path
 from abfm.experiments import FIGURES
+from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import COLUMNS, PICTURES, SIDE, TABLE
 from abfm_viewer.computing.evaluator import Evaluator
 from abfm_viewer.document.document import Channel, Document, View
@@ -41,7 +42,7 @@ def draw_all() -> None:
     TABLE.write_text(json.dumps(vertices, indent=1) + "\n", encoding="utf-8")
 
 
-def _mesh_document(name: str) -> tuple[Document, dict[str, object]]:
+def _mesh_document(name: str) -> tuple[Document, dict[str, FloatArray]]:
     mesh = load_mesh(asset_path(name))
     return Document(mesh, name, (Channel(*Evaluator(mesh).defaults()),)), {}
 

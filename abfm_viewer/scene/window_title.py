@@ -4,6 +4,7 @@ import ctypes
 import os
 import sys
 from contextlib import suppress
+from importlib.util import find_spec
 
 from abfm_viewer.scene.opengl import WINDOW, ps
 
@@ -26,9 +27,10 @@ class WindowTitle:
 
 def _by_glfw(text: str) -> None:
     """Linux and macOS: polyscope's own library lets others call the GLFW in it."""
-    import polyscope_bindings
-
-    library = ctypes.CDLL(polyscope_bindings.__file__)
+    found = find_spec("polyscope_bindings")
+    if found is None or found.origin is None:
+        return
+    library = ctypes.CDLL(found.origin)
     current, set_title = library.glfwGetCurrentContext, library.glfwSetWindowTitle
     current.restype, set_title.restype = ctypes.c_void_p, None
     set_title.argtypes = (ctypes.c_void_p, ctypes.c_char_p)

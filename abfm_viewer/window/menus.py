@@ -23,12 +23,14 @@ _INITIAL = Parameters()
 
 
 def draw(ui: Ui, actions: Actions, textures: SampleTextures) -> None:
+    def draw_samples(ui: Ui, actions: Actions) -> None:
+        samples_menu.draw(ui, actions.context.files, textures)
+
+    menus = {"File": _file, "Edit": _edit, "View": _view, "Samples": draw_samples, "Help": _help}
     with ui.menu_bar():
-        for label, draw_menu in _MENUS.items():
+        for label, draw_menu in menus.items():
             with ui.menu(label) as is_open:
-                if is_open and draw_menu is None:
-                    samples_menu.draw(ui, actions.context.files, textures)
-                elif is_open:
+                if is_open:
                     draw_menu(ui, actions)
         _title(ui, actions.context.session)
 
@@ -133,6 +135,3 @@ def _short(path: Path) -> str:
     if text.startswith(f"{home}/"):
         text = f"~{text[len(home) :]}"
     return text if len(text) <= _LONGEST_PATH else f"{text[:15]}...{text[-_LONGEST_PATH + 18 :]}"
-
-
-_MENUS = {"File": _file, "Edit": _edit, "View": _view, "Samples": None, "Help": _help}

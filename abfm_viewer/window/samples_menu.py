@@ -13,7 +13,7 @@ from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
 
 _WIDTH, _HEIGHT = 290, 50
-_FEWEST, _MOST = 2, 3  # columns
+_FEWEST, _MOST = 2, 4  # columns
 _SHARE = 0.86  # of the window's height that the menu may take
 
 
