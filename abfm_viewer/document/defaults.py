@@ -9,7 +9,7 @@ from abfm.types import FloatArray
 WIDTH, _WIDEST = 0.13, 0.5
 """How wide a Gaussian is, if the mesh is fine enough, and at most, as a share of the way between the two."""
 _EDGES = 6.0  # that one is wide on coarser meshes: else no flow of theirs would be exact
-_PLACE, _APART, _FARTHEST = 0.34, 0.32, 0.7
+_PLACE, _APART, _FARTHEST = 0.34, 0.3, 0.5
 """Where the source is on the way from end to end, how far the target is from it, as shares of that way, and at most."""
 _SIDE = 0.1  # how much of the way facing the viewer is worth
 

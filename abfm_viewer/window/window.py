@@ -26,7 +26,9 @@ from abfm_viewer.scene.annotations import bar_room, draw_annotations, name_heigh
 from abfm_viewer.scene.gaussian_markers import GaussianMarkers
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.resting import Resting
+from abfm_viewer.scene.sample_textures import SampleTextures
 from abfm_viewer.scene.scene import Scene
+from abfm_viewer.scene.window_title import WindowTitle
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import OTHER_MESH, OTHER_NAME, SessionFiles
@@ -46,8 +48,8 @@ if TYPE_CHECKING:
 
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
 _IDLE_AFTER = 1.0  # seconds without anything that moves
-_PANEL_WIDTH, _WIDEST_PANEL = 380, 0.5
-_STATUS_HEIGHT = 28
+_PANEL_WIDTH, _WIDEST_PANEL = 380, 0.44
+_STATUS_HEIGHT = 30
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,7 @@ class Window:
         self.files.ways_out[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0
         self.errors: dict[str, str] = {}
+        self._drawn: set[str] = set()
         self.closing = self.interrupted = False
         self.parts = areas(size, 0, 1)
         self._redraws = self._active = False
@@ -122,6 +125,8 @@ class Window:
         self.resting = Resting(session, backend == opengl.WINDOW)
         self.mouse = Mouse()
         self.keyboard = Keyboard()
+        self.title = WindowTitle()
+        self.sample_textures = SampleTextures()
         self.gaussian_markers = GaussianMarkers()
 
     def run(self) -> None:
@@ -196,6 +201,7 @@ class Window:
             self.session.say(f"{part}: {one_line(error)}", is_error=True)
         else:
             self.errors.pop(part, None)
+        self._drawn.add(part)
 
     def _callback(self) -> None:
         """Draw one frame; an exception that escaped would stop polyscope from drawing ever again."""
@@ -228,7 +234,7 @@ class Window:
         self.guarded("markers", lambda: self.gaussian_markers.draw(self.ui, self.session, self.scene, parts.scene))
         self.guarded("labels", lambda: draw_annotations(self.ui, self.scene, parts.scene, view.color_bar))
         with self.ui.disabled(self.dialogs.is_open):
-            self.guarded("menu", lambda: menus.draw(self.ui, self.actions))
+            self.guarded("menu", lambda: menus.draw(self.ui, self.actions, self.sample_textures))
             self.guarded("panel", lambda: right_panel.draw(self.context, parts.panel, self.guarded))
             self.guarded("time bar", lambda: time_bar.draw(self.context, parts.time_bar))
             self.guarded("status line", lambda: status_line.draw(self.context, parts.status))
@@ -238,6 +244,8 @@ class Window:
         if keys_are_free:
             self.guarded("keyboard", lambda: self.keyboard.do_pressed(self.actions))
         if is_live:
+            self.errors = {part: error for part, error in self.errors.items() if part in self._drawn}
+            self._drawn.clear()
             self.ui.end_frame()
             self.guarded("widget file", lambda: write_widgets(self.ui.widgets, self.frames))
 
@@ -253,6 +261,7 @@ class Window:
         self.session.player.held = not self.shown.is_ready
         self.session.update()
         self.files.update()
+        self.title.show(f"{self.session.title} - abfm")
         if self.preferences and self.recoveries:
             self.recoveries.update()
             self.preferences.update()

@@ -213,7 +213,7 @@ def test_every_layout_color_map_and_scale(gui):
         assert gui.session.view.ui_scale == scale
         width = gui.window.parts.status[2]
         left, _, right, _ = gui.window.parts.panel
-        assert right - left == pytest.approx(min(380 * scale, width / 2))
+        assert right - left == pytest.approx(min(380 * scale, 0.44 * width))
 
 
 def test_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
@@ -262,12 +262,12 @@ def test_the_camera_turns_and_is_reset(gui):
 
 def test_defaults_return(gui):
     gui.session.set_parameter(alpha=3.0)
-    gui.click("Reset to defaults", within="Presets")
+    gui.click("Reset to defaults", within="Edit")
     assert gui.session.parameters == Parameters()
 
 
 def test_help_is_closed_again(gui):
-    for entry, title in (("Shortcuts", "Shortcuts"), ("About", "About abfm")):
+    for entry, title in (("Shortcuts", "Shortcuts"), ("Messages", "Messages"), ("About", "About abfm")):
         gui.menu("Help", entry)
         gui.click("Close", within=title)
         assert not gui.window.dialogs.is_open

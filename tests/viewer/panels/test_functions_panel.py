@@ -13,6 +13,7 @@ from abfm_viewer.automation import aim
 from abfm_viewer.document.document import Channel
 from abfm_viewer.document.gaussians import gaussians
 from abfm_viewer.session import active_gaussian
+from abfm_viewer.widgets.toolkit import Ui
 from tests.viewer.sessions import EGG, PAIR, SPHERE, opened
 
 TWO = "gaussian:vertex=1 + gaussian:vertex=2 + gaussian:vertex=3"
@@ -117,7 +118,7 @@ def test_the_first_frame_does_without_the_functions():
 
 
 def refusals(gui):
-    return list(gui.window.ui._refused.values())
+    return list(gui.window.ui.refusals.reasons.values())
 
 
 def spec(gui, side="source"):
@@ -155,6 +156,23 @@ def test_what_is_refused_leaves_the_function_and_the_next_change_takes_the_reaso
     assert any("'high' is no number" in reason for reason in reasons)
     gui.type("height", "2", within="source")
     assert refusals(gui) == []
+
+
+def test_a_mistyped_spec_shows_one_error_and_stays_to_be_mended(gui, monkeypatch):
+    notes = []
+    note = Ui.note
+    monkeypatch.setattr(Ui, "note", lambda ui, text, kind="muted": notes.append((kind, text)) or note(ui, text, kind))
+    before = spec(gui)
+    gui.type("spec", "gaussian:vortex=1", within="source")
+    notes.clear()
+    gui.frames(1)
+    (told,) = [text for kind, text in notes if kind == "failure"]
+    assert "unknown key 'vortex'" in told
+    assert gui.text_of("spec", within="source") == "gaussian:vortex=1"
+    assert spec(gui) == before
+    gui.drag("width", 0.3, within="target")
+    assert refusals(gui) == []
+    assert gui.text_of("spec", within="source") == before
 
 
 def test_from_a_vertex_that_is_not_there_every_family_can_be_reached(gui):
@@ -243,13 +261,14 @@ def test_the_vertex_map_stays_when_what_is_inside_changes(gui, tmp_path):
     order = np.roll(np.arange(len(EGG.vertices)), 1)
     np.savetxt(tmp_path / "order 1.txt", order, fmt="%d")
     np.save(tmp_path / "values.npy", EGG.vertices[:, 0])
+    before = gaussians(spec(gui))[0].width
     gui.choose("vertex map", "file...", within="source")
     gui.double_click("order 1.txt")
     gui.click("Add Gaussian", within="source")
     gui.type("width", "0.2", within="source")
     gui.pick(vertex=12)
     assert "goes through a vertex map" in gui.session.notice.text
-    assert [gaussian.width for gaussian in gaussians(spec(gui))] == [0.1, 0.2]
+    assert [gaussian.width for gaussian in gaussians(spec(gui))] == [before, 0.2]
     gui.choose("family", "file", within="source")
     gui.double_click("values.npy")
     gui.wait(lambda s: not s.obstacle)
@@ -320,18 +339,18 @@ def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
     now = [100.0]
     monkeypatch.setattr("abfm_viewer.window.mouse.time.perf_counter", lambda: now[0])
     vertex = front(gui)
-    look = gui.window.scene.look
+    look, before = gui.window.scene.look, gaussians(spec(gui, "target"))[0].width
     gui.wheel(1, vertex, surface="target")
     gui.wheel(1, vertex, surface="target")
     now[0] += 10
     gui.frames(2)
     gui.wheel(-1, vertex, surface="target")
-    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(0.112, abs=0.001)
+    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(1.12 * before, rel=0.01)
     assert gui.window.scene.look == look
     gui.session.undo()
-    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(0.125, abs=0.001)
+    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(1.25 * before, rel=0.01)
     gui.session.undo()
-    assert gaussians(spec(gui, "target"))[0].width == 0.1
+    assert gaussians(spec(gui, "target"))[0].width == before
 
 
 def test_where_there_is_no_gaussian_the_status_line_says_what_to_do(gui):
