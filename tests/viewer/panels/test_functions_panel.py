@@ -350,7 +350,7 @@ def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
     gui.session.undo()
     assert gaussians(spec(gui, "target"))[0].width == pytest.approx(1.25 * before, rel=0.01)
     gui.session.undo()
-    assert gaussians(spec(gui, "target"))[0].width == 0.1
+    assert gaussians(spec(gui, "target"))[0].width == before
 
 
 def test_where_there_is_no_gaussian_the_status_line_says_what_to_do(gui):
