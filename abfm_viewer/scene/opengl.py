@@ -73,8 +73,9 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
 
 
 def clear() -> None:
-    """Leave nothing of what was drawn before."""
+    """Leave nothing of what was drawn before, nor of how: slots are in parallel projection, and clipped."""
     ps.remove_all_structures()
     ps.remove_all_slice_planes()
     ps.set_ground_plane_mode("none")
     ps.set_automatically_compute_scene_extents(False)
+    ps.set_view_projection_mode("perspective")

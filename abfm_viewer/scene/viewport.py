@@ -39,7 +39,6 @@ class Viewport:
     def place(self, camera: Camera) -> None:
         """Make polyscope draw what a camera sees."""
         position, target = self.drawn(np.array([camera.position, camera.target]))
-        ps.set_view_projection_mode("perspective")
         ps.set_vertical_fov_degrees(camera.angle)
         ps.look_at_dir(position, target, np.array(camera.up))
 
