@@ -29,7 +29,7 @@ class Palette:
     accent_ink: Color
     source: Color
     target: Color
-    error: Color
+    failure: Color  # of what went wrong or was not reached; nothing else has its hue
     good: Color
     marker: Color
 
@@ -48,7 +48,7 @@ LIGHT = Palette(
     accent_ink=_hex("#ffffff"),
     source=_hex("#2455c3"),
     target=_hex("#c62828"),
-    error=_hex("#b3261e"),
+    failure=_hex("#9320a8"),
     good=_hex("#1b7a43"),
     marker=_hex("#0b8f6a"),
 )
@@ -66,7 +66,7 @@ DARK = Palette(
     accent_ink=_hex("#ffffff"),
     source=_hex("#86a9ff"),
     target=_hex("#ff8a80"),
-    error=_hex("#ff8a80"),
+    failure=_hex("#dd8cf0"),
     good=_hex("#69d39a"),
     marker=_hex("#38d9a9"),
 )

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from abfm import AbfmError
 
-BAD_INPUT, INTERRUPTED = 2, 130
+BAD_INPUT, UNMATCHED, INTERRUPTED = 2, 3, 130
 
 
 class UsageError(Exception):

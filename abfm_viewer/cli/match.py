@@ -24,6 +24,10 @@ Examples:
   abfm match spot.obj --source eigenfunction:7 --target eigenfunction:8 --tau 2 --out match.npz --out match.vtu
   abfm match spot.obj --channel coordinate:x file:x.npy 1 --channel coordinate:y file:y.npy 1 --out match.npz
 
+The exit status is 0 when source and target are matched or nearly so, 3 when the target was not reached or no flow can
+reach it, with what to try, 2 for bad input, and 130 when a signal ended the run; the best result is written in any case
+but that of bad input.
+
 A function (SPEC) is family:key=value,... and several may be added with +. Families:
   {", ".join(family.family for family in families())}
 For example gaussian:vertex=12,width=0.1 or expression:sin(10*x)*z; the README has them all.
@@ -63,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Match and write; 130 when a signal stopped it."""
+    """Match and write; 3 when the target was not reached, 130 when a signal stopped it."""
     for path in arguments.out:
         outputs.check(path, outputs.WRITERS)
     parameters = options.parameters(arguments)

@@ -16,23 +16,51 @@ from abfm import Iteration
 from abfm_viewer.document.verdict_words import place
 
 Report = Callable[[Iteration], None]
+_LASTING = 10  # iterations: what looks wrong for less mostly passes
 _LINES_EVERY = _LINES_OF_A_MOVIE = 10
 
 
 @contextmanager
 def progress(iterations: int, quiet: bool) -> Iterator[Report]:
-    """What to call after every iteration, `iterations` at most."""
+    """What to call after every iteration, `iterations` at most; what looks wrong early is said once, quiet or not."""
+    warn = _Warner()
     if quiet:
-        yield lambda _: None
+        yield warn
     elif sys.stderr.isatty():
         numbers = TextColumn("energy {task.fields[energy]}  mismatch {task.fields[mismatch]}")
         columns = (*_counted("{task.fields[place]}"), numbers, TimeElapsedColumn(), TimeRemainingColumn())
         with _bar(columns, iterations, place="-", energy="-", mismatch="-") as update:
-            yield lambda now: update(
-                completed=now.iteration, place=place(now), energy=f"{now.energy:.4g}", mismatch=f"{now.mismatch:.4f}"
-            )
+
+            def show(now: Iteration) -> None:
+                warn(now)
+                update(
+                    completed=now.iteration,
+                    place=place(now),
+                    energy=f"{now.energy:.4g}",
+                    mismatch=f"{now.mismatch:.4f}",
+                )
+
+            yield show
     else:
-        yield _print_line
+
+        def say(now: Iteration) -> None:
+            _print_line(now)
+            warn(now)
+
+        yield say
+
+
+class _Warner:
+    """Says on stderr what looks wrong while a match runs, once, and not if it may pass."""
+
+    def __init__(self) -> None:
+        self._held = 0  # iterations in a row in which something looked wrong
+
+    def __call__(self, now: Iteration) -> None:
+        if self._held < _LASTING:
+            self._held = self._held + 1 if now.warning else 0
+            if self._held == _LASTING:
+                print(f"warning: iteration {now.iteration}: {now.warning}", file=sys.stderr, flush=True)
 
 
 def _counted(title: str) -> tuple[ProgressColumn, ...]:

@@ -11,10 +11,10 @@ from typing import Any
 
 import abfm
 from abfm import Control, Match, TriangleMesh
-from abfm_viewer.cli.exit_status import INTERRUPTED
+from abfm_viewer.cli.exit_status import INTERRUPTED, UNMATCHED
 from abfm_viewer.cli.interrupt import cancelled_by_signals
 from abfm_viewer.cli.progress import progress
-from abfm_viewer.document.verdict_words import numbers
+from abfm_viewer.document import verdict_words
 from abfm_viewer.files import outputs
 
 
@@ -29,18 +29,24 @@ class Outcome:
 
     @property
     def status(self) -> int:
-        """Exit status: 130 when a signal came, also one that came after the last iteration."""
-        return INTERRUPTED if self.interrupted else 0
+        """Exit status: 130 when a signal came, also after the last iteration; 3 when the target was not reached."""
+        if self.interrupted:
+            return INTERRUPTED
+        return 0 if self.match.verdict.kind in ("matched", "nearly") else UNMATCHED
 
     def summary(self) -> str:
-        """For a person: a line with the numbers, one with the verdict, and one with advice if there is any."""
-        match, verdict = self.match, self.match.verdict
-        advice = f"\nto try: {verdict.advice}" if verdict.advice else ""
-        return (
-            f"mismatch {numbers(match)}, after {len(match.energy_history) - 1} iterations in {self.seconds:.1f} s "
-            f"({match.stop_reason}); wrote {', '.join(map(str, self.outputs))}\n"
-            f"{verdict.kind}: {verdict.reason}{advice}"
-        )
+        """For a person: how well it matches, why it stopped, the numbers, and what to try if there is anything."""
+        match = self.match
+        lines = [
+            verdict_words.headline(match),
+            verdict_words.why(match),
+            f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} iterations in "
+            f"{self.seconds:.1f} s; wrote {', '.join(map(str, self.outputs))}",
+        ]
+        result = next((str(path) for path in self.outputs if path.suffix == ".npz"), "RESULT.npz")
+        if advice := verdict_words.advice_in_options(match, result):
+            lines.append(f"to try: {advice}")
+        return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """The same and more for a program."""

@@ -38,7 +38,7 @@ class FileDialog:
             with ui.child("files", -(below * line + self._note_height(ui))):
                 taken = self._draw_list(ui) or taken
             note, is_error = self._note()
-            ui.note(note, "error" if is_error else "muted")
+            ui.note(note, "failure" if is_error else "muted")
             if self.choice.saving:
                 self._draw_name(ui)
             word = "Save" if self.choice.saving else "Open"
@@ -77,7 +77,7 @@ class FileDialog:
         if listing.entries:
             return self._draw_entries(ui, listing)
         nothing = f"no folders, and no files that end in {', '.join(self.choice.suffixes)}"
-        ui.note(listing.error or nothing, "error" if listing.error else "muted")
+        ui.note(listing.error or nothing, "failure" if listing.error else "muted")
         return None
 
     def _draw_entries(self, ui: Ui, listing: Listing) -> Path | None:

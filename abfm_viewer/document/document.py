@@ -118,6 +118,7 @@ class View:
     streaks: bool = False  # on the advected surface
     fade: bool = False  # streaks, where the field is slow
     animate: bool = False  # streaks move along the field
+    flow_after_match: bool = True  # whether a match that ended shows its flow and plays it
     tool: ClickTool = "nothing"
     previous_runs: bool = True  # are in the plot of the energy
 

@@ -1,30 +1,101 @@
-"""What a match came to, in the words of window and command line."""
+"""What a match came to, in the words of window, pictures and command line."""
 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING, Literal
 
 import abfm
 
+if TYPE_CHECKING:
+    from abfm.matching import Remedy
+
+Tone = Literal["good", "ink", "failure"]
+"""The colour that means it, of the theme's."""
+
 _OTHERWISE = {  # of matches that did not come to their end
-    "cancelled": "The best field so far was kept.",
-    "given": "Nothing was solved: press Play below the surfaces to see its flow. Match looks for a field of its own.",
+    "cancelled": "it was cancelled, and the best field so far was kept",
+    "given": "nothing was solved: Play shows its flow, Match looks for a field of its own",
 }
+_ENDED = {  # of those that are matched, or nearly, without another cause
+    "converged": "it stopped where going on gained little",
+    "iteration limit": "it stopped after the {iterations} iterations it was given",
+}
+_LEAST = 1e-4  # a smaller mismatch is told as less than this
 
 
 def headline(match: abfm.Match) -> str:
-    """How it ended, in a line: ``matched: mismatch 0.012, 0.03 by flow lines, 0.1% folded``."""
-    ends = {"cancelled": "cancelled", "given": "field given"}
-    return f"{ends.get(match.stop_reason, match.verdict.kind)}: mismatch {numbers(match)}"
+    """How well it matches: ``matched to 0.7%``, ``nearly: 8% left``, ``not reached: 33% left``, ``impossible``.
+
+    The share is the relative mismatch, that by flow lines where it is larger: what is surely there, no scheme's luck.
+    """
+    kind, left = match.verdict.kind, share(leaves(match))
+    if match.stop_reason == "given":
+        return "field given"
+    if match.stop_reason == "cancelled":
+        return f"cancelled: {left} left"
+    if kind == "impossible":
+        return kind
+    return f"matched to {left}" if kind == "matched" else f"{kind}: {left} left"
 
 
-def explanation(match: abfm.Match) -> list[str]:
-    """Why it ended so, and what to try, each a sentence."""
+def leaves(match: abfm.Match) -> float:
+    """The larger one of the mismatch and that by flow lines, if it is known."""
+    return float(
+        match.mismatch if math.isnan(match.verified_mismatch) else max(match.mismatch, match.verified_mismatch)
+    )
+
+
+def share(value: float) -> str:
+    """A share in percent, with as many digits as one reads: ``0.7%``, ``33%``."""
+    if value < _LEAST:
+        return f"less than {100 * _LEAST:g}%"
+    return f"{100 * value:.0f}%" if value >= 0.0095 else f"{100 * value:.1g}%"
+
+
+def tone(match: abfm.Match) -> Tone:
+    """Green for what is matched, failure for what is not reached or impossible, ink for the rest."""
     if match.stop_reason in _OTHERWISE:
-        return [_OTHERWISE[match.stop_reason]]
-    verdict = match.verdict
-    tried = [f"To try: {verdict.advice}."] if verdict.advice else []
-    return [f"{verdict.reason[:1].upper()}{verdict.reason[1:]}.", *tried]
+        return "ink"
+    tones: dict[str, Tone] = {"matched": "good", "nearly": "ink"}
+    return tones.get(match.verdict.kind, "failure")
+
+
+def why(match: abfm.Match) -> str:
+    """Why it stopped there, in a line."""
+    if match.stop_reason in _OTHERWISE:
+        return _OTHERWISE[match.stop_reason]
+    cause = match.verdict.cause
+    return cause or _ENDED.get(match.stop_reason, match.stop_reason).format(iterations=match.parameters.iterations)
+
+
+def advice(match: abfm.Match) -> str:
+    """What to try, in a line; empty where nothing is needed."""
+    return "" if match.stop_reason == "given" else match.verdict.advice
+
+
+def advice_in_options(match: abfm.Match, result: str) -> str:
+    """What to try as options of a command line, if the result is in a file; else in words, empty for nothing."""
+    found = [f"{remedy.label.lower()} ({_options(remedy, result)})" for remedy in match.verdict.remedies]
+    return ", or ".join(found) or advice(match)
+
+
+def _options(remedy: Remedy, result: str) -> str:
+    """What a remedy adds to a command line: ``--reach 0.6 --start match.npz``."""
+    words = [f"--{name.replace('_', '-')} {_plain(value)}" for name, value in remedy.parameters.items()]
+    return " ".join([*words, *([f"--start {result}"] if remedy.goes_on else [])])
+
+
+def changes(remedy: Remedy) -> str:
+    """What a remedy does, for a tooltip: ``a larger reach, such as 1 of sqrt(area): reach 1, from no motion``."""
+    changed = ", ".join(f"{name} {_plain(value)}" for name, value in remedy.parameters.items())
+    start = "from the present field" if remedy.goes_on else "from no motion"
+    words = f"{remedy.words[:1].upper()}{remedy.words[1:]}."
+    return f"{words}\nStarts a run {start}{f', with {changed}' if changed else ''}."
+
+
+def _plain(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def numbers(match: abfm.Match) -> str:

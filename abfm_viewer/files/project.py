@@ -29,7 +29,7 @@ from abfm_viewer.files.project_checks import check
 _MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
 _RUN = {"stages": Entry("integer", ("n",), may_be_empty=True), "energies": Entry("real", ("n", 3), may_be_empty=True)}
 _COURSE = _RUN | {"vertices": Entry("integer", ("n",)), "reaches": Entry("real", ("n",))}
-_RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in ("parameters", "verdict")}
+_RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in ("parameters", "verdict", "remedies")}
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ def save_project(path: str | os.PathLike[str], document: Document, known: Mappin
     if result is not None:
         parts = abfm.matching.match_arrays(result)
         plain_result = {name: part for name, part in parts.items() if not isinstance(part, np.ndarray)}
+        plain_result.pop("remedies", None)  # they are the verdict's
         plain_result |= {"parameters": to_plain(result.parameters), "verdict": to_plain(result.verdict)}
         arrays |= {f"result/{name}": part for name, part in parts.items() if isinstance(part, np.ndarray)}
     content = {

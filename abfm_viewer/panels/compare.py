@@ -15,7 +15,7 @@ def draw(context: Context) -> None:
     error = ui.checkbox("error", view.error, "A surface with |target - advected|, on a range of its own.")
     session.set_view("compare", blend=blend, transport=transport, error=error)
     if transport and context.shown.mass_transport.error:
-        ui.note(f"No optimal transport: {context.shown.mass_transport.error}.", "error")
+        ui.note(f"No optimal transport: {context.shown.mass_transport.error}.", "failure")
     target, advected = session.values("target"), context.shown.flow.advected()
     if target is None or advected is None:
         return

@@ -18,7 +18,7 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
 _HEIGHT = 210
-_NAMES = ("total", "regularity", "mismatch")
+_NAMES = ("total energy", "smoothness term", "closeness term")
 _SHORTEST_AXIS = 10  # iterations
 _PLOT = (
     implot.ImPlotFlags_NoTitle
@@ -37,7 +37,9 @@ def draw(context: Context) -> None:
     run = live or (runs[-1] if runs else None)
     previous = runs if live else runs[:-1]
     if run is None:
-        ui.note("Total, regularity and mismatch of each iteration appear here while the solver runs.")
+        ui.note(
+            "Appears here while the solver runs: the energy of each iteration, with its smoothness and closeness terms."
+        )
     else:
         _plot(ui, run, previous if session.view.previous_runs else ())
         marks = ["grey line: next stage"] if _stage_starts(run) else []

@@ -56,7 +56,7 @@ def _draw_state(ui: Ui, exporter: Exporter) -> None:
         if ui.button("Cancel export", "Stop; an older file stays as it was."):
             exporter.cancel()
     elif exporter.message:
-        ui.note(exporter.message, "error" if exporter.failed else "good")
+        ui.note(exporter.message, "failure" if exporter.failed else "good")
 
 
 def _draw_size(ui: Ui, exporter: Exporter) -> None:

@@ -57,4 +57,4 @@ def draw(context: Context) -> None:
         for name, share in field.shares.items():
             ui.note(f"{name}: {100 * share:.1f}% of the squared norm")
     if quantities.error:
-        ui.note(quantities.error, "error")
+        ui.note(quantities.error, "failure")

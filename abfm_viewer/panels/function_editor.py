@@ -44,7 +44,7 @@ def draw(context: Context, side: Side) -> None:
         editor.put(typed, "spec")
     ui.refusal("spec")
     if problem := session.error(spec):
-        ui.note(problem, "error")
+        ui.note(problem, "failure")
 
 
 def _file_of(family: type[functions.Family]) -> functions.Parameter | None:

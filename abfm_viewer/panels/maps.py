@@ -29,7 +29,7 @@ def draw(context: Context) -> None:
     if view.coloring != "function" and view.coloring in _COLORINGS:
         quality = quantities.map_quality()
         if quality is not None and quality.warning:
-            ui.note(f"Warning: {quality.warning}.", "error")
+            ui.note(f"Warning: {quality.warning}.", "failure")
     follows = view.tool == "follow a point"
     follow = ui.checkbox("follow clicked points", follows, "A click on a surface marks a point, which then moves.")
     if follow != follows:
@@ -41,4 +41,4 @@ def draw(context: Context) -> None:
     if session.document.points and ui.button("Clear points", "Follow no points any more."):
         session.change("clear points", points=())
     if quantities.error:
-        ui.note(quantities.error, "error")
+        ui.note(quantities.error, "failure")

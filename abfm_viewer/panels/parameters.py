@@ -128,7 +128,7 @@ def _mask(ui: Ui, session: Session) -> None:
             session.set_mask(spec.strip())
     ui.refusal("mask")
     if problem := session.error(session.document.mask):
-        ui.note(problem, "error")
+        ui.note(problem, "failure")
 
 
 @cache

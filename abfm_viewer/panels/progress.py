@@ -17,3 +17,5 @@ def draw(ui: Ui, session: Session) -> None:
     imgui.ProgressBar(now.iteration / max(limit, 1), (-1, 0), "")
     ui.note(f"Iteration {now.iteration}/{limit}, mismatch {now.mismatch:.3g}", "ink")
     ui.note(place(now).capitalize())
+    if now.warning:
+        ui.note(f"{now.warning[:1].upper()}{now.warning[1:]}.", "failure")

@@ -2,13 +2,12 @@
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.document.verdict_words import explanation, headline
-from abfm_viewer.panels import progress
+from abfm_viewer.panels import progress, verdict
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
-_STATE_HEIGHT = 150  # seven lines
+_STATE_HEIGHT = 124  # four lines and a row of buttons
 _SIDE_BUTTON = 76
 
 
@@ -18,11 +17,8 @@ def draw(context: Context) -> None:
     with ui.child("state", ui.px(_STATE_HEIGHT), border=False):  # always as high: what is below must not jump
         if session.solver.running:
             progress.draw(ui, session)
-        elif session.obstacle:
-            failed = any(session.error(spec) for spec in session.specs)
-            ui.note(f"No match yet: {session.obstacle}", "error" if failed else "muted")
         else:
-            _outcome(ui, session)
+            verdict.draw(context)
 
 
 def _buttons(ui: Ui, session: Session) -> None:
@@ -40,26 +36,6 @@ def _buttons(ui: Ui, session: Session) -> None:
     tip = "End the run and keep the best field so far (Esc)."
     if ui.button("Cancel", tip, enabled=solver.running, width=-1):
         solver.cancel()
-
-
-def _outcome(ui: Ui, session: Session) -> None:
-    result, solver = session.result, session.solver
-    if solver.failed:
-        ui.note(f"The solver stopped: {solver.reason}", "error")
-    if result is None:
-        if not solver.failed:
-            ui.note("Finds the field whose flow carries the source to the target.")
-        return
-    steps = len(result.energy_history) - 1
-    first, rest = headline(result).split(": ", 1)
-    after = f" after {steps} iterations" if steps else ""
-    poor = first in ("not reached", "impossible")
-    ui.note(f"{first.capitalize()}{after}: {rest}.", "error" if poor else "good" if first == "matched" else "ink")
-    if session.outdated:
-        ui.note("The functions or parameters changed since: press Match again.", "error")
-        return
-    for line in explanation(result):
-        ui.note(line)
 
 
 def draw_switches(ui: Ui, session: Session) -> None:

@@ -18,7 +18,7 @@ def draw(context: Context, rect: Rect) -> None:
         start = right - imgui.CalcTextSize(details)[0] - ui.px(2)  # else a fraction of a pixel makes it two lines
         text = session.notice.text or _state(context)
         shown = cut(text, start - left - ui.px(16), _width)
-        ui.note(shown, "error" if session.notice.is_error else "ink")
+        ui.note(shown, "failure" if session.notice.is_error else "ink")
         if shown != text:
             ui.tip(text)
         imgui.SameLine(start)

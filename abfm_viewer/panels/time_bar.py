@@ -90,7 +90,7 @@ def _track(ui: Ui, note: str, rect: Rect) -> None:
     tint, corners = _packed((*colors.marker[:3], 0.16)), imgui.ImDrawFlags_RoundCornersRight
     canvas.AddRectFilled((middle, top), (right, bottom), tint, rounding, corners)
     canvas.AddLine((middle, top), (middle, bottom), _packed(colors.ink), ui.px(1.5))
-    text, color = ("cannot be followed", colors.error) if note else ("extrapolation", colors.muted)
+    text, color = ("cannot be followed", colors.failure) if note else ("extrapolation", colors.muted)
     size = imgui.CalcTextSize(text)
     place = (right - size[0] - ui.px(6), (top + bottom - size[1]) / 2)
     if place[0] > middle + ui.px(12):

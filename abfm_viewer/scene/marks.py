@@ -1,6 +1,7 @@
-"""What is drawn on surfaces besides colours: arrows of a field, paths, and points."""
+"""What is drawn on surfaces besides colours: arrows of a field, lines, and points."""
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,15 +9,21 @@ import abfm
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 from abfm_viewer.appearance import material
-from abfm_viewer.scene.arrow_mesh import arrow_mesh
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.ribbons import Course, Triangles, arrow_ribbons, course_of, line_ribbons
 
 Rgb = Sequence[float]
 Drawn = Callable[[FloatArray], FloatArray]  # places (..., 3) from the mesh's units to drawn ones, which radii are in
 _FAST = 98  # percentile of the speeds shown that gets the full length
 _SLOW, _LONGEST = 0.01, 1.25  # of it: below there is no arrow, and none is longer
-_HIGH = 0.012  # of sqrt(area): what lies on a surface is hidden by it where it bends
-_THICK = 0.0035
+_THICK = 0.0035  # half of an arrow's width
+
+
+class _Middles(NamedTuple):
+    """The middles of faces."""
+
+    faces: IntArray
+    barycentric: FloatArray
 
 
 def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
@@ -29,33 +36,43 @@ def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
     return np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]])
 
 
-def draw_arrows(
-    name: str, mesh: TriangleMesh, velocity: FloatArray, length: float, density: float, drawn: Drawn, color: Rgb
-) -> None:
-    """Show a field (F, 3) that is not zero everywhere: `length` is that of the fast arrows."""
+def arrow_courses(mesh: TriangleMesh, velocity: FloatArray, length: float, density: float) -> list[Course]:
+    """The ways of the arrows of a field (F, 3): pieces of flow lines; `length` is that of the fast ones."""
     speed = np.linalg.norm(velocity, axis=1)
     faces = evenly_spread(mesh, density)
     if not speed[faces].any():
         faces = np.array([speed.argmax()])
+    if not speed[faces].any():
+        return []
     fast = np.percentile(speed[faces][speed[faces] > 0], _FAST)  # the speed of slivers runs wild
     faces = faces[speed[faces] > _SLOW * fast]
-    capped = np.minimum(1, _LONGEST * fast / speed[faces])
-    vectors = (length / fast * capped)[:, None] * velocity[faces]
-    lift = _HIGH * mesh.length_scale * abfm.calculus.face_normals(mesh)[faces]
-    triangles = arrow_mesh(drawn(mesh.vertices[mesh.faces[faces]].mean(axis=1) + lift), vectors, _THICK)
-    arrows = ps.register_surface_mesh(name, *triangles, smooth_shade=False, material=material.NAME, color=color[:3])
-    arrows.reset_transform()  # polyscope remembers that of earlier structures of this name; likewise below
+    capped = velocity / np.maximum(fast, speed / _LONGEST)[:, None]
+    starts = _Middles(faces, np.full((len(faces), 3), 1 / 3))
+    lines = abfm.flow.flow_lines(mesh, capped, starts, length * mesh.length_scale)
+    return [course_of(mesh, line) for line in lines if len(line.times) > 1]
 
 
-def draw_curves(name: str, paths: Sequence[FloatArray], drawn: Drawn, color: Rgb, radius: float) -> None:
-    """Show paths, (K, 3) each."""
-    nodes = np.concatenate(paths)
-    counts = np.cumsum([len(path) for path in paths])
-    edges = np.stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))], axis=1)
-    edges = edges[~np.isin(edges[:, 1], counts)]
-    network = ps.register_curve_network(name, drawn(nodes), edges, color=color[:3], material=material.NAME)
-    network.reset_transform()
-    network.set_radius(radius, relative=False)
+def draw_arrows(
+    name: str, mesh: TriangleMesh, velocity: FloatArray, length: float, density: float, drawn: Drawn, color: Rgb
+) -> None:
+    """Show a field (F, 3) that is not zero everywhere, by arrows that lie on the surface."""
+    courses = arrow_courses(mesh, velocity, length, density)
+    draw_ribbons(name, mesh, arrow_ribbons(courses, _THICK), drawn, color)
+
+
+def draw_lines(
+    name: str, mesh: TriangleMesh, courses: Sequence[Course], drawn: Drawn, color: Rgb, half_width: float
+) -> None:
+    """Show ways on the surface, and which way they go."""
+    draw_ribbons(name, mesh, line_ribbons(courses, half_width), drawn, color)
+
+
+def draw_ribbons(name: str, mesh: TriangleMesh, triangles: Triangles, drawn: Drawn, color: Rgb) -> None:
+    """Show ribbons on a surface."""
+    vertices, faces = triangles
+    places = drawn(mesh.length_scale * vertices)
+    ribbons = ps.register_surface_mesh(name, places, faces, smooth_shade=False, material=material.NAME, color=color[:3])
+    ribbons.reset_transform()  # polyscope remembers that of earlier structures of this name; likewise below
 
 
 def draw_points(name: str, positions: FloatArray, drawn: Drawn, color: Rgb, radius: float) -> None:

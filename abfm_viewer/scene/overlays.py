@@ -8,30 +8,28 @@ from typing import Any
 
 import numpy as np
 
-import abfm
-from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.memo import same
 from abfm_viewer.scene import marks
 from abfm_viewer.scene.marks import Drawn
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.ribbons import course_of
 from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.shown.shown import Shown
 
 _ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"
 _NOW, _START = "followed points", "starts of points"
-_CURVES = (ps.get_curve_network, ps.remove_curve_network)
+_MESH = (ps.get_surface_mesh, ps.remove_surface_mesh)
 _CLOUD = (ps.get_point_cloud, ps.remove_point_cloud)
 _STRUCTURES: dict[str, tuple[Callable[..., Any], Callable[..., None]]] = {  # how to get and how to remove each
-    _ARROWS: (ps.get_surface_mesh, ps.remove_surface_mesh),
-    _LINES: _CURVES,
-    _PATHS: _CURVES,
+    _ARROWS: _MESH,
+    _LINES: _MESH,
+    _PATHS: _MESH,
     _NOW: _CLOUD,
     _START: _CLOUD,
 }
-_LIFT = 0.004  # of sqrt(area): what lies on a surface is hidden by it where it bends
-_THIN, _POINT = 0.0025, 0.014  # radii of lines and points
+_THIN, _POINT = 0.0025, 0.014  # half widths of lines, radii of points
 
 
 class Overlays:
@@ -54,7 +52,8 @@ class Overlays:
         lines, paths, time = tuple(quantities.lines()), tuple(quantities.paths()), self._shown.flow.time
         for name, curves in ((_LINES, lines), (_PATHS, paths)):
             if self._is_new(name, (curves, *look) if curves else None):
-                marks.draw_curves(name, [_lifted(mesh, line) for line in curves], placed, palette.marker, _THIN)
+                courses = [course_of(mesh, line) for line in curves if len(line.times) > 1]
+                marks.draw_lines(name, mesh, courses, placed, palette.marker, _THIN)
         if self._is_new(_NOW, (paths, time, *look) if paths else None):
             marks.draw_points(_NOW, np.array([path.at(time) for path in paths]), placed, palette.marker, _POINT)
         if self._is_new(_START, (paths, view.theme, *start) if paths and start is not None else None):
@@ -96,10 +95,6 @@ class Overlays:
     def _remove(self, name: str) -> None:
         if self._drawn.pop(name, None) is not None:
             _STRUCTURES[name][1](name, error_if_absent=False)
-
-
-def _lifted(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> FloatArray:
-    return line.positions + _LIFT * mesh.length_scale * abfm.calculus.face_normals(mesh)[line.faces]
 
 
 def _placed(viewport: Viewport, home: FloatArray) -> Drawn:

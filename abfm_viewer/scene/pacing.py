@@ -24,10 +24,15 @@ class Pacing:
         self._pictures_of_run = 0
         self._textured_at = 0.0
 
+    @property
+    def draws_quickly(self) -> bool:
+        """Whether the surfaces are drawn anew within a frame."""
+        return self.redraw_seconds <= _SLOW_REDRAW
+
     def waits(self, name: str, is_first: bool) -> bool:
         """Whether a surface keeps its colours for this frame; asked once a frame for each, the first one first."""
         session = self._session
-        if self.redraw_seconds <= _SLOW_REDRAW:
+        if self.draws_quickly:
             return False
         if session.view.animate and name == "advected":
             return clock.perf_counter() < self._textured_at + _SLOW_REDRAWS_APART * self.redraw_seconds

@@ -66,6 +66,7 @@ class Scene:
     def update(self, rect: Rect) -> None:
         """Make polyscope's structures show the session, in a rectangle of the window."""
         session, view = self._session, self._session.view
+        session.after_match.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
         ps.set_background_color([*(channel**2.2 for channel in ground[:3]), 1.0])  # polyscope wants linear light
         front = self._front_view()

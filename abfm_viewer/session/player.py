@@ -14,21 +14,27 @@ _LONGEST_FRAME = 0.1  # seconds: after a hang the time does not leap
 class Player:
     """Moves a time between 0 and tau or, if it plays `beyond`, the end of the time bar.
 
-    A `speed` of 1 goes from 0 to tau in `SECONDS`; `phase` is that of moving streaks, 0 to 1.
+    A `speed` of 1 goes from 0 to tau in `SECONDS`; `phase` is that of moving streaks, 0 to 1. While it is `held`, the
+    time stands, as what is to be shown is still being computed.
     """
 
     def __init__(self) -> None:
-        self.playing = False
+        self.playing = self.held = False
         self.repeat: Repeat = "loop"
         self.speed = 1.0
         self.beyond = False
         self.phase = 0.0
         self._direction = 1.0
         self._starting = False
+        self._to_tau = False
 
     def toggle(self) -> None:
         self.playing = self._starting = not self.playing
-        self._direction = 1.0
+        self._direction, self._to_tau = 1.0, False
+
+    def play_once(self) -> None:
+        """Play from the time that is shown to tau, and stop there, however the user wants it to be repeated."""
+        self.playing, self._starting, self._to_tau = True, False, True
 
     def move_streaks(self, seconds: float) -> None:
         """Move the phase of streaks on, whether the time plays or not."""
@@ -36,18 +42,21 @@ class Player:
 
     def advance(self, time: float, seconds: float, tau: float, end: float) -> float:
         """The time to show some seconds after another one was shown."""
-        end = end if self.beyond else tau
+        if self.held:
+            return time
+        end = end if self.beyond and not self._to_tau else tau
         starting, self._starting = self._starting, False
         if starting and time >= end:
             return 0.0
-        if self.repeat != "ping-pong":
+        repeat = "once" if self._to_tau else self.repeat
+        if repeat != "ping-pong":
             self._direction = 1.0
         moved = time + self._direction * self.speed * tau * min(seconds, _LONGEST_FRAME) / SECONDS
         if 0 <= moved <= end:
             return moved
-        if self.repeat == "loop":
+        if repeat == "loop":
             return 0.0
-        if self.repeat == "ping-pong":
+        if repeat == "ping-pong":
             self._direction = -1.0 if moved > end else 1.0
         else:
             self.playing = False

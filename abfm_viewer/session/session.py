@@ -1,9 +1,12 @@
 """A document at work: its functions, its solver, and what they give, taken in once a frame."""
 
+from __future__ import annotations
+
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import abfm
 from abfm import AbfmError, TriangleMesh
@@ -13,10 +16,15 @@ from abfm_viewer.computing.evaluation import Evaluated, Functions
 from abfm_viewer.computing.solver import Problem, Solver
 from abfm_viewer.document.document import Channel, Document, Side
 from abfm_viewer.document.history import History
+from abfm_viewer.session.after_match import AfterMatch
 from abfm_viewer.session.editing import Editing
 from abfm_viewer.session.notices import Notice, Notices
+from abfm_viewer.session.obstacle import obstacle
 from abfm_viewer.session.outdated import Outdated
 from abfm_viewer.session.player import Player
+
+if TYPE_CHECKING:
+    from abfm.matching import Remedy
 
 _SECONDS_TO_END = 10.0
 _SAVED = ("channels", "parameters", "mask", "lines", "points")
@@ -35,6 +43,7 @@ class Session(Editing):
         self.at_once = at_once
         self.solver = Solver()
         self.player = Player()
+        self.after_match = AfterMatch()
         self.dragging = False
         self._notices = Notices()
         # of each mesh, to which undo may come back, what need not be saved, with the project file that it is in
@@ -48,6 +57,7 @@ class Session(Editing):
         self._coarse_meshes: Latest[None] = self._jobs.latest("coarse meshes")
         self._load_count = 0
         self._outdated = Outdated()
+        self._remedied = -1  # moves of the history when a remedy began the run: its result belongs to that step
         self._last_update = clock.perf_counter()
 
     @property
@@ -138,32 +148,46 @@ class Session(Editing):
     @property
     def obstacle(self) -> str:
         """Why a match cannot start now; empty if it can."""
-        if not self.channels:
-            return "a source and a target for this mesh are being chosen"
-        for spec in self.specs:
-            if spec in self._evaluated.errors:
-                return f"{spec}: {self._evaluated.errors[spec]}"
-        if any(spec not in self._evaluated.values for spec in self.specs):
-            return "the functions are being computed"
-        mask = self._evaluated.values.get(self.document.mask)
-        if mask is not None and (mask.min() < 0 or not mask.any()):
-            return "the mask must not be negative, nor zero everywhere"
-        return "" if any(channel.weight for channel in self.channels) else "all channels have the weight 0"
+        return obstacle(self.document, self.specs, self._evaluated)
 
-    def match(self) -> None:
-        """Start a run, unless one is under way; if there is nothing to match yet, say why."""
+    def match(self, goes_on: bool | None = None) -> None:
+        """Start a run, unless one is under way; if there is nothing to match yet, say why.
+
+        Whether it `goes_on` from the present field is what the solver is set to, unless it is given.
+        """
         if self.solver.running:
             return
         if self.obstacle:
             self.say(f"no match yet: {self.obstacle}", is_error=bool(self._evaluated.errors))
             return
         field = None
-        if self.solver.warm and self.result is not None and self.result.mesh is self.mesh:
+        warm = self.solver.warm if goes_on is None else goes_on
+        if warm and self.result is not None and self.result.mesh is self.mesh:
             field = self.result.start_for(self.parameters)
         self._notices.clear()
         self.player.playing = False
         self.amend(time=self.parameters.tau)
+        self._remedied = -1
         self.solver.start(self.problem, self.functions, field)
+
+    def remedy(self, remedy: Remedy) -> None:
+        """Do what a verdict proposes: change the parameters, and start a run. With its result it is one step of undo.
+
+        ParameterError if the document's other parameters do not allow it.
+        """
+        if not (self.solver.running or self.obstacle):
+            self.set_parameter(label=remedy.label.lower(), **remedy.parameters)
+        self.match(remedy.goes_on)
+        self._remedied = self.history.moves if remedy.parameters else -1
+
+    def switch_flow_after_match(self) -> None:
+        """Show the flow after the next match, or neither after that nor now."""
+        if self.view.flow_after_match:
+            self.player.playing = False
+            self.set_view("hide the flow after matches", flow_after_match=False, arrows=False, streaks=False)
+        else:
+            self.after_match.forget()
+            self.set_view("show the flow after matches", flow_after_match=True)
 
     def end_run(self) -> None:
         """End the run, if there is one, and take its best field; the evaluation under way is waited for."""
@@ -211,11 +235,11 @@ class Session(Editing):
             self._coarse_meshes.ask((mesh, parameters.levels), lambda: abfm.matching.prepare(mesh, parameters))
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
-        self._collect()
         if self.view.animate:
             self.player.move_streaks(elapsed)
         if self.player.playing:
             self.amend(time=self.player.advance(self.time, elapsed, self.parameters.tau, self.end))
+        self._collect()
 
     def _finish_loading(self) -> None:
         self._load_count += 1  # this one is done
@@ -258,7 +282,12 @@ class Session(Editing):
             return
         runs = self.document.runs if run is None else (*self.document.runs, run)
         if match is not None:
-            self.change("match", result=match, runs=runs)
+            view = None if self.at_once or self.dragging else self.after_match.view(self.view, self.mesh, match)
+            outcome = {"result": match, "runs": runs, "view": view or self.view}
+            self.amend(**outcome) if self._remedied == self.history.moves else self.change("match", **outcome)
+            if view is not None:
+                self.amend(time=0.0)
+                self.player.play_once()
         if self.solver.failed:
             self.say(f"the solver stopped: {self.solver.reason}", is_error=True)
 

@@ -100,6 +100,12 @@ class Carried:
         """Why there are no values, or only up to tau; empty if all is well."""
         return self._span.error or (self._span.value.note if self._span.value else "")
 
+    def is_ready(self, state: FlowState, function: FloatArray) -> bool:
+        """Whether a function is known at all times of a flow, or cannot be; if not, it will be."""
+        if not self._at_once:
+            self._span.newest(function.shape, (state, function), partial(span, state, function))
+        return not self._span.busy
+
     def at(self, state: FlowState, function: FloatArray, time: float, settled: bool) -> FloatArray | None:
         """Values at a time, those of an earlier flow or function while new ones come, None before any.
 

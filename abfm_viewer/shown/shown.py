@@ -38,6 +38,11 @@ class Shown:
         self.mass_transport = MassTransport(session)
 
     @property
+    def is_ready(self) -> bool:
+        """Whether the flow can be played: the player waits for what it would show."""
+        return self.flow.is_ready and not self.quantities.convolving
+
+    @property
     def busy(self) -> str:
         """What is computed in the background besides the solver, in a word or two; empty if nothing."""
         if self.session.busy:

@@ -71,6 +71,18 @@ class ShownFlow(Jobs):
         return vertices if flow is None else self._coordinates.at(flow, vertices, self.time, self.settled)
 
     @property
+    def is_ready(self) -> bool:
+        """Whether what the view carries along is known at all times of the flow; during a run it never is for long."""
+        session, state = self._session, self.state
+        source = session.values("source")
+        if state is None or source is None or not state.final:
+            return True
+        carries_places = session.view.coloring in ("coordinates", "checker")
+        return self._source.is_ready(state, source) and (
+            not carries_places or self._coordinates.is_ready(state, session.mesh.vertices)
+        )
+
+    @property
     def settled(self) -> bool:
         """Whether the time does not move at present, so that exact values are worth computing."""
         session = self._session

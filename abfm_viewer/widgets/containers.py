@@ -112,10 +112,16 @@ class Containers:
 
     @contextmanager
     def disabled(self, condition: bool = True) -> Iterator[None]:
-        """Grey widgets that do nothing."""
+        """Grey widgets that do nothing; paler still in what is disabled already, as the window behind a dialog is."""
+        style = imgui.GetStyle()
+        paler = condition and not self._widget_record.enabled
+        imgui.PushStyleVar(imgui.ImGuiStyleVar_Alpha, style.Alpha * (style.DisabledAlpha if paler else 1.0))
         imgui.BeginDisabled(condition)
-        with self._inside(imgui.EndDisabled, self._widget_record.disabled(condition)):
-            yield
+        with self._inside(imgui.PopStyleVar, self._widget_record.disabled(condition)):
+            try:
+                yield
+            finally:
+                imgui.EndDisabled()
 
     @contextmanager
     def group(self, name: str) -> Iterator[None]:

@@ -14,6 +14,8 @@ from abfm_viewer.widgets.containers import Containers, close_by_escape
 from abfm_viewer.widgets.slider_scale import share_of, value_at
 
 Word = TypeVar("Word", bound=str)
+Kind = Literal["ink", "muted", "failure", "good", "source", "target"]
+"""Colours of texts, by their names in the theme."""
 _AWAY = 8  # how far the mouse moves before tooltips come again
 
 
@@ -185,11 +187,11 @@ class Ui(Containers):
     def refusal(self, label: str) -> None:
         """Show what `refuse` was told."""
         if reason := self._refused.get(self._widget_record.path(label)):
-            self.note(reason, "error")
+            self.note(reason, "failure")
 
     # Text and space
 
-    def note(self, text: str, kind: Literal["ink", "muted", "error", "good", "source", "target"] = "muted") -> None:
+    def note(self, text: str, kind: Kind = "muted") -> None:
         """Text that wraps at the panel's edge."""
         imgui.PushStyleColor(imgui.ImGuiCol_Text, getattr(self.colors, kind))
         imgui.PushTextWrapPos(0)

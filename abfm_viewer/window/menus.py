@@ -82,6 +82,9 @@ def _view(ui: Ui, actions: Actions) -> None:
     for label, name, shown in (("Isolines", "isolines", view.isolines), ("Color bar", "color_bar", view.color_bar)):
         if ui.menu_item(label, checked=shown):
             session.set_view(f"{'hide' if shown else 'show'} the {label.lower()}", "", **{name: not shown})
+    if ui.menu_item("Flow after a match", checked=view.flow_after_match):
+        session.switch_flow_after_match()
+    ui.tip("A match that has ended shows its flow, by streaks or arrows, and plays it once.")
     imgui.Separator()
     _item(ui, "Reset camera", actions.reset_camera)
     _choices(ui, session, "UI scale", "ui_scale", {f"{scale:g}": scale for scale in UI_SCALES})

@@ -29,12 +29,14 @@ class Preferences:
     def _apply(self) -> None:
         """Set what the user set last, unless a project brings a look of its own; what makes no sense is left out."""
         session, known = self._session, self._state.preferences()
-        theme, scale, follow = (known.get(name) for name in ("theme", "ui_scale", "follow"))
+        theme, scale, follow, flow = (known.get(n) for n in ("theme", "ui_scale", "follow", "flow_after_match"))
         view = replace(session.view, ui_scale=1.0)
         if theme in THEMES and session.path is None:
             view = replace(view, theme=theme)
         if isinstance(scale, int | float) and _LEAST_SCALE <= scale <= _LARGEST_SCALE:
             view = replace(view, ui_scale=float(scale))
+        if isinstance(flow, bool):
+            view = replace(view, flow_after_match=flow)
         if isinstance(follow, bool):
             session.solver.follow = follow
         if view != session.view:
@@ -42,4 +44,5 @@ class Preferences:
 
     def _present(self) -> dict[str, object]:
         view = self._session.view
-        return {"theme": view.theme, "ui_scale": view.ui_scale, "follow": self._session.solver.follow}
+        look = {name: getattr(view, name) for name in ("theme", "ui_scale", "flow_after_match")}
+        return look | {"follow": self._session.solver.follow}

@@ -25,6 +25,7 @@ from abfm_viewer.scene import opengl
 from abfm_viewer.scene.annotations import bar_room, draw_annotations, window_pen
 from abfm_viewer.scene.gaussian_markers import GaussianMarkers
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.resting import Resting
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
@@ -115,6 +116,7 @@ class Window:
         ps.set_files_dropped_callback(self._dropped)
         ps.set_user_callback(self._callback)
         self.scene = Scene(self.shown)
+        self.resting = Resting(session, backend == opengl.WINDOW)
         self.mouse = Mouse()
         self.keyboard = Keyboard()
         self.gaussian_markers = GaussianMarkers()
@@ -196,6 +198,7 @@ class Window:
         start = time.perf_counter()
         self._draw()
         self._redraws = bool(ps.get_redraw_requested())
+        self.resting.update(self._redraws, self.scene.pacing.redraw_seconds)
         self._panel_seconds = time.perf_counter() - start
 
     def _draw(self) -> None:
@@ -242,6 +245,7 @@ class Window:
         self._active = active
         held = active and bool(imgui.IsMouseDown(0))  # what is typed must be evaluated before a run follows it
         self.session.dragging = held or self.mouse.dragging
+        self.session.player.held = not self.shown.is_ready
         self.session.update()
         self.files.update()
         if self.preferences and self.recoveries:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from abfm_viewer.automation import Driver
@@ -28,5 +30,6 @@ def gui(tmp_path):
     """The app on an egg with its default functions."""
     with Driver(EGG, size=SIZE) as gui:
         gui.window.dialogs.folder = tmp_path
+        gui.session.amend(view=replace(gui.session.view, flow_after_match=False))  # tests look at what stands still
         yield gui
         assert not gui.errors

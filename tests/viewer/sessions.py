@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from abfm import Parameters
 from abfm.parameters import PAPER
@@ -29,7 +30,8 @@ def problem(parameters: Parameters = QUICK, channel: Channel = PAIR) -> Problem:
 def opened(parameters: Parameters = QUICK, channel: Channel = PAIR) -> Session:
     """A session on the sphere whose functions are known, at the beginning of its history."""
     session = Session(SPHERE, "sphere")
-    session.amend(channels=(channel,), parameters=parameters)
+    view = replace(session.view, flow_after_match=False)  # tests look at what stands still
+    session.amend(channels=(channel,), parameters=parameters, view=view)
     until(lambda: not session.obstacle, session)
     return session
 

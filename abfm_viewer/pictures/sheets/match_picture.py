@@ -10,6 +10,7 @@ from PIL import Image, ImageFont
 from abfm import Match
 from abfm.experiments.sheet import Frame, Panel, Sheet, Values
 from abfm.types import FloatArray
+from abfm_viewer.document.verdict_words import headline
 from abfm_viewer.pictures.sheets.layout import Layout, laid_out
 from abfm_viewer.pictures.sheets.panel_pictures import cameras
 from abfm_viewer.pictures.sheets.sheet_picture import sheet_picture
@@ -50,7 +51,7 @@ def match_picture(
     panels = [panel(match.source, "source", "source")]
     for time, values in zip(moments, match.advect(moments), strict=True):
         if time == tau:
-            panels.append(panel(values, f"t = {time:.4g}, {match.verdict.kind}", "result"))
+            panels.append(panel(values, f"t = {time:.4g}, {headline(match)}", "result"))
         else:
             panels.append(panel(values, f"t = {time:.4g}"))
     sheet = Sheet(((*panels, panel(match.target, "target", "target")),), up)

@@ -17,6 +17,7 @@ from abfm_viewer.pictures.sheets.ranges import function, panels
 from abfm_viewer.scene import marks
 from abfm_viewer.scene.camera import best_front, fitted
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.ribbons import course_through
 from abfm_viewer.scene.surface_quantities import register, show
 from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.shown.paint import Paint
@@ -88,7 +89,8 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
     if panel.arrows is not None:
         marks.draw_arrows("arrows", mesh, panel.arrows, _ARROW_LENGTH, _ARROW_DENSITY, viewport.drawn, _INK)
     if panel.lines:
-        marks.draw_curves("lines", panel.lines, viewport.drawn, _INK, _LINE)
+        courses = [course_through(mesh, line) for line in panel.lines]
+        marks.draw_lines("lines", mesh, courses, viewport.drawn, _INK, _LINE)
     for number, (point, color) in enumerate(zip([] if panel.points is None else panel.points, cycle(POINT_COLORS))):
         marks.draw_points(f"point {number}", point[None], viewport.drawn, color, _POINT)
 

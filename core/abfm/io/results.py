@@ -38,6 +38,7 @@ MATCH_ENTRIES = {
     "verified_mismatch": Entry("real", (), required=False),
     "folded": Entry("real", (), required=False),
     "verdict": Entry("text", (3,), required=False),
+    "remedies": Entry("text", (), required=False),
     "weights": Entry("real", ("C",)),  # the last one is required: damage to a zip's directory can hide the last entry
 }
 ENTRIES = MESH_ENTRIES | MATCH_ENTRIES

@@ -1,4 +1,5 @@
 from .judging.peaks import peaks as peaks
+from .judging.remedies import Remedy as Remedy
 from .judging.resolution import resolution as resolution
 from .judging.verdict import Verdict as Verdict
 from .judging.verification import Verification as Verification

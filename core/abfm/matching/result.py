@@ -4,7 +4,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, get_args
 
@@ -16,6 +16,7 @@ from abfm.flow.flow import Flow
 from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, load_arrays, mesh_arrays, mesh_of, save_arrays
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.surface_points import Distortion, SurfacePoints, distortion
+from abfm.matching.judging.remedies import Remedy
 from abfm.matching.judging.verdict import Kind, Verdict
 from abfm.matching.judging.verification import Verification, verify
 from abfm.matching.schedule import MATCHED
@@ -151,9 +152,12 @@ class Match:
 
 def match_arrays(match: Match) -> dict[str, Any]:
     """What files hold of a match besides its mesh; what is not known is left out."""
-    parts = {name: getattr(match, name) for name in MATCH_ENTRIES}
+    verdict = match.verdict
+    parts = {name: getattr(match, name) for name in MATCH_ENTRIES if name != "remedies"}
     parts["parameters"] = json.dumps(match.parameters.to_dict())
-    parts["verdict"] = astuple(match.verdict)
+    parts["verdict"] = verdict.kind, verdict.reason, verdict.advice
+    if verdict.remedies:
+        parts["remedies"] = json.dumps([asdict(remedy) for remedy in verdict.remedies])
     return {
         name: value
         for name, value in parts.items()
@@ -192,13 +196,23 @@ def load_match(path: str | os.PathLike[str]) -> Match:
     try:
         mesh = mesh_of({name: arrays.pop(name) for name in MESH_ENTRIES})
         parameters = Parameters.from_dict(json.loads(str(arrays["parameters"])))
-        return match_of(mesh, arrays, parameters, _verdict(arrays["verdict"]) if "verdict" in arrays else None)
+        remedies = _remedies(str(arrays.pop("remedies", "[]")))
+        verdict = _verdict(arrays["verdict"], remedies) if "verdict" in arrays else None
+        return match_of(mesh, arrays, parameters, verdict)
     except ValueError as error:
         raise ResultError(f"{path}: {error}") from error
 
 
-def _verdict(texts: NDArray[Any]) -> Verdict:
+def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:
     kind, reason, advice = texts.tolist()
     if kind not in get_args(Kind):
         raise ValueError(f"the verdict is {kind[:40]!r}; expected one of {', '.join(get_args(Kind))}")
-    return Verdict(kind, reason, advice)
+    return Verdict(kind, reason, advice, remedies)
+
+
+def _remedies(text: str) -> tuple[Remedy, ...]:
+    """What `match_arrays` wrote; files from before there were remedies have none."""
+    try:
+        return tuple(Remedy(**remedy) for remedy in json.loads(text))
+    except TypeError as error:
+        raise ValueError(f"the remedies are {text[:60]!r}: {error}") from error

@@ -18,15 +18,18 @@ from abfm.assets import asset_path
 from abfm_viewer.cli import main
 from abfm_viewer.cli.parser import Parser
 from abfm_viewer.cli.solving import Outcome
+from abfm_viewer.document import verdict_words
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.pictures.sheets.match_picture import DEFAULT_WIDTH
 from abfm_viewer.session.opening import document_of_result
+from tests.viewer.sessions import EGG
 
 HUMAN = str(asset_path("human_A.off"))
 EIGHT = str(asset_path("eight.off"))
 PAIR = ["--source", "gaussian:vertex=10,width=0.2", "--target", "gaussian:vertex=40,width=0.2"]
 SHORT = ["--iterations", "6", "--quiet"]
+UNREACHED = 3  # the exit status of runs that are too short to arrive
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +37,7 @@ def result(tmp_path_factory):
     """A result file of two channels."""
     path = tmp_path_factory.mktemp("result") / "m.npz"
     channel = ["--channel", "coordinate:x", "coordinate:y", "0.01"]
-    assert main(["match", EIGHT, *PAIR, *channel, *SHORT, "--out", str(path)]) == 0
+    assert main(["match", EIGHT, *PAIR, *channel, *SHORT, "--out", str(path)]) == UNREACHED
     return path
 
 
@@ -128,7 +131,7 @@ def test_several_components_are_refused_with_the_way_out(tmp_path, capsys):
 def test_match_reports_and_writes_what_it_found(tmp_path, capsys):
     out = tmp_path / "m.npz"
     words = ["match", EIGHT, *PAIR, "--iterations", "20", "--beta", "0", "--out", str(out), "--json"]
-    assert main(words) == 0
+    assert main(words) == UNREACHED
     captured = capsys.readouterr()
     report = json.loads(captured.out)
     match = load_match(out)
@@ -142,7 +145,8 @@ def test_match_reports_and_writes_what_it_found(tmp_path, capsys):
     assert report["stop_reason"] == match.stop_reason
     assert report["verified_mismatch"] == match.verified_mismatch
     assert report["folded"] == match.folded
-    assert report["verdict"] == asdict(match.verdict)
+    assert report["verdict"] == json.loads(json.dumps(asdict(match.verdict)))
+    assert [remedy["label"] for remedy in report["verdict"]["remedies"]] == ["Continue", "More time"]
     assert re.search(r"^iteration 0  stage 1(, reach [\d.]+)?  energy [\d.]+  mismatch [\d.]+$", captured.err, re.M)
     assert match.source.shape == (315, 1)
     assert match.advect(0.5).shape == (315,)
@@ -150,26 +154,48 @@ def test_match_reports_and_writes_what_it_found(tmp_path, capsys):
 
 def test_match_says_the_outcome_in_a_few_lines(tmp_path, capsys):
     out = tmp_path / "m.npz"
-    assert main(["match", EIGHT, *PAIR, *SHORT, "--out", str(out)]) == 0
+    assert main(["match", EIGHT, *PAIR, *SHORT, "--out", str(out)]) == UNREACHED
     captured = capsys.readouterr()
     match = load_match(out)
     assert captured.err == ""
-    numbers, verdict, *advice = captured.out.splitlines()
+    said, why, numbers, *advice = captured.out.splitlines()
+    assert said == verdict_words.headline(match)
+    assert why == verdict_words.why(match)
     assert numbers.startswith(f"mismatch {match.mismatch:.3g}, {match.verified_mismatch:.3g} by flow lines, ")
-    assert numbers.endswith(f" s ({match.stop_reason}); wrote {out}")
-    assert verdict == f"{match.verdict.kind}: {match.verdict.reason}"
-    assert advice == ([f"to try: {match.verdict.advice}"] if match.verdict.advice else [])
+    assert numbers.endswith(f" s; wrote {out}")
+    assert advice == [f"to try: {verdict_words.advice_in_options(match, str(out))}"]
 
 
 def test_match_of_what_cannot_match_says_so_and_what_to_try(tmp_path, capsys):
     out = tmp_path / "m.npz"
     pair = ["--source", "expression:1", "--target", PAIR[3]]
-    assert main(["match", EIGHT, *pair, *SHORT, "--out", str(out)]) == 0
+    assert main(["match", EIGHT, *pair, *SHORT, "--out", str(out)]) == UNREACHED
     said = capsys.readouterr().out
-    assert "(impossible); wrote" in said
-    assert "\nimpossible: " in said
-    assert "the source is constant" in said
+    assert said.startswith("impossible\nthe source is constant")
     assert "\nto try: " in said
+
+
+def test_what_is_advised_on_the_command_line_can_be_typed_there_and_helps(tmp_path, capsys):
+    """A source that nothing leads to its target is warned of while it runs, once, and reached with the options."""
+    mesh = str(tmp_path / "egg.off")
+    trimesh.Trimesh(EGG.vertices, EGG.faces, process=False).export(mesh)
+    far = ["--source", "gaussian:x=0,y=0,z=1,width=0.1", "--target", "gaussian:x=0.5,y=0,z=-0.87,width=0.1"]
+    words = ["match", mesh, *far, "--reach", "0", "--iterations", "40", "--quiet", "--out", str(tmp_path / "m.npz")]
+    assert main(words) == UNREACHED
+    captured = capsys.readouterr()
+    assert "\nthe flow squeezed the source to nothing" in captured.out
+    assert re.fullmatch(r"warning: iteration \d+: the source is being squeezed to nothing .*\n", captured.err)
+    options = re.search(r"^to try: reach further \((.*?)\)$", captured.out, re.M)[1]
+    before = load_match(tmp_path / "m.npz").mismatch
+    assert main([*words, *options.split()]) == 0
+    assert load_match(tmp_path / "m.npz").mismatch < 0.2 * before
+
+
+def test_help_of_match_tells_the_exit_statuses(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["match", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "exit status is 0 when source and target are matched or nearly so, 3 when the target was not reached" in said
 
 
 def test_progress_tells_meshes_stages_and_reach(tmp_path, capsys):
@@ -181,15 +207,15 @@ def test_progress_tells_meshes_stages_and_reach(tmp_path, capsys):
 
 
 def test_what_is_not_known_is_null_for_machines(tmp_path):
-    match = replace(load_match_of_six_steps(tmp_path), verified_mismatch=float("nan"), folded=float("nan"))
+    match = replace(match_of_six_steps(tmp_path), verified_mismatch=float("nan"), folded=float("nan"))
     described = Outcome(match, 1.0, [], False).to_dict()
     assert described["verified_mismatch"] is described["folded"] is None
     assert "flow lines" not in Outcome(match, 1.0, [], False).summary().splitlines()[0]
 
 
-def load_match_of_six_steps(tmp_path):
+def match_of_six_steps(tmp_path):
     out = tmp_path / "m.npz"
-    assert main(["match", EIGHT, *PAIR, *SHORT, "--out", str(out)]) == 0
+    assert main(["match", EIGHT, *PAIR, *SHORT, "--out", str(out)]) == UNREACHED
     return load_match(out)
 
 
@@ -205,7 +231,7 @@ def test_a_mask_is_a_function_or_its_file(as_file, tmp_path):
     out, values = tmp_path / "m.npz", tmp_path / "a mask, 1.npy"
     np.save(values, np.linspace(0, 1, 315))
     mask = str(values) if as_file else "expression:1+x*x"
-    assert main(["match", EIGHT, *PAIR, *SHORT, "--mask", mask, "--out", str(out)]) == 0
+    assert main(["match", EIGHT, *PAIR, *SHORT, "--mask", mask, "--out", str(out)]) == UNREACHED
     match = load_match(out)
     expected = np.linspace(0, 1, 315) if as_file else 1 + match.mesh.vertices[:, 0] ** 2
     assert match.mask == pytest.approx(expected)
@@ -215,8 +241,8 @@ def test_a_warm_start_begins_where_the_earlier_result_ended(tmp_path):
     first, second = tmp_path / "first.npz", tmp_path / "second.npz"
     one_stage = ["--cooling-stages", "1", "--reach", "0", "--levels", "1", "--balance", "0"]
     words = ["match", EIGHT, *PAIR, *one_stage, "--quiet", "--iterations"]
-    assert main([*words, "8", "--out", str(first)]) == 0
-    assert main([*words, "1", "--start", str(first), "--out", str(second)]) == 0
+    assert main([*words, "8", "--out", str(first)]) == UNREACHED
+    assert main([*words, "1", "--start", str(first), "--out", str(second)]) == UNREACHED
     assert load_match(second).energy_history[0] == pytest.approx(load_match(first).energy_history[-1])
 
 
@@ -229,7 +255,7 @@ def test_a_warm_start_from_another_mesh_is_refused(result, tmp_path, capsys):
 def test_exports_hold_the_functions_and_the_field(tmp_path):
     paths = [tmp_path / name for name in ("m.npz", "m.ply", "m.vtu", "m.csv")]
     words = ["--method", "linearised", "--segments", "2", *SHORT]
-    assert main(["match", EIGHT, *PAIR, *words, *(f"--out={path}" for path in paths)]) == 0
+    assert main(["match", EIGHT, *PAIR, *words, *(f"--out={path}" for path in paths)]) == UNREACHED
     npz, ply, vtu, csv = paths
     match = load_match(npz)
     attributes = trimesh.load(ply, process=False).metadata["_ply_raw"]

@@ -84,7 +84,7 @@ def result(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("result") / "m.npz"
     pair = ["--source", "gaussian:vertex=10,width=0.2", "--target", "gaussian:vertex=40,width=0.2"]
     words = [*pair, "--iterations", "3", "--quiet", "--out", str(path)]
-    assert main(["match", str(asset_path("eight.off")), *words]) == 0
+    assert main(["match", str(asset_path("eight.off")), *words]) == 3  # too few to reach the target
     return path
 
 

@@ -60,8 +60,12 @@ class Problem:
 
     def deviation(self, functions: FloatArray) -> float:
         """Norm of channels (C, V) less the mean of each, by the mask."""
-        means = functions @ self.areas / self.areas.sum()
-        return float(np.sqrt(self.weights @ ((functions - means[:, None]) ** 2 @ self.areas)))
+        return float(np.sqrt(self.covariance(functions, functions)))
+
+    def covariance(self, one: FloatArray, other: FloatArray) -> float:
+        """L2 product over channels (C, V) less the mean of each, with mask and weights."""
+        apart = one - (one @ self.areas / self.areas.sum())[:, None]
+        return float(self.weights @ ((apart * (other - (other @ self.areas / self.areas.sum())[:, None])) @ self.areas))
 
 
 def relative_mismatch(

@@ -30,6 +30,19 @@ def vanished(problem: Problem, advected: FloatArray) -> bool:
     return problem.deviation(advected) < VANISHED * least
 
 
+def squeezed(problem: Problem, advected: FloatArray) -> bool:
+    """Whether the flow gained more by shrinking the source, down to half of it or less, than by moving it.
+
+    With ``a`` the advected source (C, V), and all less their means, ``|a - g|^2`` falls by ``|f|^2 - |a|^2``, which is
+    shrinking, and by ``2 <a - f, g>``, which is moving to where the target is. A target that is smaller than the source
+    may be met by the first.
+    """
+    size = min(problem.deviation(problem.source), problem.deviation(problem.target)) ** 2
+    left = problem.deviation(advected) ** 2
+    moved = 2 * problem.covariance(advected - problem.source, problem.target)
+    return left < size / 2 and size - left > moved
+
+
 def stood_still(problem: Problem, advected: FloatArray) -> bool:
     """Whether the flow left the source where it was, though the target is elsewhere."""
     return problem.norm(advected - problem.source) < STILL * problem.norm(problem.source - problem.target)

@@ -8,6 +8,7 @@ from typing import Literal
 from abfm.matching.energy.problem import Problem
 from abfm.matching.judging import solvability
 from abfm.matching.judging.peaks import Extrema
+from abfm.matching.judging.remedies import Remedies, Remedy
 from abfm.matching.schedule import MATCHED
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
@@ -22,9 +23,8 @@ FOLDED = 0.1
 """Share of folded faces beyond which the map of a flow is not to be trusted; an exact flow folds none."""
 
 _RECENT, _FALLING = 10, 0.01  # an energy still falls that has fallen by this share within so many iterations
-_FURTHER = 3.0  # how much larger or smaller a parameter is advised
-_USUAL_ALPHA = 0.02  # advised in place of 0
-_NEAR = 0.1  # the least reach that is advised
+
+_EARLY = ("iteration limit", "cancelled")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +45,14 @@ class Verdict:
     """What a match came to; reason and advice are one line each, without a full stop."""
 
     kind: Kind  # impossible: no flow would do; not reached: not by this flow, which may still be worth having
-    reason: str  # the first and the last mismatch, and what they mean
+    reason: str  # the first and the last mismatch, and what they mean after a colon
     advice: str  # what to try, empty where nothing is needed
+    remedies: tuple[Remedy, ...] = ()  # the same as parameters, as far as they can do it, best first
+
+    @property
+    def cause(self) -> str:
+        """What the mismatches mean; empty where they speak for themselves."""
+        return self.reason.partition(": ")[2]
 
 
 def advice(problem: Problem, outcome: Outcome, parameters: Parameters) -> Verdict:
@@ -69,10 +75,15 @@ class _Case:
         self.first = problem.relative_mismatch(problem.source)
         self.known = not math.isnan(outcome.verified)
         self.raised = outcome.unmatched > parameters.sigma
+        self.remedies = Remedies(problem, parameters, outcome.unmatched)
 
     @cached_property
     def different_peaks(self) -> tuple[int, Extrema, Extrema] | None:
         return solvability.different_peaks(self.problem)
+
+    @cached_property
+    def squeezed(self) -> bool:
+        return solvability.squeezed(self.problem, self.outcome.advected)
 
     def impossible(self) -> Verdict | None:
         """Values that the source lacks, or cannot lose; functions that were alike from the start are no such case."""
@@ -98,9 +109,10 @@ class _Case:
             if self.different_peaks:
                 return self._of_peaks()
             why = f"the flow lines confirm only {verified:.2g}, so the discrete flow is not one here"
-            return self._verdict("not reached", why, self._smoother())
+            return self._verdict("not reached", why, "a finer mesh", *self._more_of_a_flow())
         if folded > FOLDED and not self.known:
-            return self._verdict("not reached", f"{self._folds()}, which no flow does", self._smoother())
+            why = f"{self._folds()}, which no flow does"
+            return self._verdict("not reached", why, "a finer mesh", *self._more_of_a_flow())
         return None
 
     def by_size(self) -> Verdict | None:
@@ -116,33 +128,35 @@ class _Case:
             return self._verdict("matched", "", advised)
         if self.bound > MATCHED:
             return self._verdict("nearly", self._missing_values(), "scale or clip one of the functions")
+        if self._cut_short():
+            return self._of_an_early_end("nearly")
         if verified > max(MATCHED, self.outcome.mismatch):
-            return self._verdict("nearly", "the flow lines confirm less than the discrete flow shows", self._smoother())
-        return self._verdict("nearly", "", self._more_iterations() if self._still_falls() else self._closer())
+            why = "the flow lines confirm less than the discrete flow shows"
+            return self._verdict("nearly", why, "a finer mesh", *self._more_of_a_flow())
+        return self._verdict("nearly", "", "", self.remedies.closer())
 
     def not_reached(self) -> Verdict:
         """The most telling cause of a mismatch that is large."""
-        problem, outcome = self.problem, self.outcome
-        if solvability.vanished(problem, outcome.advected):
-            why = "the flow squeezed the source to nothing instead of moving it, as nothing led it to the target"
-            return self._verdict("not reached", why, self._further())
+        outcome, remedies = self.outcome, self.remedies
+        if self.squeezed:
+            return self._of_squeezing()
         if outcome.stop_reason == "cancelled":
-            return self._verdict("not reached", "it was cancelled", "go on from this field")
-        if solvability.stood_still(problem, outcome.advected):
-            more = f"; {self._more_iterations()}" if self._still_falls() else ""
+            return self._of_an_early_end("not reached")
+        if solvability.stood_still(self.problem, outcome.advected):
             why = "the source hardly moved, as moving costs more smoothness than it gains"
-            return self._verdict("not reached", why, f"{self._smaller('sigma')}; or {self._further()}{more}")
+            further = (remedies.further(),) if remedies.too_far else ()
+            return self._verdict("not reached", why, "", *further, remedies.colder())
         if self.different_peaks:
             return self._of_peaks()
-        if self._still_falls():
-            return self._verdict("not reached", "it was still falling", self._more_iterations())
+        if self._cut_short():
+            return self._of_an_early_end("not reached")
         if outcome.stop_reason == "line search failed":
             why = "no step lowers the energy any more, which is often rounding"
-            return self._verdict("not reached", why, f"{self._larger('alpha')}, or {self._larger('sigma')}")
+            return self._verdict("not reached", why, "", remedies.smoother())
         why = "what is left differs, or would cost more smoothness than it gains"
-        return self._verdict("not reached", why, self._closer())
+        return self._verdict("not reached", why, "", remedies.closer())
 
-    def _verdict(self, kind: Kind, why: str, advised: str) -> Verdict:
+    def _verdict(self, kind: Kind, why: str, advised: str, *remedies: Remedy) -> Verdict:
         before, after = f"{self.first:.2g}", f"{self.outcome.mismatch:.2g}"
         moved = f"{'fell' if self.outcome.mismatch < self.first else 'rose'} from {before} to"
         change = f"the mismatch {'stayed at' if before == after else moved} {after}"
@@ -151,13 +165,39 @@ class _Case:
         if self.raised:
             unmatched = f"{self.outcome.unmatched:.2g}"
             change += f" with sigma raised to {unmatched}, which is what smooth flows leave of the functions"
-        return Verdict(kind, f"{change}: {why}" if why else change, advised)
+        words = [remedy.words for remedy in remedies] + [advised] * bool(advised)
+        return Verdict(kind, f"{change}: {why}" if why else change, "; or ".join(words), remedies)
 
     def _of_peaks(self, kind: Kind = "not reached") -> Verdict:
         assert self.different_peaks is not None
         channel, here, there = self.different_peaks
         why = f"{self._of(channel)}the source has {here}, the target {there}, and flows neither split nor join them"
         return self._verdict(kind, why, "expect a match in part, or smooth the function that has more of them")
+
+    def _of_an_early_end(self, kind: Kind) -> Verdict:
+        if self.outcome.stop_reason == "cancelled":
+            return self._verdict(kind, self._early_end(), "", self.remedies.go_on())
+        return self._verdict(kind, f"{self._early_end()}, still falling", "", *self._more_iterations())
+
+    def _more_iterations(self) -> list[Remedy]:
+        """What helps a match whose energy still falls; going on does where flow lines fall with it."""
+        remedies, outcome = self.remedies, self.outcome
+        if remedies.too_far:
+            return [remedies.further()]
+        confirmed = not self.known or outcome.verified <= CONFIRMED * max(outcome.mismatch, MATCHED)
+        return [remedies.more_time(), *([remedies.go_on()] if confirmed else [])]
+
+    def _of_squeezing(self) -> Verdict:
+        """The source shrank where it was: nothing led it to the target, or not long enough."""
+        remedies = self.remedies
+        to_nothing = "to nothing " * solvability.vanished(self.problem, self.outcome.advected)
+        why = f"the flow squeezed the source {to_nothing}instead of moving it"
+        if remedies.looks_near:
+            return self._verdict("not reached", f"{why}, as nothing led it to the target", "", remedies.further())
+        if self.outcome.stop_reason in _EARLY:
+            return self._verdict("not reached", f"{why}, and {self._early_end()}", "", remedies.more_time())
+        apart = "wider functions that overlap, or targets in between, each match started from the last one's field"
+        return self._verdict("not reached", why, apart, *([remedies.colder()] if remedies.is_warm else []))
 
     def _missing_values(self) -> str:
         channel = solvability.worst_channel(self.problem)
@@ -173,43 +213,23 @@ class _Case:
     def _folds(self) -> str:
         return f"{100 * self.outcome.folded:.0f}% of the faces are folded"
 
-    def _still_falls(self) -> bool:
-        energies = self.outcome.energies
-        if self.outcome.stop_reason != "iteration limit":
+    def _cut_short(self) -> bool:
+        """Whether it ended while the energy still fell, and not by squeezing the source."""
+        energies, reason = self.outcome.energies, self.outcome.stop_reason
+        if reason not in _EARLY or self.squeezed:
             return False
+        if reason == "cancelled":
+            return True
         if energies is None or len(energies) <= _RECENT:
             return True
         return bool(energies[-1] < (1 - _FALLING) * energies[-1 - _RECENT])
 
-    def _more_iterations(self) -> str:
-        return f"more iterations, such as {max(2 * self.parameters.iterations, 20)}, or go on from this field"
+    def _early_end(self) -> str:
+        if self.outcome.stop_reason == "cancelled":
+            return "it was cancelled"
+        return f"it stopped after the {self.parameters.iterations} iterations it was given"
 
-    def _further(self) -> str:
-        """What leads a source to a target that is far away."""
-        needed = max(solvability.distance(self.problem), _NEAR)
-        if self.parameters.reach < needed:
-            return f"a larger reach, such as {needed:.2g} of sqrt(area)"
-        return "wider functions that overlap, or targets in between, each match started from the last one's field"
-
-    def _smoother(self) -> str:
-        return f"{self._larger('alpha')}, {self._larger('sigma')}, or a finer mesh"
-
-    def _closer(self) -> str:
-        alpha = f", or {self._smaller('alpha')}" if self.parameters.alpha else ""
-        sigma = self._smaller("sigma")
-        if self.raised:
-            size = self.outcome.unmatched / _FURTHER * self.problem.function_size
-            sigma = f"an absolute sigma, which is never raised, such as {size:.2g}"
-        return f"to come closer with a rougher field, {sigma}{alpha}"
-
-    def _larger(self, name: Literal["alpha", "sigma"]) -> str:
-        return f"a larger {name}, such as {_FURTHER * self._last(name) or _USUAL_ALPHA:.2g}"
-
-    def _smaller(self, name: Literal["alpha", "sigma"]) -> str:
-        return f"a smaller {name}, such as {self._last(name) / _FURTHER:.2g}"
-
-    def _last(self, name: Literal["alpha", "sigma"]) -> float:
-        """What the match had in the end."""
-        if name == "alpha":
-            return self.parameters.alpha
-        return self.outcome.unmatched if self.raised else self.parameters.sigma
+    def _more_of_a_flow(self) -> list[Remedy]:
+        """What makes a match hold that flow lines do not confirm."""
+        truer = self.remedies.truer()
+        return [truer] if truer else []

@@ -6,6 +6,7 @@ from functools import cached_property
 
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.judging.confirmation import Best
+from abfm.matching.judging.early_warning import early_warning
 from abfm.matching.schedule import Stage
 from abfm.matching.solving.levels import Level
 from abfm.types import FloatArray
@@ -47,6 +48,11 @@ class Iteration:
         for level in self._levels[:-1]:
             functions = level.functions_to_finer(functions)
         return functions.T.copy()
+
+    @cached_property
+    def warning(self) -> str | None:
+        """What looks wrong so far, see `early_warning`."""
+        return early_warning(self._levels[0].energy, self._carried, self.iteration)
 
 
 class Record:

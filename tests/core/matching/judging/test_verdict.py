@@ -11,6 +11,8 @@ import pytest
 
 import abfm
 from abfm.matching.energy.problem import Problem
+from abfm.matching.judging.early_warning import early_warning
+from abfm.matching.judging.remedies import Remedy
 from abfm.matching.judging.solvability import distance, stood_still, vanished
 from abfm.matching.judging.verdict import Kind, Outcome, Verdict, advice
 from abfm.matching.result import Match
@@ -39,11 +41,18 @@ def judged(match: Match, **known: float) -> Verdict:
 
 
 def imagined(
-    source: FloatArray, target: FloatArray, advected: FloatArray, reason: str = "converged", **known: float
+    source: FloatArray,
+    target: FloatArray,
+    advected: FloatArray,
+    reason: str = "converged",
+    parameters: Parameters = USUAL,
+    **known: float,
 ) -> Verdict:
     """The verdict on a function that a flow might have carried."""
     problem = Problem(SPHERE, source, target)
-    return advice(problem, Outcome(advected[None], problem.relative_mismatch(advected[None]), reason, **known), USUAL)
+    return advice(
+        problem, Outcome(advected[None], problem.relative_mismatch(advected[None]), reason, **known), parameters
+    )
 
 
 def test_a_match_needs_no_advice():
@@ -97,16 +106,20 @@ def test_constants_are_impossible():
 def test_a_source_that_vanished_is_told():
     f, g = at(0, 0.05, FINE), at(120, 0.05, FINE)
     problem = Problem(FINE, f, g)
-    match = abfm.match(FINE, f, g, replace(USUAL, iterations=20))
+    warnings: list[str | None] = []
+    match = abfm.match(FINE, f, g, replace(USUAL, iterations=20), on_iteration=lambda now: warnings.append(now.warning))
     verdict = judged(match)
     assert verdict.kind == "not reached"
     assert verdict.reason.startswith("the mismatch fell from 1.4 to 1: the flow squeezed the source to nothing")
-    assert verdict.advice == "a larger reach, such as 0.47 of sqrt(area)"
+    assert verdict.advice == "a larger reach, such as 1 of sqrt(area) and the course of the defaults"
     assert vanished(problem, match.advected.T)
     assert not vanished(problem, match.source.T)
+    assert warnings[0] is None
+    assert warnings[5] is not None
+    assert warnings[5].startswith("the source is being squeezed to nothing")
     outcome = Outcome(match.advected.T, match.mismatch, match.stop_reason)
     assert distance(problem) == pytest.approx(np.sqrt(3) / FINE.length_scale, abs=0.03)
-    assert "wider functions" in advice(problem, outcome, replace(USUAL, reach=0.6)).advice
+    assert "wider functions" in advice(problem, outcome, replace(USUAL, reach=1.0)).advice
 
 
 def test_a_source_that_stood_still_is_told():
@@ -115,19 +128,24 @@ def test_a_source_that_stood_still_is_told():
     verdict = judged(match)
     assert verdict.kind == "not reached"
     assert "the source hardly moved" in verdict.reason
-    assert verdict.advice.startswith("a smaller sigma, such as 3.3")
+    assert [remedy.label for remedy in verdict.remedies] == ["Reach further", "Match closer"]
+    assert verdict.advice.endswith("a smaller sigma, such as 1")
     assert "more iterations" not in verdict.advice
     problem = Problem(SPHERE, match.source, match.target)
     assert stood_still(problem, match.advected.T)
+    assert early_warning(problem, match.advected.T, 2) is None
+    told = early_warning(problem, match.advected.T, 10)
+    assert told is not None
+    assert told.startswith("the source hardly moves")
     assert not stood_still(problem, match.target.T)
 
 
 def test_a_match_that_goes_well_neither_vanishes_nor_stands_still():
     problem, seen = Problem(SPHERE, at(0), at(45)), []
-    abfm.match(SPHERE, at(0), at(45), Parameters(iterations=30), on_iteration=lambda now: seen.append(now.advected.T))
+    abfm.match(SPHERE, at(0), at(45), Parameters(iterations=30), on_iteration=seen.append)
     assert len(seen) == 31
-    assert not any(vanished(problem, advected) for advected in seen)
-    assert not stood_still(problem, seen[-1])
+    assert not any(vanished(problem, now.advected.T) or now.warning for now in seen)
+    assert not stood_still(problem, seen[-1].advected.T)
 
 
 def test_other_peaks_are_matched_in_part_at_best():
@@ -146,7 +164,7 @@ def test_what_flow_lines_do_not_confirm_is_not_reached():
     verdict = imagined(at(0), at(40), at(40), verified=0.4)
     assert verdict.kind == "not reached"
     assert verdict.reason.endswith("the flow lines confirm only 0.4, so the discrete flow is not one here")
-    assert verdict.advice == "a larger alpha, such as 0.06, a larger sigma, such as 0.003, or a finer mesh"
+    assert verdict.advice == "a larger reach, such as 1 of sqrt(area) and the course of the defaults; or a finer mesh"
     nearly = imagined(at(0), at(40), at(40), verified=0.2)
     assert nearly.kind == "nearly"
     assert "confirm less" in nearly.reason
@@ -163,12 +181,21 @@ def test_folds_count_unless_flow_lines_confirm_the_match():
 
 
 def test_iterations_that_ran_out():
-    verdict = abfm.match(SPHERE, at(0), at(90), replace(USUAL, iterations=4)).verdict
+    verdict = abfm.match(SPHERE, at(0), at(60), Parameters(iterations=4)).verdict
     assert verdict.kind == "not reached"
-    assert verdict.reason.endswith("it was still falling")
-    assert verdict.advice == "more iterations, such as 20, or go on from this field"
-    nearly = judged(abfm.match(SPHERE, at(0), at(45), replace(USUAL, iterations=5)))
-    assert (nearly.kind, nearly.advice) == ("nearly", verdict.advice)
+    assert verdict.reason.endswith("it stopped after the 4 iterations it was given, still falling")
+    assert verdict.cause == "it stopped after the 4 iterations it was given, still falling"
+    assert verdict.advice == "more iterations, such as 500; or go on from this field"
+    assert verdict.remedies == (
+        Remedy("More time", "more iterations, such as 500", {"iterations": 500}),
+        Remedy("Continue", "go on from this field", {}, True),
+    )
+    nearly = imagined(at(0), at(45), at(50), "iteration limit", parameters=Parameters(iterations=4))
+    assert (nearly.kind, nearly.remedies) == ("nearly", verdict.remedies)
+    refuted = imagined(at(0), at(45), at(53), "iteration limit", parameters=Parameters(iterations=4), verified=0.9)
+    assert [remedy.label for remedy in refuted.remedies] == ["More time"]
+    blind = imagined(at(0), at(45), at(50), "iteration limit")
+    assert [remedy.label for remedy in blind.remedies] == ["Reach further"]
 
 
 def test_iterations_that_ran_out_long_after_the_energy_stopped_falling():
@@ -183,9 +210,9 @@ def test_iterations_that_ran_out_long_after_the_energy_stopped_falling():
     ("stop_reason", "words", "advised"),
     [
         ("cancelled", "it was cancelled", "go on"),
-        ("line search failed", "no step lowers the energy", "a larger alpha, such as 0.06, or a larger sigma"),
-        ("converged", "what is left differs", "a smaller sigma, such as 0.00033, or a smaller alpha, such as 0.0067"),
-        ("iteration limit", "it was still falling", "more iterations, such as 300"),
+        ("line search failed", "no step lowers the energy", "a larger alpha, such as 0.06"),
+        ("converged", "what is left differs", "a smaller sigma, such as 0.00033"),
+        ("iteration limit", "still falling", "a larger reach, such as 1"),
     ],
 )
 def test_the_stop_reason_is_told_where_nothing_else_is(stop_reason, words, advised):
@@ -200,7 +227,7 @@ def test_without_smoothness_more_of_it_is_advised_from_the_usual_value_and_never
     problem = Problem(SPHERE, at(0), at(60))
     outcome = Outcome(at(30)[None], problem.relative_mismatch(at(30)[None]), "line search failed")
     rough = Parameters(alpha=0.0)
-    assert "a larger alpha, such as 0.02" in advice(problem, outcome, rough).advice
+    assert "a larger alpha, such as 0.01" in advice(problem, outcome, rough).advice
     assert "alpha" not in advice(problem, replace(outcome, stop_reason="converged"), rough).advice
 
 

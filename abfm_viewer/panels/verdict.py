@@ -1,0 +1,82 @@
+"""What the latest match came to: how well it matches, why it stopped, and remedies that one click carries out."""
+
+import polyscope.imgui as imgui
+
+from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.document import verdict_words
+from abfm_viewer.panels.context import Context
+from abfm_viewer.widgets.toolkit import Kind, Ui
+
+_MOST_LINES = 2  # for why it stopped
+_ABOUT = "Match finds the field whose flow carries the source to the target"
+
+
+def draw(context: Context) -> None:
+    ui, session = context.ui, context.session
+    result, solver = session.result, session.solver
+    if solver.failed:
+        _line(ui, f"The solver stopped: {solver.reason}", "failure")
+    elif result is None:
+        failed = any(session.error(spec) for spec in session.specs)
+        _line(ui, "No match yet", "ink")
+        _line(ui, _sentence(session.obstacle or _ABOUT), "failure" if failed else "muted")
+    if result is None:
+        return
+    tone = verdict_words.tone(result)
+    _line(ui, _capital(verdict_words.headline(result)), "muted" if session.outdated else tone)
+    if steps := len(result.energy_history) - 1:
+        _right(ui, f"{steps} iterations")
+    why = "functions or parameters changed since" if session.outdated else verdict_words.why(result)
+    _line(ui, _sentence(why), "ink", _MOST_LINES)
+    _line(ui, f"mismatch {verdict_words.numbers(result)}", "muted")
+    with ui.group("verdict"):
+        _remedies(context)
+
+
+def _remedies(context: Context) -> None:
+    """Draw buttons, or what to try where no button can do it."""
+    ui, session, result = context.ui, context.session, context.session.result
+    assert result is not None
+    if session.outdated:
+        if ui.button(
+            "Match again", "Match the functions and parameters as they are now.", enabled=not session.obstacle
+        ):
+            session.match()
+        if session.obstacle:
+            ui.beside()
+            _line(ui, _sentence(session.obstacle), "failure")
+        return
+    for number, remedy in enumerate(result.verdict.remedies):
+        if number:
+            ui.beside()
+        if ui.button(remedy.label, verdict_words.changes(remedy)):
+            session.remedy(remedy)
+    advice = verdict_words.advice(result)
+    if advice and not result.verdict.remedies:
+        _line(ui, f"To try: {advice}.", "muted")
+
+
+def _line(ui: Ui, text: str, kind: Kind, most: int = 1) -> None:
+    """A line, or at most some; what has no room is in a tooltip."""
+    width = imgui.GetContentRegionAvail()[0]
+    shown = cut(
+        text, most * imgui.GetTextLineHeight() + 1, lambda part: float(imgui.CalcTextSize(part, False, width)[1])
+    )
+    ui.note(shown, kind)
+    if shown != text:
+        ui.tip(text)
+
+
+def _right(ui: Ui, text: str) -> None:
+    """Something at the end of the line, where there is room."""
+    start = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0] - imgui.CalcTextSize(text)[0] - ui.px(2)
+    imgui.SameLine(start)
+    ui.note(text)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _sentence(text: str) -> str:
+    return f"{_capital(text)}."

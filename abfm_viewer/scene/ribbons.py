@@ -1,0 +1,169 @@
+"""Lines that lie on a surface, as flat ribbons: they bend with it, and neither stick out of it nor float above it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+import abfm
+from abfm.flow.flow_lines import FacePoints
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.types import FloatArray, IntArray
+
+_LIFT = 0.0025  # of sqrt(area): a flat strip is hidden by the surface where that bends
+_HEAD_WIDTH, _HEAD_LENGTH = 2.6, 7.5  # in half widths of the shaft
+_LONGEST_HEAD = 0.55  # of an arrow
+_SHAFT_NODES, _HEAD_NODES = 9, 4
+_APART, _NODE = 0.16, 0.012  # of sqrt(area): heads along a line, and the nodes of its ribbon
+
+Triangles = tuple[FloatArray, IntArray]  # vertices (V, 3) and faces (F, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A way on a surface: places (K, 3) and the surface's unit normals there, in sqrt(area) as the unit of length."""
+
+    places: FloatArray
+    normals: FloatArray
+
+    @property
+    def lengths(self) -> FloatArray:
+        """How far each place is from the start, along the way, (K,)."""
+        steps = np.linalg.norm(np.diff(self.places, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def at(self, lengths: FloatArray) -> Course:
+        """The places in certain distances from the start."""
+        own = self.lengths
+        places, normals = (
+            np.stack([np.interp(lengths, own, values[:, x]) for x in range(3)], axis=1)
+            for values in (self.places, self.normals)
+        )
+        return Course(places, _unit(normals))
+
+
+def course_of(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> Course:
+    """The way of a flow line in the direction of the flow, also where it was walked against that."""
+    order = slice(None) if line.times[-1] >= 0 else slice(None, None, -1)
+    return Course(line.positions[order] / mesh.length_scale, _normals(mesh, line)[order])
+
+
+def course_through(mesh: TriangleMesh, places: FloatArray) -> Course:
+    """The way through places (K, 3) on a surface, in the mesh's units."""
+    return Course(places / mesh.length_scale, _normals(mesh, abfm.maps.project_onto_surface(mesh, places)))
+
+
+def _normals(mesh: TriangleMesh, points: FacePoints) -> FloatArray:
+    """Unit normals at points of a surface, which turn smoothly from face to face, (K, 3)."""
+    return _unit(np.einsum("kc,kcx->kx", points.barycentric, _vertex_normals(mesh)[mesh.faces[points.faces]]))
+
+
+@per_mesh
+def _vertex_normals(mesh: TriangleMesh) -> FloatArray:
+    return abfm.functions.vertex_normals(mesh)
+
+
+def arrow_ribbons(courses: Sequence[Course], half_width: float) -> Triangles:
+    """An arrow along each way from its start to its end; it is thinner where the way is too short for its head."""
+    if not courses:
+        return _joined([])
+    lengths = np.array([course.lengths[-1] for course in courses])
+    heads = np.minimum(_HEAD_LENGTH * half_width, _LONGEST_HEAD * lengths)
+    along_shaft, along_head = np.linspace(0, 1, _SHAFT_NODES), np.linspace(0, 1, _HEAD_NODES)
+    nodes = np.concatenate(
+        [(lengths - heads)[:, None] * along_shaft, (lengths - heads)[:, None] + heads[:, None] * along_head], axis=1
+    )
+    found = [course.at(places) for course, places in zip(courses, nodes, strict=True)]
+    places, normals = np.stack([one.places for one in found]), np.stack([one.normals for one in found])
+    thick = heads[:, None] / _HEAD_LENGTH
+    shaft, head = np.s_[:, :_SHAFT_NODES], np.s_[:, _SHAFT_NODES:]
+    return _joined(
+        [
+            _strips(places[shaft], normals[shaft], thick * np.ones(_SHAFT_NODES)),
+            _strips(places[head], normals[head], _HEAD_WIDTH * thick * (1 - along_head)),
+        ]
+    )
+
+
+def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
+    """A line along each way, with heads that say which way it goes."""
+    parts: list[Triangles] = []
+    for course in courses:
+        length = float(course.lengths[-1])
+        nodes = course.at(np.linspace(0, length, max(int(np.ceil(length / _NODE)), 1) + 1))
+        parts.append(_strips(nodes.places[None], nodes.normals[None], np.full((1, len(nodes.places)), half_width)))
+        head = min(_HEAD_LENGTH * half_width, _LONGEST_HEAD * length)
+        count = max(round(length / _APART), 1)
+        for middle in (np.arange(count) + 0.5) * length / count:
+            parts.append(_head(course, min(max(middle - head / 2, 0.0), length - head), head))
+    return _joined(parts)
+
+
+def isoline_ribbons(
+    mesh: TriangleMesh, values: FloatArray, levels: Sequence[float] | FloatArray, half_width: float
+) -> Triangles:
+    """Lines where a function (V,) has certain values: in every triangle that it crosses a strip in its plane.
+
+    Where the function is constant there is no line, whatever its value.
+    """
+    corners, normals = mesh.vertices[mesh.faces] / mesh.length_scale, abfm.calculus.face_normals(mesh)
+    at_corners = values[mesh.faces]
+    low, high = at_corners.min(axis=1), at_corners.max(axis=1)
+    parts: list[Triangles] = []
+    for level in levels:
+        crossed = np.flatnonzero((low < level) & (level <= high))
+        if crossed.size:
+            parts.append(_crossings(corners[crossed], at_corners[crossed], level, normals[crossed], half_width))
+    return _joined(parts)
+
+
+def _crossings(corners: FloatArray, values: FloatArray, level: float, normals: FloatArray, half: float) -> Triangles:
+    """Strips in triangles (n, 3, 3) where a function with these values (n, 3) at the corners has one value."""
+    above = values >= level
+    alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
+    rows = np.arange(len(corners))
+    ends = []
+    for other in ((alone + 1) % 3, (alone + 2) % 3):
+        share = (level - values[rows, alone]) / (values[rows, other] - values[rows, alone])
+        ends.append(corners[rows, alone] + share[:, None] * (corners[rows, other] - corners[rows, alone]))
+    along = _unit(ends[1] - ends[0])
+    side = half * np.cross(normals, along)
+    first, last = ends[0] - half / 2 * along, ends[1] + half / 2 * along  # else a gap would show between two strips
+    lift = _LIFT * normals
+    vertices = np.stack([first - side + lift, last - side + lift, last + side + lift, first + side + lift], axis=1)
+    faces = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * rows[:, None, None]
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3)
+
+
+def _head(course: Course, start: float, length: float) -> Triangles:
+    """The head of an arrow, which begins at a distance from the way's start."""
+    shares = np.linspace(0, 1, _HEAD_NODES)
+    nodes = course.at(start + length * shares)
+    widest = _HEAD_WIDTH * length / _HEAD_LENGTH
+    return _strips(nodes.places[None], nodes.normals[None], widest * (1 - shares)[None])
+
+
+def _strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> Triangles:
+    """Strips through places (n, K, 3) of some half widths (n, K), with faces counterclockwise from outside."""
+    count, nodes = half_widths.shape
+    side = half_widths[:, :, None] * _unit(np.cross(normals, np.gradient(places, axis=1)))
+    middle = places + _LIFT * normals
+    vertices = np.stack([middle - side, middle + side], axis=2).reshape(-1, 3)
+    first = 2 * (np.arange(nodes - 1) + nodes * np.arange(count)[:, None]).reshape(-1, 1)
+    return vertices, np.concatenate([first + np.array([0, 2, 1]), first + np.array([1, 2, 3])])
+
+
+def _joined(parts: list[Triangles]) -> Triangles:
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    if not parts:
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    vertices = np.concatenate([vertices for vertices, _ in parts])
+    faces = [part + start for (_, part), (start, _) in zip(parts, pairwise(starts), strict=True)]
+    return vertices, np.concatenate(faces)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))

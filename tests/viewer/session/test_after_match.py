@@ -1,0 +1,125 @@
+"""What is shown of a match that has ended."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from abfm_viewer.document.document import View
+from abfm_viewer.session.after_match import AfterMatch
+from tests.viewer.sessions import SPHERE, matched, opened, solving, until
+
+
+@pytest.fixture
+def session():
+    """One that shows its flow after a match."""
+    session = opened()
+    session.switch_flow_after_match()
+    yield session
+    session.close()
+
+
+class Found:
+    """All that is asked of a match."""
+
+    velocity = np.ones((1, len(SPHERE.faces), 3))
+
+
+def test_the_flow_is_shown_and_played_once_from_0_to_tau(session):
+    session.player.repeat, session.player.speed = "loop", 4.0
+    before = session.history.undo_label
+    matched(session)
+    assert session.player.playing
+    assert session.time == 0
+    assert session.view.arrows != session.view.streaks
+    times = []
+    until(lambda: times.append(session.time) or not session.player.playing, session)
+    assert session.time == session.parameters.tau
+    assert times == sorted(times)
+    assert session.history.undo_label == "match"
+    session.undo()
+    assert session.history.undo_label == before
+    assert session.result is None
+    assert not (session.view.arrows)
+    assert not (session.view.streaks)
+
+
+def test_it_waits_for_what_it_would_show(session):
+    session.player.held = True
+    matched(session)
+    session.update()
+    assert session.time == 0
+    session.player.held = False
+    until(lambda: session.time > 0, session)
+
+
+@pytest.mark.parametrize("touch", ["time", "play", "undo", "match", "switch"])
+def test_what_the_user_does_stops_it(session, touch):
+    matched(session)
+    do = {
+        "time": lambda: session.set_time(0.5),
+        "play": session.player.toggle,
+        "undo": session.undo,
+        "match": session.match,
+        "switch": session.switch_flow_after_match,
+    }
+    do[touch]()
+    assert not session.player.playing
+
+
+def test_saved_work_stays_saved(session, tmp_path):
+    matched(session)
+    session.mark_saved(session.document, tmp_path / "a.abfm")
+    session.player.speed = 4.0
+    until(lambda: not session.player.playing, session)
+    assert not session.unsaved
+
+
+def test_a_cancelled_run_shows_what_it_has(endless):
+    endless.switch_flow_after_match()
+    solving(endless).solver.cancel()
+    until(lambda: endless.solver.finished, endless)
+    assert endless.result.stop_reason == "cancelled"
+    assert endless.player.playing
+
+
+def test_a_failed_run_and_a_switched_off_flow_play_nothing(session):
+    session.amend(parameters=replace(session.parameters, tau=1e30))
+    matched(session)
+    assert session.result is None or not session.player.playing or session.solver.failed is False
+    session.amend(parameters=replace(session.parameters, tau=1.0))
+    session.switch_flow_after_match()
+    matched(session)
+    assert not session.player.playing
+    assert session.time == session.parameters.tau
+    assert not (session.view.arrows)
+    assert not (session.view.streaks)
+
+
+def test_streaks_on_small_meshes_where_drawing_is_quick():
+    after = AfterMatch()
+    assert after.view(View(), SPHERE, Found).arrows
+    after = AfterMatch()
+    after.draws_quickly = True
+    assert after.view(View(), SPHERE, Found).streaks
+
+
+def test_what_the_user_hid_stays_hidden_and_what_he_chose_stays_chosen():
+    after, view = AfterMatch(), View()
+    shown = after.view(view, SPHERE, Found)
+    assert after.view(shown, SPHERE, Found) is shown
+    assert after.view(view, SPHERE, Found) is view
+    after.forget()
+    assert after.view(view, SPHERE, Found).arrows
+    for chosen in (View(streaks=True), View(coloring="speed")):
+        assert AfterMatch().view(chosen, SPHERE, Found) is chosen
+
+
+def test_a_field_of_zeros_has_no_flow_to_see():
+    class Still:
+        velocity = np.zeros((1, len(SPHERE.faces), 3))
+
+    assert AfterMatch().view(View(), SPHERE, Still) is None
+    assert AfterMatch().view(View(flow_after_match=False), SPHERE, Found) is None
