@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 
 import av
 import numpy as np
@@ -11,17 +12,9 @@ from PIL import Image
 
 from abfm.assets import asset_path
 from abfm_viewer.automation import Driver
-from tests.viewer.sessions import EGG, SIZE
+from tests.viewer.sessions import SIZE
 
 LEFT_HAND, LEFT_FOOT = 276, 526  # of the human
-
-
-def app(mesh, tmp_path):
-    """A window in whose file dialogs the test's folder is open."""
-    gui = Driver(mesh, size=SIZE)
-    gui.__enter__()
-    gui.window.dialogs.folder = tmp_path
-    return gui
 
 
 @pytest.fixture
@@ -47,7 +40,8 @@ def exported(gui, path):
     gui.wait(lambda _: path.exists() and not gui.window.exporter.running, 120)
 
 
-def test_open_match_and_see_the_flow(gui, tmp_path):
+def test_open_match_and_see_the_flow(human, tmp_path):
+    gui = human
     shutil.copy(asset_path("human_A.off"), tmp_path / "somebody.off")
     gui.menu("File", "Open mesh...")
     gui.double_click("somebody.off")
@@ -83,6 +77,9 @@ def test_change_sigma_while_it_runs(gui):
 
 
 def test_export_a_picture_and_a_movie(gui, tmp_path):
+    exporter = gui.window.exporter
+    exporter.picture = replace(exporter.picture, width=400, height=300)  # the rest takes no user's time, but the test's
+    exporter.movie = replace(exporter.movie, seconds=0.5, fps=10)
     gui.click("Match")
     gui.wait(finished, 120)
     gui.click("Save picture...")
