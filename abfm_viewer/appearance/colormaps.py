@@ -1,7 +1,8 @@
 """The colour maps of every picture: for functions with a zero in the middle, for the others, and some well-known ones.
 
 The first two keep the surface readable under a light: the value that most of a surface has is a light grey, and
-lightness falls steadily away from it, so that the pictures also work in print and for colour-blind readers.
+lightness falls steadily away from it, so that the pictures also work in print and for colour-blind readers. On dark
+grounds, where that would glare, it is a dark grey, away from which lightness rises.
 """
 
 from dataclasses import dataclass
@@ -14,13 +15,15 @@ from PIL import Image
 from abfm.types import FloatArray
 
 NAMES = ("abfm sequential", "abfm diverging", "viridis", "magma", "coolwarm", "gray")
+_DARK = {name: f"{name} dark" for name in NAMES[:2]}
 _ROWS = np.loadtxt(Path(__file__).with_name("colormaps.csv"), delimiter=",")
-_TABLES = {name: _ROWS[:, 3 * number : 3 * number + 3] for number, name in enumerate(NAMES)}
+_TABLES = {name: _ROWS[:, 3 * number : 3 * number + 3] for number, name in enumerate((*NAMES, *_DARK.values()))}
 """Evenly spaced colours (101, 3) in linear light: a few stops in Oklab, joined by SciPy's `PchipInterpolator`.
 
 Written to a file because loading SciPy would take longer than all of polyscope.
 """
 CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # in linear light
+DARK_CHECKER_COLORS = ((0.22, 0.23, 0.25), (0.03, 0.07, 0.20))
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,11 @@ class ColorRange:
     colormap: str
     low: float
     high: float
+
+
+def on_ground(colormap: str, is_dark: bool) -> str:
+    """The map that stands for one of `NAMES` on a light or a dark ground."""
+    return _DARK.get(colormap, colormap) if is_dark else colormap
 
 
 def color_range(*functions: FloatArray) -> ColorRange:
@@ -75,4 +83,4 @@ def loaded_name(colormap: str) -> str:
 
 def images() -> dict[str, Image.Image]:
     """All maps by name as pictures of one row in linear light: polyscope applies the display's gamma after shading."""
-    return {name: Image.fromarray(np.round(255 * linear_table(name, 1024)[None]).astype(np.uint8)) for name in NAMES}
+    return {name: Image.fromarray(np.round(255 * linear_table(name, 1024)[None]).astype(np.uint8)) for name in _TABLES}

@@ -37,39 +37,45 @@ class Palette:
 LIGHT = Palette(
     ground=_hex("#ffffff"),
     panel=_hex("#f4f5f7"),
-    field=_hex("#e3e6eb"),
-    hovered=_hex("#d3d9e3"),
-    pressed=_hex("#bcc8dc"),
+    field=_hex("#e6e9ee"),
+    hovered=_hex("#dce2ea"),
+    pressed=_hex("#cdd8e8"),
     border=_hex("#d0d4db"),
     ink=_hex("#1d222b"),
-    muted=_hex("#5d6675"),
+    muted=_hex("#4d5563"),
     accent=_hex("#2455c3"),
     accent_hovered=_hex("#1c46a5"),
     accent_ink=_hex("#ffffff"),
     source=_hex("#2455c3"),
-    target=_hex("#c62828"),
-    failure=_hex("#9320a8"),
-    good=_hex("#1b7a43"),
+    target=_hex("#b31f1f"),
+    failure=_hex("#8a1c9e"),
+    good=_hex("#12633a"),
     marker=_hex("#0b8f6a"),
 )
 DARK = Palette(
     ground=_hex("#1b1e24"),
     panel=_hex("#262a32"),
-    field=_hex("#373d48"),
-    hovered=_hex("#454d5b"),
-    pressed=_hex("#566175"),
+    field=_hex("#333945"),
+    hovered=_hex("#3a414e"),
+    pressed=_hex("#434d5d"),
     border=_hex("#3c424d"),
     ink=_hex("#e8eaee"),
-    muted=_hex("#a3abb9"),
-    accent=_hex("#4c7df0"),
-    accent_hovered=_hex("#6a94f7"),
-    accent_ink=_hex("#ffffff"),
-    source=_hex("#86a9ff"),
-    target=_hex("#ff8a80"),
-    failure=_hex("#dd8cf0"),
+    muted=_hex("#bfc6d1"),
+    accent=_hex("#7ea6ff"),
+    accent_hovered=_hex("#9bbaff"),
+    accent_ink=_hex("#10141c"),
+    source=_hex("#a3beff"),
+    target=_hex("#ffaba3"),
+    failure=_hex("#e8a6f7"),
     good=_hex("#69d39a"),
     marker=_hex("#38d9a9"),
 )
+
+
+def linear(color: Color) -> tuple[float, float, float]:
+    """A colour in linear light, as polyscope wants it."""
+    red, green, blue = (channel**2.2 for channel in color[:3])
+    return red, green, blue
 
 
 def palette(theme: Theme) -> Palette:

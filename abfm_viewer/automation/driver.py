@@ -158,8 +158,9 @@ class Driver:
     def click(self, label: str, within: str = "") -> None:
         """Click on a widget, or on an entry of a menu, which is opened before.
 
-        The label is what the user reads; `within` names the section, group, menu or dialog, where it is there twice.
-        Raises DriverError, as all that takes a label, if there is no such widget, it is grey, or the label ambiguous.
+        The label is what the user reads, or a parameter's name in files; `within` names the section, group, menu or
+        dialog, where it is there twice. Raises DriverError, as all that takes a label, if there is no such widget, it
+        is grey, or the label ambiguous.
         """
         self._click(self.search.find(label, within, _CLICKABLE))
 
@@ -201,8 +202,9 @@ class Driver:
 
     def choose(self, label: str, choice: str, within: str = "") -> None:
         """Choose one of a combo's words."""
-        self._click(self.search.find(label, within, ("combo",)))
-        self._click(self.search.find(choice, label, ("choice",)))
+        combo = self.search.find(label, within, ("combo",))
+        self._click(combo)
+        self._click(self.search.find(choice, combo.name or combo.label, ("choice",)))
 
     def check(self, label: str, on: bool = True, within: str = "") -> None:
         """Tick a checkbox, or take the tick away."""

@@ -47,7 +47,7 @@ class WidgetSearch:
 
     def drawn(self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None) -> Widget | None:
         """A label's widget in the latest frame, of several the only enabled one; DriverError if several are."""
-        candidates = [w for w in self._window.ui.widgets if w.label == label and (not kinds or w.kind in kinds)]
+        candidates = [w for w in self._window.ui.widgets if w.is_called(label) and (not kinds or w.kind in kinds)]
         if within:
             candidates = [w for w in candidates if within == w.section or within in w.section.split("/")]
         candidates = [w for w in candidates if w.kind != "tab"] or candidates  # the button Match is no tab
@@ -65,7 +65,7 @@ class WidgetSearch:
         for _ in chain([None], self._frames_of_a_dialog(), self._openings(within, kinds)):
             if (widget := self.drawn(label, within, kinds)) is not None:
                 return widget
-            seen |= dict.fromkeys(widget.label for widget in self._window.ui.widgets)
+            seen |= dict.fromkeys(name for w in self._window.ui.widgets for name in (w.label, w.name) if name)
         nearest = get_close_matches(label, seen, n=3)
         hint = f"did you mean {' or '.join(map(repr, nearest))}" if nearest else f"labels are {', '.join(seen)}"
         raise DriverError(f"there is no {label!r}{f' in {within!r}' if within else ''} in the window; {hint}")

@@ -48,6 +48,11 @@ class Latest(Generic[Value]):
         """Whether what was asked for last is still to come."""
         return self._wanted is not None and not same(self._wanted, self.key)
 
+    @property
+    def retired(self) -> bool:
+        """Whether it computes nothing any more."""
+        return self._closed
+
     def ask(self, key: object, compute: Callable[[], Value]) -> Value | None:
         """What was computed for this key, or None and it will be, once, in the background."""
         with self._condition:
@@ -70,11 +75,15 @@ class Latest(Generic[Value]):
             is_fit = isinstance(self.key, tuple) and same(self.key[0], about)
             return self.value if found is None and is_fit else found
 
-    def close(self, seconds: float = 0.5) -> None:
-        """End the thread; a job under way is waited for, but not for long."""
+    def retire(self) -> None:
+        """Compute nothing more; a job under way is not waited for."""
         with self._condition:
             self._closed, self._job = True, None
             self._condition.notify()
+
+    def close(self, seconds: float = 0.5) -> None:
+        """End the thread; a job under way is waited for, but not for long."""
+        self.retire()
         if self._thread is not None:
             self._thread.join(seconds)
 
@@ -120,6 +129,7 @@ class Jobs:
         self._all: list[Latest[Any]] = []
 
     def latest(self, name: str) -> Latest[Any]:
+        self._all = [one for one in self._all if not one.retired]
         self._all.append(Latest(name, self.at_once))
         return self._all[-1]
 

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import threading
-import time as clock
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
 import abfm
 from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
 from abfm.numerics.own_process import factoring_apart
+from abfm.progress import Step, telling
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
+from abfm_viewer.computing.energies import Energies
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.memo import Memo
+from abfm_viewer.computing.match_apart import MatchApart, Relayed
+from abfm_viewer.computing.picture_pace import PicturePace
 from abfm_viewer.document.document import Channel, Run
 
-_Row = tuple[float, float, float, int, int, float]  # total, regularity, mismatch; stage, vertices, reach
 _ITERATIONS_BETWEEN_RESTARTS = 3
-_TIMES_A_PICTURE, _LONGEST_WAIT = 9, 0.2
-"""How long no picture is made after one, times what it took, and at most, in seconds."""
+_HEAD_START = 0.02  # seconds for a run to get under way, which else waits until a frame is drawn
 
 
 @dataclass(frozen=True)
@@ -77,10 +79,22 @@ class Solver:
         self.reason = ""
         self.problem: Problem | None = None
         self.snapshot: Snapshot | None = None  # may be read at any time
+        self.step: Step | None = None  # of the run, where that is not another iteration; may be read at any time
         self.started = 0  # how many runs there were
-        self._rows: list[_Row] = []
-        self._run = Memo[Run]()
+        self._apart: MatchApart | None = None
+        self._energies = Energies()
         self._lock = threading.Lock()
+
+    def work_apart(self) -> None:
+        """From the next run on match in a process of its own, which starts when there is something to prepare."""
+        self._apart = self._apart or MatchApart()
+
+    def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
+        """Make the coarser meshes ahead, on which a run of this mesh begins."""
+        if self._apart:
+            self._apart.prepare(mesh, parameters)
+        else:
+            abfm.matching.prepare(mesh, parameters)
 
     @property
     def running(self) -> bool:
@@ -108,39 +122,26 @@ class Solver:
     @property
     def run(self) -> Run | None:
         """The energies of the run so far."""
-        if not self.running or not self._rows or self.snapshot is None or self.problem is None:
+        if not self.running or self.snapshot is None or self.problem is None:
             return None
-        rows, mismatch, parameters = self._rows[:], self.snapshot.iteration.mismatch, self.problem.parameters
-        made_of = (self.started, len(rows), mismatch, parameters, tuple(self._restarts))
-        return self._run.get(made_of, lambda: self._run_of(rows, mismatch, parameters))
-
-    def _run_of(self, rows: list[_Row], mismatch: float, parameters: Parameters) -> Run:
-        table = np.array(rows)
-        return Run(
-            energies=table[:, :3],
-            stages=table[:, 3].astype(np.int64),
-            restarts=tuple(self._restarts),
-            mismatch=mismatch,
-            label=f"alpha {parameters.alpha:g}, beta {parameters.beta:g}, sigma {parameters.sigma:g}",
-            vertices=table[:, 4].astype(np.int64),
-            reaches=table[:, 5],
-        )
+        return self._energies.run(self.snapshot.iteration.mismatch, self.problem.parameters)
 
     def start(self, problem: Problem, functions: Functions, field: FloatArray | None = None) -> None:
         """Begin a run, from a field (N, F, 3) if there is one."""
         self.state, self.reason, self.snapshot = State.RUNNING, "", None
+        self.step = None
         self.started += 1
         self.problem = problem
         self._next: Problem | None = problem
         self._result: abfm.Match | None = None
         self._error = ""
-        self._rows = []
-        self._restarts: list[int] = []
-        self._control = abfm.Control()
+        self._energies = Energies()
+        self._control = self._new_control()
         self._since_restart = 0
-        self._next_picture = 0.0
+        self._under_way = threading.Event()
         self._thread = threading.Thread(target=self._work, args=(functions, field), name="solver", daemon=True)
         self._thread.start()
+        self._under_way.wait(_HEAD_START)
 
     def pause(self) -> None:
         with self._lock:
@@ -188,7 +189,7 @@ class Solver:
         left = (self._result, self.run, self.problem)
         self.state = State.FAILED if self._error else State.ENDED
         self.reason = self._error or (self._result.stop_reason if self._result else "cancelled")
-        self.snapshot = None
+        self.snapshot = self.step = None
         return left
 
     def forget(self) -> None:
@@ -199,6 +200,8 @@ class Solver:
         """End the thread; it ends between two evaluations, which is not waited for long."""
         self.cancel()
         self.wait(seconds)
+        if self._apart:
+            self._apart.close()
         self.forget()
 
     # In the thread
@@ -209,7 +212,7 @@ class Solver:
             while (problem := self._take()) is not None:
                 if self._result is not None:
                     start = self._result.start_for(problem.parameters)
-                    self._restarts.append(len(self._rows))
+                    self._energies.restart()
                 self._result = self._solve(problem, functions, start)
         except Exception as error:
             if not isinstance(error, AbfmError | MemoryError):
@@ -220,7 +223,7 @@ class Solver:
         """The problem to solve now, with a control of its own."""
         with self._lock:
             problem, self._next = self._next, None
-            self._control = abfm.Control()
+            self._control = self._new_control()
             self._since_restart = 0
             if self.state is State.PAUSED:
                 self._control.pause()
@@ -237,17 +240,7 @@ class Solver:
                 self._control.cancel()
 
         def solve(from_field: FloatArray | None) -> abfm.Match:
-            return abfm.match(
-                problem.mesh,
-                sources,
-                targets,
-                problem.parameters,
-                mask=mask,
-                weights=[channel.weight for channel in problem.channels],
-                start=from_field,
-                on_iteration=lambda iteration: self._post(problem, iteration),
-                control=self._control,
-            )
+            return self._match(problem, (sources, targets, problem.parameters), mask, from_field)
 
         try:
             return solve(start)
@@ -256,26 +249,44 @@ class Solver:
                 raise
             return solve(None)  # a field for other parameters may be too fast for these
 
-    def _post(self, problem: Problem, now: abfm.Iteration) -> None:
-        self.snapshot = Snapshot(problem, now, self._pictured(problem, now))
-        energies = (now.energy, now.regularity, now.mismatch_energy)
-        self._rows.append((*energies, now.stage, now.vertices, now.reach))
+    def _new_control(self) -> abfm.Control:
+        return self._apart.control() if self._apart else abfm.Control()
+
+    def _match(
+        self,
+        problem: Problem,
+        functions: tuple[FloatArray, FloatArray, Parameters],
+        mask: FloatArray | None,
+        start: FloatArray | None,
+    ) -> abfm.Match:
+        """`abfm.match`, here or in the other process."""
+        weights = [channel.weight for channel in problem.channels]
+        apart, control = self._apart, self._control
+        is_pictured = apart.pictured if apart else PicturePace().takes
+
+        def post(iteration: abfm.Iteration) -> None:
+            self._post(problem, iteration, is_pictured)
+
+        given: dict[str, Any] = {"mask": mask, "weights": weights, "start": start, "on_iteration": post}
+        if apart and isinstance(control, Relayed):
+            return apart.match(problem.mesh, *functions, **given, control=control, tell=self._tell)
+        with telling(self._tell):
+            return abfm.match(problem.mesh, *functions, **given, control=control)
+
+    def _tell(self, step: Step | None) -> None:
+        self.step = step
+        self._under_way.set()
+
+    def _post(self, problem: Problem, now: abfm.Iteration, is_pictured: Callable[[abfm.Iteration], bool]) -> None:
+        self._under_way.set()
+        before = self.snapshot
+        is_first = before is None or before.problem is not problem
+        shown = now if is_pictured(now) or is_first or before is None else before.shown
+        self.snapshot = Snapshot(problem, now, shown)
+        self._energies.add(now)
         self._since_restart += 1
         with self._lock:
             self._yield_to_next()
-
-    def _pictured(self, problem: Problem, iteration: abfm.Iteration) -> abfm.Iteration:
-        """The iterate to show: the new one, or an earlier one, so that pictures take a tenth of the time.
-
-        An iterate on a coarse mesh may take less time than its picture on a fine one.
-        """
-        before, now = self.snapshot, clock.perf_counter()
-        if before is not None and before.problem is problem and now < self._next_picture:
-            return before.shown
-        _ = iteration.advected  # computed here and kept: not in the frame loop
-        done = clock.perf_counter()
-        self._next_picture = done + min(_TIMES_A_PICTURE * (done - now), _LONGEST_WAIT)
-        return iteration
 
     def _yield_to_next(self) -> None:
         """End the present solve for the next problem, but not so soon that a drag would keep it from moving."""

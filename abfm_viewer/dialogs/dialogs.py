@@ -58,9 +58,12 @@ class Dialogs:
 
         self._open.append(_Open(Question(title, text, tuple(buttons)), answered))
 
-    def show(self, title: str, lines: Sequence[Line]) -> None:
-        """Show paragraphs, and rows of two columns; a row with an empty second column is a heading."""
-        self._open.append(_Open(Message(title, lines), lambda _: self._close()))
+    def show(self, title: str, lines: Sequence[Line], copied: str = "") -> None:
+        """Show paragraphs, and rows of two columns; a row with an empty second column is a heading.
+
+        With a text to be `copied` there is a button for that.
+        """
+        self._open.append(_Open(Message(title, lines, copied), lambda _: self._close()))
 
     def draw(self, ui: Ui) -> None:
         if not self._open:

@@ -66,8 +66,7 @@ class FileDialog:
             self.choice.go(Path.home())
         ui.beside()
         typed = ui.text("folder", shown(self.choice.folder), "A folder to go to, or a file; ~ is your own folder.")
-        typing = bool(imgui.IsItemActive() or imgui.IsItemDeactivated())
-        return (None if typed is None else self.choice.go_or_take(typed)), typing
+        return (None if typed is None else self.choice.go_or_take(typed)), ui.typing
 
     def _draw_list(self, ui: Ui) -> Path | None:
         listing = self.choice.listing()

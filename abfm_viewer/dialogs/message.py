@@ -15,10 +15,11 @@ _FIRST_COLUMN = 0.34
 
 @dataclass(frozen=True)
 class Message:
-    """Lines under a title."""
+    """Lines under a title, and a text that can be copied instead of them."""
 
     title: str
     lines: Sequence[Line]
+    copied: str = ""
 
     def draw(self, ui: Ui) -> bool:
         """Draw the lines; whether they were closed in this frame."""
@@ -27,6 +28,10 @@ class Message:
             with ui.child("lines", height, border=False, shrinks=True):
                 for line in self.lines:
                     self._draw_line(ui, line)
+            if self.copied:
+                if ui.button("Copy", "All lines as text, to the clipboard.", width=ui.px(110)):
+                    imgui.SetClipboardText(self.copied)
+                ui.beside()
             closed = ui.button("Close", "Esc", primary=True, width=ui.px(110))
             keys = (imgui.ImGuiKey_Enter, imgui.ImGuiKey_Escape)
             return closed or any(imgui.IsKeyPressed(key, False) for key in keys)

@@ -1,26 +1,51 @@
-"""A source and a target for any mesh, so that there is something to match at once."""
+"""A source and a target for any mesh, so that there is something to match at once, and to look at."""
 
 import numpy as np
 
 import abfm
 from abfm import TriangleMesh
+from abfm.types import FloatArray
 
-WIDTH = 0.1
+WIDTH, _WIDEST = 0.13, 0.5
+"""How wide a Gaussian is, if the mesh is fine enough, and at most, as a share of the way between the two."""
+_EDGES = 6.0  # that one is wide on coarser meshes: else no flow of theirs would be exact
+_PLACE, _APART, _FARTHEST = 0.34, 0.3, 0.5
+"""Where the source is on the way from end to end, how far the target is from it, as shares of that way, and at most."""
+_SIDE = 0.1  # how much of the way facing the viewer is worth
+
+_TILT = np.array([0.02, -0.01, 0.005])
 
 
 def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
-    """Specs of two Gaussians a quarter of the body apart, centred on the same side of it.
+    """Specs of two Gaussians on the way from one end of the body to the other, on the same side of it.
 
-    The source sits in the middle of the body, halfway between the ends of (nearly) the longest geodesic, and rather on
-    the side that looks along z, which most meshes have in front.
+    The way is (nearly) the longest geodesic, such as from a foot to a hand. A third of it lies before the source, which
+    is then at a knee and not in a fork between limbs, and a third behind the target, unless that would be far. Both
+    rather look along z, which most meshes have in front.
     """
-    one_end = int(np.argmax(abfm.calculus.geodesic_distance(mesh, [0])))
-    from_one_end = abfm.calculus.geodesic_distance(mesh, [one_end])
-    other_end = int(np.argmax(from_one_end))
-    from_other_end = abfm.calculus.geodesic_distance(mesh, [other_end])
-    length, normals = from_one_end[other_end], abfm.functions.vertex_normals(mesh)
-    source = int(np.argmin(np.maximum(from_one_end, from_other_end) / length - 0.1 * normals[:, 2]))
-    off = np.abs(abfm.calculus.geodesic_distance(mesh, [source]) / length - 0.25)
-    target = int(np.argmin(off - 0.1 * normals @ normals[source]))
-    one, other = (f"gaussian:vertex={mesh.vertex_ids[vertex]},width={WIDTH}" for vertex in (source, target))
+    unit, normals = mesh.length_scale, abfm.functions.vertex_normals(mesh)
+    from_one_end, from_other_end = _from_both_ends(mesh)
+    length = from_one_end.max()
+    place = from_one_end / (from_one_end + from_other_end)
+    detour = (from_one_end + from_other_end) / length - 1
+    source = int(np.argmin(np.abs(place - _PLACE) + detour - _SIDE * normals[:, 2]))
+    apart = min(_APART * length, _FARTHEST * unit)
+    off = np.abs(abfm.calculus.geodesic_distance(mesh, [source]) - apart) / length
+    backwards = np.maximum(_PLACE + apart / length - place, 0)
+    alike = normals[:, 2] + normals @ normals[source]
+    target = int(np.argmin(off + backwards + 0.5 * detour - 0.5 * _SIDE * alike))
+    edge = np.sqrt(4 / np.sqrt(3) / len(mesh.faces))  # of even triangles, in the unit of lengths
+    width = min(max(_EDGES * edge, WIDTH), _WIDEST * apart / unit)
+    one, other = (f"gaussian:vertex={mesh.vertex_ids[vertex]},width={width:.2g}" for vertex in (source, target))
     return one, other
+
+
+def _from_both_ends(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
+    """Distances (V,) from two vertices as far apart as nearly any, whatever number which vertex has."""
+    areas = abfm.calculus.vertex_areas(mesh)
+    places = mesh.vertices - areas @ mesh.vertices / areas.sum()
+    tilt = places @ _TILT  # of two ends that are alike, as hands are, always the same one is taken
+    outermost = int(np.argmax(np.linalg.norm(places, axis=1) + tilt))
+    one_end = int(np.argmax(abfm.calculus.geodesic_distance(mesh, [outermost]) + tilt))
+    from_one_end = abfm.calculus.geodesic_distance(mesh, [one_end])
+    return from_one_end, abfm.calculus.geodesic_distance(mesh, [int(np.argmax(from_one_end + tilt))])

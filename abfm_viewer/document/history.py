@@ -35,6 +35,16 @@ class History:
         """What redo would do again; empty if nothing."""
         return self._future[-1].label if self._future else ""
 
+    @property
+    def undo_to(self) -> Document | None:
+        """The state that undo would return to; None if there is none."""
+        return self._past[-1].document if self._past else None
+
+    @property
+    def redo_to(self) -> Document | None:
+        """The state that redo would return to; None if there is none."""
+        return self._future[-1].document if self._future else None
+
     def change(self, document: Document, label: str, merge: str = "") -> None:
         """Go on to another state."""
         if not (merge and self._past and self._past[-1].merge == merge):

@@ -12,32 +12,46 @@ from pathlib import Path
 
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
+from abfm_viewer.computing.memo import same
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.project import save_project
 from abfm_viewer.files.state_folder import StateFolder
 
+Content = tuple[Document, Mapping[str, FloatArray]]
+"""A document, and the values of its functions from other files (see `save_project`)."""
 _PREFIX, _SUFFIX = "autosave-", ".abfm"
 _ABANDONED = 120.0  # seconds without a heartbeat: the process is gone, whatever its number says
 
 
 class Autosave:
-    """Writes the document to the state folder when it has changed, in the background, at most every few seconds."""
+    """Writes a document to the state folder when it has changed, in the background, at most every few seconds.
 
-    def __init__(self, folder: StateFolder, seconds: float = 20.0, clock: Callable[[], float] = time.monotonic) -> None:
-        self.path = folder.path / f"{_PREFIX}{os.getpid()}{_SUFFIX}"  # the copy
+    A process may have several, each with a `number` of its own.
+    """
+
+    def __init__(
+        self,
+        folder: StateFolder,
+        number: int = 0,
+        seconds: float = 20.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        owner = f"{os.getpid()}.{number}" if number else f"{os.getpid()}"
+        self.path = folder.path / f"{_PREFIX}{owner}{_SUFFIX}"  # the copy
         self.error = ""  # why the last copy could not be written; empty if it could
         self._seconds, self._clock = seconds, clock
         self._last = clock()
-        self._document: Document | None = None
+        self._state: object = None
         self._has_copy = False
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._future: Future[None] | None = None
         _make_room(self.path)
 
-    def offer(self, document: Document, known: Callable[[], Mapping[str, FloatArray]], unsaved: bool) -> None:
+    def offer(self, state: object, content: Callable[[], Content], unsaved: bool) -> None:
         """Call every frame: writes a copy where it is time for one, and removes it where everything is saved.
 
-        `known` gives the values of functions from other files (see `save_project`); it is called in the background.
+        What is written changes with the `state`, objects that are compared by identity; its content is asked for in
+        the background.
         """
         if self._future is not None:
             if not self._future.done():
@@ -45,7 +59,7 @@ class Autosave:
             problem, self._future = self._future.exception(), None
             self.error = one_line(problem) if problem else ""
             if problem:
-                self._document = None  # to be tried again
+                self._state = None  # to be tried again
         if not unsaved:
             if self._has_copy:
                 self.discard()
@@ -54,9 +68,9 @@ class Autosave:
         if now - self._last < self._seconds:
             return
         self._last = now
-        if document is not self._document:
-            self._document, self._has_copy = document, True
-            self._future = self._writer.submit(self._write, document, known)
+        if not same(state, self._state):
+            self._state, self._has_copy = state, True
+            self._future = self._writer.submit(self._write, state, content)
         else:
             with suppress(OSError):
                 os.utime(self.path)  # the heartbeat that `recoverable` looks for
@@ -69,7 +83,7 @@ class Autosave:
 
     def discard(self) -> None:
         """Remove the copy, also one that is being written."""
-        self._document, self._has_copy = None, False
+        self._state, self._has_copy = None, False
         with suppress(OSError):
             self.path.unlink()
 
@@ -77,10 +91,10 @@ class Autosave:
         """Finish writing."""
         self._writer.shutdown()
 
-    def _write(self, document: Document, known: Callable[[], Mapping[str, FloatArray]]) -> None:
+    def _write(self, state: object, content: Callable[[], Content]) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        save_project(self.path, document, known())
-        if self._document is not document:  # discarded meanwhile
+        save_project(self.path, *content())
+        if not same(self._state, state):  # discarded meanwhile
             self.path.unlink(missing_ok=True)
 
 
@@ -111,7 +125,7 @@ def recoverable(folder: StateFolder, now: float | None = None) -> list[Recovery]
         for path in folder.path.glob(f"{_PREFIX}*{_SUFFIX}"):
             with suppress(OSError, ValueError, OverflowError):
                 number, _, left = path.stem.removeprefix(_PREFIX).partition("-")
-                process, written = int(number), path.stat().st_mtime
+                process, written = int(number.partition(".")[0]), path.stat().st_mtime
                 abandoned = (time.time() if now is None else now) - written > _ABANDONED
                 if abandoned or left or not _is_alive(process):
                     found.append(Recovery(path, written))

@@ -17,8 +17,8 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
-_HEIGHT = 210
-_NAMES = ("total energy", "smoothness term", "closeness term")
+_LOWEST, _HIGHEST = 130, 240
+_NAMES = ("energy", "smoothness", "closeness")
 _SHORTEST_AXIS = 10  # iterations
 _PLOT = (
     implot.ImPlotFlags_NoTitle
@@ -36,26 +36,26 @@ def draw(context: Context) -> None:
     live = session.solver.run
     run = live or (runs[-1] if runs else None)
     previous = runs if live else runs[:-1]
-    if run is None:
-        ui.note(
-            "Appears here while the solver runs: the energy of each iteration, with its smoothness and closeness terms."
-        )
-    else:
-        _plot(ui, run, previous if session.view.previous_runs else ())
-        marks = ["grey line: next stage"] if _stage_starts(run) else []
-        marks += ["strong grey line: finer mesh"] if _mesh_starts(run) else []
-        marks += ["green line: restart"] if run.restarts else []
-        ui.note("; ".join([run.label, *marks]))
     tip = "Draw the total energy of earlier runs as faint curves."
     shown = ui.checkbox("previous runs", session.view.previous_runs, tip)
     session.set_view("show previous runs" if shown else "hide previous runs", previous_runs=shown)
-    ui.beside_if_fits("Clear previous")
-    if ui.button("Clear previous", "Forget the runs before this one.", enabled=bool(previous)):
+    ui.beside_if_fits("Clear")
+    if ui.button("Clear", "Forget the runs before this one.", enabled=bool(previous), name="Clear previous"):
         session.change("clear previous runs", runs=() if live else runs[-1:])
     ui.beside_if_fits("Export CSV...")
     tip = "Write the three energies of each iteration of this run to a table."
     if ui.button("Export CSV...", tip, enabled=run is not None) and run is not None:
         context.dialogs.save("Export the energy", (".csv",), "energy.csv", partial(_export, session, run))
+    if run is None:
+        ui.note(
+            "Appears here while the solver runs: the energy of each iteration, with its smoothness and closeness terms."
+        )
+        return
+    marks = ["grey line: next stage"] if _stage_starts(run) else []
+    marks += ["strong grey line: finer mesh"] if _mesh_starts(run) else []
+    marks += ["green line: restart"] if run.restarts else []
+    ui.line("; ".join([run.label, *marks]))
+    _plot(ui, run, previous if session.view.previous_runs else ())
 
 
 def _export(session: Session, run: Run, path: Path) -> None:
@@ -72,7 +72,8 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
     curves = [_positive(run.energies[:, column]) for column in range(3)]
     totals = [_positive(earlier.energies[:, 0]) for earlier in previous]
     last = max(len(run.stages), *(len(total) for total in totals), _SHORTEST_AXIS + 1) - 1
-    with ui.plot("energy plot", _HEIGHT, _PLOT) as is_drawn:
+    room = imgui.GetContentRegionAvail()[1]  # as high as fits
+    with ui.plot("energy plot", min(max(room, ui.px(_LOWEST)), ui.px(_HIGHEST)), _PLOT) as is_drawn:
         if not is_drawn:
             return
         implot.SetupLegend(implot.ImPlotLocation_North, _LEGEND)

@@ -28,9 +28,6 @@ def draw(context: Context) -> None:
         if session.result is not None:
             exporter.save_result(path, session.result)
 
-    _draw_state(ui, exporter)
-    if session.solver.running:
-        ui.note("What is saved shows the latest result, not the run that goes on.")
     with ui.disabled(exporter.running):
         _draw_size(ui, exporter)
         if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
@@ -41,22 +38,23 @@ def draw(context: Context) -> None:
         if ui.button("Save movie...", tip):
             context.dialogs.save("Save a movie", MOVIES, "movie.mp4", partial(save, exporter.save_movie))
         ui.heading("data")
-        if session.result is None:
-            ui.note(
-                "After a match: the result (.npz), the mesh with functions and field (.ply, .vtu), energies (.csv)."
-            )
         tip = "The result (.npz), the mesh with functions and field (.ply, .vtu), or the energies (.csv)."
-        if ui.button("Save result...", tip, enabled=session.result is not None):
+        has_none = "" if session.result else " There is one after a match."
+        if ui.button("Save result...", f"{tip}{has_none}", enabled=session.result is not None):
             context.dialogs.save("Save the result", DATA, "match.npz", save_result)
+    _draw_state(ui, session, exporter)
 
 
-def _draw_state(ui: Ui, exporter: Exporter) -> None:
+def _draw_state(ui: Ui, session: Session, exporter: Exporter) -> None:
+    """Say what is written and what was: last, so that nothing moves when there is something to say."""
     if exporter.running:
         imgui.ProgressBar(exporter.progress, (-1, 0), f"{100 * exporter.progress:.0f}%")
         if ui.button("Cancel export", "Stop; an older file stays as it was."):
             exporter.cancel()
     elif exporter.message:
         ui.note(exporter.message, "failure" if exporter.failed else "good")
+    if session.solver.running:
+        ui.note("What is saved shows the latest result, not the run that goes on.")
 
 
 def _draw_size(ui: Ui, exporter: Exporter) -> None:
@@ -74,6 +72,7 @@ def _draw_size(ui: Ui, exporter: Exporter) -> None:
     if height is not None:
         picture = replace(picture, height=round(min(max(height, 240), 8192)))
     transparent = ui.checkbox("transparent", picture.transparent, "A picture without a ground, for slides and papers.")
+    ui.beside_if_fits("color bar")
     bar = ui.checkbox("color bar", picture.color_bar, "Whether pictures and movies have one.")
     exporter.picture = replace(picture, transparent=transparent, color_bar=bar)
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from abfm import TriangleMesh, functions
 from abfm_viewer.widgets.toolkit import Ui
+
+if TYPE_CHECKING:
+    from abfm.functions.family import Slider
 
 Put: TypeAlias = "Callable[[functions.Family, str], None]"
 """Takes a changed function and the label of the widget that changed it."""
@@ -19,13 +22,40 @@ def begun(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
 
 
 def draw(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> None:
-    """Draw a widget for each parameter that the function has, and first the choice of its shape."""
+    """Draw a widget for each parameter that the function has, and first the choice of its shape.
+
+    Those without a slider come first, two in a line where there is room.
+    """
     function = _draw_shape(ui, function, mesh, put)
     shape = function.shapes.get(function.shape())
-    for parameter in function.parameters():
-        is_replaced = parameter.instead_of and getattr(function, parameter.name) is None
-        if not is_replaced and (shape is None or parameter.name in shape.parameters):
+    drawn = [
+        parameter
+        for parameter in function.parameters()
+        if not (parameter.instead_of and getattr(function, parameter.name) is None)
+        and (shape is None or parameter.name in shape.parameters)
+    ]
+    short = [parameter for parameter in drawn if _slider(function, parameter, mesh) is None]
+    for left, right in zip(short[::2], short[1::2], strict=False):
+        widths = ui.halves(left.name, right.name)
+        _draw_parameter(ui, function, left, mesh, put, widths[0])
+        if widths[1]:
+            ui.beside()
+        _draw_parameter(ui, function, right, mesh, put, widths[1])
+        for parameter in (left, right):
+            ui.refusal(parameter.name)
+    if len(short) % 2:
+        _draw_parameter(ui, function, short[-1], mesh, put)
+        ui.refusal(short[-1].name)
+    for parameter in drawn:
+        if parameter not in short:
             _draw_parameter(ui, function, parameter, mesh, put)
+
+
+def _slider(function: functions.Family, parameter: functions.Parameter, mesh: TriangleMesh) -> Slider | None:
+    """The ends of the slider of a parameter; None for one that is chosen or typed."""
+    if parameter.kind.choices or getattr(function, parameter.name) is None:
+        return None
+    return parameter.slider(function, mesh) if callable(parameter.slider) else parameter.slider
 
 
 def _draw_shape(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> functions.Family:
@@ -43,29 +73,32 @@ def _draw_shape(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put
 
 
 def _draw_parameter(
-    ui: Ui, function: functions.Family, parameter: functions.Parameter, mesh: TriangleMesh, put: Put
+    ui: Ui,
+    function: functions.Family,
+    parameter: functions.Parameter,
+    mesh: TriangleMesh,
+    put: Put,
+    width: float = 0,
 ) -> None:
     """Draw a combo, a slider or a box to type into, whichever the kind of value asks for."""
     name, kind, value = parameter.name, parameter.kind, getattr(function, parameter.name)
     unit = f" ({parameter.unit})" if parameter.unit else ""
     tip = f"{parameter.summary[0].upper()}{parameter.summary[1:]}{unit}."
-    ends = parameter.slider(function, mesh) if callable(parameter.slider) else parameter.slider
+    ends = _slider(function, parameter, mesh)
     new: object = value
     if kind.choices and value is not None:
-        new = ui.combo(name, value, kind.choices, tip)
-    elif ends is not None and value is not None:
+        new = ui.combo(name, value, kind.choices, tip, width)
+    elif ends is not None:
         number = ui.number(name, float(value), ends.low, ends.high, tip, log=ends.log, whole=kind.whole)
         if number is not None:
             new = round(number) if kind.whole and number == round(number) else number
     else:
         written = ",".join(map(str, value)) if isinstance(value, tuple) else str("" if value is None else value)
-        typed = ui.text(name, written, tip, hint="" if parameter.required else parameter.empty)
+        typed = ui.text(name, written, tip, hint="" if parameter.required else parameter.empty, width=width)
         if typed is not None:
             new = typed if typed.strip() or parameter.required else parameter.default
     if new != value:
         _change(ui, function, name, new, mesh, put)
-    if ends is None or value is None:  # a number shows it itself
-        ui.refusal(name)
 
 
 def _change(ui: Ui, function: functions.Family, name: str, new: object, mesh: TriangleMesh, put: Put) -> None:

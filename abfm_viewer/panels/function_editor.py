@@ -18,6 +18,7 @@ from abfm_viewer.session.active_gaussian import active_gaussian
 _SEVERAL = "several terms"
 _FAMILY_TIP = "What kind of function it is. Sums of several kinds can be typed below.\n\n{name}: {summary}"
 _SPEC_TIP = "The function as text: terms with +, anything by hand. Enter takes it."
+_ADD, _REMOVE = "Add Gaussian", "Remove Gaussian"
 _NO_MAP, _MAP_FILE = "none", "file..."
 _MAP_TIP = (
     "Compose the function with a map of the vertices: the mirror plane or the rotation by 180 degrees that the surface "
@@ -30,7 +31,12 @@ def draw(context: Context, side: Side) -> None:
     assert session.active is not None
     spec = session.active.spec(side)
     editor = _Editor(context, side, spec)
-    editor.draw_family()
+    editor.draw_heading()
+    left, right = ui.halves("family", "vertex map")
+    editor.draw_family(left)
+    if right:
+        ui.beside()
+    editor.draw_map(right)
     if editor.bump is not None:
         editor.draw_gaussians(editor.bump)
     elif isinstance(editor.inner, functions.Family):
@@ -38,13 +44,10 @@ def draw(context: Context, side: Side) -> None:
         file = _file_of(type(editor.inner))
         if file is not None and ui.button("Browse...", "Choose the file."):
             editor.choose_file(type(editor.inner), file)
-    editor.draw_map()
     typed = ui.text("spec", spec, _SPEC_TIP)
     if typed is not None:
         editor.put(typed, "spec")
-    ui.refusal("spec")
-    if problem := session.error(spec):
-        ui.note(problem, "failure")
+    ui.refusal("spec", otherwise=session.error(spec))
 
 
 def _file_of(family: type[functions.Family]) -> functions.Parameter | None:
@@ -68,7 +71,6 @@ class _Editor:
         """Take a whole spec; if it is refused, say why below the widget of the label. A drag is one step of undo."""
         with self._ui.refusing(label):
             self._session.set_spec(self._side, spec, f"{self._side} {label}", bump)
-            self._ui.accept_all()
 
     def put_inner(self, function: functions.Spec, label: str) -> None:
         self.put(str(self._mapped(function)), label)
@@ -76,14 +78,31 @@ class _Editor:
     def _mapped(self, function: functions.Spec) -> functions.Spec:
         return function if self._map is None else replace(self._map, function=function)
 
-    def draw_family(self) -> None:
+    def draw_heading(self) -> None:
+        """The side's name, and at its right what adds a Gaussian, or removes one of several."""
+        ui, color = self._ui, self._ui.colors.source if self._side == "source" else self._ui.colors.target
+        if self.bump is None:
+            ui.heading(self._side, color)
+            return
+        count = len(gaussians.gaussians(self._spec))
+        ui.heading(self._side, color, buttons=(_ADD, _REMOVE)[: 2 if count > 1 else 1])
+        if ui.button(_ADD, "One more bump, as far as possible from the others."):
+            with ui.refusing(_ADD):
+                self.put(gaussians.added(self._spec, self._session.mesh), "family", count)
+        if count > 1:
+            ui.beside_if_fits(_REMOVE)
+            if ui.button(_REMOVE, "Remove the bump that is chosen."):
+                self.put(gaussians.removed(self._spec, self.bump), "family", max(self.bump - 1, 0))
+        ui.refusal(_ADD)
+
+    def draw_family(self, width: float) -> None:
         """The combo of families; a new one begins with a function that is valid on this mesh."""
         known = {cls.family: cls for cls in functions.families()}
         names = [name for name in known if known[name] is not functions.Permuted]
         now = self._family()
-        about = known[now].summary() if now in known else "A sum of functions."
+        about = known[now].summary().replace("``", "") if now in known else "A sum of functions."
         tip = _FAMILY_TIP.format(name=now, summary=about)
-        chosen = self._ui.combo("family", now, names if now in names else [*names, now], tip)
+        chosen = self._ui.combo("family", now, names if now in names else [*names, now], tip, width)
         if chosen == now:
             return
         if file := _file_of(family := known[chosen]):
@@ -104,20 +123,12 @@ class _Editor:
                 self._session.select(side=self._side, bump=chosen)
                 bump = chosen
         family_controls.draw(ui, known[bump], self._session.mesh, partial(self._put_bump, bump))
-        if ui.button("Add Gaussian", "One more bump, as far as possible from the others."):
-            with ui.refusing("Add Gaussian"):
-                self.put(gaussians.added(spec, self._session.mesh), "family", len(known))
-        if len(known) > 1:
-            ui.beside_if_fits("Remove Gaussian")
-            if ui.button("Remove Gaussian", "Remove the bump that is chosen."):
-                self.put(gaussians.removed(spec, bump), "family", max(bump - 1, 0))
-        ui.refusal("Add Gaussian")
 
-    def draw_map(self) -> None:
+    def draw_map(self, width: float) -> None:
         """The combo of vertex maps that the function is composed with."""
         now = _NO_MAP if self._map is None else Path(self._map.path).name
         words = [_NO_MAP, *abfm.maps.KINDS, _MAP_FILE]
-        chosen = self._ui.combo("vertex map", now, words if now in words else [now, *words], _MAP_TIP)
+        chosen = self._ui.combo("vertex map", now, words if now in words else [now, *words], _MAP_TIP, width)
         if chosen == _MAP_FILE:
             (file,) = functions.Permuted.parameters()
             self._choose("Open a vertex map", file, lambda path: functions.Permuted(path=path, function=self.inner))

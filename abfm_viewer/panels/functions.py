@@ -9,6 +9,7 @@ from abfm_viewer.panels import function_editor
 from abfm_viewer.panels.context import Context
 
 _LONGEST = 16  # letters
+_BY_MOUSE = "Shift-click or Shift-drag on the source or target moves its Gaussian; Shift-wheel sets its width."
 _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves the channel out."
 
 
@@ -20,9 +21,8 @@ def draw(context: Context) -> None:
     _draw_channels(context)
     for side in SIDES:
         with ui.group(side):
-            ui.heading(side, ui.colors.source if side == "source" else ui.colors.target)
             function_editor.draw(context, side)
-    ui.note("Shift-click or drag on the source or target to move its Gaussian; Shift-wheel sets its width.")
+    ui.line("Shift-drag on a surface moves its Gaussian.", tip=_BY_MOUSE)
 
 
 def _draw_channels(context: Context) -> None:

@@ -4,7 +4,19 @@ from collections.abc import Callable
 from functools import partial
 from types import ModuleType
 
-from abfm_viewer.panels import compare, energy, export, field, functions, maps, mesh, parameters, solver
+from abfm_viewer.panels import (
+    clicks,
+    coloring,
+    compare,
+    energy,
+    export,
+    field,
+    functions,
+    mesh,
+    numbers,
+    parameters,
+    solver,
+)
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.widget_record import Rect
 
@@ -12,7 +24,13 @@ Guard = Callable[[str, Callable[[], None]], None]
 TABS: dict[str, dict[str, ModuleType]] = {  # by label, what `draw` of these modules draws in it, one below the other
     "Functions": {"mesh": mesh, "functions": functions},
     "Match": {"parameters": parameters, "energy": energy},
-    "Look": {"field": field, "maps": maps, "compare": compare},
+    "Look": {
+        "coloring": coloring,
+        "field": field,
+        "clicks": clicks,
+        "compare": compare,
+        "numbers": numbers,
+    },
     "Export": {"export": export},
 }
 STEPS = "steps"
@@ -22,6 +40,9 @@ STEPS = "steps"
 def draw(context: Context, rect: Rect, guarded: Guard) -> None:
     """Draw the column; a part that fails does not take the others with it."""
     ui = context.ui
+    session = context.session
+    accepted = session.mesh, session.channels, session.parameters, session.document.mask, session.result
+    ui.accept_after(*accepted, session.solver.running)
     with ui.window("panel", rect):
         guarded("Solver", lambda: solver.draw(context))
         label = ui.tabs(STEPS, tuple(TABS))

@@ -8,13 +8,16 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
 _STATE_HEIGHT = 124  # four lines and a row of buttons
-_SIDE_BUTTON = 76
+_STATE_SHARE = 0.25  # of a low panel
+_SIDE_BUTTON, _SIDE_SHARE = 76, 0.3
+_WARM = "From the current field"
 
 
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     _buttons(ui, session)
-    with ui.child("state", ui.px(_STATE_HEIGHT), border=False):  # always as high: what is below must not jump
+    height = min(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
+    with ui.child("state", height, border=False):  # always as high: what is below must not jump
         if session.solver.running:
             progress.draw(ui, session)
         else:
@@ -23,10 +26,13 @@ def draw(context: Context) -> None:
 
 def _buttons(ui: Ui, session: Session) -> None:
     """Each has its own place, so that a click on one that comes when the run has just ended does not hit another."""
-    solver, side = session.solver, ui.px(_SIDE_BUTTON)
+    solver, side = session.solver, min(ui.px(_SIDE_BUTTON), _SIDE_SHARE * imgui.GetContentRegionAvail()[0])
     others = 2 * (side + imgui.GetStyle().ItemSpacing[0])
     tip = "Find the field whose flow carries the source to the target (Ctrl+Enter)."
-    if ui.button("Match", tip, primary=True, enabled=not (solver.running or session.obstacle), width=-others):
+    if session.opening:
+        tip = f"{session.opening}: that takes the place of {session.document.name}. Wait, or cancel it."
+    ready = not (solver.running or session.obstacle or session.opening)
+    if ui.button("Match", tip, primary=True, enabled=ready, width=-others):
         session.match()
     ui.beside()
     tip = "Let the solver go on (P)." if solver.paused else "Hold the solver; the window stays as it is (P)."
@@ -45,12 +51,13 @@ def draw_switches(ui: Ui, session: Session) -> None:
         "Restart on changes",
         solver.follow,
         "While it runs, another parameter or function restarts the solver from the field that it has by then. A new "
-        "alpha is taken when the mouse lets go of the slider.",
+        "smoothness is taken when the mouse lets go of the slider.",
     )
-    ui.beside_if_fits("Start from the current field")
+    ui.beside_if_fits(_WARM)
     solver.warm = ui.checkbox(
-        "Start from the current field",
+        _WARM,
         solver.warm,
-        "Match goes on from the present result instead of from zero, with sigma at its last value. Good after small "
+        "Match goes on from the present result instead of from zero, with σ at its last value. Good after small "
         "changes; start from zero where it got stuck.",
+        name="Start from the current field",
     )

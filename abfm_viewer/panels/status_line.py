@@ -16,9 +16,10 @@ def draw(context: Context, rect: Rect) -> None:
         name = cut(session.document.name, (right - left) / 3, _width)
         details = f"{name}   {len(session.mesh.vertices):,} vertices   {imgui.GetIO().Framerate:.0f} fps"
         start = right - imgui.CalcTextSize(details)[0] - ui.px(2)  # else a fraction of a pixel makes it two lines
-        text = session.notice.text or _state(context)
+        text = "" if session.notice.is_error else session.notice.text  # errors are cards in the viewport
+        text = text or _state(context)
         shown = cut(text, start - left - ui.px(16), _width)
-        ui.note(shown, "failure" if session.notice.is_error else "ink")
+        ui.note(shown, "ink")
         if shown != text:
             ui.tip(text)
         imgui.SameLine(start)

@@ -11,22 +11,41 @@ from abfm_viewer.widgets.widget_record import Rect
 STEP = 1 / 20
 """Of tau: how far a step moves in time."""
 _SLOWEST, _FASTEST = 0.1, 4.0
-_NARROW = 600  # at a scale of 1: below, the bar needs a row more
-_HEIGHT, _ROW = 82, 30
+_PADDING, _ROW, _GAP = 20, 32, 8
+_GROUPS = (180, 153, 106, 136)  # widths at a scale of 1: buttons, repeat, beyond tau, speed
+_NARROW_GROUPS = (180, 70, 106, 136)
+_NARROW = 430  # at a scale of 1: below, repeat has no caption
 
 
 def height(width: float, scale: float) -> float:
     """How high a bar of a certain width must be, in pixels."""
-    return (_HEIGHT + (_ROW if width < _NARROW * scale else 0)) * scale
+    return (_PADDING - 6 + _ROW * (1 + len(set(_rows(width / scale))))) * scale
+
+
+def _rows(width: float) -> list[int]:
+    """In which row above the slider each group of widgets is, for a width at a scale of 1: as many as fit into it."""
+    rows, used = [0], 0.0
+    for needed in _groups(width):
+        fits = used + needed <= width - _PADDING
+        rows.append(rows[-1] + (not fits))
+        used = (used if fits else 0) + needed + _GAP
+    return rows[1:]
+
+
+def _groups(width: float) -> tuple[int, ...]:
+    return _GROUPS if width >= _NARROW else _NARROW_GROUPS
 
 
 def draw(context: Context, rect: Rect) -> None:
     ui, session = context.ui, context.session
+    width = (rect[2] - rect[0]) / ui.scale
     with ui.window("time bar", rect), ui.group("time bar"):
-        _buttons(ui, session)
-        if rect[2] - rect[0] >= ui.px(_NARROW):
-            ui.beside(ui.px(16))
-        _ways(ui, session)
+        before = -1
+        for row, draw_group in zip(_rows(width), (_buttons, _repeat, _beyond, _speed), strict=True):
+            if row == before:
+                ui.beside(ui.px(_GAP))
+            draw_group(ui, session)
+            before = row
         _slider(context)
 
 
@@ -38,39 +57,51 @@ def _buttons(ui: Ui, session: Session) -> None:
         player.toggle()
     for label, seconds, tip in (("<", -step, "A twentieth of tau back."), (">", step, "A twentieth of tau on.")):
         ui.beside(ui.px(4))
-        if ui.button(label, tip, width=ui.px(24)):
+        if ui.button(label, tip, width=ui.px(26)):
             session.set_time(session.time + seconds)
     ui.beside(ui.px(4))
     if ui.button("to start", "Show the source, time 0."):
         session.set_time(0.0)
-    ui.beside()
+
+
+def _repeat(ui: Ui, session: Session) -> None:
+    player = session.player
+    is_narrow = imgui.GetWindowWidth() < ui.px(_NARROW)
+    tip, width = "Repeat: what happens at the end.", ui.px(_NARROW_GROUPS[1] if is_narrow else 104)
+    player.repeat = ui.combo("repeat", player.repeat, REPEATS, tip, width, captioned=not is_narrow)
+
+
+def _beyond(ui: Ui, session: Session) -> None:
+    player = session.player
     player.beyond = ui.checkbox("beyond tau", player.beyond, "Play on to 2 tau, where the flow extrapolates.")
 
 
-def _ways(ui: Ui, session: Session) -> None:
+def _speed(ui: Ui, session: Session) -> None:
     player = session.player
-    player.repeat = ui.combo("repeat", player.repeat, REPEATS, "What happens at the end.", width=ui.px(104))
-    ui.beside(ui.px(12))
     tip = "1 goes from 0 to tau in four seconds."
     speed = ui.slider("speed", player.speed, _SLOWEST, _FASTEST, tip, width=ui.px(64), log=True)
     if speed is not None:
         player.speed = float(f"{speed:.2g}")
     ui.beside(ui.px(6))
-    imgui.AlignTextToFramePadding()
-    ui.note(f"speed {player.speed:g}", "ink")
+    ui.align()
+    ui.line(f"speed {player.speed:g}", "ink")
 
 
 def _slider(context: Context) -> None:
     """The slider over 0 to 2 tau; right of its tick at tau is what no target was given for."""
     ui, session, note = context.ui, context.session, context.shown.flow.note
     box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]
-    width = imgui.GetContentRegionAvail()[0] - box - 2 * spacing - imgui.CalcTextSize("time")[0]
+    width = imgui.GetContentRegionAvail()[0] - box - 2 * spacing - ui.text_width("time")
     left, top = imgui.GetCursorScreenPos()
-    _track(ui, note, (left, top, left + width, top + imgui.GetFrameHeight()))
-    imgui.PushStyleColor(imgui.ImGuiCol_FrameBg, (0, 0, 0, 0))
+    track = (left, top, left + width, top + imgui.GetFrameHeight())
+    _track(ui, note, track, session.time / session.end)
+    grounds = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
+    for color in grounds:  # the track stays in sight
+        imgui.PushStyleColor(color, (0, 0, 0, 0))
     tip = note or "0 is the source, tau the match; beyond, the flow goes on by itself."
-    slid = ui.slider("time", session.time, 0.0, session.end, tip, width=width)
-    imgui.PopStyleColor()
+    slid = ui.slider("time", session.time, 0.0, session.end, tip, width=width, tip_above=True)
+    imgui.PopStyleColor(len(grounds))
+    _mark(ui, track)
     if slid is not None:
         session.set_time(slid)
     ui.beside(spacing)
@@ -82,20 +113,30 @@ def _slider(context: Context) -> None:
             session.set_time(time)
 
 
-def _track(ui: Ui, note: str, rect: Rect) -> None:
+def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
+    """The ground of the slider, whose grab is at a share of it, with words where the grab hides none."""
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
-    middle = (left + right) / 2
+    middle, gap = (left + right) / 2, ui.px(12)
     canvas.AddRectFilled((left, top), (right, bottom), _packed(colors.field), rounding)
     tint, corners = _packed((*colors.marker[:3], 0.16)), imgui.ImDrawFlags_RoundCornersRight
     canvas.AddRectFilled((middle, top), (right, bottom), tint, rounding, corners)
-    canvas.AddLine((middle, top), (middle, bottom), _packed(colors.ink), ui.px(1.5))
-    text, color = ("cannot be followed", colors.failure) if note else ("extrapolation", colors.muted)
-    size = imgui.CalcTextSize(text)
-    place = (right - size[0] - ui.px(6), (top + bottom - size[1]) / 2)
-    if place[0] > middle + ui.px(12):
-        canvas.AddText(place, _packed(color), text)
-    canvas.AddText((middle - ui.px(12) - imgui.CalcTextSize("tau")[0], place[1]), _packed(colors.ink), "tau")
+    text, color = ("cannot be followed", colors.failure) if note else ("extrapolation", colors.ink)
+    width, height = imgui.CalcTextSize(text)
+    y, tau = (top + bottom - height) / 2, ui.text_width("tau")
+    grab = left + share * (right - left)
+    beyond = middle + gap if middle - tau - 2 * gap < grab < middle - gap / 2 else middle - gap - tau
+    canvas.AddText((beyond, y), _packed(colors.ink), "tau")
+    end = max(middle, beyond + tau)
+    if right - ui.px(6) - width > end + gap:
+        canvas.AddText((right - width - ui.px(6), y), _packed(color), text)
+
+
+def _mark(ui: Ui, rect: Rect) -> None:
+    """The tick at tau, also over the grab."""
+    left, top, right, bottom = rect
+    middle = (left + right) / 2
+    imgui.GetWindowDrawList().AddLine((middle, top), (middle, bottom), _packed(ui.colors.ink), ui.px(1.5))
 
 
 def _packed(color: tuple[float, float, float, float]) -> int:

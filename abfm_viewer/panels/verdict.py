@@ -5,7 +5,8 @@ import polyscope.imgui as imgui
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
 from abfm_viewer.panels.context import Context
-from abfm_viewer.widgets.toolkit import Kind, Ui
+from abfm_viewer.widgets.texts import Kind
+from abfm_viewer.widgets.toolkit import Ui
 
 _MOST_LINES = 2  # for why it stopped
 _ABOUT = "Match finds the field whose flow carries the source to the target"

@@ -18,7 +18,7 @@ def letter(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font) ->
         if isinstance(part, Text):
             _write(picture, part, pen, font)
         elif isinstance(part, Line):
-            ImageDraw.Draw(picture).line(part.points, fill=_rgb(part.color), width=max(round(part.width), 1))
+            ImageDraw.Draw(picture).line(part.points, fill=rgb(part.color), width=max(round(part.width), 1))
         else:
             _color(picture, part)
 
@@ -34,7 +34,7 @@ def _color(picture: Image.Image, strip: Strip) -> None:
 def _write(picture: Image.Image, text: Text, pen: Pen, font: Font) -> None:
     """Write a text on a layer of its colour, so that its edges fade to nothing else where there is no ground."""
     left, top = round(text.left), round(text.top)
-    red, green, blue = _rgb(text.color)
+    red, green, blue = rgb(text.color)
     size = round(pen.width(text.text)) + 2, round(pen.line) + 2
     layer = Image.new("RGBA", size, (red, green, blue, 0))
     ImageDraw.Draw(layer).text((0, 0), text.text, fill=(red, green, blue, 255), font=font, anchor="la")
@@ -45,6 +45,7 @@ def _write(picture: Image.Image, text: Text, pen: Pen, font: Font) -> None:
         picture.paste(layer, (left, top), layer)
 
 
-def _rgb(color: Color) -> tuple[int, int, int]:
+def rgb(color: Color) -> tuple[int, int, int]:
+    """A colour of the theme as pictures have it, without alpha."""
     red, green, blue, _ = (round(255 * channel) for channel in color)
     return red, green, blue

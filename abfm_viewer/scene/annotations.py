@@ -40,7 +40,7 @@ def _names(scene: Scene, rect: Rect, colors: Palette, pen: Pen) -> list[Text]:
     inks = {"source": colors.source, "target": colors.target}
     found = []
     for name, (x, y) in places.items():
-        title = scene.paints[name].title if name in scene.paints else name
+        title = scene.paints[name].title if name in scene.paints else f"{name}: computing"
         if scene.stacked:
             left, top = x - pen.width(title) - pen.line, y - pen.line / 2
         else:

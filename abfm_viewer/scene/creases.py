@@ -10,7 +10,8 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.topology import connected, edge_slots
 from abfm.types import IntArray
 
-_HALF_SHARP, _SHARP = 20.0, 40.0  # degrees between the normals at an edge
+_FLAT, _CREASED, _HALF_SHARP, _SHARP = 1.0, 25.0, 20.0, 40.0  # degrees between the normals at an edge
+_MOST = 0.5  # of the edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,8 @@ def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
     """Split the vertices of a mesh along its creases.
 
     A shape has creases if more of its edges are sharp than half sharp. Where most are half sharp, as on coarse meshes
-    of bodies and on folded cortices, the sharp ones are no creases but bends, and nothing is split.
+    of bodies and on folded cortices, the sharp ones are no creases but bends, and nothing is split. Where most edges
+    lie in planes, as on mechanical parts, the half sharp ones are creases, too.
     """
     first, second = edge_slots(mesh.face_edges, len(mesh.edges)).T
     (f, c), (g, k) = (np.divmod(slots[second >= 0], 3) for slots in (first, second))
@@ -38,8 +40,10 @@ def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
     normals = np.cross(b - a, d - a)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     cosines = (normals[f] * normals[g]).sum(axis=1)
-    smooth = cosines > np.cos(np.radians(_SHARP))
-    if (~smooth).sum() <= (smooth & (cosines < np.cos(np.radians(_HALF_SHARP)))).sum():
+    of_planes = (cosines > np.cos(np.radians(_FLAT))).mean() >= _MOST
+    smooth = cosines > np.cos(np.radians(_CREASED if of_planes else _SHARP))
+    bends = not of_planes and (~smooth).sum() <= (smooth & (cosines < np.cos(np.radians(_HALF_SHARP)))).sum()
+    if bends or smooth.all():
         return DrawnMesh(np.arange(len(mesh.vertices)), mesh.faces)
     f, c, g, k = f[smooth], c[smooth], g[smooth], k[smooth]
     here = np.concatenate([3 * f + (c + 1) % 3, 3 * f + (c + 2) % 3])

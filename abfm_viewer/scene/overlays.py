@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,22 +14,17 @@ from abfm_viewer.computing.memo import same
 from abfm_viewer.scene import marks
 from abfm_viewer.scene.marks import Drawn
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.ribbons import course_of
+from abfm_viewer.scene.ribbons import course_of, isoline_ribbons
 from abfm_viewer.scene.viewport import Viewport
+from abfm_viewer.shown.paint import Paint
 from abfm_viewer.shown.shown import Shown
 
 _ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"
+_ISOLINES = "isolines of "  # and the surface's name
 _NOW, _START = "followed points", "starts of points"
 _MESH = (ps.get_surface_mesh, ps.remove_surface_mesh)
 _CLOUD = (ps.get_point_cloud, ps.remove_point_cloud)
-_STRUCTURES: dict[str, tuple[Callable[..., Any], Callable[..., None]]] = {  # how to get and how to remove each
-    _ARROWS: _MESH,
-    _LINES: _MESH,
-    _PATHS: _MESH,
-    _NOW: _CLOUD,
-    _START: _CLOUD,
-}
-_THIN, _POINT = 0.0025, 0.014  # half widths of lines, radii of points
+_THIN, _ISOLINE, _POINT = 0.0025, 0.0016, 0.014  # half widths of lines, radii of points
 
 
 class Overlays:
@@ -39,32 +34,48 @@ class Overlays:
         self._shown = shown
         self._drawn: dict[str, tuple[object, ...]] = {}
 
-    def update(self, offsets: dict[str, FloatArray], viewport: Viewport) -> None:
-        """Show what the view and the document ask for."""
+    def update(self, offsets: dict[str, FloatArray], viewport: Viewport, paints: Mapping[str, Paint]) -> None:
+        """Show what the view and the document ask for, on surfaces with their paints."""
+        for surface, home in offsets.items():
+            self._draw_isolines(surface, paints.get(surface), home, viewport)
         session, quantities = self._shown.session, self._shown.quantities
         mesh, view, home, start = session.mesh, session.view, offsets["advected"], offsets.get("source")
         palette, look = theme.palette(view.theme), (view.theme, *home)
+        ink, marker = theme.linear(palette.ink), theme.linear(palette.marker)
         placed, length, density = _placed(viewport, home), view.arrow_length, view.arrow_density
         field = quantities.field() if view.arrows else None
         if self._is_new(_ARROWS, (field, length, density, *look) if field and field.speed.any() else None):
             assert field is not None
-            marks.draw_arrows(_ARROWS, mesh, field.velocity, length, density, placed, palette.ink)
+            marks.draw_arrows(_ARROWS, mesh, field.velocity, length, density, placed, ink)
         lines, paths, time = tuple(quantities.lines()), tuple(quantities.paths()), self._shown.flow.time
         for name, curves in ((_LINES, lines), (_PATHS, paths)):
             if self._is_new(name, (curves, *look) if curves else None):
                 courses = [course_of(mesh, line) for line in curves if len(line.times) > 1]
-                marks.draw_lines(name, mesh, courses, placed, palette.marker, _THIN)
+                marks.draw_lines(name, mesh, courses, placed, marker, _THIN)
         if self._is_new(_NOW, (paths, time, *look) if paths else None):
-            marks.draw_points(_NOW, np.array([path.at(time) for path in paths]), placed, palette.marker, _POINT)
+            marks.draw_points(_NOW, np.array([path.at(time) for path in paths]), placed, marker, _POINT)
         if self._is_new(_START, (paths, view.theme, *start) if paths and start is not None else None):
             assert start is not None
             starts = np.array([path.positions[0] for path in paths])
-            marks.draw_points(_START, starts, _placed(viewport, start), palette.marker, _POINT)
+            marks.draw_points(_START, starts, _placed(viewport, start), marker, _POINT)
+
+    def _draw_isolines(self, surface: str, paint: Paint | None, home: FloatArray, viewport: Viewport) -> None:
+        """Lines of a function's equal values; none at the ends of its range nor in the middle, where it is constant."""
+        view, name = self._shown.session.view, _ISOLINES + surface
+        wanted = view.isolines and paint is not None and paint.kind == "vertex values"
+        if self._is_new(name, (paint, view.isoline_count, view.theme, *home) if wanted else None):
+            assert paint is not None
+            assert paint.colors is not None
+            mesh, low, high = self._shown.session.mesh, paint.colors.low, paint.colors.high
+            levels = low + (high - low) * (np.arange(view.isoline_count) + 0.5) / view.isoline_count
+            lines = isoline_ribbons(mesh, np.asarray(paint.values, dtype=np.float64), levels, _ISOLINE)
+            marks.draw_ribbons(name, mesh, lines, _placed(viewport, home), theme.linear(theme.palette(view.theme).ink))
 
     def structures(self) -> Iterator[tuple[str, Any]]:
         """What is drawn now, each with the surface that it belongs to."""
         for name in self._drawn:
-            yield "source" if name == _START else "advected", _STRUCTURES[name][0](name)
+            surface = "source" if name == _START else "advected"
+            yield name.removeprefix(_ISOLINES) if name.startswith(_ISOLINES) else surface, _access(name)[0](name)
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
@@ -94,7 +105,12 @@ class Overlays:
 
     def _remove(self, name: str) -> None:
         if self._drawn.pop(name, None) is not None:
-            _STRUCTURES[name][1](name, error_if_absent=False)
+            _access(name)[1](name, error_if_absent=False)
+
+
+def _access(name: str) -> tuple[Callable[..., Any], Callable[..., None]]:
+    """How to get a structure, and how to remove it."""
+    return _CLOUD if name in (_NOW, _START) else _MESH
 
 
 def _placed(viewport: Viewport, home: FloatArray) -> Drawn:

@@ -7,7 +7,7 @@ import time as clock
 
 from abfm_viewer.session.session import Session
 
-_SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 25
+_SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 30
 _FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for drawing
 _AT_ONCE = 3  # pictures of a run that do not wait: the start, and that something moves
 _SLOW_REDRAWS_APART = 2.0  # new textures, of moving streaks

@@ -9,7 +9,7 @@ from abfm_viewer.session.session import Session
 STILL = 0.2
 """Seconds without motion after which the surfaces are drawn once more."""
 _MOST_PIXELS = {3: 2.5e6, 2: 1e7}  # of the window, by the samples along a side of each
-_LONGEST_DRAWING = {3: 0.1, 2: 0.5}  # seconds
+_LONGEST_DRAWING = {3: 0.1, 2: 0.8}  # seconds
 
 
 class Resting:

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 import abfm
-from abfm.flow.flow_lines import FacePoints
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from abfm.flow.flow_lines import FacePoints
 
 _LIFT = 0.0025  # of sqrt(area): a flat strip is hidden by the surface where that bends
 _HEAD_WIDTH, _HEAD_LENGTH = 2.6, 7.5  # in half widths of the shaft

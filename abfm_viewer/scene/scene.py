@@ -15,7 +15,7 @@ from abfm_viewer.scene.camera import best_front, fitted
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays
 from abfm_viewer.scene.pacing import Pacing
-from abfm_viewer.scene.surface_quantities import Isolines, register, show_paint
+from abfm_viewer.scene.surface_quantities import register, show_paint
 from abfm_viewer.scene.turntable import Turntable, turntable
 from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.shown.paint import Paint, Painter, surfaces
@@ -59,7 +59,7 @@ class Scene:
         self._rect: Rect = (0, 0, 1, 1)
         self._camera: Camera | None = None
         self._placed: object = None
-        self._drawn: dict[str, tuple[Paint, Isolines]] = {}
+        self._drawn: dict[str, Paint] = {}
         ps.remove_all_structures()
         ps.set_ground_plane_mode("none")
 
@@ -68,7 +68,7 @@ class Scene:
         session, view = self._session, self._session.view
         session.after_match.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
-        ps.set_background_color([*(channel**2.2 for channel in ground[:3]), 1.0])  # polyscope wants linear light
+        ps.set_background_color([*theme.linear(ground), 1.0])
         front = self._front_view()
         structure = (session.mesh, surfaces(session), view.layout, front)
         if structure != (self._mesh, self.names, self._layout, self._placed):
@@ -81,19 +81,17 @@ class Scene:
             self.frame(rect)
         else:
             self._keep_camera()
-        isolines = Isolines(view.isolines, view.isoline_count)
         for name in self.names:
             paint, before = self.painter.paint(name), self._drawn.get(name)
-            is_like_before = before is not None and before[1] == isolines
-            if paint is None or (is_like_before and self.pacing.waits(name, name == self.names[0])):
+            if paint is None or (before is not None and self.pacing.waits(name, name == self.names[0])):
                 continue
             if name == "advected":
                 self.pacing.count(paint is not self.paints.get(name), paint.kind == "texture")
             self.paints[name] = paint
-            show_paint(name, session.mesh, paint, isolines, before)
-            self._drawn[name] = (paint, isolines)
+            show_paint(name, session.mesh, paint, before)
+            self._drawn[name] = paint
         if "advected" in self.offsets:
-            self.overlays.update(self.offsets, self.viewport)
+            self.overlays.update(self.offsets, self.viewport, self.paints)
 
     def frame(self, rect: Rect, camera: Camera | None = None, whole: bool = False) -> None:
         """Look through a camera, or the view's, or from the front so that everything fits (`whole`: see `place`)."""

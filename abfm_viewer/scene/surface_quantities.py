@@ -1,60 +1,34 @@
 """Surfaces in polyscope, and what they can show: the one place for windows, pictures and figures."""
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from numpy.typing import NDArray
 
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import material
-from abfm_viewer.appearance.colormaps import CHECKER_COLORS, ColorRange, loaded_name
+from abfm_viewer.appearance.colormaps import CHECKER_COLORS, DARK_CHECKER_COLORS, loaded_name
 from abfm_viewer.scene.creases import drawn_mesh
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.shown.paint import Paint
 
 _PLAIN = (0.8, 0.81, 0.83)
 _CORNERS = "texture corners"
-_CHECKER: tuple[float, Literal["world", "unit"]] = (0.03, "world")
-_STRIPES = 0.8  # of the light that every other stripe between isolines keeps
 
 
-@dataclass(frozen=True)
-class Isolines:
-    """Whether a function has stripes, and how many in its range."""
-
-    shown: bool
-    count: int
-
-    def options(self, colors: ColorRange) -> dict[str, Any]:
-        """Those of polyscope."""
-        if not self.shown:
-            return {"isolines_enabled": False}  # polyscope would remember the last ones
-        return {  # each of these alone switches them on
-            "isolines_enabled": True,
-            "isoline_style": "stripe",  # contours are black where a function hardly changes
-            "isoline_period": (colors.high - colors.low) / max(self.count, 1),
-            "isoline_darkness": _STRIPES,
-        }
-
-
-def show_paint(
-    name: str, mesh: TriangleMesh, paint: Paint, isolines: Isolines, before: tuple[Paint, Isolines] | None
-) -> None:
+def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None) -> None:
     """Show a paint on the surface of this name, with as little work as what it showed before allows."""
-    surface, kind, colors = ps.get_surface_mesh(name), paint.kind, paint.colors
-    old, old_isolines = before or (None, None)
-    if old is not None and old_isolines == isolines and old.kind == kind:
-        if old.colors == colors and old.values is paint.values:
+    surface, kind = ps.get_surface_mesh(name), paint.kind
+    if before is not None and before.kind == kind:
+        if before.colors == paint.colors and before.values is paint.values and before.is_dark == paint.is_dark:
             return
-        if old.colors == colors and kind in ("vertex values", "face values"):
+        if before.colors == paint.colors and kind in ("vertex values", "face values"):
             surface.get_quantity_buffer(kind, "values").update_data(drawn_values(mesh, paint))
             return
-        if kind == "texture" and old.corners is paint.corners:
+        if kind == "texture" and before.corners is paint.corners:
             surface.get_quantity_buffer(kind, "colors").update_data(paint.values.reshape(-1, 3))  # cheaper than anew
             return
-    stripes = isolines if kind == "vertex values" else Isolines(False, 0)
-    show(surface, mesh, paint, stripes.options(colors) if colors else None)
+    show(surface, mesh, paint)
 
 
 def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
@@ -76,24 +50,15 @@ def drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:
     return paint.values if paint.kind in ("face values", "texture") else drawn_mesh(mesh).values(paint.values)
 
 
-def show(
-    surface: Any,
-    mesh: TriangleMesh,
-    paint: Paint,
-    isolines: dict[str, Any] | None = None,
-    checker: tuple[float, Literal["world", "unit"]] = _CHECKER,
-) -> None:
-    """Show a paint on a surface of a mesh, as a quantity of its kind's name.
-
-    `isolines` are polyscope's options, and `checker` the size of a checkerboard's fields in one of its units.
-    """
+def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) -> None:
+    """Show a paint on a surface of a mesh, as a quantity of its kind's name; `square` is a checkerboard's unit."""
     values = drawn_values(mesh, paint)
     if paint.kind == "colors":
         surface.add_color_quantity(paint.kind, values, enabled=True)
     elif paint.kind == "checker":
-        size, units = checker
-        look = {"viz_style": "checker", "checker_size": size, "checker_colors": CHECKER_COLORS}
-        surface.add_parameterization_quantity(paint.kind, values, coords_type=units, enabled=True, **look)
+        colors = DARK_CHECKER_COLORS if paint.is_dark else CHECKER_COLORS
+        look = {"viz_style": "checker", "checker_size": square, "checker_colors": colors}
+        surface.add_parameterization_quantity(paint.kind, values, coords_type="unit", enabled=True, **look)
     elif paint.kind == "texture":
         surface.add_parameterization_quantity(_CORNERS, paint.corners, defined_on="corners")
         place = {"defined_on": "texture", "param_name": _CORNERS, "image_origin": "lower_left"}
@@ -106,5 +71,4 @@ def show(
             enabled=True,
             cmap=loaded_name(paint.colors.colormap),
             vminmax=(paint.colors.low, paint.colors.high),
-            **(isolines or {}),
         )

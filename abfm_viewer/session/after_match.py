@@ -1,5 +1,7 @@
 """What a match shows of itself when it has ended: its flow, by streaks or arrows, played once."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import abfm

@@ -1,37 +1,84 @@
-"""What the status line says besides the solver's state."""
+"""What the app tells: a line that goes away by itself, cards that stay, and a log of all of it."""
 
 import time
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 _SECONDS_OF_NOTICE, _SECONDS_OF_ERROR = 6.0, 12.0
+_LONGEST_LOG = 1000
+Remedies = Mapping[str, Callable[[], None]]
+"""What can be done about a problem: labels of buttons, and what they do."""
 
 
 @dataclass(frozen=True)
 class Notice:
-    """A line for the status bar."""
+    """The latest thing that was told."""
 
     text: str
     is_error: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class Card:
+    """A problem that stays in view until it is dismissed, or mended with all that are `about` the same thing."""
+
+    text: str
+    about: str = ""
+    remedies: Remedies = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the log; the time is in seconds since the epoch."""
+
+    time: float
+    kind: str
+    text: str
+
+
 class Notices:
-    """At most one notice, the `latest`, for as long as it takes to read it; an empty one where there is none."""
+    """At most one notice, the `latest`, for as long as it takes to read it; an empty one where there is none.
+
+    Errors are `cards`, too, the latest first. The `log` has everything, the oldest first.
+    """
 
     def __init__(self) -> None:
         self.latest = Notice("")
+        self.cards: tuple[Card, ...] = ()
+        self.log: deque[Entry] = deque(maxlen=_LONGEST_LOG)
         self._said_at = 0.0
         self._moves = 0
 
-    def say(self, text: str, is_error: bool, moves: int) -> None:
-        """Replace the notice; `moves` counts what the user did so far."""
-        self.latest = Notice(" ".join(text.split()), is_error)
+    def say(self, text: str, is_error: bool, moves: int, about: str = "", remedies: Remedies | None = None) -> None:
+        """Replace the notice; `moves` counts what the user did so far. What is told again and again is told once."""
+        text = " ".join(text.split())
+        is_new = not any(card.text == text for card in self.cards) if is_error else self.latest != Notice(text)
+        if text and is_new:
+            self.log.append(Entry(time.time(), "error" if is_error else "notice", text))
+        if text and is_error and is_new:
+            self.cards = (Card(text, about, remedies or {}), *self.cards)
+        self.latest = Notice(text, is_error)
         self._said_at, self._moves = time.perf_counter(), moves
 
+    def dismiss(self, card: Card) -> None:
+        """Take a card away, and the notice that says the same."""
+        self.cards = tuple(one for one in self.cards if one is not card)
+        if self.latest == Notice(card.text, True):
+            self.clear()
+
+    def mend(self, about: str) -> None:
+        """Take all cards about something away, as it is in order now."""
+        for card in self.cards:
+            if card.about == about:
+                self.dismiss(card)
+
     def clear(self) -> None:
+        """Take the notice away; cards stay."""
         self.latest = Notice("")
 
     def forget(self, moves: int) -> None:
-        """Take it away when it was there for long enough; an error also when the user did something since."""
+        """Take the notice away when it was there for long enough; an error's also when the user did something since."""
         age = time.perf_counter() - self._said_at
         answered = self.latest.is_error and self._moves != moves
         if answered or age > (_SECONDS_OF_ERROR if self.latest.is_error else _SECONDS_OF_NOTICE):

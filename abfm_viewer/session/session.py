@@ -6,19 +6,19 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import abfm
-from abfm import AbfmError, TriangleMesh
+from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Evaluated, Functions
 from abfm_viewer.computing.solver import Problem, Solver
+from abfm_viewer.computing.unfinished import unfinished_match
 from abfm_viewer.document.document import Channel, Document, Side
 from abfm_viewer.document.history import History
 from abfm_viewer.session.after_match import AfterMatch
-from abfm_viewer.session.editing import Editing
-from abfm_viewer.session.notices import Notice, Notices
+from abfm_viewer.session.housekeeping import RUN, Housekeeping
+from abfm_viewer.session.kept import Kept
 from abfm_viewer.session.obstacle import obstacle
 from abfm_viewer.session.outdated import Outdated
 from abfm_viewer.session.player import Player
@@ -27,11 +27,9 @@ if TYPE_CHECKING:
     from abfm.matching import Remedy
 
 _SECONDS_TO_END = 10.0
-_SAVED = ("channels", "parameters", "mask", "lines", "points")
-"""What besides the result would be lost; the view and the time do not count."""
 
 
-class Session(Editing):
+class Session(Housekeeping):
     """One document, its history, its solver and its player. Knows nothing of the window, nor of pictures.
 
     If `at_once`, everything is computed when it is asked for, as pictures off the screen need, which wait for no frame.
@@ -39,48 +37,22 @@ class Session(Editing):
     """
 
     def __init__(self, mesh: TriangleMesh, name: str, at_once: bool = False) -> None:
-        super().__init__(Document(mesh, name))
+        self._jobs = Jobs(at_once)
+        super().__init__(Document(mesh, name), self._jobs)
         self.at_once = at_once
         self.solver = Solver()
         self.player = Player()
         self.after_match = AfterMatch()
         self.dragging = False
-        self._notices = Notices()
-        # of each mesh, to which undo may come back, what need not be saved, with the project file that it is in
-        self._saved: dict[TriangleMesh, tuple[Document, Path | None]] = {mesh: (self.document, None)}
         self._functions: dict[TriangleMesh, Functions] = {}
         self._evaluated = Evaluated()
         self._evaluated_by: Functions | None = None
-        self._jobs = Jobs(at_once)
         self._defaults: Latest[tuple[str, str]] = self._jobs.latest("default functions")
-        self._loading: Latest[Callable[[], None]] = self._jobs.latest("open")
         self._coarse_meshes: Latest[None] = self._jobs.latest("coarse meshes")
-        self._load_count = 0
         self._outdated = Outdated()
+        self._run_began = self.document
         self._remedied = -1  # moves of the history when a remedy began the run: its result belongs to that step
         self._last_update = clock.perf_counter()
-
-    @property
-    def path(self) -> Path | None:
-        """The project file that Save writes; None before there is one."""
-        return self._saved[self.mesh][1] if self.mesh in self._saved else None
-
-    @property
-    def unsaved(self) -> bool:
-        """Whether something would be lost if the session ended now."""
-        if self.mesh not in self._saved:
-            return True
-        kept, _ = self._saved[self.mesh]
-        changed = any(getattr(self.document, name) != getattr(kept, name) for name in _SAVED)
-        return changed or self.result is not kept.result
-
-    @property
-    def notice(self) -> Notice:
-        """What the status line says besides the solver's state."""
-        return self._notices.latest
-
-    def say(self, text: str, is_error: bool = False) -> None:
-        self._notices.say(text, is_error, self.history.moves)
 
     def set_time(self, time: float) -> None:
         """Show another time of the time bar; what plays stops."""
@@ -88,14 +60,22 @@ class Session(Editing):
         super().set_time(time)
 
     def undo(self) -> None:
-        """Take back the last step; what plays stops."""
-        self.player.playing = False
-        self.history.undo()
+        """Take back the last step, but no run that is under way; what plays stops."""
+        self._step(self.history.undo, self.history.undo_to)
 
     def redo(self) -> None:
-        """Do again what was taken back; what plays stops."""
+        """Do again what was taken back, but end no run that is under way; what plays stops."""
+        self._step(self.history.redo, self.history.redo_to)
+
+    def _step(self, go: Callable[[], None], to: Document | None) -> None:
         self.player.playing = False
-        self.history.redo()
+        before = self.document
+        if to is not None and to.mesh is not before.mesh:
+            if self.solver.running:
+                self.say(f"that would leave {before.name}, which is being matched: cancel the run first", True, RUN)
+                return
+            self._kept.leave(before)
+        go()
 
     # Meshes and results
 
@@ -103,42 +83,40 @@ class Session(Editing):
         """Show another mesh with default functions; the parameters stay."""
         view = replace(self.view, camera=None, front=None)
         fresh = Document(mesh, name, parameters=self.parameters, view=view)
-        self.restore(fresh, {}, None, saved=not self.unsaved)
+        self.restore(fresh, {}, None)
         self.say(" ".join(mesh.messages))
 
-    def load(self, what: str, read: Callable[[], Callable[[], None]]) -> None:
-        """Read something in the background; what it returns is called by `update`. Errors go to the status line."""
-        self._load_count += 1
-        self.say(f"{what} ...")
-        self._loading.ask(self._load_count, read)
-
     def restore(self, document: Document, known: dict[str, FloatArray], path: Path | None, saved: bool = True) -> None:
-        """Show an opened document; `known` are values of functions from files (see `Functions`)."""
+        """Show an opened document, and end a run; `known` are values of functions from files (see `Functions`).
+
+        One that was not `saved`, as after a crash, is asked for at the end like the user's own work.
+        """
         self.solver.cancel()
+        self._kept.leave(self.document)
         self.player.playing = False
         self._functions[document.mesh] = Functions(document.mesh, known, self.at_once)
         self.history.change(document, f"open {path.name if path else document.name}")
         if saved:
-            self._saved[document.mesh] = document, path
-
-    def mark_saved(self, document: Document, path: Path) -> None:
-        """Remember that a document was written to a file."""
-        self._saved[document.mesh] = document, path
-        self.say(f"saved {path}")
+            self._kept.keep(document, path)
 
     def reset_history(self) -> None:
         """Forget all steps: the present state is where the user starts."""
-        self.history = History(self.document)
-        self._saved[self.mesh] = self.document, self.path
+        path, self.history = self.path, History(self.document)
+        self._kept = Kept(self.document)
+        self._kept.keep(self.document, path)
 
     # The solver
 
     @property
     def functions(self) -> Functions:
         """Values of functions on the mesh."""
-        if self.mesh not in self._functions:
-            self._functions[self.mesh] = Functions(self.mesh, at_once=self.at_once)
-        return self._functions[self.mesh]
+        return self.functions_of(self.mesh)
+
+    def functions_of(self, mesh: TriangleMesh) -> Functions:
+        """Values of functions on a mesh of the history."""
+        if mesh not in self._functions:
+            self._functions[mesh] = Functions(mesh, at_once=self.at_once)
+        return self._functions[mesh]
 
     @property
     def problem(self) -> Problem:
@@ -157,16 +135,21 @@ class Session(Editing):
         """
         if self.solver.running:
             return
+        if self.opening:
+            self.say(f"no match yet: {self.opening}; it takes the place of {self.document.name}")
+            return
         if self.obstacle:
-            self.say(f"no match yet: {self.obstacle}", is_error=bool(self._evaluated.errors))
+            self.say(f"no match yet: {self.obstacle}", bool(self._evaluated.errors), RUN)
             return
         field = None
         warm = self.solver.warm if goes_on is None else goes_on
         if warm and self.result is not None and self.result.mesh is self.mesh:
             field = self.result.start_for(self.parameters)
         self._notices.clear()
+        self._notices.mend(RUN)
         self.player.playing = False
         self.amend(time=self.parameters.tau)
+        self._run_began = self.document
         self._remedied = -1
         self.solver.start(self.problem, self.functions, field)
 
@@ -175,7 +158,7 @@ class Session(Editing):
 
         ParameterError if the document's other parameters do not allow it.
         """
-        if not (self.solver.running or self.obstacle):
+        if not (self.solver.running or self.obstacle or self.opening):
             self.set_parameter(label=remedy.label.lower(), **remedy.parameters)
         self.match(remedy.goes_on)
         self._remedied = self.history.moves if remedy.parameters else -1
@@ -213,7 +196,7 @@ class Session(Editing):
     @property
     def busy(self) -> str:
         """What it computes in the background besides the solver, in a word or two; empty if nothing."""
-        if self._loading.busy:
+        if self.loading:
             return "opening"
         if not self.channels and not self._defaults.error:
             return "choosing functions"
@@ -225,14 +208,13 @@ class Session(Editing):
         """Take in what happened since the last frame: call once per frame, before drawing."""
         now = clock.perf_counter()
         elapsed, self._last_update = now - self._last_update, now
-        if self._loading.key == self._load_count and self._load_count:
-            self._finish_loading()
+        self._finish_loading()
         self._notices.forget(self.history.moves)
         self._find_defaults()
         self._evaluate()
         if not (self.obstacle or self.at_once):  # the functions come first, and pictures off the screen solve nothing
             mesh, parameters = self.mesh, self.parameters  # a match that begins earlier waits for its coarse meshes
-            self._coarse_meshes.ask((mesh, parameters.levels), lambda: abfm.matching.prepare(mesh, parameters))
+            self._coarse_meshes.ask((mesh, parameters.levels), lambda: self.solver.prepare(mesh, parameters))
         if self.dragging or not self.obstacle:  # what cannot be evaluated must not end a run
             self.solver.follow_problem(self.problem, self.dragging)
         if self.view.animate:
@@ -240,17 +222,6 @@ class Session(Editing):
         if self.player.playing:
             self.amend(time=self.player.advance(self.time, elapsed, self.parameters.tau, self.end))
         self._collect()
-
-    def _finish_loading(self) -> None:
-        self._load_count += 1  # this one is done
-        if self._loading.error:
-            self.say(self._loading.error, is_error=True)
-        elif self._loading.value is not None:
-            self._notices.clear()
-            try:
-                self._loading.value()
-            except AbfmError as error:
-                self.say(str(error), is_error=True)
 
     def _find_defaults(self) -> None:
         if self.channels:
@@ -261,7 +232,7 @@ class Session(Editing):
             pristine = not self.unsaved
             self.amend(channels=(Channel(*found),))
             if pristine:
-                self._saved[mesh] = self.document, self.path
+                self._kept.keep(self.document, self.path)
         elif self._defaults.error and self._defaults.key is mesh:
             self.amend(channels=(Channel("coordinate:x", "coordinate:y"),))
             self.say(f"no default functions: {self._defaults.error}", is_error=True)
@@ -273,23 +244,30 @@ class Session(Editing):
             self._evaluated = self.functions.ask(self.specs) or self._evaluated
 
     def _collect(self) -> None:
-        ended = self.solver.collect()
+        snapshot, ended = self.solver.snapshot, self.solver.collect()
         if ended is None:
             return
         match, run, problem = ended
-        if problem.mesh is not self.mesh:  # it was replaced meanwhile
-            self.solver.forget()
-            return
-        runs = self.document.runs if run is None else (*self.document.runs, run)
+        self._notices.mend(RUN)
+        failed, replaced = match is None, problem.mesh is not self.mesh
+        if match is None and snapshot is not None:  # it failed: the best field so far must not be lost with it
+            match = unfinished_match(snapshot.shown, problem, self.functions_of(problem.mesh), run)
+        document = self._run_began if replaced else self.document
+        runs = document.runs if run is None else (*document.runs, run)
         if match is not None:
-            view = None if self.at_once or self.dragging else self.after_match.view(self.view, self.mesh, match)
-            outcome = {"result": match, "runs": runs, "view": view or self.view}
+            self._kept.found(replace(document, result=match, runs=runs))
+        if replaced:
+            self.solver.forget()
+        elif match is not None:
+            shows = not (failed or self.at_once or self.dragging)
+            view = self.after_match.view(self.view, self.mesh, match) if shows else None
+            outcome: dict[str, Any] = {"result": match, "runs": runs, "view": view or self.view}
             self.amend(**outcome) if self._remedied == self.history.moves else self.change("match", **outcome)
             if view is not None:
                 self.amend(time=0.0)
                 self.player.play_once()
-        if self.solver.failed:
-            self.say(f"the solver stopped: {self.solver.reason}", is_error=True)
+        if not replaced and self.solver.failed:
+            self.say(f"the solver stopped: {self.solver.reason}", True, RUN, {"Try again": self.match})
 
     def close(self) -> None:
         """End all threads."""

@@ -14,12 +14,18 @@ from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.presets import figure_document
 from abfm_viewer.files.project import save_project
+from abfm_viewer.session.housekeeping import OPENING
+from abfm_viewer.session.loading import Load
 from abfm_viewer.session.opening import MESHES, PROJECT, RESULT, is_project, known_values, read_document
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder
 
+LARGEST, OTHER_MESH, OTHER_NAME = "Open the largest component", "Open another mesh...", "Save as..."
+"""Labels of what can be done about a file."""
+SAVING = "saving"
+"""What cards are about."""
 Ask = Callable[[str, str, Mapping[str, Callable[[], None] | None]], None]
 
 
@@ -28,13 +34,15 @@ class _Writing:
     future: Future[None]
     document: Document
     path: Path
+    left: Document | None
     then: list[Callable[[], None]]
 
 
 class SessionFiles:
     """Opens and saves a session's files, and keeps recent ones in `state`.
 
-    `ask` puts a question to the user: title, text, and the answers with what they do.
+    `ask` puts a question to the user: title, text, and the answers with what they do. `ways_out` are what the window
+    offers where a file cannot be read or written, by their labels `OTHER_MESH` and `OTHER_NAME`.
     """
 
     def __init__(self, session: Session, state: StateFolder | None, ask: Ask) -> None:
@@ -43,6 +51,8 @@ class SessionFiles:
         self._ask = ask
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="save")
         self._writing: list[_Writing] = []
+        self._waiting: Callable[[], None] | None = None
+        self.ways_out: dict[str, Callable[[], None]] = {}
 
     @property
     def saving(self) -> bool:
@@ -54,10 +64,11 @@ class SessionFiles:
         name, known = path.name.lower(), (*MESHES, PROJECT, RESULT)
         if name.endswith(known):
             read = self._read_document if name.endswith((PROJECT, RESULT)) else self._read_mesh
-            self._session.load(f"opening {path.name}", partial(read, path))
+            remedies = self._offered(OTHER_MESH, partial(self.open, path))
+            self.load(Load(f"opening {path.name}", partial(read, path), remedies=remedies))
         else:
             text = f"{path.name} cannot be opened: expected a file that ends in {', '.join(known)}"
-            self._session.say(text, is_error=True)
+            self._session.say(text, True, OPENING, self._offered(OTHER_MESH))
 
     def open_first(self, paths: list[Path]) -> None:
         """Open the first of several files that were dropped on the window."""
@@ -67,28 +78,53 @@ class SessionFiles:
 
     def open_figure(self, figure: int) -> None:
         """Open a figure of the paper in the background, ready to match."""
-        self._session.load(f"setting up figure {figure}", partial(self._read_figure, figure))
+        remedies = self._offered("", partial(self.open_figure, figure))
+        self.load(Load(f"setting up figure {figure}", partial(self._read_figure, figure), remedies=remedies))
 
-    def save(self, path: Path, then: Callable[[], None] | None = None) -> None:
-        """Write the project in the background, and do something when it is written."""
-        document, functions = self._session.document, self._session.functions
+    def load(self, load: Load) -> None:
+        """Read something that takes the document's place, when no run is under way or the user lets it end."""
+        self.when_free(load.what, partial(self._session.load, load))
+
+    def when_free(self, what: str, do: Callable[[], None]) -> None:
+        """Do something that takes the document's place; a run is ended only if the user says so."""
+        if not self._session.solver.running:
+            do()
+            return
+        text = f"{self._session.document.name} is being matched. {what.capitalize()} ends the run; the best field so "
+        text += "far stays, and Undo returns to it."
+        self._ask("End the run?", text, {"End the run": partial(self._end_run, do), "Go back": None})
+
+    def _end_run(self, then: Callable[[], None]) -> None:
+        self._session.solver.cancel()
+        self._waiting = then
+
+    def save(self, path: Path, then: Callable[[], None] | None = None, document: Document | None = None) -> None:
+        """Write the project, or another unsaved document of the session, in the background; then do something."""
+        document = document or self._session.document
+        functions, left = self._session.functions_of(document.mesh), self._session.left(document.mesh)
         self._session.say(f"saving {path.name} ...")
         future = self._writer.submit(lambda: save_project(path, document, known_values(document, functions)))
-        self._writing.append(_Writing(future, document, path, [then] if then else []))
+        self._writing.append(_Writing(future, document, path, left, [then] if then else []))
 
     def when_saved(self, then: Callable[[], None]) -> None:
         """Do something when the file that is being written is."""
         self._writing[-1].then.append(then)
 
     def update(self) -> None:
-        """Take in which files were written: call once per frame."""
+        """Take in which files were written, and that a run has ended: call once per frame, after the session's."""
+        if self._waiting is not None and not self._session.solver.running:
+            do, self._waiting = self._waiting, None
+            do()
         while self._writing and self._writing[0].future.done():
             done = self._writing.pop(0)
             error = done.future.exception()
             if error is not None:
-                self._session.say(f"not saved: {one_line(error)}", is_error=True)
+                again = partial(self.save, done.path, _all(done.then), done.document)
+                remedies = self._offered(OTHER_NAME, again)
+                self._session.say(f"not saved: {one_line(error)}", True, SAVING, remedies)
                 continue
-            self._session.mark_saved(done.document, done.path)
+            self._session.mend(SAVING)
+            self._session.mark_saved(done.document, done.path, done.left)
             self._remember(done.path)
             for then in done.then:
                 then()
@@ -118,8 +154,11 @@ class SessionFiles:
         except MeshError:
             raise MeshError(reason) from None
         text = f"{path.name} has several components, and one is needed: {' '.join(largest.messages)}"
-        buttons = {"Open the largest": partial(self._show_mesh, path, largest), "Do not open": None}
-        return partial(self._ask, "Open the largest component?", text, buttons)
+        show: Callable[[], None] = partial(
+            self.when_free, f"opening {path.name}", partial(self._show_mesh, path, largest)
+        )
+        remedies = {LARGEST: show} | self._offered(OTHER_MESH)
+        return partial(self._session.say, text, True, OPENING, remedies)
 
     def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
         self._show(path, partial(self._session.set_mesh, mesh, path.name), " ".join(mesh.messages))
@@ -145,9 +184,25 @@ class SessionFiles:
 
         return show
 
+    def _offered(self, label: str, again: Callable[[], None] | None = None) -> dict[str, Callable[[], None]]:
+        """Trying again, and a way out that the window has."""
+        first = {"Try again": again} if again else {}
+        return first | ({label: self.ways_out[label]} if label in self.ways_out else {})
+
     def _show(self, path: Path, show: Callable[[], None], messages: str = "") -> None:
         left, unsaved = self._session.document.name, self._session.unsaved
         show()
+        self._session.mend(OPENING)
         self._remember(path)
         back = f"Undo returns to {left}, which was not saved." if unsaved else ""
         self._session.say(f"opened {path.name}. {messages} {back}")
+
+
+def _all(actions: list[Callable[[], None]]) -> Callable[[], None]:
+    """One after the other."""
+
+    def do() -> None:
+        for action in actions:
+            action()
+
+    return do

@@ -81,7 +81,8 @@ def span(state: FlowState, function: FloatArray) -> Span:
 class Carried:
     """One function, carried to the time that is shown: at once from a span, and exactly as soon as possible.
 
-    Asked for the same again, it gives the same array, by which others know that nothing changed.
+    Asked for the same again, it gives the same array, by which others know that nothing changed. It is `behind` while
+    what it gave last is of another flow or time than it was asked for.
     """
 
     def __init__(self, name: str, jobs: Jobs) -> None:
@@ -89,6 +90,7 @@ class Carried:
         self._exact: Latest[FloatArray] = jobs.latest(f"{name}: exact")
         self._blended = Memo[FloatArray]()
         self._at_once = jobs.at_once
+        self.behind = False
 
     @property
     def problem(self) -> str:
@@ -111,12 +113,14 @@ class Carried:
 
         A time that is settled, as it does not move at present, is computed exactly.
         """
+        self.behind = False
         if time == 0:
             return function
         exact = partial(self._exact.ask, (state, function, time), lambda: state.carry(function, np.array([time]))[0])
         if self._at_once:
             return exact()
         known = self._span.newest(function.shape, (state, function), partial(span, state, function))
+        self.behind = state.final and self._span.busy
         if known is None:
             return None
         values = None

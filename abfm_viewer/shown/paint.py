@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 import abfm
 from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import ColorRange, color_range, place_colors
+from abfm_viewer.appearance.colormaps import ColorRange, color_range, on_ground, place_colors
 from abfm_viewer.computing.memo import Memo
-from abfm_viewer.document.document import HODGE_PARTS, SIDES, Front
+from abfm_viewer.document.document import HODGE_PARTS, SIDES, Front, Theme
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.field_parts import Field
 from abfm_viewer.shown.shown import Shown
@@ -20,6 +20,7 @@ from abfm_viewer.shown.shown import Shown
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _LEAST_RANGE = 1e-12
 _NO_VALUES = 0.3  # grey, in linear light
+_SQUARES = 20  # of a checkerboard, across a mesh as it is seen from the front
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,7 @@ class Paint:
     colors: ColorRange | None = None  # where the values are colours themselves and no function's
     bar: str = ""  # title of the colour bar; surfaces with the same title share one
     corners: FloatArray | None = None  # (3F, 2): their places in a texture
+    is_dark: bool = False  # a checkerboard for a dark ground
 
 
 def surfaces(session: Session) -> tuple[str, ...]:
@@ -82,7 +84,13 @@ class Painter:
             return self._transport(colors)
         if name == "error":
             return self._error(target, advected)
-        return self._by_coloring(advected, colors) or self._function("advected", advected, "advected", colors)
+        return self._by_coloring(advected, colors) or self._plain(advected, colors)
+
+    def _plain(self, advected: FloatArray, colors: ColorRange) -> Paint:
+        """The function, also where the view asks for what is not there yet; the label says when it is to come."""
+        shown, is_function = self._shown, self._session.view.coloring == "function"
+        is_behind = shown.flow.is_behind if is_function else shown.flow.busy or shown.quantities.busy
+        return self._function("advected", advected, _labelled("advected", is_behind), colors)
 
     def _without_values(self, name: str) -> Paint:
         count = len(self._session.mesh.vertices)
@@ -122,7 +130,7 @@ class Painter:
             top = max(float(values.max()), _LEAST_RANGE)
             return Paint("face values", values, title, self._ranged(0.0, top), f"speed, in {unit}")
 
-        return self._keep("advected", (field, title, self._session.view.colormap), make)
+        return self._keep("advected", (field, title, *self._look), make)
 
     def _distortion(self, kind: str) -> Paint | None:
         found = self._shown.quantities.distortion()
@@ -137,19 +145,21 @@ class Painter:
             bar = "log2 of the area's factor" if of_area else "log2 of the stretches' ratio"
             return Paint("face values", values, kind, self._ranged(-top if of_area else 0.0, top), bar)
 
-        return self._keep("advected", (source, self._session.view.colormap), make)
+        return self._keep("advected", (source, *self._look), make)
 
     def _carried(self, name: str, coordinates: FloatArray, title: str) -> Paint:
         """Coordinates as colours, or as places in a checkerboard."""
-        kind, mesh = self._session.view.coloring, self._session.mesh
+        kind, theme, mesh = self._session.view.coloring, self._session.view.theme, self._session.mesh
         front = self._session.view.front or Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 
         def make() -> Paint:
             if kind == "coordinates":
                 return Paint("colors", place_colors(mesh.vertices, coordinates), title)
-            return Paint("checker", (coordinates @ front.axes[:2].T) / mesh.length_scale, title)
+            width, height = np.ptp(mesh.vertices @ front.axes[:2].T, axis=0)
+            square = np.sqrt(width * height) / _SQUARES
+            return Paint("checker", coordinates @ front.axes[:2].T / square, title, is_dark=theme == "dark")
 
-        return self._keep(name, (coordinates, kind, front, title), make)
+        return self._keep(name, (coordinates, kind, front, title, theme), make)
 
     def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
         texture = self._shown.quantities.texture(advected, colors)
@@ -172,18 +182,19 @@ class Painter:
         values = self._shown.mass_transport.values()
         if self._shown.mass_transport.error:
             return self._without_values("optimal transport")
-        return None if values is None else self._function("optimal transport", values, "optimal transport", colors)
+        title = _labelled("optimal transport", self._shown.mass_transport.is_behind)
+        return None if values is None else self._function("optimal transport", values, title, colors)
 
     def _error(self, target: FloatArray, advected: FloatArray) -> Paint:
-        fixed = self.largest_error
+        fixed, title = self.largest_error, _labelled("error", self._shown.flow.is_behind)
 
         def make() -> Paint:
             error = np.abs(target - advected)
             top = max(float(error.max()) if fixed is None else fixed, _LEAST_RANGE)
             bar = f"|target - advected|, at most {top:.3g}"
-            return Paint("vertex values", error, "error", self._ranged(0.0, top), bar)
+            return Paint("vertex values", error, title, self._ranged(0.0, top), bar)
 
-        return self._keep("error", (target, advected, self._session.view.colormap, fixed), make)
+        return self._keep("error", (target, advected, *self._look, fixed, title), make)
 
     def _function(self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = "function") -> Paint:
         return self._keep(name, (values, title, colors), lambda: Paint("vertex values", values, title, colors, bar))
@@ -193,17 +204,26 @@ class Painter:
         return self._kept[name].get(made_of, make)
 
     def _function_range(self, source: FloatArray, target: FloatArray) -> ColorRange:
-        wanted = self._session.view.colormap
-
         def make() -> ColorRange:
             colors = color_range(source, target)
-            return colors if wanted == "automatic" else replace(colors, colormap=wanted)
+            return self._ranged(colors.low, colors.high, colors.colormap)
 
-        return self._range.get((source, target, wanted), make)
+        return self._range.get((source, target, *self._look), make)
 
-    def _ranged(self, low: float, high: float) -> ColorRange:
-        wanted, automatic = self._session.view.colormap, "abfm diverging" if low < 0 else "abfm sequential"
-        return ColorRange(automatic if wanted == "automatic" else wanted, low, high)
+    @property
+    def _look(self) -> tuple[str, Theme]:
+        """What of the view decides the colours of functions."""
+        return self._session.view.colormap, self._session.view.theme
+
+    def _ranged(self, low: float, high: float, automatic: str = "") -> ColorRange:
+        wanted, theme = self._look
+        automatic = automatic or ("abfm diverging" if low < 0 else "abfm sequential")
+        return ColorRange(on_ground(automatic if wanted == "automatic" else wanted, theme == "dark"), low, high)
+
+
+def _labelled(title: str, is_behind: bool) -> str:
+    """A surface's title, which says so while the surface shows something else than it should."""
+    return f"{title}: computing" if is_behind else title
 
 
 def _most(values: FloatArray, weights: FloatArray) -> float:

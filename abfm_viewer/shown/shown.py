@@ -16,6 +16,11 @@ class MassTransport(Jobs):
         self._session = session
         self._values: Latest[FloatArray] = self.latest("optimal transport")
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether `values` are those of an earlier time."""
+        return self._values.busy
+
     def values(self) -> FloatArray | None:
         """The interpolation (V,); None before there is any, or where there cannot be."""
         session = self._session

@@ -25,6 +25,7 @@ class ShownFlow(Jobs):
         self._coordinates = Carried("coordinates", self)
         self._state = Memo[FlowState]()
         self._column = Memo[FloatArray]()
+        self._is_behind = False
 
     @property
     def state(self) -> FlowState | None:
@@ -48,6 +49,7 @@ class ShownFlow(Jobs):
     def advected(self) -> FloatArray | None:
         """The active channel's source at the shown time, (V,); None before it was evaluated."""
         session, flow = self._session, self.state
+        self._is_behind = False
         source = session.values("source")
         if source is None or flow is None:
             return source
@@ -63,7 +65,13 @@ class ShownFlow(Jobs):
                 columns = found.advected
                 return self._column.get((columns, channel), lambda: columns[:, channel])
         carried = self._source.at(flow, source, time, self.settled)
+        self._is_behind = self._source.behind
         return source if carried is None else carried
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether `advected` gave another flow's or time's values lately, as those to be shown are being computed."""
+        return self._is_behind
 
     def coordinates(self) -> FloatArray | None:
         """The coordinates (V, 3) carried along to the shown time: where each vertex's value came from."""

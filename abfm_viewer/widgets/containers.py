@@ -11,7 +11,7 @@ import polyscope.imgui as imgui
 import polyscope.implot as implot
 
 from abfm_viewer.appearance import theme
-from abfm_viewer.appearance.theme import Palette
+from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.document.document import Theme
 from abfm_viewer.widgets.widget_record import Rect, Widget, WidgetKind, WidgetRecord
 
@@ -20,6 +20,15 @@ _WINDOW = (
     | imgui.ImGuiWindowFlags_NoMove
     | imgui.ImGuiWindowFlags_NoSavedSettings
     | imgui.ImGuiWindowFlags_NoBringToFrontOnFocus
+)
+_CARD = (
+    imgui.ImGuiWindowFlags_NoTitleBar
+    | imgui.ImGuiWindowFlags_NoResize
+    | imgui.ImGuiWindowFlags_NoMove
+    | imgui.ImGuiWindowFlags_NoCollapse
+    | imgui.ImGuiWindowFlags_NoSavedSettings
+    | imgui.ImGuiWindowFlags_AlwaysAutoResize
+    | imgui.ImGuiWindowFlags_NoFocusOnAppearing
 )
 _DIALOG = (
     imgui.ImGuiWindowFlags_NoCollapse
@@ -31,6 +40,8 @@ _DIALOG = (
 
 class Containers:
     """Opens and closes what holds widgets; `scale` are the pixels of a length of 1.
+
+    `hidden_heights` are those of the parts of windows and children, by their names, that must be scrolled to.
 
     While it is `capturing`, frames are drawn for a picture: polyscope does that in a new ImGui context, which remembers
     nothing.
@@ -44,6 +55,7 @@ class Containers:
         self.capturing = False
         self._widget_record = WidgetRecord()
         self._scrolls: dict[str, float] = {}
+        self.hidden_heights: dict[str, float] = {}
 
     @property
     def widgets(self) -> list[Widget]:
@@ -69,6 +81,24 @@ class Containers:
         imgui.Begin(name, _WINDOW)
         with self._inside(imgui.End, self._widget_record.area(rect)):
             self._keep_scroll(name)
+            yield
+
+    @contextmanager
+    def card(self, name: str, place: tuple[float, float, float], color: Color, highest: float) -> Iterator[None]:
+        """A window as high as what is in it, up to a height, at a left end, top and width; the colour is its edge's.
+
+        It takes the keyboard from nothing.
+        """
+        left, top, width = place
+        imgui.SetNextWindowPos((left, top))
+        imgui.SetNextWindowSizeConstraints((width, 0), (width, max(highest, self.px(40))))
+        imgui.PushStyleColor(imgui.ImGuiCol_Border, color)
+        imgui.PushStyleVar(imgui.ImGuiStyleVar_WindowBorderSize, max(1.0, 2 * self.scale))
+        imgui.PushStyleVar(imgui.ImGuiStyleVar_WindowRounding, self.px(6))
+        imgui.Begin(f"{name}##card", _CARD)
+        imgui.PopStyleVar(2)
+        imgui.PopStyleColor()
+        with self._inside(imgui.End, self._widget_record.area(_window_rect())):
             yield
 
     def backdrop(self) -> None:
@@ -99,12 +129,17 @@ class Containers:
     def child(self, name: str, height: float, border: bool = True, shrinks: bool = False) -> Iterator[None]:
         """A part of a panel that scrolls by itself; a negative height leaves that much below it.
 
-        One that `shrinks` is as low as what is in it.
+        One that `shrinks` is as low as what is in it. Others leave room for a scroll bar also where there is none: what
+        is in them stays where it is when more comes.
         """
         flags = imgui.ImGuiChildFlags_Borders if border else imgui.ImGuiChildFlags_None
         if shrinks:
             flags |= imgui.ImGuiChildFlags_AutoResizeY
             imgui.SetNextWindowSizeConstraints((0, 0), (imgui.GetContentRegionAvail()[0], height))
+        else:
+            padding = 2 * imgui.GetStyle().WindowPadding[0] if border else 0
+            width = imgui.GetContentRegionAvail()[0] - imgui.GetStyle().ScrollbarSize - padding
+            imgui.SetNextWindowContentSize((width, 0))
         imgui.BeginChild(name, (0, 0 if shrinks else height), flags)
         with self._inside(imgui.EndChild, self._widget_record.area(_window_rect())):
             self._keep_scroll(self._widget_record.path(name))
@@ -152,12 +187,13 @@ class Containers:
         if self.open_tab not in labels:
             self.open_tab = labels[0]
         gap = self.px(2)
-        width = (imgui.GetContentRegionAvail()[0] - gap * (len(labels) - 1)) / len(labels)
+        widths = [float(imgui.CalcTextSize(label)[0]) for label in labels]
+        padding = (imgui.GetContentRegionAvail()[0] - gap * (len(labels) - 1) - sum(widths)) / len(labels)
         with self.group(name):
-            for number, label in enumerate(labels):
-                if number:
+            for number, (label, width) in enumerate(zip(labels, widths, strict=True)):
+                if number and padding > 0:
                     imgui.SameLine(0, gap)
-                if self._tab(label, width, label == self.open_tab):
+                if self._tab(label, width + max(padding, self.px(2)), label == self.open_tab):
                     self.open_tab = label
         return self.open_tab
 
@@ -166,7 +202,9 @@ class Containers:
         ground = self.colors.pressed if is_open else self.colors.panel
         imgui.PushStyleColor(imgui.ImGuiCol_Button, ground)
         imgui.PushStyleColor(imgui.ImGuiCol_Text, self.colors.ink if is_open else self.colors.muted)
+        imgui.PushStyleVarX(imgui.ImGuiStyleVar_FramePadding, 0)
         clicked = bool(imgui.Button(label, (width, 0)))
+        imgui.PopStyleVar()
         imgui.PopStyleColor(2)
         (left, _), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
         line = self.colors.accent if is_open else self.colors.border
@@ -206,7 +244,7 @@ class Containers:
 
     @contextmanager
     def plot(self, label: str, height: float, flags: int) -> Iterator[bool]:
-        """A plot as wide as the panel; yields whether there is something to draw on."""
+        """A plot as wide as the panel, as high as so many pixels; yields whether there is something to draw on."""
         clear = (0, 0, 0, 0)
         colors = {
             implot.ImPlotCol_FrameBg: clear,
@@ -219,7 +257,7 @@ class Containers:
         }
         for index, color in colors.items():
             implot.PushStyleColor(index, color)
-        is_drawn = bool(implot.BeginPlot(f"##{label}", (-1, self.px(height)), flags))
+        is_drawn = bool(implot.BeginPlot(f"##{label}", (-1, height), flags))
         try:
             yield is_drawn
         finally:
@@ -248,6 +286,7 @@ class Containers:
 
     def _keep_scroll(self, name: str) -> None:
         """Remember how far the present window was scrolled; new ones, and a new context, start from there."""
+        self.hidden_heights[name] = imgui.GetScrollMaxY()
         if self.capturing or name not in self._scrolls:
             imgui.SetScrollY(self._scrolls.setdefault(name, 0.0))
         else:

@@ -48,5 +48,5 @@ def _lengths(style: imgui.ImGuiStyle, scale: float) -> None:
     style.ScrollbarSize, style.GrabMinSize = 12 * scale, 12 * scale
     style.ScrollbarRounding = 6 * scale
     style.IndentSpacing = 14 * scale
-    style.DisabledAlpha = 0.45
+    style.DisabledAlpha = 0.4
     style.HoverDelayShort = 0.35

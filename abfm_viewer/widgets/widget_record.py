@@ -23,6 +23,9 @@ _FRAMES = 10
 class Widget:
     """A widget as it was drawn in the latest frame; its label is exactly what the user reads on it or beside it.
 
+    Its `name` is what scripts call it, too, as files call a parameter; empty where that is the label. `shown` is what
+    there was room for of a label that is drawn on the widget, `tip` its tooltip.
+
     `area` is the part of the window that its panel shows: a widget outside of it must be scrolled to. `section` are the
     sections, groups, menus or dialogs that it is in, outermost first, with slashes between. `text` is what it shows: a
     box's text, a combo's choice, a slider's value. The ends, whether it is logarithmic, and the width of its `grab` in
@@ -40,6 +43,13 @@ class Widget:
     log: bool = False
     text: str = ""
     grab: float = 0.0
+    name: str = ""
+    shown: str = ""
+    tip: str = ""
+
+    def is_called(self, label: str) -> bool:
+        """Whether this is its label or its name."""
+        return label in (self.label, self.name)
 
 
 class WidgetRecord:

@@ -1,6 +1,7 @@
 """What menus and keys do: one table for the keyboard, the hints in the menus and the list in Help."""
 
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -8,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from abfm_viewer.document.document import Document
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.opening import PROJECT, RESULT
+from abfm_viewer.session.session import Session
 
 _COMMAND = "Cmd" if sys.platform == "darwin" else "Ctrl"
 _QUIT = "Save before closing?"
@@ -22,6 +25,22 @@ _MOUSE = (
     ("Shift+wheel", "wider or narrower Gaussian"),
     ("drop files", "open a mesh, a project or a result"),
 )
+
+
+def what_would_be_lost(session: Session) -> str:
+    """What is in no file, for the question before closing: each document with what is unsaved of it."""
+    running, documents = session.solver.running, session.unsaved_documents
+    said = [f"{session.document.name} is being matched; the best field so far is in no file."] if running else []
+    for document in documents:
+        if running and document.mesh is session.mesh:
+            continue
+        if document.result is not None and session.has_new_result(document):
+            said.append(
+                f"The match of {document.name}, to a mismatch of {document.result.mismatch:.3g}, is in no file."
+            )
+        else:
+            said.append(f"{document.name} has changes that are in no file.")
+    return " ".join(said)
 
 
 @dataclass(eq=False)
@@ -64,7 +83,12 @@ class Actions:
         self.redo = Action("Changes", "redo", session.redo, ("Ctrl+Y", "Ctrl+Shift+Z"), repeats=True)
         self.match = Action("Solver", "match", session.match, ("Ctrl+Enter",), while_typing=True)
         self.pause = Action("Solver", "pause or resume", self._pause, ("P",))
-        self.cancel = Action("Solver", "cancel, and keep the best field so far", session.solver.cancel, ("Esc",))
+        self.cancel = Action(
+            "Solver",
+            "take the latest message away; else cancel, and keep the best field so far",
+            self._escape,
+            ("Esc",),
+        )
         self.play = Action("Time", "play or pause", session.player.toggle, ("Space",))
         self.step_back = Action("Time", "a twentieth of tau back", lambda: self._step(-STEP), ("Left",), repeats=True)
         self.step_on = Action("Time", "a twentieth of tau on", lambda: self._step(STEP), ("Right",), repeats=True)
@@ -110,32 +134,50 @@ class Actions:
         session, files, dialogs = self.context.session, self.context.files, self.context.dialogs
         if files.saving:
             files.when_saved(self._quit)
-        elif not (session.unsaved or session.solver.running):
+        elif not (session.unsaved_documents or session.solver.running):
             self._close()
         elif not dialogs.is_asking(_QUIT):
-            unsaved = "is being matched; the best field so far is" if session.solver.running else "has changes that are"
-            text = f"{session.document.name} {unsaved} in no file."
-            dialogs.ask(_QUIT, text, {"Save": self._save_and_close, "Don't save": self._close, "Go back": None})
+            answers = {"Save": self._save_and_close, "Don't save": self._close, "Go back": None}
+            dialogs.ask(_QUIT, what_would_be_lost(session), answers)
 
     def _save_and_close(self) -> None:
         self.context.session.end_run()
-        self._save(self._close)
+        self._save_all(list(self.context.session.unsaved_documents), self._close)
 
-    def _save(self, then: Callable[[], None] | None = None) -> None:
-        """Save the project where it is; ask where if it is nowhere yet."""
-        if (path := self.context.session.path) is None:
-            self._ask_where(then)
+    def _save_all(self, documents: list[Document], then: Callable[[], None]) -> None:
+        """Save one document after the other, and do something when all are written."""
+        if documents:
+            self._save(partial(self._save_all, documents[1:], then), documents[0])
         else:
-            self.context.files.save(path, then)
+            then()
 
-    def _ask_where(self, then: Callable[[], None] | None = None) -> None:
+    def _save(self, then: Callable[[], None] | None = None, document: Document | None = None) -> None:
+        """Save a document, by default the present one, where it is; ask where if it is nowhere yet."""
+        session = self.context.session
+        document = document or session.document
+        taken_back = document.mesh is session.mesh and document is not session.document
+        if (path := session.path_of(document.mesh)) is None or taken_back:
+            self._ask_where(then, document)
+        else:
+            self.context.files.save(path, then, document)
+
+    def _ask_where(self, then: Callable[[], None] | None = None, document: Document | None = None) -> None:
         session, files = self.context.session, self.context.files
-        name = (session.path or Path(session.document.name)).with_suffix(PROJECT).name
-        self.context.dialogs.save("Save the project", (PROJECT,), name, lambda path: files.save(path, then))
+        document = document or session.document
+        name = (session.path_of(document.mesh) or Path(document.name)).with_suffix(PROJECT).name
+        title = "Save the project" if document.mesh is session.mesh else f"Save the project of {document.name}"
+        self.context.dialogs.save(title, (PROJECT,), name, lambda path: files.save(path, then, document))
 
     def _pause(self) -> None:
         solver = self.context.session.solver
         solver.resume() if solver.paused else solver.pause()
+
+    def _escape(self) -> None:
+        session = self.context.session
+        if session.cards:
+            session.dismiss(session.cards[0])
+        else:
+            session.solver.cancel()
 
     def _step(self, share: float) -> None:
         session = self.context.session
@@ -144,6 +186,13 @@ class Actions:
     def _switch_theme(self) -> None:
         session = self.context.session
         session.set_view("change the theme", theme="dark" if session.view.theme == "light" else "light")
+
+    def show_messages(self) -> None:
+        """Show everything that was told since the launch, the latest first."""
+        log = [(time.strftime("%H:%M:%S", time.localtime(entry.time)), entry) for entry in self.context.session.log]
+        rows = [(f"{clock}   {entry.kind}", entry.text) for clock, entry in reversed(log)]
+        text = "\n".join(f"{clock} {entry.kind}: {entry.text}" for clock, entry in log)
+        self.context.dialogs.show("Messages", rows or ["There are none yet."], text)
 
     def _show_shortcuts(self) -> None:
         self.context.dialogs.show("Shortcuts", self.listed())

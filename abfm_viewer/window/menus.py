@@ -76,6 +76,7 @@ def _view(ui: Ui, actions: Actions) -> None:
         keys = actions.switch_theme.hint if theme != view.theme else ""
         if ui.menu_item(f"{theme.capitalize()} theme", keys, checked=view.theme == theme):
             session.set_view("change the theme", theme=theme)
+    _choices(ui, session, "UI scale", "ui_scale", {f"{scale:g}": scale for scale in UI_SCALES})
     imgui.Separator()
     _choices(ui, session, "Layout", "layout", {name: name for name in LAYOUTS})
     _choices(ui, session, "Color map", "colormap", {name: name for name in ("automatic", *colormaps.NAMES)})
@@ -87,7 +88,6 @@ def _view(ui: Ui, actions: Actions) -> None:
     ui.tip("A match that has ended shows its flow, by streaks or arrows, and plays it once.")
     imgui.Separator()
     _item(ui, "Reset camera", actions.reset_camera)
-    _choices(ui, session, "UI scale", "ui_scale", {f"{scale:g}": scale for scale in UI_SCALES})
 
 
 def _choices(ui: Ui, session: Session, label: str, name: str, choices: dict[str, Any]) -> None:
@@ -112,6 +112,8 @@ def _presets(ui: Ui, actions: Actions) -> None:
 
 def _help(ui: Ui, actions: Actions) -> None:
     _item(ui, "Shortcuts", actions.show_shortcuts)
+    if ui.menu_item("Messages"):
+        actions.show_messages()
     if ui.menu_item("About"):
         actions.show_about()
 

@@ -5,50 +5,102 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from abfm import AbfmError
+from abfm import AbfmError, TriangleMesh
 from abfm.types import FloatArray
+from abfm_viewer.computing.solver import Snapshot
+from abfm_viewer.computing.unfinished import unfinished_match
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document
-from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
+from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
 from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.session.loading import Load
 from abfm_viewer.session.opening import known_values
 from abfm_viewer.session.session import Session
+from abfm_viewer.session.session_files import SessionFiles
+
+COPIES = "copies"
+"""What cards are about."""
 
 
 class Recoveries:
-    """Keeps a session's autosaves in the state folder, and offers those of earlier launches."""
+    """Keeps a session's autosaves in the state folder, and offers those of earlier launches.
 
-    def __init__(self, session: Session, state: StateFolder, dialogs: Dialogs) -> None:
+    There is a copy of each unsaved document: the present one, with the field of a run that is under way, and those that
+    were left for another mesh.
+    """
+
+    def __init__(self, session: Session, state: StateFolder, files: SessionFiles, dialogs: Dialogs) -> None:
         self._session = session
         self._state = state
+        self._files = files
         self._dialogs = dialogs
-        self._autosave = Autosave(state)
+        self._autosaves: dict[TriangleMesh, Autosave] = {}
         self._recoveries: list[Recovery] | None = None
         self._told = ""
+        self._autosave(session.mesh)
 
     def update(self) -> None:
         session = self._session
         if self._recoveries is None:
             self._recoveries = recoverable(self._state)
             self._ask_next()
-        document, functions = session.document, session.functions
-        self._autosave.offer(document, partial(known_values, document, functions), session.unsaved)
-        if self._autosave.error != self._told:
-            self._told = self._autosave.error
-            if self._told:
-                session.say(f"no copy of unsaved work could be kept: {self._told}", is_error=True)
+        unsaved = {document.mesh: document for document in reversed(session.unsaved_documents)}
+        running = self._running()
+        for mesh in {*self._autosaves, *unsaved}:
+            document, autosave = unsaved.get(mesh), self._autosave(mesh)
+            if mesh is session.mesh and running is not None:
+                autosave.offer(
+                    (session.document, running), partial(self._content_of_run, session.document, running), True
+                )
+            else:
+                autosave.offer(document, partial(self._content, document or session.document), document is not None)
+        self._tell()
 
     def close(self, keep_unsaved: bool) -> None:
         """Finish writing; a copy of unsaved work stays only if it is to be recovered."""
-        self._autosave.close()
-        if not (keep_unsaved and self._session.unsaved):
-            self._autosave.discard()
+        kept = {document.mesh for document in self._session.unsaved_documents} if keep_unsaved else set()
+        if keep_unsaved and self._session.solver.running:
+            kept.add(self._session.mesh)
+        for mesh, autosave in self._autosaves.items():
+            autosave.close()
+            if mesh not in kept:
+                autosave.discard()
+
+    def _autosave(self, mesh: TriangleMesh) -> Autosave:
+        if mesh not in self._autosaves:
+            self._autosaves[mesh] = Autosave(self._state, number=len(self._autosaves))
+        return self._autosaves[mesh]
+
+    def _tell(self) -> None:
+        problem = next((autosave.error for autosave in self._autosaves.values() if autosave.error), "")
+        if problem != self._told:
+            self._told = problem
+            self._session.mend(COPIES)
+            if problem:
+                self._session.say(f"no copy of unsaved work could be kept: {problem}", True, COPIES)
+
+    def _running(self) -> Snapshot | None:
+        """What the run that is under way has come to; None before its first step."""
+        snapshot = self._session.solver.snapshot
+        if snapshot is None or snapshot.problem.mesh is not self._session.mesh or not snapshot.iteration.iteration:
+            return None
+        return snapshot
+
+    def _content(self, document: Document) -> Content:
+        return document, known_values(document, self._session.functions_of(document.mesh))
+
+    def _content_of_run(self, document: Document, snapshot: Snapshot) -> Content:
+        """The document with the best field so far as its result."""
+        functions, run = self._session.functions_of(document.mesh), self._session.solver.run
+        found = unfinished_match(snapshot.iteration, snapshot.problem, functions, run)
+        runs = document.runs if run is None else (*document.runs, run)
+        return self._content(replace(document, result=found, runs=runs))
 
     def _ask_next(self) -> None:
         if self._recoveries:
             recovery = self._recoveries.pop(0)
-            self._session.load("reading unsaved work", partial(self._read, recovery))
+            self._session.load(Load("reading unsaved work", partial(self._read, recovery), replaces=False))
 
     def _read(self, recovery: Recovery) -> Callable[[], None]:
         try:
@@ -60,7 +112,8 @@ class Recoveries:
     def _ask(self, recovery: Recovery, document: Document, known: dict[str, FloatArray]) -> None:
         written = time.strftime("%H:%M on %d %B %Y", time.localtime(recovery.written))
         text = f"The app ended without saving {document.name}. A copy of {written} is there."
-        recover = partial(self._recover, recovery, document, known)
+        restore = partial(self._recover, recovery, document, known)
+        recover = partial(self._files.when_free, f"recovering {document.name}", restore)
         buttons = {"Recover": recover, "Discard": partial(self._discard, recovery), "Later": None}
         self._dialogs.ask("Recover unsaved work?", text, buttons)
 
@@ -68,7 +121,7 @@ class Recoveries:
         session = self._session
         document = replace(document, view=replace(document.view, ui_scale=session.view.ui_scale))
         session.restore(document, known, None, saved=False)
-        self._autosave.take_over(recovery)
+        self._autosave(session.mesh).take_over(recovery)
         session.say(f"recovered {document.name}: save it to keep it")
 
     def _discard(self, recovery: Recovery) -> None:

@@ -19,7 +19,7 @@ from abfm.io import write_atomically
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
-from abfm_viewer.panels import right_panel, status_line, time_bar
+from abfm_viewer.panels import cards, right_panel, status_line, time_bar
 from abfm_viewer.panels.context import Context
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.annotations import bar_room, draw_annotations, window_pen
@@ -29,7 +29,7 @@ from abfm_viewer.scene.resting import Resting
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import SessionFiles
+from abfm_viewer.session.session_files import OTHER_MESH, OTHER_NAME, SessionFiles
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets import style
 from abfm_viewer.widgets.toolkit import Ui
@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
 _IDLE_AFTER = 1.0  # seconds without anything that moves
-_PANEL_WIDTH, _WIDEST_PANEL = 380, 0.5
-_STATUS_HEIGHT = 28
+_PANEL_WIDTH, _WIDEST_PANEL = 380, 0.44
+_STATUS_HEIGHT = 30
 
 
 @dataclass(frozen=True)
@@ -95,11 +95,14 @@ class Window:
         self.exporter = Exporter(session.say)
         self.files = SessionFiles(session, state, self.dialogs.ask)
         self.preferences = Preferences(session, state) if state else None
-        self.recoveries = Recoveries(session, state, self.dialogs) if state else None
+        self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
         self.context = Context(self.ui, session, self.shown, self.exporter, self.files, self.dialogs)
+        self.files.ways_out[OTHER_MESH] = self.context.open_mesh
         self.actions = Actions(self.context, lambda: self.scene.reset_camera(), self._end)
+        self.files.ways_out[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0
         self.errors: dict[str, str] = {}
+        self._drawn: set[str] = set()
         self.closing = self.interrupted = False
         self.parts = areas(size, 0, 1)
         self._redraws = self._active = False
@@ -131,6 +134,7 @@ class Window:
         before = [signal.signal(number, self._interrupt) for number in signals]
         try:
             self.frame()
+            self.session.solver.work_apart()
             warm_up.start()
             while not self.closing:
                 self.frame()
@@ -192,6 +196,7 @@ class Window:
             self.session.say(f"{part}: {one_line(error)}", is_error=True)
         else:
             self.errors.pop(part, None)
+        self._drawn.add(part)
 
     def _callback(self) -> None:
         """Draw one frame; an exception that escaped would stop polyscope from drawing ever again."""
@@ -228,11 +233,14 @@ class Window:
             self.guarded("panel", lambda: right_panel.draw(self.context, parts.panel, self.guarded))
             self.guarded("time bar", lambda: time_bar.draw(self.context, parts.time_bar))
             self.guarded("status line", lambda: status_line.draw(self.context, parts.status))
+            self.guarded("messages", lambda: cards.draw(self.context, parts.scene))
         keys_are_free = is_live and not self.dialogs.is_open
         self.guarded("dialog", lambda: self.dialogs.draw(self.ui))
         if keys_are_free:
             self.guarded("keyboard", lambda: self.keyboard.do_pressed(self.actions))
         if is_live:
+            self.errors = {part: error for part, error in self.errors.items() if part in self._drawn}
+            self._drawn.clear()
             self.ui.end_frame()
             self.guarded("widget file", lambda: write_widgets(self.ui.widgets, self.frames))
 

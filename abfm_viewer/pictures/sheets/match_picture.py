@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -10,7 +11,7 @@ from PIL import Image, ImageFont
 from abfm import Match
 from abfm.experiments.sheet import Frame, Panel, Sheet, Values
 from abfm.types import FloatArray
-from abfm_viewer.document.verdict_words import headline
+from abfm_viewer.document.verdict_words import headline, tone
 from abfm_viewer.pictures.sheets.layout import Layout, laid_out
 from abfm_viewer.pictures.sheets.panel_pictures import cameras
 from abfm_viewer.pictures.sheets.sheet_picture import sheet_picture
@@ -48,10 +49,13 @@ def match_picture(
     def panel(function: FloatArray, label: str, frame: Frame = "other") -> Panel:
         return Panel(match.mesh, Values(function.reshape(len(function), -1)[:, channel]), label, frame)
 
+    meant = tone(match)
+
     panels = [panel(match.source, "source", "source")]
     for time, values in zip(moments, match.advect(moments), strict=True):
         if time == tau:
-            panels.append(panel(values, f"t = {time:.4g}, {headline(match)}", "result"))
+            result = panel(values, f"t = {time:.4g}, {headline(match)}", "result")
+            panels.append(replace(result, tone="" if meant == "ink" else meant))
         else:
             panels.append(panel(values, f"t = {time:.4g}"))
     sheet = Sheet(((*panels, panel(match.target, "target", "target")),), up)

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from typing import Literal
 
 from PIL import Image
 
@@ -30,7 +29,7 @@ POINT_COLORS = ((1.0, 0.45, 0.0), (0.45, 0.1, 0.75), (0.0, 0.5, 0.25), (0.85, 0.
 _ARROW_LENGTH, _ARROW_DENSITY = 0.12, 0.3
 _POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
 _TEXELS = 2048
-_CHECKER: tuple[float, Literal["unit"]] = (0.5, "unit")
+_SQUARE = 0.5  # of a checkerboard, in its coordinates
 
 
 def cameras(sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)) -> dict[TriangleMesh, Camera]:
@@ -85,7 +84,7 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
     ps.set_ground_plane_mode("none")
     viewport.set_extent(mesh.vertices)
     surface = register("surface", mesh, viewport.drawn(mesh.vertices))
-    show(surface, mesh, _paint(panel, ranges), checker=_CHECKER)
+    show(surface, mesh, _paint(panel, ranges), square=_SQUARE)
     if panel.arrows is not None:
         marks.draw_arrows("arrows", mesh, panel.arrows, _ARROW_LENGTH, _ARROW_DENSITY, viewport.drawn, _INK)
     if panel.lines:

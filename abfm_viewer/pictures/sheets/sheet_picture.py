@@ -11,7 +11,7 @@ from abfm_viewer import pictures
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.theme import LIGHT
 from abfm_viewer.document.document import Camera
-from abfm_viewer.pictures.lettering import Font, letter
+from abfm_viewer.pictures.lettering import Font, letter, rgb
 from abfm_viewer.pictures.sheets.layout import GAP, LABEL, MARGIN, Layout
 from abfm_viewer.pictures.sheets.panel_pictures import panel_pictures
 from abfm_viewer.pictures.sheets.ranges import color_ranges
@@ -25,6 +25,7 @@ _FRAMES: dict[Frame, tuple[str, float]] = {  # colours and widths
     "other": ("#d0d4db", 1.5),
 }
 _INK = "#1d222b"
+_TONES = {"good": rgb(LIGHT.good), "failure": rgb(LIGHT.failure)}
 # in pixels at a scale of 1
 _TEXT, _SMALL, _SMALLEST, _LINE, _TICK = 24, 20, 13, 28, 6
 
@@ -51,7 +52,8 @@ def sheet_picture(
     sizes = [(p.width, p.height) for cell, p in zip(cells, places, strict=True) if isinstance(cell, Panel)]
     drawings = iter(panel_pictures(sheet, sizes, ranges, views))
     for cell, place in zip(cells, places, strict=True):
-        corner, color = (place.left, place.top), _INK
+        corner: tuple[int, int] = (place.left, place.top)
+        color: str | tuple[int, int, int] = _INK
         if isinstance(cell, Plot):
             picture.paste(pictures.plot_picture(cell, (place.width, place.height), scale * _SMALL), corner)
         else:
@@ -60,7 +62,7 @@ def sheet_picture(
             outline, width = _FRAMES[cell.frame]
             end = (place.left + place.width - 1, place.top + place.height - 1)
             draw.rectangle((corner, end), outline=outline, width=max(round(scale * width), 1))
-            color = outline if cell.frame != "other" else _INK
+            color = _TONES.get(cell.tone) or (outline if cell.frame != "other" else _INK)
         fits = place.width + scale * GAP - 4
         sizes_down = [scale * size for size in range(_TEXT, _SMALLEST - 1, -1)]
         size = next((size for size in sizes_down if font(size).getlength(cell.label) <= fits), sizes_down[-1])

@@ -72,6 +72,8 @@ class Panel:
     paint : Paint
     label : str
         Below the picture, short.
+    tone : "", "good" or "failure"
+        What the label says of a result, which gives it another colour than the frame's.
     frame : Frame
     points : (P, 3) array or None
         Marked places, in the mesh's units, each in a colour of its own, the same in all panels.
@@ -88,6 +90,7 @@ class Panel:
     points: FloatArray | None = None
     lines: tuple[FloatArray, ...] = ()
     arrows: FloatArray | None = None
+    tone: Literal["", "good", "failure"] = ""
 
 
 @dataclass(frozen=True, eq=False)

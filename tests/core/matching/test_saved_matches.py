@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import pytest
 
 import abfm
 from abfm.errors import ResultError
+from abfm.matching import Remedy
 from abfm.matching.result import Match
 from abfm.parameters import PAPER, Parameters
 from tests.core.fields import bump
@@ -91,6 +92,29 @@ def test_a_file_without_the_new_entries_is_one_of_the_papers_energy(
     np.testing.assert_array_equal(loaded.velocity, match.velocity)
     again = abfm.match(MESH, loaded.source, loaded.target, loaded.parameters, start=loaded.velocity)
     assert again.energy_history[-1, 0] <= again.energy_history[0, 0]
+
+
+def test_remedies_come_back_and_files_without_them_have_none(match: Match, tmp_path: Path) -> None:
+    remedies = Remedy("Continue", "go on", {}, True), Remedy("Match closer", "smaller", {"sigma": 0.5, "order": 1})
+    judged = replace(match, verdict=replace(match.verdict, remedies=remedies))
+    judged.save(tmp_path / "match.npz")
+    assert abfm.load_match(tmp_path / "match.npz").verdict == judged.verdict
+    former = rewritten(tmp_path / "match.npz", remedies=None)
+    assert abfm.load_match(former).verdict == replace(match.verdict, remedies=())
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[{}]", "the remedies are '\\[{}\\]'"),
+        ("{", "Expecting property name"),
+        ('[{"label": "a", "words": "b", "parameters": {"sigmma": 1}}]', "unknown parameter 'sigmma'"),
+    ],
+)
+def test_damaged_remedies_are_refused_in_words(match: Match, tmp_path: Path, text: str, words: str) -> None:
+    match.save(tmp_path / "match.npz")
+    with pytest.raises(ResultError, match=words):
+        abfm.load_match(rewritten(tmp_path / "match.npz", remedies=np.array(text)))
 
 
 def test_a_verdict_of_another_kind_is_refused_in_words(match: Match, tmp_path: Path) -> None:

@@ -7,7 +7,8 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from abfm_viewer.appearance import colormaps, material
-from abfm_viewer.appearance.colormaps import color_range, loaded_name, table
+from abfm_viewer.appearance.colormaps import color_range, loaded_name, on_ground, table
+from abfm_viewer.appearance.theme import DARK
 
 NAMES = ["abfm sequential", "abfm diverging"]
 # Colours in Oklab (lightness, green to red, blue to yellow), evenly spaced along the map.
@@ -25,6 +26,20 @@ STOPS = {
         (0.93, 0.000, 0.002),
         (0.66, 0.150, 0.080),
         (0.38, 0.130, 0.058),
+    ],
+    "abfm sequential dark": [
+        (0.43, 0.000, -0.006),
+        (0.50, 0.075, 0.035),
+        (0.62, 0.145, 0.085),
+        (0.76, 0.105, 0.125),
+        (0.92, 0.000, 0.115),
+    ],
+    "abfm diverging dark": [
+        (0.83, -0.035, -0.085),
+        (0.60, -0.030, -0.140),
+        (0.43, 0.000, -0.006),
+        (0.60, 0.150, 0.065),
+        (0.83, 0.080, 0.075),
     ],
     "viridis": [
         (0.285, 0.102, -0.091),
@@ -103,16 +118,36 @@ def test_lightness_falls_away_from_the_light_grey_that_means_nothing(name):
     assert (np.diff(luminance(colors[: grey + 1])) > 0).all()
 
 
-def test_the_two_ends_of_the_diverging_map_weigh_the_same_and_differ():
-    blue, red = table("abfm diverging")[[0, -1]]
-    assert luminance(blue) == pytest.approx(luminance(red), abs=0.03)
+@pytest.mark.parametrize("name", NAMES)
+def test_on_dark_grounds_lightness_rises_from_a_dark_grey_that_stands_out_from_the_ground(name):
+    dark = on_ground(name, is_dark=True)
+    colors = table(dark, 257)
+    grey = 0 if name == "abfm sequential" else len(colors) // 2
+    assert np.ptp(colors[grey]) < 0.05
+    ground = luminance(np.array(DARK.ground[:3]))
+    assert (luminance(colors) + 0.05).min() > 1.5 * (ground + 0.05)
+    assert luminance(colors[grey]) < 0.15
+    assert (np.diff(luminance(colors[grey:])) > 0).all()
+    assert (np.diff(luminance(colors[: grey + 1])) < 0).all()
+
+
+def test_maps_stay_themselves_on_light_grounds_and_where_they_have_no_zero():
+    assert [on_ground(name, is_dark=False) for name in colormaps.NAMES] == list(colormaps.NAMES)
+    assert [on_ground(name, is_dark=True) for name in colormaps.NAMES[2:]] == list(colormaps.NAMES[2:])
+
+
+@pytest.mark.parametrize("is_dark", [False, True])
+def test_the_two_ends_of_the_diverging_map_weigh_the_same_and_differ(is_dark):
+    blue, red = table(on_ground("abfm diverging", is_dark))[[0, -1]]
+    assert luminance(blue) == pytest.approx(luminance(red), abs=0.04)
     assert blue[2] > blue[0] + 0.3
     assert red[0] > red[2] + 0.3
 
 
 def test_images_hold_the_maps_in_linear_light():
     rows = {name: np.asarray(image)[0] / 255 for name, image in colormaps.images().items()}
-    assert tuple(rows) == colormaps.NAMES
+    assert set(rows) == set(STOPS)
+    assert set(rows) > set(colormaps.NAMES)
     for name, row in rows.items():
         assert row[[0, -1]] ** (1 / 2.2) == pytest.approx(table(name)[[0, -1]], abs=0.03)
 
@@ -141,7 +176,7 @@ def test_a_range_from_just_above_zero_begins_at_zero():
     assert color_range(np.array([0.1, 1.0])).low == 0.1
 
 
-@pytest.mark.parametrize("name", colormaps.NAMES)
+@pytest.mark.parametrize("name", STOPS)
 @pytest.mark.parametrize("size", [64, 256, 1024])
 def test_maps_join_their_stops_in_oklab_without_overshooting(name, size):
     stops = np.array(STOPS[name])

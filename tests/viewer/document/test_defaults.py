@@ -5,23 +5,69 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm import TriangleMesh, load_mesh
+from abfm import TriangleMesh, load_mesh, match
 from abfm.assets import asset_names, asset_path
+from abfm.calculus import vertex_areas
 from abfm.calculus.geodesics import geodesic_distance
-from abfm.functions import function, parse
-from abfm_viewer.document.defaults import default_functions
-from tests.shapes import disc, torus
+from abfm.functions import function, parse, vertex_normals
+from abfm_viewer.document.defaults import WIDTH, default_functions
+from tests.shapes import disc, ellipsoid, torus
 
 MESHES = [name for name in asset_names() if name.endswith(".off")]
+HUMANS = [name for name in MESHES if name.startswith("human")]
+RNG = np.random.default_rng(0)
 
 
-@pytest.mark.parametrize("mesh", [*MESHES, torus(30, 20), disc(8)], ids=str)
-def test_any_mesh_gets_two_gaussians_a_quarter_of_the_body_apart(mesh):
-    mesh = load_mesh(asset_path(mesh)) if isinstance(mesh, str) else mesh
+def centres(mesh: TriangleMesh) -> tuple[int, int]:
+    """The vertices of the two Gaussians."""
     source, target = (int(np.argmax(function(mesh, spec))) for spec in default_functions(mesh))
+    return source, target
+
+
+@pytest.mark.parametrize("mesh", [*MESHES, torus(30, 20), disc(8), ellipsoid(3, 3.0, 1.0, 1.0)], ids=str)
+def test_any_mesh_gets_two_gaussians_well_apart_on_one_side_of_it(mesh):
+    mesh = load_mesh(asset_path(mesh)) if isinstance(mesh, str) else mesh
+    source, target = centres(mesh)
     end = int(np.argmax(geodesic_distance(mesh, [0])))
-    apart = geodesic_distance(mesh, [source])[target] / geodesic_distance(mesh, [end]).max()
-    assert 0.15 < apart < 0.4
+    longest = geodesic_distance(mesh, [end]).max()
+    apart = geodesic_distance(mesh, [source])[target]
+    assert 0.2 < apart / longest < 0.45
+    assert apart < 0.8 * mesh.length_scale
+    normals = vertex_normals(mesh)
+    assert normals[source] @ normals[target] > 0
+
+
+@pytest.mark.parametrize("name", HUMANS)
+def test_on_a_body_they_are_at_a_knee_and_at_the_breast_and_not_at_the_fork_of_the_legs(name):
+    mesh = load_mesh(asset_path(name))
+    heights = mesh.vertices[:, 1]
+    source, target = ((heights[centre] - heights.min()) / np.ptp(heights) for centre in centres(mesh))
+    low, high = sorted((source, target))
+    fork = 0.47  # of the height
+    assert 0.2 < low < fork - 0.05
+    assert fork + 0.13 < high < 0.85
+
+
+def test_numbers_and_scale_do_not_matter():
+    mesh = load_mesh(asset_path("human_A.off"))
+    order = RNG.permutation(len(mesh.vertices))
+    place = np.argsort(order)
+    other = TriangleMesh(1e3 * mesh.vertices[order], place[mesh.faces][RNG.permutation(len(mesh.faces))])
+    np.testing.assert_array_equal(order[list(centres(other))], centres(mesh))
+
+
+def test_a_coarse_mesh_gets_wider_ones():
+    widths = [parse(default_functions(ellipsoid(k, 3.0, 1.0, 1.0))[0]).width for k in (1, 3, 5)]
+    assert widths == sorted(widths, reverse=True)
+    assert widths[0] > widths[-1] == WIDTH
+
+
+@pytest.mark.parametrize("name", [name for name in MESHES if "fine" not in name])
+def test_they_are_matched_or_nearly_so(name):
+    mesh = load_mesh(asset_path(name))
+    source, target = (function(mesh, spec) for spec in default_functions(mesh))
+    assert match(mesh, source, target).verdict.kind in ("matched", "nearly")
+    assert vertex_areas(mesh) @ np.minimum(source, target) < 0.7 * vertex_areas(mesh) @ source
 
 
 def test_vertices_are_counted_as_the_file_does():

@@ -5,10 +5,13 @@ from __future__ import annotations
 import csv
 import re
 
+from abfm_viewer.panels.right_panel import STEPS
+
 
 def test_it_grows_during_a_run_and_keeps_earlier_ones(matched):
     first = matched.session.document.runs
     assert len(first) == 1
+    matched.click("Match", within=STEPS)
     assert "energy plot" in matched.labels()
     matched.click("Match")
     matched.wait(lambda s: s.solver.finished)

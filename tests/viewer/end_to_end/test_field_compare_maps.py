@@ -1,4 +1,4 @@
-"""Field, Compare and Maps: what the surfaces show, arrows, streaks, flow lines, followed points."""
+"""The tab Look: what the surfaces show, arrows, streaks, flow lines, followed points, comparisons."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from abfm.calculus.operators import face_normals, vertex_areas
 from abfm_viewer.document.document import FIELD_PARTS
 from abfm_viewer.widgets.toolkit import Ui
+from tests.viewer.sessions import ENDLESS
 
 MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")
 
@@ -77,15 +78,11 @@ def test_clicks_start_flow_lines_and_follow_points(matched):
     matched.click("nothing", within="Look")
     matched.pick(vertex=12, modifiers=())
     assert matched.session.document.points == ()
-    matched.check("follow clicked points")
-    assert matched.session.view.tool == "follow a point"
-    matched.check("follow clicked points", False)
-    assert matched.session.view.tool == "nothing"
 
 
 def test_maps_color_the_advected_surface(matched):
     for coloring in MAPS:
-        matched.click(coloring, within="Look")
+        matched.choose("color by", coloring)
         assert matched.session.view.coloring == coloring
         calm(matched)
         matched.drag("time", 0.5)
@@ -110,7 +107,7 @@ def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, monkeypatch)
     for result, expected in ((slow, 0), (replace(good, velocity=wild), 1)):
         session.amend(result=result)
         for coloring in MAPS:
-            matched.click(coloring, within="Look")
+            matched.choose("color by", coloring)
             calm(matched)
             notes.clear()
             wanted = expected if coloring != "function" else 0
@@ -118,6 +115,27 @@ def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, monkeypatch)
             notes.clear()
             matched.frames(1)
             assert len(warned()) == wanted
+
+
+def test_numbers_of_the_last_run_are_gone_during_a_new_one(matched, monkeypatch):
+    notes = []
+    note = Ui.note
+    monkeypatch.setattr(Ui, "note", lambda self, text, *kind: notes.append(text) or note(self, text, *kind))
+
+    def told():
+        notes.clear()
+        matched.frames(1)
+        return any(text.startswith("Mismatch at tau") for text in notes)
+
+    matched.click("Look")
+    assert told()
+    matched.session.amend(parameters=ENDLESS)
+    matched.click("Match")
+    matched.wait(lambda s: s.solver.snapshot is not None)
+    assert not told()
+    matched.session.solver.cancel()
+    matched.wait(lambda s: s.solver.finished)
+    assert told()
 
 
 def test_the_comparison_has_surfaces_of_its_own(matched):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -212,7 +213,7 @@ def test_every_layout_color_map_and_scale(gui):
         assert gui.session.view.ui_scale == scale
         width = gui.window.parts.status[2]
         left, _, right, _ = gui.window.parts.panel
-        assert right - left == pytest.approx(min(380 * scale, width / 2))
+        assert right - left == pytest.approx(min(380 * scale, 0.44 * width))
 
 
 def test_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
@@ -228,6 +229,27 @@ def test_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
         assert np.abs(picture() - before).mean() > 0.1
         gui.menu("View", label)
         assert np.abs(picture() - before).mean() < 0.01
+
+
+def test_the_flow_is_seen_after_a_match_unless_that_is_switched_off(gui):
+    gui.session.amend(parameters=replace(gui.session.parameters, iterations=20, cooling_stages=1))
+    gui.menu("View", "Flow after a match")
+    assert gui.session.view.flow_after_match
+    gui.session.player.speed = 4.0
+    gui.click("Match")
+    gui.wait(lambda s: s.solver.finished)
+    assert gui.session.player.playing
+    assert gui.session.view.arrows or gui.session.view.streaks
+    times = []
+    gui.wait(lambda s: times.append(s.time) or not s.player.playing)
+    assert times[0] < 0.5 * gui.session.parameters.tau
+    assert gui.session.time == gui.session.parameters.tau
+    gui.menu("View", "Flow after a match")
+    assert not (gui.session.view.arrows)
+    assert not (gui.session.view.streaks)
+    gui.click("Match")
+    gui.wait(lambda s: s.solver.finished)
+    assert not gui.session.player.playing
 
 
 def test_the_camera_turns_and_is_reset(gui):

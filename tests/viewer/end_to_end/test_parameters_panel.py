@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+import polyscope.imgui as imgui
 import pytest
 
 from abfm import Parameters
+from abfm.experiments import TITLES
 from abfm.experiments.table_1 import TABLE_1
 from abfm.parameters import CHOICES
 from abfm_viewer.panels.right_panel import STEPS
@@ -73,9 +75,70 @@ def test_the_method_decides_what_can_be_set(gui):
 def test_what_makes_no_sense_is_refused_in_place(gui, label, text):
     gui.type(label, text)
     assert gui.session.parameters == Parameters()
-    assert gui.window.ui._refused
+    assert gui.window.ui.refusals.reasons
     gui.drag(label, 0.5 if label != "iterations" else 50)
-    assert not gui.window.ui._refused
+    assert not gui.window.ui.refusals.reasons
+
+
+def test_a_refused_text_stays_to_be_mended_until_escape(gui):
+    reasons = gui.window.ui.refusals.reasons
+    gui.type("alpha", "1o")
+    gui.frames(3)
+    assert gui.text_of("alpha", kind="box") == "1o"
+    assert list(reasons.values()) == ["'1o' is no number"]
+    gui.click("alpha")
+    gui.key("escape")
+    gui.frames(2)
+    assert gui.text_of("alpha", kind="box") == f"{Parameters().alpha:g}"
+    assert not reasons
+    gui.type("alpha", "-1")
+    gui.type("alpha", "10")
+    assert gui.session.parameters.alpha == 10
+    assert not reasons
+
+
+@pytest.mark.parametrize("way", ["another value", "match", "undo"])
+def test_an_error_goes_with_what_is_accepted_later(gui, way):
+    gui.type("beta", "0.1")
+    gui.type("sigma", "0")
+    gui.frames(3)
+    assert len(gui.window.ui.refusals.reasons) == 1
+    if way == "another value":
+        gui.type("reach", "0.5")
+    elif way == "match":
+        gui.click("Match")
+        gui.wait(lambda s: s.solver.running or s.result)
+        gui.session.solver.cancel()
+    else:
+        gui.key("ctrl+z")
+    gui.frames(2)
+    assert not gui.window.ui.refusals.reasons
+    assert gui.text_of("sigma", kind="box") == f"{Parameters().sigma:g}"
+
+
+def test_an_error_calls_the_parameter_what_the_panel_calls_it(gui):
+    gui.type("cooling_stages", "0")
+    (reason,) = gui.window.ui.refusals.reasons.values()
+    assert reason.startswith("stages of σ is 0; expected")
+    gui.click("cooling_stages")
+    gui.key("escape")
+
+
+def test_four_parameters_and_reach_are_in_sight_and_no_label_is_code(gui):
+    gui.click("Match", within=STEPS)
+    sliders = [w for w in gui.window.ui.widgets if w.kind == "slider" and w.section == "Match"]
+    assert [w.name for w in sliders] == ["alpha", "sigma", "beta", "tau", "reach"]
+    assert [w.label for w in sliders] == ["smoothness α", "closeness σ", "slopes β", "time τ", "reach"]
+    gui.click("Advanced")
+    assert not [w.label for w in gui.window.ui.widgets if "_" in w.label]
+    gui.click("Advanced")
+
+
+def test_the_font_has_the_papers_letters(gui):
+    missing = imgui.CalcTextSize("\uffff")[0]
+    shapes = {imgui.CalcTextSize(20 * letter)[0] for letter in "ασβτ"}
+    assert len(shapes) > 1
+    assert 20 * missing not in shapes
 
 
 def test_presets_set_and_defaults_return(gui):
@@ -84,12 +147,19 @@ def test_presets_set_and_defaults_return(gui):
         gui.choose("preset", preset.name)
         assert preset.holds(gui.session.parameters)
     assert gui.text_of("preset") == rows[0].name
+    gui.click("preset")
+    tips = {w.label: w.tip for w in gui.window.ui.widgets if w.section.endswith("/preset")}
+    gui.key("escape")
+    assert [label for label in tips if label != "defaults"] == [row.name for row in rows]
+    assert all(TITLES[row.figure] in tips[row.name] for row in rows)
     gui.type("alpha", "12")
     assert gui.text_of("preset") == "own values"
     gui.click("Reset to defaults", within="Match")
     assert gui.session.parameters == Parameters()
     gui.key("ctrl+z")
     assert gui.session.parameters.alpha == 12
+    gui.choose("preset", "defaults")
+    assert gui.session.parameters == Parameters()
 
 
 def test_a_mask_weighs_the_mismatch(gui):
@@ -126,4 +196,4 @@ def test_every_parameter_has_a_widget(gui):
     gui.click("Match", within=STEPS)
     gui.click("Advanced")
     gui.frames(3)
-    assert {entry.name for entry in fields(Parameters)} <= {widget.label for widget in gui.window.ui.widgets}
+    assert {entry.name for entry in fields(Parameters)} <= {w.name for w in gui.window.ui.widgets}

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import polyscope.imgui as imgui
 import pytest
+
+from abfm_viewer.panels import time_bar
 
 
 def shown(gui):
@@ -86,3 +89,45 @@ def test_a_scrub_is_one_step_of_undo(matched):
     assert matched.session.time == 1
     matched.key("ctrl+shift+z")
     assert matched.session.time == pytest.approx(0.3, abs=0.01)
+
+
+def test_the_track_stays_in_sight_under_the_mouse(matched, monkeypatch):
+    grounds, places, shown = [], [], []
+    slider = imgui.SliderFloat
+
+    def recorded(label, *options):
+        if label == "##time slider":
+            frames = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
+            grounds.append([imgui.GetStyleColorVec4(color)[3] for color in frames])
+        return slider(label, *options)
+
+    monkeypatch.setattr(imgui, "SliderFloat", recorded)
+    monkeypatch.setattr(imgui, "SetNextWindowPos", lambda place, *_: places.append((place, *_)))
+    monkeypatch.setattr(imgui, "BeginTooltip", lambda: shown.append(True))
+    monkeypatch.setattr(imgui, "EndTooltip", lambda: None)
+    left, top, right, bottom = matched.search.find("time", kinds=("slider",)).rect
+    matched.input.move((left + right) / 2, (top + bottom) / 2)
+    matched.frames(40)
+    assert shown
+    assert [alpha for ground in grounds for alpha in ground] == [0] * 3 * len(grounds)
+    place, _, pivot = next(entry for entry in places if len(entry) == 3)
+    assert pivot == (0, 1)  # its lower left corner
+    assert place[1] < top
+    matched.input.press()
+    matched.input.move(left + 0.3 * (right - left), (top + bottom) / 2)
+    shown.clear()
+    matched.frames(40)
+    assert not shown
+    matched.input.release()
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+@pytest.mark.parametrize("width", [200, 300, 420, 560, 620, 900, 1600, 2180])
+def test_rows_of_the_bar_are_as_few_as_hold_all(scale, width):
+    rows = time_bar._rows(width / scale)
+    assert rows == sorted(rows)
+    for row in set(rows):
+        groups = [needed for at, needed in zip(rows, time_bar._groups(width / scale), strict=True) if at == row]
+        room = width / scale - time_bar._PADDING
+        assert len(groups) == 1 or sum(groups) + time_bar._GAP * (len(groups) - 1) <= room
+    assert time_bar.height(width, scale) >= time_bar.height(2 * width, scale)

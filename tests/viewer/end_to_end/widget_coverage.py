@@ -90,7 +90,8 @@ class WidgetCoverage:
 
 def _name(widget) -> tuple[str, str]:
     """Where a widget is and what it is called; one name for all channels, and one for all dialogs that save."""
-    section = "Save" if widget.section.startswith(_SAVING) else widget.section
+    section = "message" if widget.section.startswith("message ") else widget.section
+    section = "Save" if widget.section.startswith(_SAVING) else section
     label = "channel" if section == "Functions" and widget.kind == "choice" else widget.label
     if section == "Save" and widget.kind == "choice":
         label = "file"

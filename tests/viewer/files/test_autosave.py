@@ -59,7 +59,7 @@ def autosave(tmp_path: Path, clock: Clock) -> Iterator[Autosave]:
 
 def offer(autosave: Autosave, document: Document, unsaved: bool = True) -> None:
     """Offer a document, and let what is then written be written."""
-    autosave.offer(document, dict, unsaved)
+    autosave.offer(document, lambda: (document, {}), unsaved)
     settle(autosave)
 
 
@@ -103,14 +103,14 @@ class TestCopies:
     def test_values_from_other_files_are_in_it(self, autosave: Autosave, clock: Clock) -> None:
         values = DOCUMENT.mesh.vertices[:, 0]
         clock.seconds = 21
-        autosave.offer(DOCUMENT, lambda: {"file:a.npy": values}, True)
+        autosave.offer(DOCUMENT, lambda: (DOCUMENT, {"file:a.npy": values}), True)
         autosave.close()
         assert (load_project(autosave.path)[1]["file:a.npy"] == values).all()
 
     def test_never_two_at_once_and_the_newest_wins(self, autosave: Autosave, clock: Clock) -> None:
         known = Known()
         clock.seconds = 21
-        autosave.offer(DOCUMENT, known, True)
+        autosave.offer(DOCUMENT, lambda: (DOCUMENT, known()), True)
         assert known.asked.wait(10)
         for number in range(3):
             clock.seconds += 21
@@ -143,7 +143,7 @@ class TestCopies:
     def test_a_copy_that_is_discarded_while_it_is_written_goes_too(self, autosave: Autosave, clock: Clock) -> None:
         known = Known()
         clock.seconds = 21
-        autosave.offer(DOCUMENT, known, True)
+        autosave.offer(DOCUMENT, lambda: (DOCUMENT, known()), True)
         assert known.asked.wait(10)
         autosave.discard()
         known.may_answer.set()
@@ -177,7 +177,7 @@ def sum_of_offers(autosave: Autosave) -> float:
     """Seconds of a thousand frames in which nothing is to be done."""
     start = time.perf_counter()
     for _ in range(1000):
-        autosave.offer(DOCUMENT, dict, True)
+        autosave.offer(DOCUMENT, lambda: (DOCUMENT, {}), True)
     return time.perf_counter() - start
 
 

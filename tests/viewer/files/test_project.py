@@ -186,6 +186,12 @@ class TestRoundTrip:
         changed(saved, lambda content: content["document"].update(view={"theme": "dark"}))
         assert load_project(saved)[0].view == View(theme="dark")
 
+    def test_verdicts_without_remedies_have_none(self, saved: Path) -> None:
+        assert RESULT.verdict.remedies
+        assert load_project(saved)[0].result.verdict == RESULT.verdict
+        changed(saved, lambda content: content["result"]["verdict"].pop("remedies"))
+        assert load_project(saved)[0].result.verdict == replace(RESULT.verdict, remedies=())
+
     def test_what_was_written_before_there_were_verdicts_meshes_and_reach_means_the_paper_s(self, saved: Path) -> None:
         def aged(content: dict[str, Any]) -> None:
             for parameters in (content["document"]["parameters"], content["result"]["parameters"]):

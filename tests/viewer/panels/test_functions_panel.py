@@ -13,6 +13,7 @@ from abfm_viewer.automation import aim
 from abfm_viewer.document.document import Channel
 from abfm_viewer.document.gaussians import gaussians
 from abfm_viewer.session import active_gaussian
+from abfm_viewer.widgets.toolkit import Ui
 from tests.viewer.sessions import EGG, PAIR, SPHERE, opened
 
 TWO = "gaussian:vertex=1 + gaussian:vertex=2 + gaussian:vertex=3"
@@ -117,7 +118,7 @@ def test_the_first_frame_does_without_the_functions():
 
 
 def refusals(gui):
-    return list(gui.window.ui._refused.values())
+    return list(gui.window.ui.refusals.reasons.values())
 
 
 def spec(gui, side="source"):
@@ -155,6 +156,23 @@ def test_what_is_refused_leaves_the_function_and_the_next_change_takes_the_reaso
     assert any("'high' is no number" in reason for reason in reasons)
     gui.type("height", "2", within="source")
     assert refusals(gui) == []
+
+
+def test_a_mistyped_spec_shows_one_error_and_stays_to_be_mended(gui, monkeypatch):
+    notes = []
+    note = Ui.note
+    monkeypatch.setattr(Ui, "note", lambda ui, text, kind="muted": notes.append((kind, text)) or note(ui, text, kind))
+    before = spec(gui)
+    gui.type("spec", "gaussian:vortex=1", within="source")
+    notes.clear()
+    gui.frames(1)
+    (told,) = [text for kind, text in notes if kind == "failure"]
+    assert "unknown key 'vortex'" in told
+    assert gui.text_of("spec", within="source") == "gaussian:vortex=1"
+    assert spec(gui) == before
+    gui.drag("width", 0.3, within="target")
+    assert refusals(gui) == []
+    assert gui.text_of("spec", within="source") == before
 
 
 def test_from_a_vertex_that_is_not_there_every_family_can_be_reached(gui):

@@ -42,6 +42,11 @@ def is_empty(pixels):
     return (pixels > 252).all(axis=-1)
 
 
+def body(pixels):
+    """What is not the ground in a dark picture, (n, 3)."""
+    return pixels[np.abs(pixels - pixels[0, 0]).max(axis=-1) > 12]
+
+
 def touches(empty, sides=("top", "bottom", "left", "right")):
     """Sides of a picture that something reaches."""
     edges = {"top": empty[0], "bottom": empty[-1], "left": empty[:, 0], "right": empty[:, -1]}
@@ -156,6 +161,49 @@ def test_names_and_colour_bars_are_written_and_left_out(document):
 def test_a_dark_theme_has_a_dark_ground(document):
     dark = replace(document, view=replace(document.view, theme="dark"))
     assert np.abs(drawn(dark)[0, 0] - (0x1B, 0x1E, 0x24)).max() < 12
+
+
+def test_on_a_dark_ground_bodies_are_dark_and_bars_have_the_colours_that_are_drawn(document):
+    """The greatest value is dark on light grounds and light on dark ones, and nothing means grey."""
+    light, dark = (replace(document, view=replace(document.view, theme=theme)) for theme in ("light", "dark"))
+    at_rest = np.median(drawn(light)[~is_empty(drawn(light))], axis=0), np.median(body(drawn(dark)), axis=0)
+    assert at_rest[0].min() > 150
+    assert 40 < at_rest[1].max() < 120
+    strip = drawn(dark, options=PictureOptions(labels=False))[-40:-14, 8:100].reshape(-1, 3)
+    surface = body(drawn(dark))
+    brightest = surface[surface.sum(axis=1).argmax()]
+    directions = strip / np.linalg.norm(strip, axis=1)[:, None]
+    assert (directions @ (brightest / np.linalg.norm(brightest))).max() > 0.98
+    assert np.abs(strip - brightest).sum(axis=1).min() < np.abs(strip[0] - brightest).sum() / 2
+
+
+def test_isolines_are_thin_and_none_is_where_a_function_is_constant(document):
+    isolines = replace(document, view=replace(document.view, isolines=True))
+    plain, lined = drawn(document, time=0.0), drawn(isolines, time=0.0)
+    changed = np.abs(lined - plain).max(axis=-1) > 25
+    assert 0.01 < changed[~is_empty(plain)].mean() < 0.2
+    assert changed[is_empty(plain)].sum() < 0.03 * changed.sum()  # half a line beyond a silhouette
+    changed &= ~is_empty(plain)
+    rows, columns = np.nonzero(changed)
+    assert (lined[rows, columns].sum(axis=1) < plain[rows, columns].sum(axis=1)).mean() > 0.9
+    flat = replace(isolines, channels=(Channel("expression:1 + 0*x", "expression:1 + 0*x"),))
+    same = replace(flat, view=document.view)
+    np.testing.assert_array_equal(drawn(flat, time=0.0), drawn(same, time=0.0))
+
+
+@pytest.mark.parametrize("shown", [{"arrows": True}, {"coloring": "checker"}, {"isolines": True}])
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_what_lies_on_surfaces_stands_out_from_them(document, shown, theme):
+    view = replace(document.view, theme=theme)
+    plain, other = (drawn(replace(document, view=one)) for one in (view, replace(view, **shown)))
+    assert (np.abs(plain - other).max(axis=-1) > 40).sum() > 200
+
+
+def test_a_checkerboard_has_about_twenty_squares_across(document):
+    checker = replace(document, view=replace(document.view, coloring="checker", layout="advected only"))
+    row = drawn(checker, time=0.0)[SIZE[1] // 2]
+    is_blue = row[:, 2] - row[:, 0] > 60
+    assert 14 <= np.abs(np.diff(is_blue.astype(int))).sum() <= 40
 
 
 def test_all_that_a_wide_window_sees_is_in_a_narrow_picture(document):

@@ -62,3 +62,15 @@ def test_a_crease_that_ends_on_a_smooth_surface_splits_nothing_at_its_end():
     assert len(twice) > 3
     np.testing.assert_allclose(mesh.vertices[twice, 1], 0, atol=1e-12)
     assert mesh.vertices[twice, 0].min() > 0
+
+
+@pytest.mark.parametrize("degrees", [15, 30, 60])
+def test_on_a_part_that_is_made_of_planes_half_sharp_edges_are_creases_too(degrees):
+    x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9), indexing="ij")
+    z = np.tan(np.radians(degrees)) * np.maximum(x, 0)
+    i, j = np.meshgrid(np.arange(8), np.arange(8), indexing="ij")
+    a, b, c, d = i * 9 + j, (i + 1) * 9 + j, (i + 1) * 9 + j + 1, i * 9 + j + 1
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    mesh = TriangleMesh(np.stack([x, y, z], -1).reshape(-1, 3), faces)
+    split = np.flatnonzero(np.bincount(drawn_mesh(mesh).origin) > 1)
+    np.testing.assert_array_equal(split, np.flatnonzero(mesh.vertices[:, 0] == 0) if degrees > 20 else [])

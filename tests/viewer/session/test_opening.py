@@ -3,66 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import fields, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from abfm import MeshError, Parameters, load_match, match
 from abfm_viewer.document.document import Channel, Point
-from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session import session_files
 from abfm_viewer.session.opening import open_session
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import SessionFiles
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
-
-
-class Desk:
-    """A session with its files and the questions that were asked."""
-
-    def __init__(self, session: Session, folder: Path) -> None:
-        self.session = session
-        self.state = StateFolder(folder)
-        self.questions: list[tuple[str, str, dict[str, Callable[[], None] | None]]] = []
-        self.files = SessionFiles(session, self.state, lambda *question: self.questions.append(question))
-
-    def wait(self, condition: Callable[[], bool]) -> None:
-        """Update until something holds."""
-        end = time.monotonic() + 60
-        while not condition():
-            assert time.monotonic() < end, self.session.notice
-            self.update()
-            time.sleep(0.002)
-
-    def update(self) -> None:
-        """What the window does in every frame."""
-        self.session.update()
-        self.files.update()
-
-    def settle(self) -> None:
-        """Wait until nothing is opened, computed or written."""
-        for _ in range(3):  # what ended since the last update is taken in by the next one
-            self.update()
-            self.wait(lambda: not self.session.busy and not self.files.saving and self.session.channels != ())
-
-    def open(self, path: Path) -> None:
-        """Open a file and wait."""
-        self.files.open(path)
-        self.settle()
-
-
-@pytest.fixture
-def desk(tmp_path):
-    """A session on a small sphere whose functions are known."""
-    desk = Desk(Session(icosphere(2), "sphere.off"), tmp_path / "state")
-    desk.settle()
-    yield desk
-    desk.files.close()
-    desk.session.close()
+from tests.viewer.desk import Desk
 
 
 def solved(session: Session):
@@ -174,13 +127,14 @@ def test_several_components_are_offered_and_one_opened(desk, tmp_path):
     (tmp_path / "two.off").write_text(off_text(vertices, faces))
     was = desk.session.document
     desk.files.open(tmp_path / "two.off")
-    desk.wait(lambda: bool(desk.questions))
+    desk.wait(lambda: bool(desk.session.cards))
     assert desk.session.document is was
-    _, text, answers = desk.questions[0]
-    assert text.startswith("two.off has several components")
-    answers["Open the largest"]()
+    [card] = desk.session.cards
+    assert card.text.startswith("two.off has several components")
+    card.remedies["Open the largest component"]()
     desk.settle()
     assert len(desk.session.mesh.vertices) == len(b.vertices)
+    assert desk.session.cards == ()
 
 
 @pytest.mark.parametrize(

@@ -237,16 +237,39 @@ def test_the_result_for_a_mesh_that_was_replaced_is_dropped(endless):
     assert endless.result is None
 
 
-def test_undo_to_another_mesh_ends_the_run(session):
+def test_undo_does_not_leave_a_mesh_that_is_being_matched(session):
     session.set_mesh(TORUS, "torus")
     session.set_parameter(**ENDLESS.to_dict())
     until(lambda: not session.obstacle, session)
     solving(session)
     session.undo()
     session.undo()
-    assert session.mesh is SPHERE
+    assert session.mesh is TORUS
+    assert "cancel the run first" in session.notice.text
+    session.solver.cancel()
     until(lambda: not session.solver.running, session)
-    assert session.result is None
+    assert session.cards == ()
+    found = session.result
+    for _ in range(2):
+        session.undo()
+    assert session.mesh is SPHERE
+    assert session.unsaved_documents[-1].result is found
+
+
+def test_a_run_that_fails_leaves_its_best_field(endless, monkeypatch):
+    solving(endless)
+    monkeypatch.setattr(endless.solver, "_yield_to_next", lambda: 1 / 0)
+    until(lambda: endless.solver.finished, endless)
+    assert endless.solver.failed
+    assert "ZeroDivisionError" in endless.cards[0].text
+    result = endless.result
+    assert result.velocity.any()
+    np.testing.assert_allclose(result.advected, result.advect(result.parameters.tau), atol=1e-6)
+    assert len(result.energy_history) == len(result.stages) > 1
+    monkeypatch.undo()
+    endless.cards[0].remedies["Try again"]()
+    assert endless.solver.running
+    assert endless.cards == ()
 
 
 # What is shown

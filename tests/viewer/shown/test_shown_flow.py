@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import numpy as np
 import pytest
 
+from abfm_viewer.shown.carried import FlowState
+from abfm_viewer.shown.paint import Painter
 from abfm_viewer.shown.shown import Shown
 from tests.viewer.sessions import matched, solving, until
 
@@ -115,3 +118,29 @@ def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endles
     assert shown.flow.advected() is shown.flow.advected()
     endless.set_time(endless.parameters.tau)
     assert shown.flow.advected() is shown.flow.advected()
+
+
+def test_a_surface_says_so_while_it_shows_another_time_than_the_others(session, watched, monkeypatch):
+    go, carry = threading.Event(), FlowState.carry
+    monkeypatch.setattr(FlowState, "carry", lambda *given: go.wait(30) and carry(*given))
+    shown = watched(matched(session))
+    painter = Painter(shown)
+    session.set_view("see more", blend=True, error=True)
+    session.set_time(0.5)
+    titles = [painter.paint(name).title for name in ("advected", "error", "linear blend")]
+    assert titles == ["advected: computing", "error: computing", "linear blend"]
+    assert not shown.is_ready
+    go.set()
+    until(lambda: painter.paint("advected").title == "advected", session)
+    assert painter.paint("error").title == "error"
+    assert shown.is_ready
+
+
+def test_what_is_played_is_known_before_the_time_moves(session, watched):
+    shown = watched(matched(session))
+    session.set_time(0.0)
+    assert not shown.is_ready  # it is asked for at time 0, too
+    until(lambda: shown.is_ready, session)
+    session.set_time(0.5)
+    assert not np.array_equal(shown.flow.advected(), session.values("source"))
+    assert not shown.flow.is_behind

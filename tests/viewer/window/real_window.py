@@ -53,7 +53,8 @@ class RealWindow:
         end = time.monotonic() + seconds
         while True:
             known = self.widgets()
-            fitting = [w for w in known if w["label"] == label and w["enabled"] and kind in ("", w["kind"])]
+            fitting = [w for w in known if label in (w["label"], w["name"]) and kind in ("", w["kind"])]
+            fitting = [w for w in fitting if w["enabled"]]
             fitting = [w for w in fitting if not within or within in w["section"].split("/")]
             if fitting and self._in_view(fitting[0]):
                 return fitting[0]

@@ -88,10 +88,7 @@ class Remedies:
         return Remedy("Reach further", f"a larger reach, such as {needed:g} of sqrt(area){course}", changed)
 
     def truer(self) -> Remedy | None:
-        """What makes flow lines confirm more, likeliest first: parameters that stray go back towards the defaults.
-
-        None where the mesh does not carry the functions, which no parameter mends.
-        """
+        """What makes flow lines confirm more: parameters that stray go back to the defaults. None where none does."""
         p = self._parameters
         if self.too_far:
             return self.further()
@@ -102,7 +99,12 @@ class Remedies:
         if p.alpha > _USUAL.alpha:
             words = f"a smaller alpha, such as {_USUAL.alpha:g}"
             return Remedy("Match closer", words, {"alpha": _USUAL.alpha})
-        return self.smoother() if narrowest(self._problem) >= _CARRIED else None
+        return None
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether the functions are wide enough on this mesh for a smoother field to be a truer one."""
+        return narrowest(self._problem) >= _CARRIED
 
     def smoother(self) -> Remedy:
         """A larger alpha, from no motion: near the present field there is no smoother way."""

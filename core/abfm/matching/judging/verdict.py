@@ -109,10 +109,10 @@ class _Case:
             if self.different_peaks:
                 return self._of_peaks()
             why = f"the flow lines confirm only {verified:.2g}, so the discrete flow is not one here"
-            return self._verdict("not reached", why, "a finer mesh", *self._more_of_a_flow())
+            return self._verdict("not reached", why, "a finer mesh", *self._truer(or_smoother=True))
         if folded > FOLDED and not self.known:
             why = f"{self._folds()}, which no flow does"
-            return self._verdict("not reached", why, "a finer mesh", *self._more_of_a_flow())
+            return self._verdict("not reached", why, "a finer mesh", *self._truer(or_smoother=True))
         return None
 
     def by_size(self) -> Verdict | None:
@@ -132,7 +132,7 @@ class _Case:
             return self._of_an_early_end("nearly")
         if verified > max(MATCHED, self.outcome.mismatch):
             why = "the flow lines confirm less than the discrete flow shows"
-            return self._verdict("nearly", why, "a finer mesh", *self._more_of_a_flow())
+            return self._verdict("nearly", why, "a finer mesh", *self._truer())
         return self._verdict("nearly", "", "", self.remedies.closer())
 
     def not_reached(self) -> Verdict:
@@ -229,7 +229,8 @@ class _Case:
             return "it was cancelled"
         return f"it stopped after the {self.parameters.iterations} iterations it was given"
 
-    def _more_of_a_flow(self) -> list[Remedy]:
-        """What makes a match hold that flow lines do not confirm."""
-        truer = self.remedies.truer()
-        return [truer] if truer else []
+    def _truer(self, or_smoother: bool = False) -> list[Remedy]:
+        """What makes a match hold that flow lines do not confirm; where they refute it, even more than the defaults."""
+        if truer := self.remedies.truer():
+            return [truer]
+        return [self.remedies.smoother()] if or_smoother and self.remedies.is_carried else []

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.judging.confirmation import Best
@@ -10,6 +11,25 @@ from abfm.matching.judging.early_warning import early_warning
 from abfm.matching.schedule import Stage
 from abfm.matching.solving.levels import Level
 from abfm.types import FloatArray
+
+
+class Look(Protocol):
+    """What an iterate looks like on the mesh itself."""
+
+    @property
+    def velocity(self) -> FloatArray:
+        """The fields (N, F, 3)."""
+        ...
+
+    @property
+    def advected(self) -> FloatArray:
+        """The source carried to tau, (V, C)."""
+        ...
+
+    @property
+    def warning(self) -> str | None:
+        """What looks wrong so far, see `early_warning`."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +49,32 @@ class Iteration:
     mismatch_energy: float
     mismatch: float  # ``||f_tau - g|| / ||g||`` on the mesh of this level
     evaluations: int  # of energy and gradient so far
-    _x: FloatArray
-    _carried: FloatArray
-    _levels: list[Level]
+    look: Look
+
+    @property
+    def velocity(self) -> FloatArray:
+        """The fields, (N, F, 3), in the input's units."""
+        return self.look.velocity
+
+    @property
+    def advected(self) -> FloatArray:
+        """The source carried to tau, (V, C); on a coarser level what was carried there, interpolated."""
+        return self.look.advected
+
+    @property
+    def warning(self) -> str | None:
+        """What looks wrong so far, see `early_warning`."""
+        return self.look.warning
+
+
+class Found:
+    """The look of an iterate: coefficients (N, F, 2) on the first of some levels, and the source carried there."""
+
+    def __init__(self, x: FloatArray, carried: FloatArray, levels: list[Level], iteration: int) -> None:
+        self._x, self._carried, self._levels, self._iteration = x, carried, levels, iteration
 
     @cached_property
     def velocity(self) -> FloatArray:
-        """The fields, (N, F, 3), in the input's units."""
         x, finest = self._x, self._levels[-1].energy
         for level in self._levels[:-1]:
             x = level.fields_to_finer(x)
@@ -43,7 +82,6 @@ class Iteration:
 
     @cached_property
     def advected(self) -> FloatArray:
-        """The source carried to tau, (V, C); on a coarser level what was carried there, interpolated."""
         functions = self._carried
         for level in self._levels[:-1]:
             functions = level.functions_to_finer(functions)
@@ -51,8 +89,7 @@ class Iteration:
 
     @cached_property
     def warning(self) -> str | None:
-        """What looks wrong so far, see `early_warning`."""
-        return early_warning(self._levels[0].energy, self._carried, self.iteration)
+        return early_warning(self._levels[0].energy, self._carried, self._iteration)
 
 
 class Record:
@@ -97,8 +134,6 @@ class Record:
                 mismatch_energy=point.mismatch,
                 mismatch=energy.relative_mismatch(point.advected),
                 evaluations=self.evaluations,
-                _x=best.x,
-                _carried=point.advected,
-                _levels=levels[stage.level :],
+                look=Found(best.x, point.advected, levels[stage.level :], len(self.history) - 1),
             )
         )

@@ -14,6 +14,7 @@ from abfm.matching.judging.solvability import (
     distance,
     range_bound,
     source_is_constant,
+    squeezed,
     stood_still,
     target_is_constant,
     vanished,
@@ -147,3 +148,14 @@ def test_peaks_are_not_told_where_a_mask_hides_some():
     assert different_peaks(Problem(SPHERE, at(0, 0.1), two, (SPHERE.vertices[:, 2] > 0).astype(float))) is None
     second = Problem(SPHERE, np.stack([two, two], axis=1), np.stack([two, at(0, 0.1)], axis=1))
     assert different_peaks(second) == (1, (2, 1), (1, 1))
+
+
+def test_squeezing_is_told_from_moving_by_which_of_them_lowers_the_mismatch():
+    f, g = (bump(SPHERE, centre, 0.15) for centre in ([0.0, 0.0, 1.0], [0.0, 1.0, 0.0]))
+    halfway = bump(SPHERE, [0.0, np.sqrt(0.5), np.sqrt(0.5)], 0.15)
+    problem = Problem(SPHERE, f, g)
+    assert squeezed(problem, 0.5 * f[None])
+    assert not squeezed(problem, 0.8 * f[None])  # not yet
+    assert not squeezed(problem, halfway[None])
+    assert not squeezed(problem, 0.5 * g[None])  # it moved, and came smaller
+    assert not squeezed(Problem(SPHERE, f, 0.4 * f), 0.5 * f[None])  # as the target is smaller

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +14,9 @@ from PIL import ImageFont
 import abfm
 from abfm.experiments.sheet import Panel, Sheet, Values
 from abfm_viewer.appearance.colormaps import color_range, table
+from abfm_viewer.appearance.theme import LIGHT
+from abfm_viewer.document.verdict_words import headline
+from abfm_viewer.pictures.lettering import rgb
 from abfm_viewer.pictures.sheets.match_picture import DEFAULT_WIDTH, grid, match_picture
 from abfm_viewer.pictures.sheets.panel_pictures import cameras, panel_pictures
 from abfm_viewer.pictures.sheets.sheet_picture import sheet_picture
@@ -128,3 +132,23 @@ def test_panels_have_frames_labels_and_a_colour_bar_beside_them():
     bar = pixels[:, second.left + second.width + 5 :].reshape(-1, 3)
     for color in np.round(255 * table("abfm sequential", 64)):
         assert np.abs(bar - color).max(axis=1).min() <= 6
+
+
+@pytest.mark.parametrize(("kind", "tone"), [("matched", LIGHT.good), ("not reached", LIGHT.failure), ("nearly", None)])
+def test_the_label_at_tau_says_how_well_it_matches_in_the_colour_that_means_it(match, kind, tone, monkeypatch):
+    """The word "matched" stands on no picture of a match that is none."""
+    drawn = []
+
+    def kept(sheet, *rest):
+        drawn.append(sheet)
+        return sheet_picture(sheet, *rest)
+
+    monkeypatch.setattr("abfm_viewer.pictures.sheets.match_picture.sheet_picture", kept)
+    judged = replace(match, verdict=replace(match.verdict, kind=kind), stop_reason="converged")
+    pixels = np.asarray(match_picture(judged, [1.0], (900, 400)))
+    labels = [panel.label for panel in drawn[0].rows[0]]
+    assert labels[2:] == [f"t = 2, {headline(judged)}", "target"]
+    assert not any("matched" in label for label in labels) or kind == "matched"
+    for color in (LIGHT.good, LIGHT.failure):
+        found = (pixels == rgb(color)).all(axis=2).any()
+        assert found == (color == tone)

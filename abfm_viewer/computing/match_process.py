@@ -1,0 +1,112 @@
+"""The process that `match_apart` speaks with: one thread matches, this one listens."""
+
+import threading
+from collections import OrderedDict, defaultdict
+from contextlib import suppress
+from functools import partial
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import abfm
+from abfm import AbfmError, Control, Iteration, TriangleMesh
+from abfm.numerics.own_process import Requests, factoring_apart
+from abfm.progress import telling
+from abfm_viewer.computing.match_apart import numbers
+from abfm_viewer.computing.picture_pace import PicturePace
+
+_KEPT = 4  # iterates whose fields may be asked for
+
+
+class _Matching:
+    """What goes on in the process."""
+
+    def __init__(self, requests: Requests) -> None:
+        self._requests = requests
+        self._lock = threading.Lock()
+        self._controls: defaultdict[int, Control] = defaultdict(Control)
+        self._recent: OrderedDict[tuple[int, int], Iteration] = OrderedDict()
+        self._work: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
+        self._unsent: SimpleQueue[tuple[str, int, object]] = SimpleQueue()
+        for work in (self._match_all, self._send_all):
+            threading.Thread(target=work, daemon=True).start()
+
+    def listen(self) -> None:
+        """Take messages until nobody sends any."""
+        for kind, *content in self._requests:
+            if kind == "control":
+                self._control(*content)
+            elif kind == "velocity":
+                self._tell_velocity(*content)
+            else:
+                self._work.put((kind, *content))
+
+    def _control(self, number: int, what: str, briefly: bool) -> None:
+        control = self._controls[number]
+        control.cancel(briefly) if what == "cancel" else getattr(control, what)()
+
+    def _tell_velocity(self, number: int, iteration: int) -> None:
+        with self._lock:
+            known = [key for key in self._recent if key[0] == number]
+            key = (number, iteration) if (number, iteration) in known else known[-1] if known else None
+            found = None if key is None else self._recent[key]
+        self._answer("velocity", number, (iteration, None if found is None else found.velocity))
+
+    def _answer(self, kind: str, number: int, content: object) -> None:
+        self._unsent.put((kind, number, content))
+
+    def _send_all(self) -> None:
+        """Send what is there all at once: a window that draws takes in few messages a second, and none waits for it."""
+        while True:
+            messages = [self._unsent.get()]
+            with suppress(Empty):
+                while True:
+                    messages.append(self._unsent.get_nowait())
+            self._requests.answer(messages)
+
+    @factoring_apart()
+    def _match_all(self) -> None:
+        mesh: TriangleMesh
+        while True:
+            match self._work.get():
+                case ("mesh", mesh):
+                    with self._lock:
+                        self._recent.clear()
+                case ("prepare", parameters):
+                    abfm.matching.prepare(mesh, parameters)
+                case ("match", number, problem, given):
+                    self._match(mesh, number, problem, given)
+
+    def _match(self, mesh: TriangleMesh, number: int, problem: tuple[Any, ...], given: dict[str, Any]) -> None:
+        pace, names = PicturePace(), numbers()
+        control = self._controls[number]
+        for earlier in [each for each in self._controls if each < number]:
+            del self._controls[earlier]
+        with self._lock:  # of the run before something may be shown yet
+            last = max((each for each, _ in self._recent), default=0)
+            for key in [key for key in self._recent if key[0] < last]:
+                del self._recent[key]
+
+        def post(iteration: Iteration) -> None:
+            picture = None
+            if pace.takes(iteration):
+                picture = iteration.advected
+                with self._lock:
+                    self._recent[number, iteration.iteration] = iteration
+                    while len(self._recent) > _KEPT:
+                        self._recent.popitem(last=False)
+            public = tuple(getattr(iteration, name) for name in names)
+            self._answer("iteration", number, (public, picture, iteration.warning))
+
+        try:
+            with telling(partial(self._answer, "step", number)):
+                found = abfm.match(mesh, *problem, **given, on_iteration=post, control=control)
+        except (AbfmError, MemoryError) as error:
+            self._answer("error", number, error)
+        except Exception as error:  # a bug, which the window reports in one line
+            self._answer("error", number, RuntimeError(f"{type(error).__name__}: {error}"))
+        else:
+            self._answer("match", number, found)
+
+
+if __name__ == "__main__":
+    _Matching(Requests()).listen()

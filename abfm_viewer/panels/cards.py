@@ -1,0 +1,66 @@
+"""Cards at the top of the viewport: what went wrong, with what can be done about it, and what is being opened."""
+
+import polyscope.imgui as imgui
+
+from abfm_viewer.panels.context import Context
+from abfm_viewer.session.loading import Load
+from abfm_viewer.session.notices import Card
+from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.widget_record import Rect
+
+MOST = 3
+"""Cards that are shown at once."""
+LOADING = "opening"
+"""Where Cancel is, for the Driver."""
+_WIDTH, _EDGE = 460, 10
+_SUDDENLY = 0.3  # seconds that something may take without a card
+_ALMOST = 0.97  # of a progress bar: an estimate is no promise
+
+
+def draw(context: Context, rect: Rect) -> None:
+    """Draw what is being opened and the latest cards below it, in a rectangle of the window."""
+    ui, session = context.ui, context.session
+    top = rect[1] + ui.px(_EDGE)
+    if (load := session.loading) is not None and load.elapsed > _SUDDENLY:
+        top = _draw_loading(context, load, rect, top)
+    shown = session.cards[:MOST]
+    for number, card in enumerate(shown, 1):
+        more = len(session.cards) - MOST if number == MOST else 0
+        top = _draw_card(context, card, number, more, rect, top)
+
+
+def _draw_card(context: Context, card: Card, number: int, more: int, rect: Rect, top: float) -> float:
+    """Draw one, and those that are not shown in a line; where the next one begins."""
+    ui, session = context.ui, context.session
+    name = f"message {number}"
+    with ui.card(name, _place(ui, rect, top), ui.colors.failure, 0.4 * (rect[3] - rect[1])), ui.group(name):
+        ui.note(card.text, "ink")
+        for label, do in card.remedies.items():
+            if ui.button(label, primary=label == next(iter(card.remedies))):
+                session.dismiss(card)
+                do()
+            ui.beside_if_fits("Open another mesh...")
+        if ui.button("Dismiss", "Take this message away (Esc). Help, Messages has all of them."):
+            session.dismiss(card)
+        if more > 0:
+            ui.note(f"and {more} more")
+        return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
+
+
+def _draw_loading(context: Context, load: Load, rect: Rect, top: float) -> float:
+    """Draw what is being opened; where the next card begins."""
+    ui, session = context.ui, context.session
+    with ui.card(LOADING, _place(ui, rect, top), ui.colors.accent, rect[3] - rect[1]), ui.group(LOADING):
+        about = f" of about {load.seconds:.0f} s" if load.seconds else ""
+        ui.note(f"{load.what[:1].upper()}{load.what[1:]}: {load.elapsed:.0f} s{about}", "ink")
+        share = min(load.elapsed / load.seconds, _ALMOST) if load.seconds else -0.5 * load.elapsed  # below 0 it runs
+        imgui.ProgressBar(share, (-1, ui.px(8)), "")
+        if ui.button("Cancel", "Go on without it."):
+            session.cancel_loading()
+        return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
+
+
+def _place(ui: Ui, rect: Rect, top: float) -> tuple[float, float, float]:
+    """Left end, top and width of a card: in the middle of the viewport."""
+    width = min(ui.px(_WIDTH), rect[2] - rect[0] - 2 * ui.px(_EDGE))
+    return (rect[0] + rect[2] - width) / 2, top, width

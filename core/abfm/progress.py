@@ -1,0 +1,128 @@
+"""How far long work is, told while it goes on: what is being done, and for how long it is expected to go on.
+
+Work says ``with step("factoring", work=n**1.5)``; whoever waits for it says ``with telling(show)``. How long a step
+takes is extrapolated from steps of the same name that this process has made before, smaller ones mostly: a match
+factors its coarse meshes first. Nothing that is computed depends on any of this.
+"""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+
+_FORGETS = 0.25  # smaller works than this share of the largest one measured tell nothing about large ones
+_SHORTEST = 1e-3  # seconds; shorter ones measure the clock
+_NEVER_DONE = 0.99  # share of a step that takes longer than expected
+
+
+@dataclass(frozen=True)
+class Step:
+    """A piece of work that has begun.
+
+    Attributes
+    ----------
+    task : str
+        What is being done, in a few words.
+    expected : float or None
+        Seconds that all of it takes; None if nobody knows.
+    done : float or None
+        Share of it that is counted to be done, 0 to 1; None if it is not counted.
+    began : float
+        By `time.monotonic`.
+    """
+
+    task: str
+    expected: float | None = None
+    done: float | None = None
+    began: float = field(default_factory=time.monotonic)
+
+    def share(self, now: float | None = None) -> float | None:
+        """Share that is done at a time, 0 to 1, which never falls; None if unknown."""
+        if self.done is not None:
+            return self.done
+        if self.expected is None:
+            return None
+        return min(self._elapsed(now) / self.expected, _NEVER_DONE)
+
+    def seconds_left(self, now: float | None = None) -> float | None:
+        """Seconds that it will still take, at least 0; None if unknown, as when it takes longer than expected."""
+        elapsed = self._elapsed(now)
+        if self.done is not None:
+            return elapsed * (1 / self.done - 1) if self.done > 0 else None
+        if self.expected is None or elapsed > self.expected:
+            return None
+        return self.expected - elapsed
+
+    def _elapsed(self, now: float | None) -> float:
+        return max((time.monotonic() if now is None else now) - self.began, 0.0)
+
+
+Tell = Callable[[Step | None], None]
+_tell: ContextVar[Tell | None] = ContextVar("who is told", default=None)
+_outer: ContextVar[Step | None] = ContextVar("the step that the present one is a part of", default=None)
+_rates: dict[str, tuple[float, float]] = {}  # seconds for a unit of work, and of how much it was measured
+_lock = threading.Lock()
+
+
+@contextmanager
+def telling(tell: Tell) -> Iterator[None]:
+    """Tell of every step that this thread begins meanwhile, and None when there is none."""
+    before = _tell.set(tell)
+    try:
+        yield
+    finally:
+        _tell.reset(before)
+
+
+@contextmanager
+def step(
+    task: str, work: float | None = None, about: str = "", since: float | None = None
+) -> Iterator[Callable[[float], None]]:
+    """Tell of a step while it goes on; what it gives is called with the share that is done, where that is counted.
+
+    Parameters
+    ----------
+    task : str
+        What is being done; `about`, such as its size, is added when it is told.
+    work : float, optional
+        How much that is, in a unit of the task's own: seconds go with it.
+    since : float, optional
+        When it began, by `time.monotonic`, if not now.
+    """
+    known = _rates.get(task)
+    expected = known[0] * work if known and work else None
+    tell, outer = _tell.get(), _outer.get()
+    now = Step(f"{task}{about}", expected, None, time.monotonic() if since is None else since)
+
+    def done(share: float) -> None:
+        if tell and math.isfinite(share):
+            nonlocal now
+            now = Step(now.task, now.expected, min(max(share, now.done or 0.0), 1.0), now.began)
+            tell(now)
+
+    inner = _outer.set(now)
+    if tell:
+        tell(now)
+    try:
+        yield done
+        if work:
+            _learn(task, (time.monotonic() - now.began) / work, work)
+    finally:
+        _outer.reset(inner)
+        if tell:
+            tell(outer)
+
+
+def _learn(task: str, rate: float, work: float) -> None:
+    """Keep the rate of large works, which that of small ones does not tell: a busy machine takes longer at times."""
+    if rate * work < _SHORTEST:
+        return
+    with _lock:
+        before, most = _rates.get(task, (rate, 0.0))
+        if work >= most:
+            _rates[task] = rate, work
+        elif work >= _FORGETS * most:
+            _rates[task] = (before + rate) / 2, most

@@ -1,0 +1,89 @@
+"""What the window shows at several sizes and scales and in several states, as a program: JSON on the standard output.
+
+It draws nothing (`openGL_mock`), which takes a process of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+
+import polyscope.imgui as imgui
+
+from abfm_viewer.automation import Driver
+from abfm_viewer.panels.right_panel import TABS
+from abfm_viewer.widgets.texts import Texts
+from tests.viewer.sessions import EGG, ENDLESS
+
+SIZES = ((1000, 700), (1280, 800), (2560, 1440))
+SCALES = (1.0, 2.0)
+_WRITTEN = "saved /a/folder/with/a/name/that/is/long/enough/to/need/more/than/one/line/picture.png"
+
+
+def _states(gui: Driver) -> Iterator[str]:
+    """Bring the window from one state to the next."""
+    yield "start"
+    gui.session.amend(parameters=ENDLESS)
+    gui.session.match()
+    gui.wait(lambda s: s.solver.snapshot is not None)
+    gui.session.player.playing = False
+    yield "running"
+    gui.session.solver.cancel()
+    gui.wait(lambda s: s.solver.finished and s.result is not None)
+    gui.session.player.playing = False
+    yield "matched"
+    gui.window.exporter.message = _WRITTEN
+    yield "exported"
+    gui.window.dialogs.show("A title", ["A line."])
+    yield "asked"
+
+
+def _layouts(gui: Driver, lines: list[dict[str, object]]) -> Iterator[dict[str, object]]:
+    for state in _states(gui):
+        for scale in SCALES:
+            gui.session.amend(view=replace(gui.session.view, ui_scale=scale))
+            for tab in TABS:
+                gui.window.ui.show_tab(tab)
+                gui.frames(3)
+                lines.clear()
+                gui.frames(1)
+                assert not gui.errors
+                widgets = [
+                    asdict(w) | {"text_width": imgui.CalcTextSize(w.shown or w.label)[0]} for w in gui.window.ui.widgets
+                ]
+                yield {
+                    "state": state,
+                    "scale": scale,
+                    "tab": tab,
+                    "widgets": widgets,
+                    "lines": list(lines),
+                    "hidden": dict(gui.window.ui.hidden_heights),
+                    "parts": asdict(gui.window.parts),
+                }
+
+
+def _width(text: str) -> float:
+    return imgui.CalcTextSize(text)[0]
+
+
+def main() -> None:
+    lines: list[dict[str, object]] = []
+    line = Texts.line
+
+    def recorded(ui: Texts, text: str, *options: object, **more: object) -> None:
+        line(ui, text, *options, **more)
+        rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
+        lines.append({"text": text, "rect": rect, "area": ui._widget_record._areas[-1]})
+
+    Texts.line = recorded
+    found = []
+    for size in SIZES:
+        with Driver(EGG, backend="openGL_mock", size=size) as gui:
+            found += [layout | {"size": size} for layout in _layouts(gui, lines)]
+    json.dump(found, sys.stdout)
+
+
+if __name__ == "__main__":
+    main()
