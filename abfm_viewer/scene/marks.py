@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 import abfm
-from abfm.mesh import TriangleMesh
+from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
 from abfm_viewer.appearance import material
 from abfm_viewer.scene.opengl import ps
@@ -26,6 +26,7 @@ class _Middles(NamedTuple):
     barycentric: FloatArray
 
 
+@per_mesh
 def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
     """Faces spread over the surface: the largest in each cube of a grid whose size falls with the density, 0 to 1."""
     centers = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale

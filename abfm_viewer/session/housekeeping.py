@@ -37,6 +37,12 @@ class Housekeeping(Editing):
         """The same for another mesh of the history."""
         return self._kept.path(mesh)
 
+    @property
+    def title(self) -> str:
+        """What is open, as windows and the menu bar call it: with a star where something of it is in no file."""
+        name = self.path.name if self.path else self.document.name
+        return f"{'* ' if self.unsaved else ''}{name}"
+
     def has_new_result(self, document: Document) -> bool:
         """Whether a document has a result that is in no file."""
         return self._kept.has_new_result(document)

@@ -251,7 +251,7 @@ class Session(Housekeeping):
         self._notices.mend(RUN)
         failed, replaced = match is None, problem.mesh is not self.mesh
         if match is None and snapshot is not None:  # it failed: the best field so far must not be lost with it
-            match = unfinished_match(snapshot.shown, problem, self.functions_of(problem.mesh), run)
+            match = unfinished_match(snapshot.iteration, problem, self.functions_of(problem.mesh), run)
         document = self._run_began if replaced else self.document
         runs = document.runs if run is None else (*document.runs, run)
         if match is not None:

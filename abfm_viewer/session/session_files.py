@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from abfm import MeshError, TriangleMesh, load_mesh
+from abfm.assets import asset_path
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.presets import figure_document
+from abfm_viewer.document.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.files.project import save_project
 from abfm_viewer.session.housekeeping import OPENING
 from abfm_viewer.session.loading import Load
@@ -51,8 +53,15 @@ class SessionFiles:
         self._ask = ask
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="save")
         self._writing: list[_Writing] = []
+        self._samples: dict[TriangleMesh, str] = {}
         self._waiting: Callable[[], None] | None = None
         self.ways_out: dict[str, Callable[[], None]] = {}
+
+    @property
+    def sample(self) -> str:
+        """Which sample the document is of, by its name in the menu; empty if of none."""
+        session = self._session
+        return self._samples.get(session.mesh, session.document.name if session.document.name in MESH_SAMPLES else "")
 
     @property
     def saving(self) -> bool:
@@ -161,6 +170,7 @@ class SessionFiles:
         return partial(self._session.say, text, True, OPENING, remedies)
 
     def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
+        self._samples[mesh] = path.name if path in map(asset_path, MESH_SAMPLES) else ""
         self._show(path, partial(self._session.set_mesh, mesh, path.name), " ".join(mesh.messages))
 
     def _read_document(self, path: Path) -> Callable[[], None]:
@@ -180,6 +190,7 @@ class SessionFiles:
 
         def show() -> None:
             self._session.restore(document, known, None)
+            self._samples[document.mesh] = f"Figure {figure}"
             self._session.say(f"figure {figure} is ready: {ready}")
 
         return show

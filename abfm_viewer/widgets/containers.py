@@ -11,7 +11,7 @@ import polyscope.imgui as imgui
 import polyscope.implot as implot
 
 from abfm_viewer.appearance import theme
-from abfm_viewer.appearance.theme import Color, Palette
+from abfm_viewer.appearance.theme import Palette
 from abfm_viewer.document.document import Theme
 from abfm_viewer.widgets.widget_record import Rect, Widget, WidgetKind, WidgetRecord
 
@@ -20,15 +20,6 @@ _WINDOW = (
     | imgui.ImGuiWindowFlags_NoMove
     | imgui.ImGuiWindowFlags_NoSavedSettings
     | imgui.ImGuiWindowFlags_NoBringToFrontOnFocus
-)
-_CARD = (
-    imgui.ImGuiWindowFlags_NoTitleBar
-    | imgui.ImGuiWindowFlags_NoResize
-    | imgui.ImGuiWindowFlags_NoMove
-    | imgui.ImGuiWindowFlags_NoCollapse
-    | imgui.ImGuiWindowFlags_NoSavedSettings
-    | imgui.ImGuiWindowFlags_AlwaysAutoResize
-    | imgui.ImGuiWindowFlags_NoFocusOnAppearing
 )
 _DIALOG = (
     imgui.ImGuiWindowFlags_NoCollapse
@@ -83,24 +74,6 @@ class Containers:
             self._keep_scroll(name)
             yield
 
-    @contextmanager
-    def card(self, name: str, place: tuple[float, float, float], color: Color, highest: float) -> Iterator[None]:
-        """A window as high as what is in it, up to a height, at a left end, top and width; the colour is its edge's.
-
-        It takes the keyboard from nothing.
-        """
-        left, top, width = place
-        imgui.SetNextWindowPos((left, top))
-        imgui.SetNextWindowSizeConstraints((width, 0), (width, max(highest, self.px(40))))
-        imgui.PushStyleColor(imgui.ImGuiCol_Border, color)
-        imgui.PushStyleVar(imgui.ImGuiStyleVar_WindowBorderSize, max(1.0, 2 * self.scale))
-        imgui.PushStyleVar(imgui.ImGuiStyleVar_WindowRounding, self.px(6))
-        imgui.Begin(f"{name}##card", _CARD)
-        imgui.PopStyleVar(2)
-        imgui.PopStyleColor()
-        with self._inside(imgui.End, self._widget_record.area(_window_rect())):
-            yield
-
     def backdrop(self) -> None:
         """A veil over the whole window that keeps the mouse from what is behind it: draw it before a dialog."""
         imgui.SetNextWindowPos((0, 0))
@@ -122,7 +95,7 @@ class Containers:
             imgui.SetNextWindowSizeConstraints((size[0], 0), (size[0], 0.92 * display[1]))
         imgui.SetNextWindowFocus()
         imgui.Begin(title, _DIALOG | (0 if height else imgui.ImGuiWindowFlags_AlwaysAutoResize))
-        with self._inside(imgui.End, self._widget_record.area(_window_rect()), self._widget_record.section(title)):
+        with self._inside(imgui.End, self._widget_record.area(window_rect()), self._widget_record.section(title)):
             yield
 
     @contextmanager
@@ -141,7 +114,7 @@ class Containers:
             width = imgui.GetContentRegionAvail()[0] - imgui.GetStyle().ScrollbarSize - padding
             imgui.SetNextWindowContentSize((width, 0))
         imgui.BeginChild(name, (0, 0 if shrinks else height), flags)
-        with self._inside(imgui.EndChild, self._widget_record.area(_window_rect())):
+        with self._inside(imgui.EndChild, self._widget_record.area(window_rect())):
             self._keep_scroll(self._widget_record.path(name))
             yield
 
@@ -299,6 +272,6 @@ def close_by_escape() -> None:
         imgui.CloseCurrentPopup()
 
 
-def _window_rect() -> Rect:
+def window_rect() -> Rect:
     left, top = imgui.GetWindowPos()
     return left, top, left + imgui.GetWindowWidth(), top + imgui.GetWindowHeight()

@@ -9,7 +9,7 @@ import polyscope.imgui as imgui
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.document.document import Theme
-from abfm_viewer.widgets.containers import Containers
+from abfm_viewer.widgets.card import Cards
 
 _AWAY = 8  # how far the mouse moves before tooltips come again
 _CAPTION = 96  # the column of captions, at a scale of 1
@@ -21,7 +21,7 @@ Kind = Literal["ink", "muted", "failure", "good", "source", "target"]
 """Colours of texts, by their names in the theme."""
 
 
-class Texts(Containers):
+class Texts(Cards):
     """Draws words, in containers."""
 
     def __init__(self) -> None:

@@ -231,6 +231,12 @@ class Ui(Texts):
         self._done(label, "choice", "", shown, text="chosen" if chosen else "")
         return clicked, clicked and bool(imgui.IsMouseDoubleClicked(0))
 
+    def tile(self, label: str, chosen: bool, size: tuple[float, float]) -> bool:
+        """An empty place of a size in pixels in a menu, to be drawn on; whether it was chosen."""
+        pressed = bool(imgui.Selectable(f"##{label}", chosen, imgui.ImGuiSelectableFlags_None, size))
+        self.record(label, "item", text="checked" if chosen else "")
+        return pressed
+
     # What is refused
 
     def refuse(self, name: str, reason: str) -> None:

@@ -6,30 +6,44 @@ from typing import Any
 import polyscope.imgui as imgui
 
 from abfm import Parameters
-from abfm.experiments import FIGURES, TITLES
 from abfm_viewer.appearance import colormaps
+from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document.document import LAYOUTS, THEMES
+from abfm_viewer.scene.sample_textures import SampleTextures
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.window import samples_menu
 from abfm_viewer.window.actions import Action, Actions
 
 UI_SCALES = (1.0, 1.25, 1.5, 2.0)
 _LONGEST_PATH = 60
 
 _INITIAL = Parameters()
-_FIGURE = (
-    "The mesh, the functions and the parameters of this figure of the paper, ready to match; where the figure is about "
-    "a given field, its flow. Only the parameters, from Table 1: in the tab Match."
-)
 
 
-def draw(ui: Ui, actions: Actions) -> None:
+def draw(ui: Ui, actions: Actions, textures: SampleTextures) -> None:
+    def draw_samples(ui: Ui, actions: Actions) -> None:
+        samples_menu.draw(ui, actions.context.files, textures)
+
+    menus = {"File": _file, "Edit": _edit, "View": _view, "Samples": draw_samples, "Help": _help}
     with ui.menu_bar():
-        for label, draw_menu in _MENUS.items():
+        for label, draw_menu in menus.items():
             with ui.menu(label) as is_open:
                 if is_open:
                     draw_menu(ui, actions)
+        _title(ui, actions.context.session)
+
+
+def _title(ui: Ui, session: Session) -> None:
+    """What is open, at the right of the menu bar, where there is room for it."""
+    room = float(imgui.GetContentRegionAvail()[0]) - ui.px(16)
+    title = cut(session.title, room, lambda text: float(imgui.CalcTextSize(text)[0]))
+    width = float(imgui.CalcTextSize(title)[0])
+    imgui.SetCursorPosX(imgui.GetCursorPosX() + max(room - width, 0.0))
+    ui.note(title, "ink" if session.unsaved else "muted")
+    if session.unsaved:
+        ui.tip("Not saved since the last change (Ctrl+S).")
 
 
 def _file(ui: Ui, actions: Actions) -> None:
@@ -67,6 +81,10 @@ def _edit(ui: Ui, actions: Actions) -> None:
     for label, action, what in (("Undo", actions.undo, history.undo_label), ("Redo", actions.redo, history.redo_label)):
         if ui.menu_item(label, f"{what}   {action.hint}" if what else action.hint, enabled=bool(what)):
             action.do()
+    imgui.Separator()
+    session = actions.context.session
+    if ui.menu_item("Reset to defaults", enabled=session.parameters != _INITIAL):
+        session.set_parameter(label="reset the parameters", **_INITIAL.to_dict())
 
 
 def _view(ui: Ui, actions: Actions) -> None:
@@ -98,18 +116,6 @@ def _choices(ui: Ui, session: Session, label: str, name: str, choices: dict[str,
                 session.set_view(f"change the {label.replace('UI', 'window').lower()}", "", **{name: value})
 
 
-def _presets(ui: Ui, actions: Actions) -> None:
-    session = actions.context.session
-    for figure in FIGURES:
-        chosen = ui.menu_item(f"Figure {figure}: {TITLES[figure]}")
-        ui.tip(_FIGURE)
-        if chosen:
-            actions.context.files.open_figure(figure)
-    imgui.Separator()
-    if ui.menu_item("Reset to defaults", enabled=session.parameters != _INITIAL):
-        session.set_parameter(label="reset the parameters", **_INITIAL.to_dict())
-
-
 def _help(ui: Ui, actions: Actions) -> None:
     _item(ui, "Shortcuts", actions.show_shortcuts)
     if ui.menu_item("Messages"):
@@ -129,6 +135,3 @@ def _short(path: Path) -> str:
     if text.startswith(f"{home}/"):
         text = f"~{text[len(home) :]}"
     return text if len(text) <= _LONGEST_PATH else f"{text[:15]}...{text[-_LONGEST_PATH + 18 :]}"
-
-
-_MENUS = {"File": _file, "Edit": _edit, "View": _view, "Presets": _presets, "Help": _help}

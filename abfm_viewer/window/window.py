@@ -26,7 +26,9 @@ from abfm_viewer.scene.annotations import bar_room, draw_annotations, window_pen
 from abfm_viewer.scene.gaussian_markers import GaussianMarkers
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.resting import Resting
+from abfm_viewer.scene.sample_textures import SampleTextures
 from abfm_viewer.scene.scene import Scene
+from abfm_viewer.scene.window_title import WindowTitle
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import OTHER_MESH, OTHER_NAME, SessionFiles
@@ -122,6 +124,8 @@ class Window:
         self.resting = Resting(session, backend == opengl.WINDOW)
         self.mouse = Mouse()
         self.keyboard = Keyboard()
+        self.title = WindowTitle()
+        self.sample_textures = SampleTextures()
         self.gaussian_markers = GaussianMarkers()
 
     def run(self) -> None:
@@ -229,7 +233,7 @@ class Window:
         self.guarded("markers", lambda: self.gaussian_markers.draw(self.ui, self.session, self.scene, parts.scene))
         self.guarded("labels", lambda: draw_annotations(self.ui, self.scene, parts.scene, view.color_bar))
         with self.ui.disabled(self.dialogs.is_open):
-            self.guarded("menu", lambda: menus.draw(self.ui, self.actions))
+            self.guarded("menu", lambda: menus.draw(self.ui, self.actions, self.sample_textures))
             self.guarded("panel", lambda: right_panel.draw(self.context, parts.panel, self.guarded))
             self.guarded("time bar", lambda: time_bar.draw(self.context, parts.time_bar))
             self.guarded("status line", lambda: status_line.draw(self.context, parts.status))
@@ -256,6 +260,7 @@ class Window:
         self.session.player.held = not self.shown.is_ready
         self.session.update()
         self.files.update()
+        self.title.show(f"{self.session.title} - abfm")
         if self.preferences and self.recoveries:
             self.recoveries.update()
             self.preferences.update()

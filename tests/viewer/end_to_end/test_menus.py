@@ -264,12 +264,12 @@ def test_the_camera_turns_and_is_reset(gui):
 
 def test_defaults_return(gui):
     gui.session.set_parameter(alpha=3.0)
-    gui.click("Reset to defaults", within="Presets")
+    gui.click("Reset to defaults", within="Edit")
     assert gui.session.parameters == Parameters()
 
 
 def test_help_is_closed_again(gui):
-    for entry, title in (("Shortcuts", "Shortcuts"), ("About", "About abfm")):
+    for entry, title in (("Shortcuts", "Shortcuts"), ("Messages", "Messages"), ("About", "About abfm")):
         gui.menu("Help", entry)
         gui.click("Close", within=title)
         assert not gui.window.dialogs.is_open

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from abfm.matching import Remedy
 from abfm_viewer.panels.right_panel import STEPS
 from tests.viewer.sessions import ENDLESS
 
@@ -136,3 +137,20 @@ def test_a_match_that_was_cancelled_goes_on_at_one_click(gui):
     gui.click("Continue", within="verdict")
     gui.wait(lambda s: s.solver.snapshot is not None)
     assert gui.session.solver.snapshot.iteration.mismatch <= 1.01 * left
+
+
+@pytest.mark.parametrize(
+    ("label", "parameters"),
+    [("More time", {"iterations": 60}), ("Smoother", {"alpha": 0.03}), ("Match closer", {"sigma": 0.01})],
+)
+def test_each_remedy_is_a_button_that_changes_what_it_says_and_starts_a_run(gui, label, parameters):
+    blindly(gui, iterations=8)
+    result = gui.session.result
+    gui.session.amend(
+        result=replace(result, verdict=replace(result.verdict, remedies=(Remedy(label, "so", parameters),)))
+    )
+    gui.frames(1)
+    gui.click(label, within="verdict")
+    assert gui.session.solver.running
+    gui.wait(lambda s: s.solver.finished)
+    assert gui.session.result.parameters == replace(result.parameters, **parameters)

@@ -261,13 +261,14 @@ def test_the_vertex_map_stays_when_what_is_inside_changes(gui, tmp_path):
     order = np.roll(np.arange(len(EGG.vertices)), 1)
     np.savetxt(tmp_path / "order 1.txt", order, fmt="%d")
     np.save(tmp_path / "values.npy", EGG.vertices[:, 0])
+    before = gaussians(spec(gui))[0].width
     gui.choose("vertex map", "file...", within="source")
     gui.double_click("order 1.txt")
     gui.click("Add Gaussian", within="source")
     gui.type("width", "0.2", within="source")
     gui.pick(vertex=12)
     assert "goes through a vertex map" in gui.session.notice.text
-    assert [gaussian.width for gaussian in gaussians(spec(gui))] == [0.1, 0.2]
+    assert [gaussian.width for gaussian in gaussians(spec(gui))] == [before, 0.2]
     gui.choose("family", "file", within="source")
     gui.double_click("values.npy")
     gui.wait(lambda s: not s.obstacle)
@@ -338,18 +339,18 @@ def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
     now = [100.0]
     monkeypatch.setattr("abfm_viewer.window.mouse.time.perf_counter", lambda: now[0])
     vertex = front(gui)
-    camera = gui.window.scene.camera()
+    camera, before = gui.window.scene.camera(), gaussians(spec(gui, "target"))[0].width
     gui.wheel(1, vertex, surface="target")
     gui.wheel(1, vertex, surface="target")
     now[0] += 10
     gui.frames(2)
     gui.wheel(-1, vertex, surface="target")
-    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(0.112, abs=0.001)
+    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(1.12 * before, rel=0.01)
     np.testing.assert_allclose(gui.window.scene.camera().position, camera.position)
     gui.session.undo()
-    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(0.125, abs=0.001)
+    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(1.25 * before, rel=0.01)
     gui.session.undo()
-    assert gaussians(spec(gui, "target"))[0].width == 0.1
+    assert gaussians(spec(gui, "target"))[0].width == before
 
 
 def test_where_there_is_no_gaussian_the_status_line_says_what_to_do(gui):

@@ -9,6 +9,7 @@ import pytest
 
 import abfm
 from abfm import AbfmError, FunctionError, ParameterError
+from abfm_viewer.appearance.theme import LIGHT
 from abfm_viewer.document.document import Camera, Channel, Document
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.scene import opengl
@@ -150,8 +151,9 @@ def test_names_and_colour_bars_are_written_and_left_out(document):
         drawn(document, options=PictureOptions(color_bar=bar, labels=labels))
         for bar, labels in ((False, False), (False, True), (True, False))
     )
-    assert {(0x24, 0x55, 0xC3), (0xC6, 0x28, 0x28)} <= set(map(tuple, names.reshape(-1, 3).tolist()))
-    assert (0xC6, 0x28, 0x28) not in set(map(tuple, bare.reshape(-1, 3).tolist()))
+    source, target = (tuple(round(255 * c) for c in color[:3]) for color in (LIGHT.source, LIGHT.target))
+    assert {source, target} <= set(map(tuple, names.reshape(-1, 3).tolist()))
+    assert target not in set(map(tuple, bare.reshape(-1, 3).tolist()))
     assert not is_empty(bars[-50:, :200]).all()
     assert is_empty(names[-8:]).all()
     hidden = replace(document, view=replace(document.view, color_bar=False))

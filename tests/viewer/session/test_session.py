@@ -257,6 +257,7 @@ def test_undo_does_not_leave_a_mesh_that_is_being_matched(session):
 
 
 def test_a_run_that_fails_leaves_its_best_field(endless, monkeypatch):
+    endless.amend(parameters=replace(ENDLESS, levels=1))
     solving(endless)
     monkeypatch.setattr(endless.solver, "_yield_to_next", lambda: 1 / 0)
     until(lambda: endless.solver.finished, endless)

@@ -150,7 +150,9 @@ def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(session
 
     monkeypatch.setattr("abfm.baselines.optimal_transport", late)
     session.amend(time=0.5 * session.parameters.tau)
-    assert painter.paint("optimal transport") is before
+    meanwhile = painter.paint("optimal transport")
+    assert meanwhile.values is before.values
+    assert meanwhile.title == "optimal transport: computing"
     assert shown.mass_transport.busy
     go_on.set()
     assert abs(settled_transport(shown, painter).values - before.values).max() > 0.1

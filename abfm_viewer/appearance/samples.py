@@ -1,0 +1,25 @@
+"""The small pictures of the samples, in one image, and how many vertices each sample has."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+PICTURES = Path(__file__).with_name("samples.png")
+"""Squares of `SIDE` pixels, `COLUMNS` in a row, in the order of the table."""
+TABLE = Path(__file__).with_name("samples.json")
+"""Vertices by the samples' names."""
+SIDE, COLUMNS = 96, 6
+
+
+@cache
+def vertices() -> dict[str, int]:
+    """How many vertices each sample has, by its name."""
+    table: dict[str, int] = json.loads(TABLE.read_text(encoding="utf-8"))
+    return table
+
+
+def part(name: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Where a sample's picture is in the image: its left upper and right lower corner, 0 to 1."""
+    number, rows = list(vertices()).index(name), -(-len(vertices()) // COLUMNS)
+    column, row = number % COLUMNS, number // COLUMNS
+    return (column / COLUMNS, row / rows), ((column + 1) / COLUMNS, (row + 1) / rows)

@@ -1,0 +1,27 @@
+"""What the app brings along: meshes, and the paper's figures."""
+
+from dataclasses import dataclass
+
+from abfm.experiments import FIGURES, TITLES
+
+MESHES = {
+    "human_A.off": "A human, coarse.",
+    "human_B.off": "The same human in another pose, vertex by vertex.",
+    "human_fine_A.off": "The first human with more triangles.",
+    "eight.off": "Two holes: fields that go around them exist here.",
+    "fandisk.off": "A mechanical part with sharp edges.",
+}
+"""The bundled meshes, and a few words for each."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A mesh, or a figure (0 for none), by its name in the menu."""
+
+    name: str
+    about: str
+    figure: int = 0
+
+
+SAMPLES = tuple(Sample(name, about) for name, about in MESHES.items())
+FIGURE_SAMPLES = tuple(Sample(f"Figure {figure}", TITLES[figure], figure) for figure in FIGURES)

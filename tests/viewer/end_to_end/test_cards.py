@@ -1,0 +1,214 @@
+"""Messages over the surfaces: errors with their remedies, what is being opened, and the log of all of it."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import polyscope.imgui as imgui
+import pytest
+from PIL import Image
+
+from abfm_viewer.session import session_files
+from tests.mesh_writers import off_text
+from tests.shapes import icosphere
+
+
+@pytest.fixture
+def two_spheres(tmp_path):
+    """A mesh file of two components."""
+    small, large = icosphere(1), icosphere(2)
+    vertices = np.concatenate([small.vertices, 2 * large.vertices + 9])
+    faces = np.concatenate([small.faces, large.faces + len(small.vertices)])
+    path = tmp_path / "two.off"
+    path.write_text(off_text(vertices, faces))
+    return path
+
+
+def cards(gui):
+    """The buttons of each card, the latest first."""
+    gui.frames(2)
+    found: dict[str, list[str]] = {}
+    for widget in gui.window.ui.widgets:
+        if widget.section.startswith("message "):
+            found.setdefault(widget.section, []).append(widget.label)
+    return list(found.values())
+
+
+def test_a_mesh_of_several_components_is_opened_by_its_remedy(gui, two_spheres):
+    gui.window._dropped([str(two_spheres)])
+    gui.wait(lambda s: s.cards)
+    assert cards(gui) == [["Open the largest component", "Open another mesh...", "Dismiss"]]
+    assert "several components" in gui.session.cards[0].text
+    gui.click("Open another mesh...", "message 1")
+    assert gui.window.dialogs.is_open
+    gui.click("Cancel", "Open a mesh")
+    assert cards(gui) == []  # who goes on has read it
+    gui.window._dropped([str(two_spheres)])
+    gui.wait(lambda s: s.cards)
+    gui.click("Open the largest component")
+    gui.wait(lambda s: len(s.mesh.vertices) == 162)
+    assert cards(gui) == []
+
+
+def test_a_bad_file_says_everything_until_it_is_dismissed_or_mended(gui, tmp_path):
+    bad = tmp_path / "bad.off"
+    bad.write_text("OFF\nnonsense\n")
+    gui.window._dropped([str(bad)])
+    gui.wait(lambda s: s.cards)
+    gui.session.set_parameter(alpha=2)
+    gui.frames(30)
+    assert cards(gui) == [["Try again", "Open another mesh...", "Dismiss"]]
+    sphere = icosphere(1)
+    bad.write_text(off_text(sphere.vertices, sphere.faces))
+    gui.click("Try again")
+    gui.wait(lambda s: s.document.name == "bad.off")
+    assert cards(gui) == []
+
+
+def test_at_most_three_are_shown_and_escape_takes_the_latest(running):
+    gui = running
+    for number in range(5):
+        gui.session.say(f"problem {number}", is_error=True)
+    gui.session.say("problem 4", is_error=True)  # no second time
+    assert cards(gui) == [["Dismiss"]] * 3
+    gui.click("Dismiss", "message 2")
+    assert [card.text for card in gui.session.cards] == ["problem 4", "problem 2", "problem 1", "problem 0"]
+    gui.key("esc")
+    assert gui.session.cards[0].text == "problem 2"
+    while gui.session.cards:
+        gui.key("esc")
+    assert gui.session.solver.running
+    gui.key("esc")
+    gui.wait(lambda s: s.solver.finished)
+
+
+def test_cards_take_no_click_beside_them_and_no_keys(gui):
+    gui.click("Match", "steps")
+    gui.click("sigma")
+    assert imgui.GetIO().WantTextInput
+    gui.session.say("a problem", is_error=True)
+    gui.frames(5)
+    assert imgui.GetIO().WantTextInput
+    card = next(w for w in gui.window.ui.widgets if w.section == "message 1")
+    left, top, _, bottom = card.area
+    gui.input.move((left + gui.window.parts.scene[0]) / 2, (top + bottom) / 2)
+    assert not imgui.GetIO().WantCaptureMouse
+    gui.input.move(*card.rect[:2])
+    assert imgui.GetIO().WantCaptureMouse
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_a_card_is_in_front_of_the_surfaces(gui, tmp_path, theme):
+    gui.session.set_view("theme", theme=theme)
+    gui.session.say("a problem " * 30, is_error=True)
+    gui.frames(3)
+    card = next(w for w in gui.window.ui.widgets if w.section == "message 1")
+    left, top, right, bottom = card.area
+    assert gui.window.parts.scene[0] <= left < right <= gui.window.parts.scene[2]
+    gui.screenshot(tmp_path / "a.png")
+    pixels = np.asarray(Image.open(tmp_path / "a.png").convert("RGB"), dtype=int)
+    inside = pixels[int(top) + 4 : int(bottom) - 4, int(left) + 4 : int(right) - 4].reshape(-1, 3)
+    panel = np.array(gui.window.ui.colors.panel[:3]) * 255
+    assert (np.abs(inside - panel).max(axis=1) < 6).mean() > 0.5
+
+
+def test_a_save_that_fails_is_tried_again_or_goes_elsewhere(gui, tmp_path):
+    (tmp_path / "inner").mkdir()
+    gui.session.set_parameter(alpha=2)
+    gui.window.files.save(tmp_path / "inner" / "a.abfm")
+    gui.wait(lambda s: s.path)
+    (tmp_path / "inner" / "a.abfm").unlink()
+    (tmp_path / "inner").rmdir()
+    gui.session.set_parameter(alpha=3)
+    gui.key("ctrl+s")
+    gui.wait(lambda s: s.cards)
+    gui.click("Save as...", "message 1")
+    assert gui.window.dialogs.is_open
+    gui.click("Cancel", "Save the project")
+    gui.key("ctrl+s")
+    gui.wait(lambda s: s.cards)
+    (tmp_path / "inner").mkdir()
+    gui.click("Try again")
+    gui.wait(lambda s: not s.unsaved)
+    assert cards(gui) == []
+
+
+def test_what_is_being_opened_is_shown_with_a_way_out(gui, tmp_path, monkeypatch):
+    sphere, may_go_on = icosphere(1), threading.Event()
+    path = tmp_path / "slow.off"
+    path.write_text(off_text(sphere.vertices, sphere.faces))
+    read = session_files.load_mesh
+
+    def slow(*words, **options):
+        assert may_go_on.wait(60)
+        return read(*words, **options)
+
+    monkeypatch.setattr(session_files, "load_mesh", slow)
+    before = gui.session.document.mesh
+    gui.window._dropped([str(path)])
+    gui.wait(lambda s: any(w.section == "opening" for w in gui.window.ui.widgets))
+    assert not gui.is_enabled("Match")
+    gui.key("ctrl+enter")
+    assert not gui.session.solver.running
+    gui.click("Cancel", "opening")
+    assert gui.is_enabled("Match")
+    may_go_on.set()
+    gui.frames(10)
+    assert gui.session.mesh is before
+    gui.window._dropped([str(path)])
+    gui.wait(lambda s: len(s.mesh.vertices) == 42)
+    assert not [w for w in gui.window.ui.widgets if w.section == "opening"]
+
+
+def test_the_log_has_everything_and_can_be_copied(gui, tmp_path):
+    gui.session.say("first a notice")
+    gui.window._dropped([str(tmp_path / "song.mp3")])
+    gui.menu("Help", "Messages")
+    gui.click("Copy")
+    lines = imgui.GetClipboardText().splitlines()
+    assert lines[0].endswith("notice: first a notice")
+    assert "error: song.mp3 cannot be opened" in lines[1]
+    gui.click("Close", "Messages")
+
+
+def test_the_title_says_what_is_open_and_whether_it_is_saved(gui, tmp_path):
+    assert gui.session.title == "mesh"
+    gui.session.set_parameter(alpha=2)
+    assert gui.session.title == "* mesh"
+    gui.window.files.save(tmp_path / "mine.abfm")
+    gui.wait(lambda s: not s.unsaved)
+    assert gui.session.title == "mine.abfm"
+    assert gui.window.title._now == "mine.abfm - abfm"
+
+
+def test_closing_names_what_was_left(matched, tmp_path):
+    gui, found = matched, matched.session.result
+    sphere = icosphere(1)
+    path = tmp_path / "b.off"
+    path.write_text(off_text(sphere.vertices, sphere.faces))
+    gui.window.files.open(path)
+    gui.wait(lambda s: s.document.name == "b.off" and s.channels)
+    gui.key("ctrl+q")
+    assert gui.window.dialogs.is_asking("Save before closing?")
+    gui.click("Save", within="Save before closing?")
+    gui.type("file name", "kept")
+    gui.wait(lambda _: gui.window.closing)
+    gui.window.closing = False
+    gui.window.files.open(tmp_path / "kept.abfm")
+    gui.wait(lambda s: s.result is not None)
+    np.testing.assert_array_equal(gui.session.result.velocity, found.velocity)
+
+
+def test_opening_during_a_run_asks_in_the_window(running, tmp_path):
+    gui, sphere = running, icosphere(1)
+    path = tmp_path / "b.off"
+    path.write_text(off_text(sphere.vertices, sphere.faces))
+    gui.window._dropped([str(path)])
+    gui.click("Go back", within="End the run?")
+    assert gui.session.solver.running
+    gui.window._dropped([str(path)])
+    gui.click("End the run")
+    gui.wait(lambda s: s.document.name == "b.off")
+    gui.key("ctrl+z")
+    assert gui.session.result is not None

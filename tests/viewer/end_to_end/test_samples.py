@@ -1,0 +1,110 @@
+"""The menu Samples: every bundled mesh and every figure of the paper opens ready to match."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from abfm import load_mesh
+from abfm.assets import asset_names, asset_path
+from abfm.experiments import FIGURES, experiment_of
+from abfm_viewer.appearance.samples import PICTURES, SIDE, vertices
+from abfm_viewer.automation import Driver
+from abfm_viewer.document.samples import MESHES
+from abfm_viewer.scene.scene import Scene
+from tests.shapes import icosphere
+from tests.viewer.sessions import SIZE
+
+
+@pytest.fixture(scope="module")
+def presets():
+    with Driver(icosphere(1), size=SIZE) as driver:
+        yield driver
+
+
+def wait(gui, condition, seconds=60):
+    """Wait with few frames: they take the time of what is computed."""
+    end = time.monotonic() + seconds
+    while not condition(gui.session):
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.1)
+        gui.frames(1)
+
+
+@pytest.mark.parametrize("figure", FIGURES)
+def test_a_figure_is_ready_to_match(presets, figure):
+    setup = experiment_of(figure).set_up(None, False)
+    presets.menu("Samples", f"Figure {figure}")
+    wait(presets, lambda session: session.notice.text.startswith(f"figure {figure} is ready"))  # is gone after a while
+    wait(presets, lambda session: session.mesh.vertices.shape == setup.mesh.vertices.shape and not session.obstacle)
+    session = presets.session
+    np.testing.assert_array_equal(session.mesh.vertices, setup.mesh.vertices)
+    assert session.parameters == setup.parameters
+    values = np.stack([session.functions.evaluate(channel.source) for channel in session.channels], axis=1)
+    np.testing.assert_allclose(values, setup.source, atol=1e-12)
+    values = np.stack([session.functions.evaluate(channel.target) for channel in session.channels], axis=1)
+    np.testing.assert_allclose(values, setup.target, atol=1e-12)
+    assert not session.unsaved
+    assert (session.result is None) == (setup.flow is None)
+    if setup.flow is not None:
+        np.testing.assert_array_equal(session.result.velocity, setup.flow.velocity)
+    assert presets.text_of(f"Figure {figure}", "Samples") == "checked"
+    assert vertices()[f"Figure {figure}"] == len(setup.mesh.vertices)
+    assert presets.errors == {}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_bundled_mesh_opens_like_a_file(presets, name):
+    mesh = load_mesh(asset_path(name))
+    presets.menu("Samples", name)
+    wait(presets, lambda session: session.document.name == name and not session.obstacle)
+    np.testing.assert_array_equal(presets.session.mesh.vertices, mesh.vertices)
+    assert vertices()[name] == len(mesh.vertices)
+    assert presets.window.files.recent()[0] == asset_path(name)
+    checked = [w.label for w in opened_menu(presets) if w.text == "checked"]
+    assert checked == [name]
+    presets.key("esc")
+
+
+def opened_menu(gui):
+    """The entries of Samples, which stays open."""
+    gui.click("Samples")
+    gui.frames(2)
+    return [w for w in gui.window.ui.widgets if w.section == "Samples"]
+
+
+def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(presets):
+    assert sorted(MESHES) == sorted(name for name in asset_names() if name.endswith(".off"))
+    names = [*MESHES, *(f"Figure {figure}" for figure in FIGURES)]
+    assert list(vertices()) == names
+    image = np.asarray(Image.open(PICTURES).convert("RGBA"))
+    rows, columns = image.shape[0] // SIDE, image.shape[1] // SIDE
+    tiles = [tile for row in np.split(image, rows) for tile in np.split(row, columns, axis=1)]
+    for tile in tiles[: len(names)]:
+        assert 0.02 < (tile[..., 3] > 128).mean() < 0.95  # a surface with nothing around it
+        assert tile[tile[..., 3] > 128, :3].std() > 5
+    assert PICTURES.stat().st_size < 100_000
+    assert [w.label for w in opened_menu(presets)] == names
+    presets.key("esc")
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_the_menu_fits_into_the_window(presets, scale):
+    presets.session.set_view("scale", ui_scale=scale)
+    entries = opened_menu(presets)
+    assert all(0 <= w.rect[0] < w.rect[2] <= SIZE[0] and 0 < w.rect[1] < w.rect[3] <= SIZE[1] for w in entries)
+    presets.key("esc")
+    presets.session.set_view("scale", ui_scale=1.0)
+
+
+def test_pictures_come_again_after_polyscope_forgot_its_structures(presets):
+    for _ in range(2):
+        assert opened_menu(presets)
+        presets.frames(3)
+        presets.key("esc")
+        presets.window.scene = Scene(presets.window.shown)  # which removes all of another
+        presets.frames(2)
+    assert presets.errors == {}
