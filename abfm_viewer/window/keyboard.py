@@ -4,7 +4,8 @@ from functools import cache
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.window.actions import Action, Actions
+from abfm_viewer.window.action import Action
+from abfm_viewer.window.actions import Actions
 
 _NAMES = {"Left": "LeftArrow", "Right": "RightArrow", "Esc": "Escape"}
 _ELSEWHERE = "status line"  # a window without text boxes
