@@ -12,6 +12,7 @@ from abfm.functions.family import quoted
 from abfm.types import FloatArray
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.progress import long_steps
 from abfm_viewer.cli.solving import solve
 from abfm_viewer.files import outputs
 
@@ -72,9 +73,10 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check(path, outputs.WRITERS)
     parameters = options.parameters(arguments)
     pairs, weights = _pairs(arguments)
-    mesh = options.mesh(arguments)
-    sources, targets = (_channels(mesh, specs) for specs in zip(*pairs, strict=True))
-    settings = {"mask": _mask(mesh, arguments.mask), "start": _start(mesh, arguments.start, parameters)}
+    with long_steps(arguments.quiet):
+        mesh = options.mesh(arguments)
+        sources, targets = (_channels(mesh, specs) for specs in zip(*pairs, strict=True))
+        settings = {"mask": _mask(mesh, arguments.mask), "start": _start(mesh, arguments.start, parameters)}
     outcome = solve(mesh, sources, targets, parameters, arguments.out, arguments.quiet, weights=weights, **settings)
     if arguments.json:
         print(json.dumps({"mesh": arguments.mesh, **outcome.to_dict()}))

@@ -6,30 +6,38 @@ On stderr, so that stdout stays for results.
 import json
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from abfm import Iteration
+from abfm.progress import Step, Tell, telling
 from abfm_viewer.document.verdict_words import place
 
 Report = Callable[[Iteration], None]
 _LASTING = 10  # iterations: what looks wrong for less mostly passes
+_LONG = 2.0  # seconds
 _LINES_EVERY = _LINES_OF_A_MOVIE = 10
 
 
 @contextmanager
 def progress(iterations: int, quiet: bool) -> Iterator[Report]:
-    """What to call after every iteration, `iterations` at most; what looks wrong early is said once, quiet or not."""
+    """What to call after every iteration, `iterations` at most; what looks wrong early is said once, quiet or not.
+
+    What else takes long meanwhile is told, too, with an estimate.
+    """
     warn = _Warner()
     if quiet:
         yield warn
     elif sys.stderr.isatty():
         numbers = TextColumn("energy {task.fields[energy]}  mismatch {task.fields[mismatch]}")
         columns = (*_counted("{task.fields[place]}"), numbers, TimeElapsedColumn(), TimeRemainingColumn())
-        with _bar(columns, iterations, place="-", energy="-", mismatch="-") as update:
+        with (
+            _bar(columns, iterations, place="starting", energy="-", mismatch="-") as update,
+            telling(_shown_by(update)),
+        ):
 
             def show(now: Iteration) -> None:
                 warn(now)
@@ -47,7 +55,25 @@ def progress(iterations: int, quiet: bool) -> Iterator[Report]:
             _print_line(now)
             warn(now)
 
-        yield say
+        with telling(_print_long):
+            yield say
+
+
+def _shown_by(update: Callable[..., None]) -> Tell:
+    return lambda step: update(place=step.words()) if step else None
+
+
+@contextmanager
+def long_steps(quiet: bool) -> Iterator[None]:
+    """Say what takes seconds, with an estimate, when it begins."""
+    with nullcontext() if quiet else telling(_print_long):
+        yield
+
+
+def _print_long(step: Step | None) -> None:
+    """A line for a step that is expected to take seconds, when it begins."""
+    if step and step.done is None and (step.expected or 0) >= _LONG:
+        print(step.words(), file=sys.stderr, flush=True)
 
 
 class _Warner:

@@ -7,6 +7,7 @@ from typing import Any, Generic, TypeVar
 
 from abfm import AbfmError
 from abfm.numerics.own_process import factoring_apart
+from abfm.progress import Step, telling
 from abfm_viewer.computing.memo import same
 
 Value = TypeVar("Value")
@@ -34,6 +35,7 @@ class Latest(Generic[Value]):
         self.key: object = None
         self.value: Value | None = None
         self.error = ""
+        self.step: Step | None = None  # of the job under way, if it tells any; may be read at any time
         self._name = name
         self._at_once = at_once
         self._wanted: object = None
@@ -110,7 +112,8 @@ class Latest(Generic[Value]):
         value: Value | None = None
         error = ""
         try:
-            value = job()
+            with telling(self._tell):
+                value = job()
         except Exception as problem:
             if not isinstance(problem, AbfmError | MemoryError):
                 traceback.print_exc()
@@ -119,6 +122,9 @@ class Latest(Generic[Value]):
             self._running = None
             if self.busy:  # else what is there already was asked for again meanwhile
                 self.key, self.value, self.error = key, value, error
+
+    def _tell(self, step: Step | None) -> None:
+        self.step = step
 
 
 class Jobs:
@@ -137,6 +143,11 @@ class Jobs:
     def error(self) -> str:
         """What could not be computed, in one line; empty if all could."""
         return next((one.error for one in self._all if one.error), "")
+
+    @property
+    def step(self) -> Step | None:
+        """What one of them does, if one tells."""
+        return next((one.step for one in self._all if one.busy and one.step), None)
 
     @property
     def busy(self) -> bool:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time as clock
+from collections import deque
+
 import numpy as np
 
 import abfm
@@ -11,6 +14,8 @@ from abfm_viewer.document.document import Run
 
 _Row = tuple[float, float, float, int, int, float]  # total, regularity, mismatch; stage, vertices, reach
 
+_RECENT = 20  # iterations that tell how long the next ones take
+
 
 class Energies:
     """Of one run, iterate by iterate."""
@@ -19,10 +24,18 @@ class Energies:
         self._rows: list[_Row] = []
         self._restarts: list[int] = []
         self._run = Memo[Run]()
+        self._recent: deque[float] = deque(maxlen=_RECENT)  # when they came
 
     def add(self, now: abfm.Iteration) -> None:
         energies = (now.energy, now.regularity, now.mismatch_energy)
+        self._recent.append(clock.monotonic())
         self._rows.append((*energies, now.stage, now.vertices, now.reach))
+
+    @property
+    def seconds_each(self) -> float | None:
+        """How long an iteration takes at present; None before there are two."""
+        times = list(self._recent)
+        return (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else None
 
     def restart(self) -> None:
         """Say that what comes belongs to another problem."""

@@ -9,6 +9,7 @@ import numpy as np
 
 import abfm
 from abfm import AbfmError, FunctionError, TriangleMesh
+from abfm.progress import Step
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Latest, one_line
 from abfm_viewer.computing.evaluator import Evaluator
@@ -45,6 +46,11 @@ class Functions:
     @property
     def busy(self) -> bool:
         return self._latest.busy
+
+    @property
+    def step(self) -> Step | None:
+        """What is being done for what was asked for, if it tells."""
+        return self._latest.step if self.busy else None
 
     def ask(self, specs: tuple[str, ...]) -> Evaluated | None:
         """Values of all specs; None while they are being computed."""

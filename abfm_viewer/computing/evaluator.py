@@ -12,6 +12,7 @@ import numpy as np
 import abfm
 from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests
+from abfm.progress import tell, telling
 from abfm.types import FloatArray
 from abfm_viewer.document.defaults import default_functions
 
@@ -50,7 +51,9 @@ class Evaluator:
             try:
                 process = self._process or self._start()
                 process.send(spec)
-                answer = process.receive()
+                while (received := process.receive())[0] == "step":
+                    tell(received[1] and received[1].begun_now())
+                answer = received[1]
             except (OSError, ProcessEndedError) as error:
                 self._process = None
                 raise FunctionError("the process that computes functions has ended; try again") from error
@@ -76,12 +79,13 @@ def _serve() -> None:
     mesh = next(queue)
     for spec in queue:
         try:
-            answer = _compute(mesh, spec)
+            with telling(lambda step: requests.answer(("step", step))):
+                answer = _compute(mesh, spec)
         except MemoryError as error:
             answer = MemoryError(str(error))
         except Exception as error:
             answer = FunctionError(str(error) if isinstance(error, AbfmError) else f"{type(error).__name__}: {error}")
-        requests.answer(answer)
+        requests.answer(("answer", answer))
 
 
 if __name__ == "__main__":

@@ -12,13 +12,14 @@ import weakref
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import fields, replace
+from functools import cached_property
 from queue import SimpleQueue
 from typing import Any
 
 import abfm
 from abfm import Control, Parameters, TriangleMesh
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError
-from abfm.progress import Step, Tell
+from abfm.progress import Tell
 from abfm.types import FloatArray
 
 MODULE = "abfm_viewer.computing.match_process"
@@ -28,6 +29,10 @@ _ENDED = "the process that matches has ended; match again"
 def numbers() -> list[str]:
     """Names of what an iterate is made of besides its look."""
     return [each.name for each in fields(abfm.Iteration) if each.name != "look"]
+
+
+Fetched = tuple[FloatArray, FloatArray]
+"""The fields (N, F, 3) of an iterate, and the source carried by them (V, C)."""
 
 
 class Relayed(Control):
@@ -51,23 +56,23 @@ class Relayed(Control):
 
 
 class RemoteLook:
-    """What an iterate looks like: its picture came along if it has one, its fields are fetched when asked for."""
+    """What an iterate looks like: its picture came along if it has one, what else is asked for is fetched."""
 
-    def __init__(self, picture: FloatArray | None, warning: str | None, fetch: Callable[[], FloatArray]) -> None:
+    def __init__(self, picture: FloatArray | None, warning: str | None, fetch: Callable[[], Fetched]) -> None:
         self.picture, self.warning, self._fetch = picture, warning, fetch
-        self._velocity: FloatArray | None = None
+
+    @cached_property
+    def _fetched(self) -> Fetched:
+        return self._fetch()
 
     @property
     def velocity(self) -> FloatArray:
         """The fields (N, F, 3); waits for the other process, so not for the frame loop."""
-        if self._velocity is None:
-            self._velocity = self._fetch()
-        return self._velocity
+        return self._fetched[0]
 
     @property
     def advected(self) -> FloatArray:
-        assert self.picture is not None
-        return self.picture
+        return self._fetched[1] if self.picture is None else self.picture
 
 
 class MatchApart:
@@ -114,7 +119,7 @@ class MatchApart:
             if kind == "iteration":
                 on_iteration(self._iteration(connection, number, *content))
             elif kind == "step":
-                tell(None if content is None else Step(content.task, content.expected, content.done))
+                tell(content and content.begun_now())
             elif kind == "match":
                 match: abfm.Match = replace(content, mesh=mesh)
                 return match
@@ -166,7 +171,7 @@ class _Connection:
         self._process = OwnProcess(MODULE)
         self._unsent: SimpleQueue[object] = SimpleQueue()
         self._run: tuple[int, SimpleQueue[tuple[str, Any]]] = (0, SimpleQueue())
-        self._fetched: dict[tuple[int, int], Future[FloatArray]] = {}
+        self._fetched: dict[tuple[int, int], Future[Fetched]] = {}
         self._lock = threading.Lock()
         for work in (self._write, self._read):
             threading.Thread(target=work, name="match process", daemon=True).start()
@@ -182,8 +187,8 @@ class _Connection:
                 self._run[1].put(("error", MemoryError(_ENDED)))
             return self._run[1]
 
-    def fetch(self, number: int, iteration: int) -> FloatArray:
-        """The fields of an iterate, or of one close by that is still known.
+    def fetch(self, number: int, iteration: int) -> Fetched:
+        """The fields of an iterate and the source carried by them, or those of one close by that is still known.
 
         Raises
         ------
@@ -196,7 +201,7 @@ class _Connection:
             is_new = (number, iteration) not in self._fetched
             future = self._fetched.setdefault((number, iteration), Future())
         if is_new:
-            self.send(("velocity", number, iteration))
+            self.send(("fetch", number, iteration))
         return future.result()
 
     def close(self) -> None:
@@ -216,7 +221,7 @@ class _Connection:
                 messages = self._process.receive()
                 with self._lock:
                     for kind, number, content in messages:
-                        if kind == "velocity":
+                        if kind == "fetch":
                             self._answer(self._fetched.pop((number, content[0])), content[1])
                         elif number == self._run[0]:
                             self._run[1].put((kind, content))
@@ -230,8 +235,8 @@ class _Connection:
         self.send(None)  # so that the writer ends
 
     @staticmethod
-    def _answer(future: Future[FloatArray], field: FloatArray | None) -> None:
-        if field is None:
+    def _answer(future: Future[Fetched], found: Fetched | None) -> None:
+        if found is None:
             future.set_exception(abfm.AbfmError("the field of that iterate is not known any more"))
         else:
-            future.set_result(field)
+            future.set_result(found)

@@ -35,8 +35,8 @@ class _Matching:
         for kind, *content in self._requests:
             if kind == "control":
                 self._control(*content)
-            elif kind == "velocity":
-                self._tell_velocity(*content)
+            elif kind == "fetch":
+                self._tell_look(*content)
             else:
                 self._work.put((kind, *content))
 
@@ -44,12 +44,12 @@ class _Matching:
         control = self._controls[number]
         control.cancel(briefly) if what == "cancel" else getattr(control, what)()
 
-    def _tell_velocity(self, number: int, iteration: int) -> None:
+    def _tell_look(self, number: int, iteration: int) -> None:
         with self._lock:
             known = [key for key in self._recent if key[0] == number]
             key = (number, iteration) if (number, iteration) in known else known[-1] if known else None
             found = None if key is None else self._recent[key]
-        self._answer("velocity", number, (iteration, None if found is None else found.velocity))
+        self._answer("fetch", number, (iteration, None if found is None else (found.velocity, found.advected)))
 
     def _answer(self, kind: str, number: int, content: object) -> None:
         self._unsent.put((kind, number, content))

@@ -126,6 +126,11 @@ class Solver:
             return None
         return self._energies.run(self.snapshot.iteration.mismatch, self.problem.parameters)
 
+    @property
+    def seconds_each(self) -> float | None:
+        """How long an iteration takes at present; None if unknown."""
+        return None if self.paused else self._energies.seconds_each
+
     def start(self, problem: Problem, functions: Functions, field: FloatArray | None = None) -> None:
         """Begin a run, from a field (N, F, 3) if there is one."""
         self.state, self.reason, self.snapshot = State.RUNNING, "", None

@@ -1,21 +1,34 @@
-"""What goes on while the solver runs: how far it is, and where in its course."""
+"""What goes on while the solver runs: how far it is, where in its course, and how long it may still take."""
 
 import polyscope.imgui as imgui
 
+from abfm.progress import Step, rounded
 from abfm_viewer.document.verdict_words import place
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
 
 def draw(ui: Ui, session: Session) -> None:
-    snapshot = session.solver.snapshot
+    solver = session.solver
+    snapshot, step = solver.snapshot, solver.step
     if snapshot is None:
-        imgui.ProgressBar(0, (-1, 0), "")
-        ui.note("Starting: making coarser meshes and factoring the norm of the field")
+        draw_step(ui, step or Step("starting the solver"))
         return
     now, limit = snapshot.iteration, snapshot.problem.parameters.iterations
     imgui.ProgressBar(now.iteration / max(limit, 1), (-1, 0), "")
-    ui.note(f"Iteration {now.iteration}/{limit}, mismatch {now.mismatch:.3g}", "ink")
-    ui.note(place(now).capitalize())
+    each = None if step else solver.seconds_each
+    at_most = f", at most {rounded(each * (limit - now.iteration))} more" if each and limit > now.iteration else ""
+    ui.note(f"Iteration {now.iteration}/{limit}{at_most}, mismatch {now.mismatch:.3g}", "ink")
+    ui.note(_sentence(step.words() if step else place(now)))
     if now.warning:
-        ui.note(f"{now.warning[:1].upper()}{now.warning[1:]}.", "failure")
+        ui.note(f"{_sentence(now.warning)}.", "failure")
+
+
+def draw_step(ui: Ui, step: Step) -> None:
+    """Draw a bar, empty where nobody knows how long it takes, and what is being done."""
+    imgui.ProgressBar(step.share() or 0.0, (-1, 0), "")
+    ui.note(_sentence(step.words()))
+
+
+def _sentence(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}"

@@ -30,7 +30,7 @@ def _state(context: Context) -> str:
     session, solver, result = context.session, context.session.solver, context.session.result
     if solver.running:
         if (snapshot := solver.snapshot) is None:
-            return "starting the solver"
+            return solver.step.words() if solver.step else "starting the solver"
         state = "paused" if solver.paused else "solving"
         return f"{state}, {place(snapshot.iteration)}, mismatch {snapshot.iteration.mismatch:.3g}"
     if context.shown.busy:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from abfm.progress import Step
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.session.notices import Remedies
 
@@ -41,6 +42,11 @@ class Loading:
         self._jobs = jobs
         self._latest: Latest[Callable[[], None]] = jobs.latest("open")
         self.now: Load | None = None
+
+    @property
+    def step(self) -> Step | None:
+        """What is being done for it, if it tells."""
+        return self._latest.step if self.now else None
 
     def begin(self, load: Load) -> None:
         """Read something instead of what is being read."""

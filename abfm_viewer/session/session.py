@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abfm import TriangleMesh
+from abfm import AbfmError, TriangleMesh
+from abfm.progress import said
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Evaluated, Functions
@@ -81,7 +83,7 @@ class Session(Housekeeping):
 
     def set_mesh(self, mesh: TriangleMesh, name: str) -> None:
         """Show another mesh with default functions; the parameters stay."""
-        view = replace(self.view, camera=None, front=None)
+        view = replace(self.view, look=None, front=None, large="")
         fresh = Document(mesh, name, parameters=self.parameters, view=view)
         self.restore(fresh, {}, None)
         self.say(" ".join(mesh.messages))
@@ -195,12 +197,12 @@ class Session(Housekeeping):
 
     @property
     def busy(self) -> str:
-        """What it computes in the background besides the solver, in a word or two; empty if nothing."""
+        """What it computes in the background besides the solver, and for how long if known; empty if nothing."""
         if self.loading:
-            return "opening"
+            return said("opening", self._loading.step)
         if not self.channels and not self._defaults.error:
-            return "choosing functions"
-        return "computing functions" if self.functions.busy else ""
+            return said("choosing functions", self._defaults.step)
+        return said("computing functions", self.functions.step) if self.functions.busy else ""
 
     # The frame
 
@@ -251,7 +253,8 @@ class Session(Housekeeping):
         self._notices.mend(RUN)
         failed, replaced = match is None, problem.mesh is not self.mesh
         if match is None and snapshot is not None:  # it failed: the best field so far must not be lost with it
-            match = unfinished_match(snapshot.iteration, problem, self.functions_of(problem.mesh), run)
+            with suppress(AbfmError):  # unless its process was killed
+                match = unfinished_match(snapshot.iteration, problem, self.functions_of(problem.mesh), run)
         document = self._run_began if replaced else self.document
         runs = document.runs if run is None else (*document.runs, run)
         if match is not None:

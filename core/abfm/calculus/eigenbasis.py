@@ -8,6 +8,7 @@ from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.cholesky import factor
+from abfm.progress import step
 from abfm.types import FloatArray
 
 BLOCKS = (32, 64, *range(128, 1025, 128))
@@ -48,7 +49,8 @@ def _block(mesh: TriangleMesh, size: int) -> tuple[FloatArray, FloatArray]:
         found = linalg.eigh(operator.toarray(), subset_by_index=(0, size - 1))
         values, vectors = (np.asarray(array, dtype=np.float64) for array in found)
     else:
-        values, vectors = _shift_invert(operator, size, shift=1 / mesh.length_scale**2)
+        with step("computing eigenfunctions", count * size, f": {size}"):
+            values, vectors = _shift_invert(operator, size, shift=1 / mesh.length_scale**2)
     order = np.argsort(values, kind="stable")
     functions = vectors[:, order] / root_mass[:, None]
     functions *= _signs(functions, vertex_areas(mesh))

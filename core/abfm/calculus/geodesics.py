@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from abfm.errors import FunctionError
 from abfm.mesh import TriangleMesh, per_mesh
+from abfm.progress import step
 from abfm.types import FloatArray
 
 
@@ -52,4 +53,5 @@ def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
 
 @per_mesh
 def _heat_solver(mesh: TriangleMesh) -> Any:
-    return potpourri3d.MeshHeatMethodDistanceSolver(mesh.vertices, mesh.faces, use_robust=True)
+    with step("factoring for distances", len(mesh.vertices) ** 1.5):
+        return potpourri3d.MeshHeatMethodDistanceSolver(mesh.vertices, mesh.faces, use_robust=True)

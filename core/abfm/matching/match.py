@@ -16,6 +16,7 @@ from abfm.matching.solving.record import Iteration
 from abfm.matching.solving.solve import Solver
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.progress import step
 
 __all__ = ["Control", "Iteration", "match"]
 
@@ -74,7 +75,9 @@ def match(
     try:
         if between is not None:
             between()
-        verified, folded = look(energy, to_ambient(energy.mesh, fields), energy.parameters.tau, between)
+        count = len(energy.mesh.vertices)
+        with step("checking by flow lines", count):
+            verified, folded = look(energy, to_ambient(energy.mesh, fields), energy.parameters.tau, between)
     except (ParameterError, CancelledError):  # too fast for walks, or no time for them
         verified, folded = np.nan, np.nan
     last = np.array(solver.stage_of) == solver.stage_of[-1]

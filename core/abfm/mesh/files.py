@@ -14,6 +14,7 @@ from abfm.mesh.readers.off import read_off
 from abfm.mesh.readers.ply import read_ply
 from abfm.mesh.readers.stl import read_stl
 from abfm.mesh.triangle_mesh import TriangleMesh
+from abfm.progress import step
 
 READERS: dict[str, Callable[[Path], FileContents]] = {
     ".obj": read_obj,
@@ -67,9 +68,11 @@ def _read(file: Path, ending: str) -> FileContents:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            if file.stat().st_size == 0:
+            size = file.stat().st_size
+            if size == 0:
                 raise ValueError("the file is empty")
-            return READERS[ending](file)
+            with step(f"reading {ending}", size):
+                return READERS[ending](file)
     except FileNotFoundError as error:
         missing = f"a file that it names is missing: {_reason(error)}" if file.exists() else "there is no such file"
         raise MeshError(missing) from error

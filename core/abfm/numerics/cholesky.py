@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import atexit
 import threading
+import time
 import weakref
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import ClassVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests, is_factored_apart
+from abfm.progress import step
 from abfm.types import FloatArray
 
 try:
@@ -36,11 +38,17 @@ def factor(matrix: sparse.csr_array) -> Solve:
         return np.copy
     if is_factored_apart(_work(matrix)):
         return _Elsewhere(matrix)
-    if CholeskySolverD is None:
-        return splu(
-            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        ).solve
-    return _Factor(matrix)
+    with _told(matrix.shape[0]):
+        if CholeskySolverD is not None:
+            return _Factor(matrix)
+        lu = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        solve: Solve = lu.solve
+        return solve
+
+
+def _told(unknowns: int, since: float | None = None) -> AbstractContextManager[object]:
+    """The step of `abfm.progress`: nested dissection of a surface's mesh takes n^(3/2) operations."""
+    return step("factoring", unknowns**1.5, f" a system of {unknowns:,} unknowns", since)
 
 
 def _work(matrix: sparse.csr_array) -> float:
@@ -86,6 +94,8 @@ class _Elsewhere:
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._lock = threading.Lock()
+        self._unknowns, self._since = matrix.shape[0], time.monotonic()
+        self._is_factored = False
         self._process = OwnProcess("abfm.numerics.cholesky")
         self._send(matrix)
 
@@ -93,7 +103,9 @@ class _Elsewhere:
         with self._lock:
             self._send(b)
             try:
-                x: FloatArray = self._process.receive()
+                with nullcontext() if self._is_factored else _told(self._unknowns, self._since):
+                    x: FloatArray = self._process.receive()
+                self._is_factored = True
             except ProcessEndedError:
                 raise MemoryError("the process that factors a linear system has ended") from None
         return x

@@ -18,6 +18,7 @@ from abfm.matching.solving.transfer import Transfer
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.coarsening import coarsened
 from abfm.parameters import Parameters
+from abfm.progress import step
 from abfm.types import FloatArray
 
 COARSEST = 2500
@@ -77,23 +78,26 @@ def levels(finest: list[Level], between: Callable[[], None]) -> list[Level]:
     counts, edges = _vertex_counts(energy.mesh, energy.parameters), np.inf
     if counts and not energy.parameters.levels:
         edges = narrowest(energy)
-    for count in counts:
-        between()
-        if edges >= _EDGES > edges * np.sqrt(count / size):
-            break  # what this mesh resolves and the coarser one does not would come back distorted
-        energy = found[0].energy
-        with _making(energy.mesh, between):
-            coarse = coarsened(energy.mesh, count)
-        if coarse is None:
-            break
-        transfer = _transfer(energy.mesh, coarse)
-        mask = None if energy.mask is None else np.maximum(transfer.function_to_coarse(energy.mask), 0)
-        if mask is not None and not mask.any():
-            break
-        f, g = transfer.function_to_coarse(energy.source), transfer.function_to_coarse(energy.target)
-        smaller = MatchingEnergy(coarse, f.T, g.T, energy.parameters, mask, energy.weights)
-        smaller.function_size = energy.function_size
-        found.insert(0, Level(smaller, transfer))
+    if not counts:
+        return found
+    with step("making coarser meshes", size):
+        for count in counts:
+            between()
+            if edges >= _EDGES > edges * np.sqrt(count / size):
+                break  # what this mesh resolves and the coarser one does not would come back distorted
+            energy = found[0].energy
+            with _making(energy.mesh, between):
+                coarse = coarsened(energy.mesh, count)
+            if coarse is None:
+                break
+            transfer = _transfer(energy.mesh, coarse)
+            mask = None if energy.mask is None else np.maximum(transfer.function_to_coarse(energy.mask), 0)
+            if mask is not None and not mask.any():
+                break
+            f, g = transfer.function_to_coarse(energy.source), transfer.function_to_coarse(energy.target)
+            smaller = MatchingEnergy(coarse, f.T, g.T, energy.parameters, mask, energy.weights)
+            smaller.function_size = energy.function_size
+            found.insert(0, Level(smaller, transfer))
     return found
 
 
@@ -113,6 +117,11 @@ def on_the_mesh(finest: MatchingEnergy) -> list[Level]:
 def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
     """Make the meshes of `levels` ahead, which a match in another thread waits for."""
     fine = mesh.normalized()
+    with step("making coarser meshes", len(fine.vertices)):
+        _prepare(fine, parameters)
+
+
+def _prepare(fine: TriangleMesh, parameters: Parameters) -> None:
     for count in _vertex_counts(fine, parameters):
         with _making(fine):
             coarse = coarsened(fine, count)

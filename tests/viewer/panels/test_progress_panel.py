@@ -1,0 +1,91 @@
+"""What the window says of long work: the solver's steps, and what is computed in the background."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import pytest
+
+from abfm import progress
+from abfm.progress import Step, step
+from abfm_viewer.computing.background import Latest
+from abfm_viewer.computing.evaluator import Evaluator
+from abfm_viewer.computing.solver import Solver
+from abfm_viewer.session.loading import Load
+from tests.viewer.sessions import ENDLESS, SPHERE, opened, solving, until
+
+
+def test_a_job_tells_what_it_does_until_it_is_done():
+    go_on, latest = threading.Event(), Latest("test")
+
+    def job() -> int:
+        with step("counting", about=" to ten"):
+            go_on.wait(10)
+        return 10
+
+    latest.ask(1, job)
+    until(lambda: latest.step)
+    assert latest.step.task == "counting to ten"
+    go_on.set()
+    until(lambda: not latest.busy)
+    assert (latest.step, latest.value) == (None, 10)
+    latest.close()
+
+
+@pytest.mark.parametrize("own_process", [False, True])
+def test_functions_tell_what_takes_long_also_from_their_process(own_process):
+    evaluator = Evaluator(SPHERE, own_process)
+    told: list[Step | None] = []
+    with progress.telling(told.append):
+        evaluator.values("eigenfunction:3")
+    tasks = [now.task for now in told if now]
+    assert "computing eigenfunctions: 32" in tasks
+    assert told[-1] is None
+    evaluator.close()
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_run_tells_its_steps_wherever_it_runs(apart, monkeypatch):
+    told: list[str] = []
+    tell = Solver._tell
+
+    def listen(self, step):
+        told.extend([step.task] if step else [])
+        tell(self, step)
+
+    monkeypatch.setattr(Solver, "_tell", listen)
+    session = opened()
+    if apart:
+        session.solver.work_apart()
+    session.match()
+    until(lambda: session.solver.finished, session)
+    assert any(task.startswith("factoring a system") for task in told)
+    assert told[-1] == "checking by flow lines"
+    assert session.solver.step is None
+    session.close()
+
+
+def test_a_run_tells_how_long_an_iteration_takes_but_not_while_it_is_paused():
+    session = solving(opened(replace(ENDLESS)))
+    assert session.solver.seconds_each > 0
+    session.solver.pause()
+    assert session.solver.seconds_each is None
+    session.close()
+
+
+def test_what_is_busy_is_said_with_its_step(monkeypatch):
+    session = opened()
+    go_on = threading.Event()
+
+    def read():
+        with step("reading .off", None):
+            go_on.wait(10)
+        return lambda: None
+
+    session.load(Load("opening a file", read))
+    until(lambda: session._loading.step, session)
+    assert session.busy == "opening: reading .off"
+    go_on.set()
+    until(lambda: not session.busy, session)
+    session.close()
