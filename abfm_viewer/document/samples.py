@@ -24,4 +24,6 @@ class Sample:
 
 
 SAMPLES = tuple(Sample(name, about) for name, about in MESHES.items())
-FIGURE_SAMPLES = tuple(Sample(f"Figure {figure}", TITLES[figure], figure) for figure in FIGURES)
+FIGURE_SAMPLES = tuple(
+    Sample(f"Figure {figure}", f"{TITLES[figure][:1].upper()}{TITLES[figure][1:]}.", figure) for figure in FIGURES
+)

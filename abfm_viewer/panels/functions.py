@@ -16,7 +16,7 @@ _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 le
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     if session.active is None:
-        ui.note("A source and a target for this mesh are being chosen ...")
+        ui.note("A source and a target for this mesh are being chosen.")
         return
     _draw_channels(context)
     for side in SIDES:

@@ -20,7 +20,7 @@ def draw(context: Context) -> None:
     elif result is None:
         failed = any(session.error(spec) for spec in session.specs)
         _line(ui, "No match yet", "ink")
-        _line(ui, _sentence(session.obstacle or _ABOUT), "failure" if failed else "muted")
+        _line(ui, _sentence(session.obstacle or _ABOUT), "failure" if failed else "muted", _MOST_LINES)
     if result is None:
         return
     tone = verdict_words.tone(result)
@@ -29,9 +29,9 @@ def draw(context: Context) -> None:
         _right(ui, f"{steps} iterations")
     why = "functions or parameters changed since" if session.outdated else verdict_words.why(result)
     _line(ui, _sentence(why), "ink", _MOST_LINES)
-    _line(ui, f"mismatch {verdict_words.numbers(result)}", "muted")
-    with ui.group("verdict"):
+    with ui.group("verdict"):  # before the numbers: in a low panel these are what is scrolled to
         _remedies(context)
+    _line(ui, f"mismatch {verdict_words.numbers(result)}", "muted")
 
 
 def _remedies(context: Context) -> None:

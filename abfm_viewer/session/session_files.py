@@ -162,7 +162,8 @@ class SessionFiles:
             largest = load_mesh(path, largest_component=True)
         except MeshError:
             raise MeshError(reason) from None
-        text = f"{path.name} has several components, and one is needed: {' '.join(largest.messages)}"
+        size = f"{len(largest.vertices):,} vertices and {len(largest.faces):,} faces"
+        text = f"{path.name} has several components, and one is needed; the largest has {size}"
         show: Callable[[], None] = partial(
             self.when_free, f"opening {path.name}", partial(self._show_mesh, path, largest)
         )
@@ -171,7 +172,7 @@ class SessionFiles:
 
     def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
         self._samples[mesh] = path.name if path in map(asset_path, MESH_SAMPLES) else ""
-        self._show(path, partial(self._session.set_mesh, mesh, path.name), " ".join(mesh.messages))
+        self._show(path, partial(self._session.set_mesh, mesh, path.name), mesh.messages)
 
     def _read_document(self, path: Path) -> Callable[[], None]:
         document, known = read_document(path)
@@ -200,13 +201,13 @@ class SessionFiles:
         first = {"Try again": again} if again else {}
         return first | ({label: self.ways_out[label]} if label in self.ways_out else {})
 
-    def _show(self, path: Path, show: Callable[[], None], messages: str = "") -> None:
+    def _show(self, path: Path, show: Callable[[], None], messages: tuple[str, ...] = ()) -> None:
         left, unsaved = self._session.document.name, self._session.unsaved
         show()
         self._session.mend(OPENING)
         self._remember(path)
-        back = f"Undo returns to {left}, which was not saved." if unsaved else ""
-        self._session.say(f"opened {path.name}. {messages} {back}")
+        back = f" Undo returns to {left}, which was not saved." if unsaved else ""
+        self._session.say(f"{'; '.join([f'opened {path.name}', *messages])}.{back}")
 
 
 def _all(actions: list[Callable[[], None]]) -> Callable[[], None]:

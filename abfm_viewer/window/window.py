@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder
 
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
+_DOUBLE_CLICK_SECONDS = 0.5  # as on most desktops; ImGui's 0.3 end between two clicks where frames are slow
 _IDLE_AFTER = 1.0  # seconds without anything that moves
 _PANEL_WIDTH, _WIDEST_PANEL = 380, 0.44
 _STATUS_HEIGHT = 30
@@ -293,4 +294,5 @@ class Window:
 
     def _restyle(self) -> None:
         view = self.session.view
+        imgui.GetIO().MouseDoubleClickTime = _DOUBLE_CLICK_SECONDS
         style.apply(view.theme, view.ui_scale)

@@ -173,8 +173,8 @@ class _Parser:
         if not name:
             self.fail(f"a family ({', '.join(_FAMILIES)})")
         if name not in _FAMILIES:
-            hint = did_you_mean(name, _FAMILIES)
-            raise FunctionError(f"unknown function family {shown(name)}{hint}; families are {', '.join(_FAMILIES)}")
+            expected = did_you_mean(name, _FAMILIES) or f"; families are {', '.join(_FAMILIES)}"
+            raise FunctionError(f"unknown function family {shown(name)}{expected}")
         cls = _FAMILIES[name]
         if not self.take(":"):
             if not re.compile(r"[+)]|$").match(self.text, self.position):

@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -12,9 +18,36 @@ from PIL import Image
 
 from abfm.assets import asset_path
 from abfm_viewer.automation import Driver
+from abfm_viewer.automation import driver as automation
+from tests.mesh_writers import off_text
+from tests.shapes import icosphere
 from tests.viewer.sessions import SIZE
 
-LEFT_HAND, LEFT_FOOT = 276, 526  # of the human
+TOP, BOTTOM = "gaussian:x=0,y=0,z=1,width=0.15", "gaussian:x=0.5,y=0,z=-0.87,width=0.15"
+_WORK = """
+import sys
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from abfm_viewer.automation import Driver, driver
+from abfm_viewer.window import recovery
+from tests.viewer.sessions import ENDLESS
+mesh, state = map(Path, sys.argv[1:])
+recovery.Autosave = partial(recovery.Autosave, seconds=0.5)
+driver.tempfile = SimpleNamespace(TemporaryDirectory=lambda: nullcontext(str(state)))
+with Driver(mesh, size=(640, 480)) as gui:
+    gui.window.dialogs.folder = mesh.parent
+    gui.wait(lambda session: not session.obstacle)
+    gui.session.amend(parameters=ENDLESS)
+    gui.key("ctrl+s")
+    gui.type("file name", "work.abfm", enter=False)
+    gui.click("Save")
+    gui.wait(lambda session: session.path and not session.unsaved)
+    gui.click("Match")
+    while True:
+        gui.frames(1)
+"""
 
 
 @pytest.fixture
@@ -57,6 +90,62 @@ def test_open_match_and_see_the_flow(human, tmp_path):
     assert gui.session.result.verdict.kind in ("matched", "nearly")
 
 
+def test_far_pair_verdict_and_remedy(gui):
+    gui.type("spec", TOP, within="source")
+    gui.type("spec", BOTTOM, within="target")
+    gui.type("reach", "0")
+    gui.type("iterations", "8")
+    gui.wait(ready)
+    gui.click("Match")
+    gui.wait(finished, 60)
+    assert gui.session.result.verdict.kind == "not reached"
+    gui.click(gui.session.result.verdict.remedies[0].label, within="verdict")
+    gui.wait(finished, 120)
+    assert gui.session.result.verdict.kind == "matched"
+
+
+def test_wrong_mesh_card_and_remedy(gui, tmp_path):
+    small, large = icosphere(1), icosphere(2)
+    vertices = np.concatenate([small.vertices, 2 * large.vertices + 9])
+    both = off_text(vertices, np.concatenate([small.faces, large.faces + len(small.vertices)]))
+    (tmp_path / "two.off").write_text(both)
+    (tmp_path / "cut.off").write_text(both[: len(both) // 2])
+    (tmp_path / "letter.obj").write_text("Dear reader")
+    gui.window.dialogs.folder = tmp_path
+    was = gui.session.mesh
+    for name, told in (("letter.obj", "the mesh has no vertices"), ("cut.off", "the file is cut off")):
+        gui.menu("File", "Open mesh...")
+        gui.double_click(name)
+        gui.wait(lambda s: s.cards and not s.opening)
+        assert told in gui.session.cards[0].text
+        assert gui.session.mesh is was
+    gui.click("Open another mesh...", within="message 1")
+    gui.double_click("two.off")
+    gui.wait(lambda s: s.cards and "two.off" in s.cards[0].text)
+    gui.click("Open the largest component")
+    gui.wait(lambda s: s.document.name == "two.off" and ready(s))
+    assert len(gui.session.mesh.vertices) == len(large.vertices)
+    assert gui.session.cards == ()
+
+
+def test_nonsense_is_refused_stays_and_is_mended(gui):
+    reasons = gui.window.ui.refusals.reasons
+    before = gui.session.document
+    gui.type("spec", "gausian:vertex=12", within="source")
+    assert ["did you mean 'gaussian'" in reason for reason in reasons.values()] == [True]
+    assert gui.text_of("spec", "source", "box") == "gausian:vertex=12"
+    gui.type("width", "fat", within="target")
+    assert len(reasons) == 2
+    assert gui.text_of("width", "target", "box") == "fat"
+    assert gui.session.document is before
+    gui.type("width", "0.2", within="target")
+    gui.type("spec", "gaussian:vertex=12", within="source")
+    gui.wait(ready)
+    assert not reasons
+    assert gui.session.active.source == "gaussian:vertex=12"
+    assert "width=0.2" in gui.session.active.target
+
+
 def test_two_channels(gui):
     gui.click("Add")
     gui.choose("family", "eigenfunction", within="source")
@@ -65,6 +154,15 @@ def test_two_channels(gui):
     gui.click("Match")
     gui.wait(finished, 120)
     assert gui.session.result.source.shape[1] == 2
+
+
+def test_a_figure_from_samples(gui):
+    gui.menu("Samples", "Figure 11")
+    gui.wait(lambda s: s.document.name != "" and gui.window.files.sample == "Figure 11" and ready(s), 60)
+    gui.click("Match")
+    gui.wait(finished, 120)
+    assert not gui.session.outdated
+    assert gui.session.result.mismatch < 1
 
 
 def test_change_sigma_while_it_runs(gui):
@@ -100,3 +198,28 @@ def test_compare_with_optimal_transport(gui):
     gui.wait(lambda _: "optimal transport" in gui.window.scene.paints, 60)
     paints = gui.window.scene.paints
     assert not np.allclose(paints["optimal transport"].values, paints["source"].values)
+
+
+def test_save_kill_and_recover(tmp_path, monkeypatch):
+    mesh, state = tmp_path / "egg.off", tmp_path / "state"
+    sphere = icosphere(2)
+    mesh.write_text(off_text(sphere.vertices * (1, 0.7, 0.55), sphere.faces))
+    app = subprocess.Popen([sys.executable, "-c", _WORK, str(mesh), str(state)])
+    try:
+        end = time.monotonic() + 60
+        while not ((tmp_path / "work.abfm").exists() and list(state.glob("autosave-*.abfm"))):
+            assert app.poll() is None, "the app ended"
+            assert time.monotonic() < end, "no copy was written"
+            time.sleep(0.05)
+    finally:
+        app.send_signal(signal.SIGKILL)
+        app.wait(60)
+    monkeypatch.setattr(automation, "tempfile", SimpleNamespace(TemporaryDirectory=lambda: nullcontext(str(state))))
+    with Driver(icosphere(1), size=SIZE) as gui:
+        gui.click("Recover")
+        gui.wait(lambda s: s.result is not None)
+        assert gui.session.title == "* egg.off"
+        assert len(gui.session.mesh.vertices) == len(sphere.vertices)
+        assert gui.session.result.velocity.any()
+        assert gui.session.result.stop_reason == "cancelled"
+        assert not gui.errors

@@ -130,9 +130,11 @@ def test_several_components_are_offered_and_one_opened(desk, tmp_path):
     desk.wait(lambda: bool(desk.session.cards))
     assert desk.session.document is was
     [card] = desk.session.cards
-    assert card.text.startswith("two.off has several components")
+    size = f"{len(b.vertices)} vertices and {len(b.faces)} faces"
+    assert card.text == f"two.off has several components, and one is needed; the largest has {size}"
     card.remedies["Open the largest component"]()
     desk.settle()
+    assert desk.session.notice.text.startswith("opened two.off; kept the largest of 2 components: ")
     assert len(desk.session.mesh.vertices) == len(b.vertices)
     assert desk.session.cards == ()
 

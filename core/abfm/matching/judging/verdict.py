@@ -108,7 +108,7 @@ class _Case:
         if self.known and verified > CONFIRMED * NEARLY:
             if self.different_peaks:
                 return self._of_peaks()
-            why = f"the flow lines confirm only {verified:.2g}, so the discrete flow is not one here"
+            why = f"by flow lines the mismatch is {verified:.2g}, so the discrete flow is not one here"
             return self._verdict("not reached", why, "a finer mesh", *self._truer(or_smoother=True))
         if folded > FOLDED and not self.known:
             why = f"{self._folds()}, which no flow does"
@@ -208,7 +208,8 @@ class _Case:
         )
 
     def _of(self, channel: int) -> str:
-        return f"in channel {channel} " if len(self.problem.source) > 1 else ""
+        count = len(self.problem.source)
+        return f"in channel {channel + 1} of {count} " if count > 1 else ""
 
     def _folds(self) -> str:
         return f"{100 * self.outcome.folded:.0f}% of the faces are folded"

@@ -87,7 +87,7 @@ def test_values_that_the_source_lacks_are_impossible_whatever_the_discrete_flow_
 def test_values_are_told_for_the_channel_that_lacks_most():
     f, g = np.stack([at(0), at(20)], axis=1), np.stack([at(10), 2 * at(30)], axis=1)
     few = Parameters(iterations=2)
-    assert "in channel 1 the target has values from" in judged(abfm.match(SPHERE, f, g, few)).reason
+    assert "in channel 2 of 2 the target has values from" in judged(abfm.match(SPHERE, f, g, few)).reason
     assert judged(abfm.match(SPHERE, f, g, few, weights=[1, 0])).kind != "impossible"
 
 
@@ -163,7 +163,7 @@ def test_other_peaks_are_matched_in_part_at_best():
 def test_what_flow_lines_do_not_confirm_is_not_reached():
     verdict = imagined(at(0), at(40), at(40), verified=0.4)
     assert verdict.kind == "not reached"
-    assert verdict.reason.endswith("the flow lines confirm only 0.4, so the discrete flow is not one here")
+    assert verdict.reason.endswith("by flow lines the mismatch is 0.4, so the discrete flow is not one here")
     assert verdict.advice == "a larger reach, such as 1 of sqrt(area) and the course of the defaults; or a finer mesh"
     nearly = imagined(at(0), at(40), at(40), verified=0.2)
     assert nearly.kind == "nearly"
