@@ -182,6 +182,10 @@ class Solver:
                 self.problem = self._next = problem
                 self._yield_to_next()
 
+    def is_at_work(self) -> bool:
+        """Whether the result of a run is still to come."""
+        return self.running and self._thread.is_alive()
+
     def wait(self, seconds: float | None = None) -> None:
         """Return when the run is over, or the time is."""
         if self.running:
@@ -269,16 +273,18 @@ class Solver:
         apart, control = self._apart, self._control
         is_pictured = apart.pictured if apart else PicturePace().takes
 
-        def post(iteration: abfm.Iteration) -> None:
-            self._post(problem, iteration, is_pictured)
-
-        given: dict[str, Any] = {"mask": mask, "weights": weights, "start": start, "on_iteration": post}
+        given: dict[str, Any] = {
+            "mask": mask,
+            "weights": weights,
+            "start": start,
+            "on_iteration": lambda now: self._post(problem, now, is_pictured),
+        }
         if apart and isinstance(control, Relayed):
-            return apart.match(problem.mesh, *functions, **given, control=control, tell=self._tell)
-        with telling(self._tell):
+            return apart.match(problem.mesh, *functions, **given, control=control, tell=self._at)
+        with telling(self._at):
             return abfm.match(problem.mesh, *functions, **given, control=control)
 
-    def _tell(self, step: Step | None) -> None:
+    def _at(self, step: Step | None) -> None:
         self.step = step
         self._under_way.set()
 
