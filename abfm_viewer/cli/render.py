@@ -28,7 +28,7 @@ DESCRIPTION = """\
 Draw a result or a project: a picture (.png) or a movie of the flow (.mp4, .gif).
 
 A picture of a result is a sheet with the source, the source on its way to the target, and the target. Pictures of a
-project and all movies show what the window shows: the surfaces side by side, through the project's camera.
+project and all movies show what the window shows: every surface in its slot, as the project has it.
 
 Examples:
   abfm render match.npz --out match.png
@@ -183,4 +183,4 @@ def _turned_up(arguments: argparse.Namespace, document: Document) -> Document:
     result = document.result
     functions = [] if result is None else [result.source[:, 0], result.target[:, 0]]
     front = best_front(document.mesh, *functions, up=arguments.up)
-    return replace(document, view=replace(document.view, camera=None, front=front))
+    return replace(document, view=replace(document.view, look=None, front=front))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 Side = Literal["source", "target"]
 Theme = Literal["light", "dark"]
-Layout = Literal["row", "column", "advected only"]
+Layout = Literal["automatic", "row", "column", "advected only"]
 Coloring = Literal[
     "function", "speed", "divergence", "curl", "coordinates", "checker", "area distortion", "conformal distortion"
 ]
@@ -32,6 +32,8 @@ CLICK_TOOLS: tuple[ClickTool, ...] = get_args(ClickTool)
 Triple = tuple[float, float, float]
 EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
+NEAREST, FARTHEST = 200.0, 0.2
+"""Zooms."""
 
 
 def triple(values: FloatArray) -> Triple:
@@ -63,9 +65,9 @@ class Point:
 
 @dataclass(frozen=True)
 class Camera:
-    """Where a window or picture looks from: position, target and up (3,) each, and the vertical angle in degrees.
+    """Where a picture of a sheet looks from: position, target and up (3,) each, and the vertical angle in degrees.
 
-    The aspect, width over height, is that of the part of the window with the surfaces; 0 where it does not matter.
+    The aspect is width over height; 0 where it does not matter.
     """
 
     position: Triple
@@ -95,18 +97,35 @@ class Front:
 
 
 @dataclass(frozen=True)
+class Look:
+    """How every surface is seen in its slot.
+
+    A zoom of 1 fits it into the slot from every side; the target (3,), in the mesh's units, is in the slot's middle and
+    stays there when the surface turns. Without one it is the middle of what the view's front shows.
+    """
+
+    front: Front
+    zoom: float = 1.0
+    target: Triple | None = None
+
+
+@dataclass(frozen=True)
 class View:
     """Everything that decides how the document is drawn, and nothing that decides what is solved."""
 
     theme: Theme = "light"
     ui_scale: float = 1.0
-    layout: Layout = "row"
+    layout: Layout = "automatic"
     colormap: str = "automatic"  # by the functions' signs; or one of `appearance.colormaps.NAMES`
     isolines: bool = False
     isoline_count: int = 12
     color_bar: bool = True
     front: Front | None = None  # until the default functions are known, which it should show
-    camera: Camera | None = None  # the fitted front view
+    look: Look | None = None  # from the front, fitted
+    large: str = ""  # the surface that has the others' slots, too
+    hidden: tuple[str, ...] = ()  # surfaces
+    wireframe: bool = False
+    flat: bool = False  # each face in one shade
     coloring: Coloring = "function"  # of the advected surface
     blend: bool = False  # whether there is a surface for it, as for the next two
     transport: bool = False
@@ -121,6 +140,18 @@ class View:
     flow_after_match: bool = True  # whether a match that ended shows its flow and plays it
     tool: ClickTool = "nothing"
     previous_runs: bool = True  # are in the plot of the energy
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """All that could be shown, hidden or not, in their order."""
+        wanted = {"linear blend": self.blend, "optimal transport": self.transport, "error": self.error}
+        extra = [name for name, is_wanted in wanted.items() if is_wanted]
+        return ("advected", *extra) if self.layout == "advected only" else ("source", "advected", *extra, "target")
+
+    @property
+    def shown_surfaces(self) -> tuple[str, ...]:
+        """Those that are not hidden; where all are, the advected one."""
+        return tuple(name for name in self.surfaces if name not in self.hidden) or ("advected",)
 
 
 @dataclass(frozen=True, eq=False)

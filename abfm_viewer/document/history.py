@@ -14,10 +14,14 @@ class Step:
     document: Document
     label: str
     merge: str
+    looks: bool  # whether it was done to look at the surfaces in another way
 
 
 class History:
-    """Every change is a step; changes in a row with the same merge key (a drag, a scrub) are one."""
+    """Every change is a step; changes in a row with the same merge key (a drag, a scrub) are one.
+
+    How the surfaces are seen goes back only with a step that changed it: what the mouse turned meanwhile stays.
+    """
 
     def __init__(self, document: Document) -> None:
         self.document = document  # at present; what the user did not do changes it without a step
@@ -48,7 +52,7 @@ class History:
     def change(self, document: Document, label: str, merge: str = "") -> None:
         """Go on to another state."""
         if not (merge and self._past and self._past[-1].merge == merge):
-            self._past.append(Step(self.document, label, merge))
+            self._past.append(Step(self.document, label, merge, _look_differs(self.document, document)))
             del self._past[:-LONGEST]
         self._future.clear()
         self.document = document
@@ -69,7 +73,16 @@ class History:
 
     def _move(self, taken: list[Step], left: list[Step]) -> None:
         if taken:
-            step = taken.pop()
-            left.append(Step(self.document, step.label, ""))
+            step, now = taken.pop(), self.document
+            left.append(replace(step, document=now, merge=""))
             self.document = step.document
+            if not step.looks and _look_differs(now, step.document):
+                seen = replace(step.document.view, look=now.view.look, large=now.view.large)
+                self.document = replace(step.document, view=seen)
             self.moves += 1
+
+
+def _look_differs(before: Document, after: Document) -> bool:
+    """Whether a step changes how surfaces are seen; else they are seen after undo as before, however that came."""
+    one, other = before.view, after.view
+    return before.mesh is not after.mesh or one.look is not other.look or one.large != other.large

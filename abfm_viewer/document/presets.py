@@ -8,7 +8,7 @@ from abfm_viewer.document.document import Channel, Document, View
 
 _KEPT = (
     *("theme", "ui_scale", "layout", "colormap", "isolines", "isoline_count", "color_bar"),
-    *("arrow_length", "arrow_density", "flow_after_match", "previous_runs"),
+    *("wireframe", "flat", "arrow_length", "arrow_density", "flow_after_match", "previous_runs"),
 )
 """What a figure leaves as the user's view has it."""
 _SHOWN: dict[int, dict[str, Any]] = {

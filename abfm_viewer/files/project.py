@@ -11,7 +11,7 @@ import json
 import os
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -23,6 +23,7 @@ from abfm.io.arrays import FORMAT_VERSION, Entry, check_arrays, check_version, o
 from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, mesh_arrays, mesh_of
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Document, Run
+from abfm_viewer.files.older_views import look_through, taken_camera
 from abfm_viewer.files.plain import from_plain, to_plain
 from abfm_viewer.files.project_checks import check
 
@@ -112,7 +113,11 @@ def _document(
     mesh = mesh or mesh_of({**mesh_parts, "file_vertex_count": np.array(header.file_vertex_count)})
     runs = tuple(_run(number, state, arrays) for number, state in enumerate(header.runs))
     result = None if header.result is None else _result(header.result, header.result_has_mask, arrays, mesh)
-    document = from_plain(Document, header.document, "project.document", mesh=mesh, result=result, runs=runs)
+    plain, camera = taken_camera(header.document)
+    document = from_plain(Document, plain, "project.document", mesh=mesh, result=result, runs=runs)
+    if camera is not None:
+        look = look_through(camera, document)
+        document = replace(document, view=replace(document.view, look=look))
     values = {f"the values of {spec}": arrays[f"known/{number}"] for number, spec in enumerate(header.known)}
     entries = dict.fromkeys(header.known, Entry("real", ("V",)))
     known = check_arrays(values, entries, "the values of ", V=len(mesh.vertices))

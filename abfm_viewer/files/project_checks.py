@@ -6,7 +6,7 @@ import numpy as np
 
 import abfm
 from abfm_viewer.appearance.colormaps import NAMES
-from abfm_viewer.document.document import EXTRAPOLATION, Document
+from abfm_viewer.document.document import EXTRAPOLATION, FARTHEST, NEAREST, Document, Front
 
 
 def terms_from_files(spec: str) -> list[str]:
@@ -47,19 +47,22 @@ def check(document: Document) -> None:
         inside = min(point.barycentric) >= -1e-9 and abs(sum(point.barycentric) - 1) <= 1e-9
         _require(0 <= point.face < F, f"a point lies on face {point.face}; expected 0 to {F - 1}")
         _require(inside, f"a point has weights {point.barycentric}; expected 0 or more, with sum 1")
-    view, camera, colormaps = document.view, document.view.camera, ("automatic", *NAMES)
+    view, colormaps = document.view, ("automatic", *NAMES)
     _require(view.colormap in colormaps, f"colormap is {view.colormap!r}; expected {' or '.join(colormaps)}")
     _require(0 < view.ui_scale <= 10, f"ui_scale is {view.ui_scale}; expected above 0 to 10")
     _require(0 < view.arrow_length <= 10, f"arrow_length is {view.arrow_length}; expected above 0 to 10")
     _require(0 <= view.arrow_density <= 1, f"arrow_density is {view.arrow_density}; expected 0 to 1")
     _require(0 < view.isoline_count <= 1000, f"isoline_count is {view.isoline_count}; expected 1 to 1000")
-    if view.front is not None:
-        axes = np.array([view.front.direction, view.front.up])
-        upright = bool(np.allclose(axes @ axes.T, np.eye(2), atol=1e-6))
-        _require(upright, f"front is {view.front}; expected two unit vectors at a right angle")
-    if camera is not None:
-        _require(camera.position != camera.target, f"the camera looks from {camera.position} at itself")
-        _require(0 < camera.angle < 180, f"the camera's angle is {camera.angle}; expected between 0 and 180")
+    for front in (view.front, view.look.front if view.look else None):
+        _require(front is None or _is_upright(front), f"front is {front}; expected two unit vectors at a right angle")
+    if view.look is not None:
+        zoom = view.look.zoom
+        _require(FARTHEST <= zoom <= NEAREST, f"zoom is {zoom}; expected {FARTHEST:g} to {NEAREST:g}")
+
+
+def _is_upright(front: Front) -> bool:
+    axes = np.array([front.direction, front.up])
+    return bool(np.allclose(axes @ axes.T, np.eye(2), atol=1e-6))
 
 
 def _require(fits: bool, problem: str) -> None:

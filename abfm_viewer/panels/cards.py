@@ -33,13 +33,14 @@ def _draw_card(context: Context, card: Card, number: int, more: int, rect: Rect,
     """Draw one, and those that are not shown in a line; where the next one begins."""
     ui, session = context.ui, context.session
     name = f"message {number}"
-    with ui.card(name, _place(ui, rect, top), ui.colors.failure, 0.4 * (rect[3] - rect[1])), ui.group(name):
+    with ui.card(name, _place(ui, rect, top), ui.colors.failure, rect[3] - top), ui.group(name):
         ui.note(card.text, "ink")
-        for label, do in card.remedies.items():
+        following = [*card.remedies, "Dismiss"][1:]
+        for (label, do), next_label in zip(card.remedies.items(), following, strict=True):
             if ui.button(label, primary=label == next(iter(card.remedies))):
                 session.dismiss(card)
                 do()
-            ui.beside_if_fits("Open another mesh...")
+            ui.beside_if_fits(next_label)
         if ui.button("Dismiss", "Take this message away (Esc). Help, Messages has all of them."):
             session.dismiss(card)
         if more > 0:

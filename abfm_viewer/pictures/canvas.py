@@ -31,6 +31,7 @@ def canvas(width: int, height: int) -> Iterator[None]:
         Where the machine cannot draw, or no pictures of this size.
     """
     opengl.start(opengl.OFFSCREEN, _SMALL, _SMALL)
+    opengl.clear()
     allowed = [side for side, most in _MOST_SAMPLES.items() if width * height * side**2 <= most]
     side = next((side for side in allowed if max(width, height) * side <= _LONGEST_SIDE), 1)
     try:

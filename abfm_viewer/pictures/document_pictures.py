@@ -18,7 +18,7 @@ from abfm_viewer.appearance import theme
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.pictures.canvas import Pixels, canvas, drawn
 from abfm_viewer.pictures.lettering import letter
-from abfm_viewer.scene.annotations import bar_room, laid_out
+from abfm_viewer.scene.annotations import bar_room, laid_out, name_height
 from abfm_viewer.scene.color_bars import Pen
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
@@ -36,7 +36,7 @@ class PictureOptions:
     transparent: bool = False  # no ground
     color_bar: bool = True  # unless the document's view hides it
     labels: bool = True  # the surfaces' names
-    turns: bool = False  # the surfaces get room to turn in; the document's camera then gives only the direction
+    turns: bool = False  # the surfaces get room to turn in; the document's look then gives only the direction
 
 
 _EVERYTHING = PictureOptions()
@@ -89,8 +89,9 @@ class DocumentRenderer:
             if session.error(spec):
                 raise FunctionError(f"{spec}: {session.error(spec)}")
         self._scene = Scene(self._shown, self._options.turns)
+        self._scene.name_height = name_height(self._pen) if self._options.labels else 0.0
+        self._scene.room_below = bar_room(self._pen) if self._color_bar else 0.0
         self._scene.update(self._rect)
-        self._scene.frame(self._rect, whole=True)
 
     def picture(self, time: float, degrees: float = 0.0, phase: float = 0.0) -> Image.Image:
         """The document at a time, its surfaces turned by an angle: RGB, or RGBA if it is transparent.
@@ -144,8 +145,4 @@ class DocumentRenderer:
 
     @property
     def _rect(self) -> Rect:
-        """What the surfaces get: all but the room of the names and the colour bars."""
-        width, height = self._size
-        above = self._pen.line if self._options.labels else 0.0
-        below = bar_room(self._pen) if self._color_bar else 0.0
-        return (0.0, above, float(width), height - below)
+        return (0.0, 0.0, float(self._size[0]), float(self._size[1]))

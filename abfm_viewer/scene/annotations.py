@@ -1,7 +1,5 @@
 """What is written over the surfaces, in the window and in pictures: their names and the colour bars."""
 
-from itertools import pairwise
-
 import numpy as np
 import polyscope.imgui as imgui
 
@@ -24,35 +22,34 @@ def bar_room(pen: Pen) -> float:
     return 2 * pen.line + pen.scale * (_ABOVE + _BAR_HEIGHT + 2 * GAP + _BELOW)
 
 
+def name_height(pen: Pen) -> float:
+    """Of a surface's name, with the room around it."""
+    return pen.line + 2 * GAP * pen.scale
+
+
 def laid_out(
     scene: Scene, rect: Rect, colors: Palette, pen: Pen, color_bar: bool = True, labels: bool = True
 ) -> list[Part]:
     """Everything to write, in a rectangle of the window or picture."""
-    names = _names(scene, rect, colors, pen) if labels else []
+    names = _names(scene, colors, pen) if labels else []
     return [*names, *(_bars(scene, rect, colors, pen) if color_bar else [])]
 
 
-def _names(scene: Scene, rect: Rect, colors: Palette, pen: Pen) -> list[Text]:
-    """Those of the surfaces; in a row each has the room up to its neighbours'."""
-    places = scene.labels()
-    centers = sorted(x for x, _ in places.values())
-    room = min((right - left for left, right in pairwise(centers)), default=rect[2] - rect[0]) - 4 * pen.scale
+def _names(scene: Scene, colors: Palette, pen: Pen) -> list[Text]:
+    """Those of the surfaces, in the middle above them."""
     inks = {"source": colors.source, "target": colors.target}
     found = []
-    for name, (x, y) in places.items():
+    for name, (left, top, right, bottom) in scene.labels().items():
         title = scene.paints[name].title if name in scene.paints else f"{name}: computing"
-        if scene.stacked:
-            left, top = x - pen.width(title) - pen.line, y - pen.line / 2
-        else:
-            title = cut(title, room, pen.width)
-            left, top = x - pen.width(title) / 2, max(y - 1.6 * pen.line, rect[1] + 6 * pen.scale)
-        found.append(Text(left, top, title, inks.get(name, colors.ink)))
+        title = cut(title, right - left - 4 * pen.scale, pen.width)
+        place = (left + right - pen.width(title)) / 2, (top + bottom - pen.line) / 2
+        found.append(Text(*place, title, inks.get(name, colors.ink)))
     return found
 
 
 def _bars(scene: Scene, rect: Rect, colors: Palette, pen: Pen) -> list[Part]:
     """One for each range that the surfaces need, side by side, narrower where there is little room."""
-    paints = [scene.paints[name] for name in scene.names if name in scene.paints]
+    paints = [scene.paints[name] for name in scene.shown if name in scene.paints]
     ranges = {paint.bar: paint.colors for paint in paints if paint.colors is not None}
     left, apart, count = rect[0] + _LEFT * pen.scale, _APART * pen.scale, max(len(ranges), 1)
     room = (rect[2] - _LEFT * pen.scale - left - (count - 1) * apart) / count

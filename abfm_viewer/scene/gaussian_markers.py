@@ -10,7 +10,6 @@ from abfm.types import FloatArray
 from abfm_viewer.computing.memo import Memo
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
-from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
@@ -33,7 +32,7 @@ class GaussianMarkers:
         x, y = imgui.GetIO().MousePos
         wanted = imgui.GetIO().KeyShift and rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
         for side in SIDES:
-            if side in scene.offsets:
+            if side in scene.shown:
                 self._draw_side(ui, session, scene, side, wanted)
 
     def _draw_side(self, ui: Ui, session: Session, scene: Scene, side: Side, wanted: bool) -> None:
@@ -55,16 +54,11 @@ class GaussianMarkers:
         found = self._centres[side].get((mesh, spec, chosen), centre)
         if found is None:
             return
-        place, viewport = found[0] + scene.offsets[side], scene.viewport
-        if _faces_camera(viewport.drawn(place), found[1]):
-            x, y, _ = viewport.projected(place)[0]
+        place, normal = found
+        x, y, _ = scene.projected(side, place)[0]
+        left, top, right, bottom = scene.view.slots[side].rect
+        if scene.view.rotation[2] @ normal > 0 and left <= x <= right and top <= y <= bottom:
             canvas = imgui.GetBackgroundDrawList()
             for width, color in ((2 * _LINE, ui.colors.ground), (_LINE, ui.colors.ink)):
                 ring = int(imgui.GetColorU32(color))
                 canvas.AddCircle((x, y), ui.px(_RADIUS), ring, 0, ui.px(width))
-
-
-def _faces_camera(place: FloatArray, normal: FloatArray) -> bool:
-    view = np.asarray(ps.get_camera_view_matrix())
-    seen = view[:3, :3] @ place + view[:3, 3]
-    return bool(seen @ (view[:3, :3] @ normal) < 0)

@@ -23,7 +23,7 @@ if sys.platform == "linux":
         ) from None
 import polyscope as ps
 
-__all__ = ["OFFSCREEN", "WINDOW", "Backend", "ps", "spare_a_core", "start"]
+__all__ = ["OFFSCREEN", "WINDOW", "Backend", "clear", "ps", "spare_a_core", "start"]
 
 Backend = Literal["auto", "openGL3_glfw", "openGL3_egl", "openGL_mock"]
 WINDOW: Backend = "openGL3_glfw"
@@ -70,3 +70,12 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
         for image, file in zip(material.images(), files, strict=True):
             image.save(file)
         ps.load_blendable_material(material.NAME, filenames=files)
+
+
+def clear() -> None:
+    """Leave nothing of what was drawn before, nor of how: slots are in parallel projection, and clipped."""
+    ps.remove_all_structures()
+    ps.remove_all_slice_planes()
+    ps.set_ground_plane_mode("none")
+    ps.set_automatically_compute_scene_extents(False)
+    ps.set_view_projection_mode("perspective")

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
-from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.memo import same
 from abfm_viewer.scene import marks
-from abfm_viewer.scene.marks import Drawn
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.placing import Placed
 from abfm_viewer.scene.ribbons import course_of, isoline_ribbons
 from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.shown.paint import Paint
@@ -33,16 +33,19 @@ class Overlays:
     def __init__(self, shown: Shown) -> None:
         self._shown = shown
         self._drawn: dict[str, tuple[object, ...]] = {}
+        self._versions: Counter[str] = Counter()
 
-    def update(self, offsets: dict[str, FloatArray], viewport: Viewport, paints: Mapping[str, Paint]) -> None:
+    def update(self, surfaces: tuple[str, ...], viewport: Viewport, paints: Mapping[str, Paint]) -> None:
         """Show what the view and the document ask for, on surfaces with their paints."""
-        for surface, home in offsets.items():
-            self._draw_isolines(surface, paints.get(surface), home, viewport)
+        for surface in surfaces:
+            self._draw_isolines(surface, paints.get(surface), viewport)
+        if "advected" not in surfaces:
+            return
         session, quantities = self._shown.session, self._shown.quantities
-        mesh, view, home, start = session.mesh, session.view, offsets["advected"], offsets.get("source")
-        palette, look = theme.palette(view.theme), (view.theme, *home)
+        mesh, view = session.mesh, session.view
+        palette, look = theme.palette(view.theme), (view.theme,)
         ink, marker = theme.linear(palette.ink), theme.linear(palette.marker)
-        placed, length, density = _placed(viewport, home), view.arrow_length, view.arrow_density
+        placed, length, density = viewport.drawn, view.arrow_length, view.arrow_density
         field = quantities.field() if view.arrows else None
         if self._is_new(_ARROWS, (field, length, density, *look) if field and field.speed.any() else None):
             assert field is not None
@@ -54,33 +57,33 @@ class Overlays:
                 marks.draw_lines(name, mesh, courses, placed, marker, _THIN)
         if self._is_new(_NOW, (paths, time, *look) if paths else None):
             marks.draw_points(_NOW, np.array([path.at(time) for path in paths]), placed, marker, _POINT)
-        if self._is_new(_START, (paths, view.theme, *start) if paths and start is not None else None):
-            assert start is not None
+        if self._is_new(_START, (paths, *look) if paths and "source" in surfaces else None):
             starts = np.array([path.positions[0] for path in paths])
-            marks.draw_points(_START, starts, _placed(viewport, start), marker, _POINT)
+            marks.draw_points(_START, starts, placed, marker, _POINT)
 
-    def _draw_isolines(self, surface: str, paint: Paint | None, home: FloatArray, viewport: Viewport) -> None:
+    def _draw_isolines(self, surface: str, paint: Paint | None, viewport: Viewport) -> None:
         """Lines of a function's equal values; none at the ends of its range nor in the middle, where it is constant."""
         view, name = self._shown.session.view, _ISOLINES + surface
         wanted = view.isolines and paint is not None and paint.kind == "vertex values"
-        if self._is_new(name, (paint, view.isoline_count, view.theme, *home) if wanted else None):
+        if self._is_new(name, (paint, view.isoline_count, view.theme) if wanted else None):
             assert paint is not None
             assert paint.colors is not None
             mesh, low, high = self._shown.session.mesh, paint.colors.low, paint.colors.high
             levels = low + (high - low) * (np.arange(view.isoline_count) + 0.5) / view.isoline_count
             lines = isoline_ribbons(mesh, np.asarray(paint.values, dtype=np.float64), levels, _ISOLINE)
-            marks.draw_ribbons(name, mesh, lines, _placed(viewport, home), theme.linear(theme.palette(view.theme).ink))
+            marks.draw_ribbons(name, mesh, lines, viewport.drawn, theme.linear(theme.palette(view.theme).ink))
 
-    def structures(self) -> Iterator[tuple[str, Any]]:
-        """What is drawn now, each with the surface that it belongs to."""
+    def structures(self) -> Iterator[Placed]:
+        """What is drawn now."""
         for name in self._drawn:
             surface = "source" if name == _START else "advected"
-            yield name.removeprefix(_ISOLINES) if name.startswith(_ISOLINES) else surface, _access(name)[0](name)
+            surface = name.removeprefix(_ISOLINES) if name.startswith(_ISOLINES) else surface
+            yield surface, name, self._versions[name], _access(name)[0](name)
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
         """Nothing of it is in the way of a pick in the block."""
-        structures = [structure for _, structure in self.structures()]
+        structures = [structure for *_, structure in self.structures() if structure.is_enabled()]
         for structure in structures:
             structure.set_enabled(False)
         try:
@@ -101,6 +104,7 @@ class Overlays:
         self._remove(name)
         if made_of is not None:
             self._drawn[name] = made_of
+            self._versions[name] += 1
         return made_of is not None
 
     def _remove(self, name: str) -> None:
@@ -111,8 +115,3 @@ class Overlays:
 def _access(name: str) -> tuple[Callable[..., Any], Callable[..., None]]:
     """How to get a structure, and how to remove it."""
     return _CLOUD if name in (_NOW, _START) else _MESH
-
-
-def _placed(viewport: Viewport, home: FloatArray) -> Drawn:
-    """Where things go on a surface that was moved."""
-    return lambda places: viewport.drawn(places + home)

@@ -1,4 +1,4 @@
-"""The surfaces in the window, side by side on one camera: draws what is shown of a session, and nothing else does."""
+"""The surfaces in the window, each in its slot: draws what is shown of a session, and nothing else does."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -9,21 +9,21 @@ import abfm
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
-from abfm_viewer.computing.memo import Memo
-from abfm_viewer.document.document import Camera, Front, Layout, Point, triple
-from abfm_viewer.scene.camera import best_front, fitted
+from abfm_viewer.document.document import Front, Look, Point, triple
+from abfm_viewer.scene import opengl
+from abfm_viewer.scene.camera import best_front
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays
 from abfm_viewer.scene.pacing import Pacing
-from abfm_viewer.scene.surface_quantities import register, show_paint
+from abfm_viewer.scene.placing import Placed, Placing
+from abfm_viewer.scene.slot_view import Fit, SlotView
+from abfm_viewer.scene.slots import slots
+from abfm_viewer.scene.surface_quantities import register, set_style, show_paint
 from abfm_viewer.scene.turntable import Turntable, turntable
 from abfm_viewer.scene.viewport import Viewport
-from abfm_viewer.shown.paint import Paint, Painter, surfaces
+from abfm_viewer.shown.paint import Paint, Painter
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
-
-_SPACING, _STACKING = 1.15, 1.25
-_FIELD_OF_VIEW, _MARGIN = 9.0, 0.05  # degrees: so narrow that the surfaces in a row look alike
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,32 +36,32 @@ class Hit:
 
 
 class Scene:
-    """Copies of the mesh, moved apart in the vertices themselves (picks are wrong on structures with a transform)."""
+    """Copies of the mesh, all alike: where each one is seen is a matter of transforms, which cost nothing.
+
+    `names` are the surfaces that exist, in their order, and `shown` those of them that have a slot.
+    """
 
     def __init__(self, shown: Shown, turns: bool = False) -> None:
         self._session = shown.session
         self._turns = turns  # the surfaces get room to turn in
         self.pick: Callable[[tuple[float, float]], Hit | None] = self._picked  # another where nothing is drawn
-        self.names: tuple[str, ...] = ()  # of the surfaces, in their order
-        self.offsets: dict[str, FloatArray] = {}  # (3,): how far each one was moved
-        self.viewport: Viewport  # known from the first `update` on
+        self.names: tuple[str, ...] = ()
+        self.viewport: Viewport  # these are known once there are names
+        self.view: SlotView
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
         self.overlays = Overlays(shown)
         self.pacing = Pacing(shown.session)
-        self.room_above = self.room_below = 0.0  # pixels of names and colour bars, which a fitted camera leaves free
+        self.name_height = self.room_below = 0.0  # pixels of names, in each slot, and of colour bars below all
         self._mesh: TriangleMesh | None = None
-        self._front = Memo[Front]()
-        self._heads: FloatArray = np.zeros((0, 3))
         self._turntable: Turntable
-        self._extent: FloatArray = np.zeros((0, 3))
-        self._layout: Layout = "row"
-        self._rect: Rect = (0, 0, 1, 1)
-        self._camera: Camera | None = None
-        self._placed: object = None
+        self._fit: Fit
+        self._fitted_to: object = None
+        self._placing = Placing()
+        self._style: object = None
+        self._degrees = 0.0
         self._drawn: dict[str, Paint] = {}
-        ps.remove_all_structures()
-        ps.set_ground_plane_mode("none")
+        opengl.clear()
 
     def update(self, rect: Rect) -> None:
         """Make polyscope's structures show the session, in a rectangle of the window."""
@@ -69,71 +69,73 @@ class Scene:
         session.after_match.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
         ps.set_background_color([*theme.linear(ground), 1.0])
-        front = self._front_view()
-        structure = (session.mesh, surfaces(session), view.layout, front)
-        if structure != (self._mesh, self.names, self._layout, self._placed):
-            if session.mesh is self._mesh and session.view.camera is not None:  # it saw other surfaces
-                session.amend(view=replace(session.view, camera=None))
-            self._mesh, self.names, self._layout, self._placed = structure
-            self._register(session.mesh, front)
-            self.frame(rect)
-        elif rect != self._rect:
-            self.frame(rect)
-        else:
-            self._keep_camera()
-        for name in self.names:
+        front = self._front()
+        names = () if front is None else view.shown_surfaces
+        if session.mesh is not self._mesh or not names:
+            self._remove(self.names)
+        if front is None:
+            return  # nothing is shown that would turn as soon as it is known
+        if session.mesh is not self._mesh:
+            self._mesh, self.viewport = session.mesh, Viewport(session.mesh)
+        if names != self.names:
+            self._register(names)
+        self._look(rect, front)
+        self._restyle()
+        for name in self.shown:
             paint, before = self.painter.paint(name), self._drawn.get(name)
-            if paint is None or (before is not None and self.pacing.waits(name, name == self.names[0])):
+            if paint is None or (before is not None and self.pacing.waits(name, name == self.shown[0])):
                 continue
             if name == "advected":
                 self.pacing.count(paint is not self.paints.get(name), paint.kind == "texture")
             self.paints[name] = paint
             show_paint(name, session.mesh, paint, before)
             self._drawn[name] = paint
-        if "advected" in self.offsets:
-            self.overlays.update(self.offsets, self.viewport, self.paints)
+        self.overlays.update(self.names, self.viewport, self.paints)
+        self._place()
 
-    def frame(self, rect: Rect, camera: Camera | None = None, whole: bool = False) -> None:
-        """Look through a camera, or the view's, or from the front so that everything fits (`whole`: see `place`)."""
-        self._rect = rect
-        wanted = camera or self._session.view.camera
-        if wanted is None or self._turns:
-            assert self._placed is not None
-            vertices = np.concatenate([self._extent + offset for offset in self.offsets.values()])
-            head = rect[1] + max(self.room_above, 0.06 * (rect[3] - rect[1]))
-            free = (rect[0], head, rect[2], max(rect[3] - self.room_below, head + 1))
-            front = self._front_view() if wanted is None else wanted.front
-            aspect = (free[2] - free[0]) / (free[3] - free[1])
-            self.viewport.place(fitted(vertices, front, aspect, _FIELD_OF_VIEW, _MARGIN), free, whole)
-        else:
-            self.viewport.place(wanted, rect, whole)
-        self._camera = self.viewport.seen(rect)
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Those that have a slot: all, or the one that is shown large."""
+        large = self._session.view.large
+        return (large,) if large in self.names else self.names
 
-    def camera(self) -> Camera:
-        """What the window shows now."""
-        return self.viewport.seen(self._rect)
-
-    def reset_camera(self) -> None:
-        """Look from the front again."""
-        self._session.amend(view=replace(self._session.view, camera=None))
-        self.frame(self._rect)
+    @property
+    def look(self) -> Look | None:
+        """How the surfaces are seen now; None before they are."""
+        if self._session.view.look is None:
+            front = self._front()
+            return None if front is None else Look(front)
+        return self._session.view.look
 
     def turn(self, degrees: float) -> None:
         """Turn every surface, with what is drawn on it, about its own upright axis; picks are wrong then."""
-        of_surfaces = [(name, ps.get_surface_mesh(name)) for name in self.names]
-        for name, structure in [*of_surfaces, *self.overlays.structures()]:
-            center = self.viewport.drawn(self._turntable.middle + self.offsets[name])
-            structure.set_transform(self._turntable.turned(degrees, center))
+        self._degrees = degrees
+        self._place()
 
-    @property
-    def stacked(self) -> bool:
-        """Whether the surfaces stand one above the other."""
-        return self._layout == "column"
+    def rotate(self, name: str, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """Turn the surfaces as the mouse turns one of them; this and the next two are no steps of undo."""
+        self._see(self.view.turned(name, start, end), self.view.zoom, None)
 
-    def labels(self) -> dict[str, tuple[float, float]]:
-        """Where to write each surface's name: above this place, or to its left where they are stacked."""
-        places = self.viewport.projected(self._heads)
-        return {name: (x, y) for name, (x, y, depth) in zip(self.names, places, strict=True) if depth > 0}
+    def move(self, delta: tuple[float, float]) -> None:
+        """Move them in their slots, by pixels."""
+        self._see(self.view.rotation, self.view.zoom, self.view.moved(delta))
+
+    def zoom(self, name: str, place: tuple[float, float], factor: float) -> None:
+        """Come nearer to what is under the mouse in a surface's slot, or go farther."""
+        zoom, target = self.view.zoomed(name, place, factor)
+        self._see(self.view.rotation, zoom, target)
+
+    def enlarge(self, name: str) -> None:
+        """Give a surface the others' slots, too; with an empty name all are shown again."""
+        self._session.amend(view=replace(self._session.view, large=name))
+
+    def projected(self, name: str, points: FloatArray) -> FloatArray:
+        """Places in the window and depths (P, 3) of points (P, 3) of a shown surface, in the mesh's units."""
+        return self.view.projected(name, self.viewport.drawn(np.atleast_2d(points)))
+
+    def labels(self) -> dict[str, Rect]:
+        """Where to write each surface's name."""
+        return {name: self.view.slots[name].name for name in self.shown}
 
     def _picked(self, position: tuple[float, float]) -> Hit | None:
         """The point of a surface under a place of the window."""
@@ -141,10 +143,12 @@ class Scene:
         if hit.is_hit and hit.structure_name not in self.names:
             with self.overlays.hidden():
                 hit = ps.pick(screen_coords=position)
-        if not hit.is_hit or hit.structure_name not in self.names or self._mesh is None:
+        if not hit.is_hit or hit.structure_name not in self.shown or self._mesh is None:
             return None
-        weights = np.maximum(hit.structure_data["bary_coords"], 0.0)  # a pixel at an edge may lie beyond it
-        return self._hit(hit.structure_name, int(hit.structure_data["index"]), weights / weights.sum())
+        face = int(hit.structure_data["index"])
+        matrix = self.view.matrix(hit.structure_name, ps.get_window_size())
+        place = self.viewport.undrawn((np.asarray(hit.position) - matrix[:3, 3]) @ matrix[:3, :3])
+        return self._hit(hit.structure_name, face, _barycentric(self._mesh.vertices[self._mesh.faces[face]], place))
 
     def nearest(self, surface: str, position: FloatArray) -> Hit:
         """The point of a surface nearest to a place in the mesh's own coordinates."""
@@ -157,43 +161,93 @@ class Scene:
         vertex = int(self._mesh.faces[face][np.argmax(weights)])
         return Hit(surface, Point(face, triple(weights)), vertex)
 
-    def _keep_camera(self) -> None:
-        """Put the camera into the document when the user moved it; that is no step of undo."""
-        now, before = self.camera(), self._camera
-        if before is None or not self.viewport.alike(now, before):
-            self._camera = now
-            self._session.amend(view=replace(self._session.view, camera=now))
+    def _see(self, rotation: FloatArray, zoom: float, target: FloatArray | None) -> None:
+        """Put a look into the document that the user did not choose from a menu; None keeps the target."""
+        before = self.look
+        assert before is not None
+        seen = before.target if target is None else triple(self.viewport.undrawn(target))
+        if target is not None and np.allclose(target, self.view.home, rtol=0, atol=1e-9 * self.view.radius):
+            seen = None
+        look = Look(Front(triple(rotation[2]), triple(rotation[1])), zoom, seen)
+        if look != before:
+            self._session.amend(view=replace(self._session.view, look=look))
 
-    def _front_view(self) -> Front:
-        """Chosen when the mesh's first functions are known, and then kept in the document."""
+    def _front(self) -> Front | None:
+        """Chosen when the mesh's first functions are known, or cannot be, and then kept in the document."""
         session = self._session
-        mesh, source, target = session.mesh, session.values("source"), session.values("target")
         front = session.view.front
-        if front is None and source is not None and target is not None:
-            front = best_front(mesh, source, target)
-            session.amend(view=replace(session.view, front=front))
-        return front or self._front.get((mesh,), lambda: best_front(mesh))
+        if front is None:
+            source, target = session.values("source"), session.values("target")
+            if source is not None and target is not None:
+                front = best_front(session.mesh, source, target)
+            elif any(session.error(spec) for spec in session.specs):
+                front = best_front(session.mesh)
+            if front is not None:
+                session.amend(view=replace(session.view, front=front))
+        return front
 
-    def _register(self, mesh: TriangleMesh, front: Front) -> None:
-        for name in list(self._drawn) + list(self.offsets):
-            if ps.has_surface_mesh(name):
-                ps.remove_surface_mesh(name)
-        self._drawn, self.paints = {}, {}
-        self.overlays.clear()
-        self.viewport = Viewport(mesh)
-        sideways, up, _ = front.axes
-        axis, spacing = (-up, _STACKING) if self._layout == "column" else (sideways, _SPACING)
-        self._turntable = turntable(mesh, up)
-        self._extent = self._turntable.rims() if self._turns else mesh.vertices
-        along = self._extent @ axis
-        step = spacing * (along.max() - along.min()) * axis
-        self.offsets = {name: number * step for number, name in enumerate(self.names)}
-        middle = self.viewport.center
-        outwards = -sideways if self._layout == "column" else up
-        head = middle + ((self._extent @ outwards).max() - middle @ outwards) * outwards
-        self._heads = np.array([head + offset for offset in self.offsets.values()])
-        self.viewport.set_extent(np.concatenate([self._extent + offset for offset in self.offsets.values()]))
-        for name, offset in self.offsets.items():
-            surface = register(name, mesh, self.viewport.drawn(mesh.vertices + offset))
-            surface.reset_transform()  # polyscope remembers that of an earlier surface of this name
-            surface.set_selection_mode("faces_only")  # else a pick near a vertex or an edge has no face
+    def _register(self, names: tuple[str, ...]) -> None:
+        """Have surfaces of these names, and no others."""
+        assert self._mesh is not None
+        self._remove(tuple(name for name in self.names if name not in names))
+        for name in names:
+            if name not in self.names:
+                surface = register(name, self._mesh, self.viewport.drawn(self._mesh.vertices))
+                surface.set_selection_mode("faces_only")  # else a pick near a vertex or an edge has no face
+        self.names, self._style = names, None
+        self._placing.forget()
+
+    def _remove(self, names: tuple[str, ...]) -> None:
+        for name in names:
+            ps.remove_surface_mesh(name)
+            self._drawn.pop(name, None)
+            self.paints.pop(name, None)
+        self.names = tuple(name for name in self.names if name not in names)
+        if names:
+            self.overlays.clear()
+
+    def _restyle(self) -> None:
+        """Wireframe and shading."""
+        view = self._session.view
+        style = (view.wireframe, view.flat, view.theme)
+        if style != self._style:
+            self._style = style
+            for name in self.names:
+                set_style(
+                    ps.get_surface_mesh(name), view.wireframe, view.flat, theme.linear(theme.palette(view.theme).ink)
+                )
+
+    def _look(self, rect: Rect, front: Front) -> None:
+        """Decide where everything is to be seen."""
+        view, look = self._session.view, self.look
+        assert look is not None
+        assert self._mesh is not None
+        if self._fitted_to != (self._mesh, front):
+            self._fitted_to = (self._mesh, front)
+            self._turntable = turntable(self._mesh, front.axes[1])
+            extent = self._turntable.rims() if self._turns else self._mesh.vertices
+            self._fit = Fit(self.viewport.drawn(extent), front)
+        left, top, right, bottom = rect
+        free = (left, top, right, max(bottom - self.room_below, top + 1))
+        places = slots(self.shown, free, self._fit.shape, view.layout, self.name_height)
+        target = None if look.target is None or self._turns else self.viewport.drawn(np.array(look.target))
+        self.view = self._fit.view(places, look.front, 1.0 if self._turns else look.zoom, target)
+
+    def _place(self) -> None:
+        """Put everything there."""
+        if not self.names:
+            return
+        turned = np.eye(4)
+        if self._turns:
+            turned = self._turntable.turned(self._degrees, self.viewport.drawn(self._turntable.middle))
+        surfaces: list[Placed] = [(name, name, None, ps.get_surface_mesh(name)) for name in self.names]
+        self._placing.place(self.viewport, self.view, turned, [*surfaces, *self.overlays.structures()])
+
+
+def _barycentric(corners: FloatArray, place: FloatArray) -> FloatArray:
+    """Weights (3,) of the point of a triangle (3, 3) at a place in its plane; a pixel at an edge may lie beyond it."""
+    edges = corners[1:] - corners[0]
+    found = np.linalg.lstsq(edges.T, place - corners[0], rcond=None)[0]
+    inside = np.maximum(np.array([1 - found.sum(), *found]), 0.0)
+    weights: FloatArray = inside / inside.sum()
+    return weights

@@ -1,5 +1,6 @@
 """Surfaces in polyscope, and what they can show: the one place for windows, pictures and figures."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from abfm_viewer.shown.paint import Paint
 
 _PLAIN = (0.8, 0.81, 0.83)
 _CORNERS = "texture corners"
+_EDGE = 1.0  # polyscope's unit: about a pixel
 
 
 def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None) -> None:
@@ -43,6 +45,13 @@ def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
         color=_PLAIN,
         back_face_policy="cull" if mesh.is_closed else "identical",
     )
+
+
+def set_style(surface: Any, wireframe: bool, flat: bool, ink: Sequence[float]) -> None:
+    """Show a surface's edges or not, and its faces each in one shade or smoothly."""
+    surface.set_edge_color(ink[:3])
+    surface.set_edge_width(_EDGE if wireframe else 0.0)
+    surface.set_smooth_shade(not flat)
 
 
 def drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:

@@ -83,7 +83,7 @@ class Session(Housekeeping):
 
     def set_mesh(self, mesh: TriangleMesh, name: str) -> None:
         """Show another mesh with default functions; the parameters stay."""
-        view = replace(self.view, camera=None, front=None)
+        view = replace(self.view, look=None, front=None, large="")
         fresh = Document(mesh, name, parameters=self.parameters, view=view)
         self.restore(fresh, {}, None)
         self.say(" ".join(mesh.messages))

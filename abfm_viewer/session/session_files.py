@@ -177,7 +177,7 @@ class SessionFiles:
         document, known = read_document(path)
 
         def restore() -> None:
-            view, project = replace(self._session.view, camera=None, front=None), None
+            view, project = replace(self._session.view, look=None, front=None, large=""), None
             if is_project(path):  # with a view of its own, in the size that the user needs on this screen
                 view, project = replace(document.view, ui_scale=view.ui_scale), path
             self._session.restore(replace(document, view=view), known, project)

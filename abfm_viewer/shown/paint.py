@@ -13,7 +13,6 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, on_ground, place_colors
 from abfm_viewer.computing.memo import Memo
 from abfm_viewer.document.document import HODGE_PARTS, SIDES, Front, Theme
-from abfm_viewer.session.session import Session
 from abfm_viewer.shown.field_parts import Field
 from abfm_viewer.shown.shown import Shown
 
@@ -37,16 +36,6 @@ class Paint:
     bar: str = ""  # title of the colour bar; surfaces with the same title share one
     corners: FloatArray | None = None  # (3F, 2): their places in a texture
     is_dark: bool = False  # a checkerboard for a dark ground
-
-
-def surfaces(session: Session) -> tuple[str, ...]:
-    """Names of the surfaces that the view shows, in their order."""
-    view = session.view
-    wanted = {"linear blend": view.blend, "optimal transport": view.transport, "error": view.error}
-    extra = [name for name, is_wanted in wanted.items() if is_wanted]
-    if view.layout == "advected only":
-        return ("advected", *extra)
-    return ("source", "advected", *extra, "target")
 
 
 class Painter:

@@ -26,12 +26,14 @@ _BOX = 76  # beside a slider, at a scale of 1
 class Ui(Texts):
     """Draws widgets, in containers, and remembers them.
 
-    After `text` it says whether the keyboard was in that box, also if it is no more: `typing`.
+    After `text` it says whether the keyboard was in that box, also if it is no more: `typing`. `active_box` is the
+    latest one that the keyboard was in, and `focus_next` the one that gets it next.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.typing = False
+        self.active_box = self.focus_next = ""
         self.refusals = Refusals()
 
     def begin_frame(self, scale: float, name: Theme) -> None:
@@ -197,12 +199,16 @@ class Ui(Texts):
     def _box(self, label: str, value: str, tip: str, *, width: float, hint: str = "", name: str = "") -> str | None:
         key = self._widget_record.path(name or label)
         imgui.SetNextItemWidth(width)
+        if key == self.focus_next:
+            imgui.SetKeyboardFocusHere()
+            self.focus_next = ""
         shown = self.refusals.text(key, value)
         _, typed = imgui.InputTextWithHint(f"##{label}", hint, shown, imgui.ImGuiInputTextFlags_AutoSelectAll)
         is_longer = self.text_width(typed) > width - 2 * imgui.GetStyle().FramePadding[0]
         self._done(label, "box", self._in_full(typed if is_longer else "", tip), name=name, text=typed)
         self.typing = bool(imgui.IsItemActive() or imgui.IsItemDeactivated())
         if imgui.IsItemActive():
+            self.active_box = key
             self.refusals.is_typing(key, typed)
         if imgui.IsItemDeactivated():
             if imgui.IsKeyPressed(imgui.ImGuiKey_Escape) or typed == value:

@@ -3,7 +3,6 @@
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -14,13 +13,15 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.opening import PROJECT, RESULT
 from abfm_viewer.session.session import Session
+from abfm_viewer.window.action import COMMAND, Action
+from abfm_viewer.window.view_actions import ViewActions
 
-_COMMAND = "Cmd" if sys.platform == "darwin" else "Ctrl"
 _QUIT = "Save before closing?"
 _MOUSE = (
-    ("drag", "turn the surfaces"),
-    ("right drag", "move them"),
-    ("wheel", "nearer or farther"),
+    ("drag", "turn the surfaces, each in its place"),
+    ("right or middle drag", "move them"),
+    ("wheel", "nearer to or farther from what is under the mouse"),
+    ("double click", "one surface large, or all again"),
     ("Shift+click, Shift+drag", "on the source or target: move the active Gaussian"),
     ("Shift+wheel", "wider or narrower Gaussian"),
     ("drop files", "open a mesh, a project or a result"),
@@ -43,34 +44,13 @@ def what_would_be_lost(session: Session) -> str:
     return " ".join(said)
 
 
-@dataclass(eq=False)
-class Action:
-    """Something that keys such as "Ctrl+Shift+S" (on a Mac Cmd) do; `group` is its heading in the list in Help.
-
-    If it `repeats`, holding the key does it again and again. `while_typing` it holds in a text box, too, which then
-    takes what was typed; other keys may mean something there.
-    """
-
-    group: str
-    does: str
-    do: Callable[[], None]
-    chords: tuple[str, ...]
-    repeats: bool = False
-    while_typing: bool = False
-
-    @property
-    def hint(self) -> str:
-        """The first chord, as the user's keyboard calls it."""
-        return self.chords[0].replace("Ctrl", _COMMAND)
-
-
 class Actions:
     """The window's commands; each `Action` is an attribute, and `all` has them in the list's order.
 
-    `close` closes the window without a question.
+    `over` names the surface under the mouse, and `close` closes the window without a question.
     """
 
-    def __init__(self, context: Context, reset_camera: Callable[[], None], close: Callable[[], None]) -> None:
+    def __init__(self, context: Context, over: Callable[[], str], close: Callable[[], None]) -> None:
         session = context.session
         self.context, self._close = context, close
         of_files = partial(Action, "Files", while_typing=True)
@@ -85,7 +65,7 @@ class Actions:
         self.pause = Action("Solver", "pause or resume", self._pause, ("P",))
         self.cancel = Action(
             "Solver",
-            "take the latest message away; else cancel, and keep the best field so far",
+            "take a message away; else show all surfaces; else cancel, and keep the best field",
             self._escape,
             ("Esc",),
         )
@@ -94,10 +74,11 @@ class Actions:
         self.step_on = Action("Time", "a twentieth of tau on", lambda: self._step(STEP), ("Right",), repeats=True)
         self.go_to_start = Action("Time", "to time 0", lambda: session.set_time(0.0), ("Home",))
         self.go_to_end = Action("Time", "to tau", lambda: session.set_time(session.parameters.tau), ("End",))
-        self.reset_camera = Action("View", "look from the front again", reset_camera, ("R",))
+        self.view = ViewActions(session, over)
         self.switch_theme = Action("View", "light or dark", self._switch_theme, ("L",))
         self.show_shortcuts = Action("View", "this list", self._show_shortcuts, ("F1",))
-        self.all = tuple(one for one in vars(self).values() if isinstance(one, Action))
+        own = tuple(one for one in vars(self).values() if isinstance(one, Action))
+        self.all = own + self.view.all
 
     def listed(self) -> list[tuple[str, str]]:
         """The list in Help: rows of keys and what they do; a heading has an empty second part."""
@@ -105,7 +86,7 @@ class Actions:
         for group in dict.fromkeys(action.group for action in self.all):
             rows.append((group, ""))
             rows += [
-                (" or ".join(action.chords).replace("Ctrl", _COMMAND), action.does)
+                (" or ".join(action.chords).replace("Ctrl", COMMAND), action.does)
                 for action in self.all
                 if action.group == group
             ]
@@ -176,7 +157,7 @@ class Actions:
         session = self.context.session
         if session.cards:
             session.dismiss(session.cards[0])
-        else:
+        elif not self.view.back():
             session.solver.cancel()
 
     def _step(self, share: float) -> None:

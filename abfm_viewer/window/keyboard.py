@@ -4,7 +4,8 @@ from functools import cache
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.window.actions import Action, Actions
+from abfm_viewer.window.action import Action
+from abfm_viewer.window.actions import Actions
 
 _NAMES = {"Left": "LeftArrow", "Right": "RightArrow", "Esc": "Escape"}
 _ELSEWHERE = "status line"  # a window without text boxes
@@ -15,17 +16,22 @@ class Keyboard:
 
     def __init__(self) -> None:
         self._waiting: Action | None = None
+        self._left = ""  # the box that was typed into when a save began: it gets the keyboard back
 
     def do_pressed(self, actions: Actions) -> None:
         """Do what the keys pressed in this frame stand for: call it at the end of every frame."""
+        context = actions.context
         action, self._waiting = self._waiting, None
         if action is None:
             action = _pressed(actions)
             if action is not None and imgui.GetIO().WantTextInput:
+                self._left = context.ui.active_box if action in (actions.save, actions.save_as) else ""
                 imgui.SetWindowFocus(_ELSEWHERE)  # in the next frame the box gives what was typed
                 action, self._waiting = None, action
         if action is not None:
             action.do()
+        elif self._left and not (context.files.saving or self._waiting or context.dialogs.is_open):
+            context.ui.focus_next, self._left = self._left, ""
 
 
 def _pressed(actions: Actions) -> Action | None:

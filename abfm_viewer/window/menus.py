@@ -14,7 +14,8 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window import samples_menu
-from abfm_viewer.window.actions import Action, Actions
+from abfm_viewer.window.action import Action
+from abfm_viewer.window.actions import Actions
 
 UI_SCALES = (1.0, 1.25, 1.5, 2.0)
 _LONGEST_PATH = 60
@@ -101,11 +102,30 @@ def _view(ui: Ui, actions: Actions) -> None:
     for label, name, shown in (("Isolines", "isolines", view.isolines), ("Color bar", "color_bar", view.color_bar)):
         if ui.menu_item(label, checked=shown):
             session.set_view(f"{'hide' if shown else 'show'} the {label.lower()}", "", **{name: not shown})
+    _item(ui, "Wireframe", actions.view.wireframe, view.wireframe)
+    _item(ui, "Flat shading", actions.view.flat, view.flat)
     if ui.menu_item("Flow after a match", checked=view.flow_after_match):
         session.switch_flow_after_match()
     ui.tip("A match that has ended shows its flow, by streaks or arrows, and plays it once.")
     imgui.Separator()
-    _item(ui, "Reset camera", actions.reset_camera)
+    _surfaces(ui, actions)
+    with ui.menu("Look from") as is_open:
+        for axis, action in actions.view.axes.items() if is_open else ():
+            _item(ui, axis, action)
+    _item(ui, "Reset camera", actions.view.reset)
+
+
+def _surfaces(ui: Ui, actions: Actions) -> None:
+    """Which of them are shown."""
+    view = actions.context.session.view
+    with ui.menu("Surfaces") as is_open:
+        if not is_open:
+            return
+        for name in view.surfaces:
+            if ui.menu_item(name, checked=name in view.shown_surfaces):
+                actions.view.hide_or_show(name)
+        imgui.Separator()
+        _item(ui, "Show all", actions.view.show_all)
 
 
 def _choices(ui: Ui, session: Session, label: str, name: str, choices: dict[str, Any]) -> None:
@@ -124,8 +144,8 @@ def _help(ui: Ui, actions: Actions) -> None:
         actions.show_about()
 
 
-def _item(ui: Ui, label: str, action: Action) -> None:
-    if ui.menu_item(label, action.hint):
+def _item(ui: Ui, label: str, action: Action, checked: bool = False) -> None:
+    if ui.menu_item(label, action.hint, checked):
         action.do()
 
 

@@ -22,7 +22,7 @@ from abfm_viewer.document.document import Theme
 from abfm_viewer.panels import cards, right_panel, status_line, time_bar
 from abfm_viewer.panels.context import Context
 from abfm_viewer.scene import opengl
-from abfm_viewer.scene.annotations import bar_room, draw_annotations, window_pen
+from abfm_viewer.scene.annotations import bar_room, draw_annotations, name_height, window_pen
 from abfm_viewer.scene.gaussian_markers import GaussianMarkers
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.resting import Resting
@@ -100,7 +100,7 @@ class Window:
         self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
         self.context = Context(self.ui, session, self.shown, self.exporter, self.files, self.dialogs)
         self.files.ways_out[OTHER_MESH] = self.context.open_mesh
-        self.actions = Actions(self.context, lambda: self.scene.reset_camera(), self._end)
+        self.actions = Actions(self.context, lambda: self.mouse.over, self._end)
         self.files.ways_out[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0
         self.errors: dict[str, str] = {}
@@ -119,6 +119,7 @@ class Window:
         ps.set_frame_tick_limit_fps_mode("ignore_limits")
         ps.set_configure_imgui_style_callback(self._restyle)
         ps.set_files_dropped_callback(self._dropped)
+        ps.set_do_default_mouse_interaction(False)
         ps.set_user_callback(self._callback)
         self.scene = Scene(self.shown)
         self.resting = Resting(session, backend == opengl.WINDOW)
@@ -225,7 +226,7 @@ class Window:
         left, top, right, bottom = parts.scene
         self.exporter.window_size = (round(right - left), round(bottom - top))
         pen = window_pen(self.ui)
-        self.scene.room_above, self.scene.room_below = 2.2 * pen.line, bar_room(pen) if view.color_bar else 0.0
+        self.scene.name_height, self.scene.room_below = name_height(pen), bar_room(pen) if view.color_bar else 0.0
         self.guarded("scene", lambda: self.scene.update(parts.scene))
         if is_live:
             free = not self.dialogs.is_open

@@ -13,9 +13,8 @@ from abfm_viewer.appearance.colormaps import ColorRange, place_colors
 from abfm_viewer.document.document import Camera, Front
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.pictures.sheets.ranges import function, panels
-from abfm_viewer.scene import marks
+from abfm_viewer.scene import marks, opengl
 from abfm_viewer.scene.camera import best_front, fitted
-from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.ribbons import course_through
 from abfm_viewer.scene.surface_quantities import register, show
 from abfm_viewer.scene.viewport import Viewport
@@ -72,7 +71,7 @@ def panel_pictures(
                 if sizes[number] != size:
                     continue
                 _show(panel, ranges)
-                Viewport(panel.mesh).place(views[panel.mesh], (0, 0, *size))
+                Viewport(panel.mesh).place(views[panel.mesh])
                 pictures[number] = Image.fromarray(drawn(transparent=True))
     return [pictures[number] for number in range(len(sizes))]
 
@@ -80,8 +79,7 @@ def panel_pictures(
 def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
     mesh = panel.mesh
     viewport = Viewport(mesh)
-    ps.remove_all_structures()
-    ps.set_ground_plane_mode("none")
+    opengl.clear()
     viewport.set_extent(mesh.vertices)
     surface = register("surface", mesh, viewport.drawn(mesh.vertices))
     show(surface, mesh, _paint(panel, ranges), square=_SQUARE)

@@ -146,7 +146,7 @@ def test_match_reports_and_writes_what_it_found(tmp_path, capsys):
     assert report["verified_mismatch"] == match.verified_mismatch
     assert report["folded"] == match.folded
     assert report["verdict"] == json.loads(json.dumps(asdict(match.verdict)))
-    assert [remedy["label"] for remedy in report["verdict"]["remedies"]] == ["Continue", "More time"]
+    assert [remedy["label"] for remedy in report["verdict"]["remedies"]] == ["More time", "Continue"]
     assert re.search(r"^iteration 0  stage 1(, reach [\d.]+)?  energy [\d.]+  mismatch [\d.]+$", captured.err, re.M)
     assert match.source.shape == (315, 1)
     assert match.advect(0.5).shape == (315,)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from abfm_viewer.document.document import Document
+import numpy as np
+
+from abfm_viewer.document.document import Document, Front, Look
 from abfm_viewer.document.history import LONGEST, History
-from tests.viewer.sessions import SPHERE
+from tests.viewer.sessions import EGG, SPHERE
 
 
 def at(history: History, time: float) -> Document:
@@ -88,6 +90,28 @@ def test_amending_leaves_no_step_and_undo_steps_over_it():
     assert history.moves == 1
     history.undo()
     assert history.document is start
+
+
+def test_what_the_mouse_turned_stays_unless_a_step_chose_another_look():
+    front, side, above = (Look(Front((float(x), float(y), float(z)), (0.0, 0.0, 1.0))) for x, y, z in np.eye(3))
+    history = History(Document(SPHERE, "sphere"))
+    history.change(at(history, 1), "move")
+    history.document = replace(history.document, view=replace(history.document.view, look=front, large="source"))
+    history.undo()
+    assert (history.document.time, history.document.view.look, history.document.view.large) == (0, front, "source")
+    history.redo()
+    history.change(replace(history.document, view=replace(history.document.view, look=side)), "look from the side")
+    history.document = replace(history.document, view=replace(history.document.view, look=above))
+    history.undo()
+    assert history.document.view.look == front
+    history.redo()
+    assert history.document.view.look == above
+    ball = Document(EGG, "egg")
+    history.change(ball, "open egg")
+    history.undo()
+    assert history.document.view.look == above
+    history.redo()
+    assert history.document is ball
 
 
 def test_only_the_latest_steps_are_kept():

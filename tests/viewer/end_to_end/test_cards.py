@@ -134,6 +134,20 @@ def test_a_save_that_fails_is_tried_again_or_goes_elsewhere(gui, tmp_path):
     assert cards(gui) == []
 
 
+def test_the_keyboard_returns_to_the_box_after_a_save(gui, tmp_path):
+    gui.window.files.save(tmp_path / "inner" / "a.abfm")  # there is no such folder
+    gui.wait(lambda s: s.cards)
+    gui.type("spec", "gaussian:vertex=3,width=0.2", within="source", enter=False)
+    gui.key("ctrl+s")
+    gui.frames(3)
+    gui.click("Cancel", "Save the project")
+    gui.wait(lambda _: imgui.GetIO().WantTextInput, 5)
+    assert gui.session.active.source == "gaussian:vertex=3,width=0.2"
+    gui.input.write("coordinate:x")
+    gui.key("enter")
+    assert gui.session.active.source == "coordinate:x"
+
+
 def test_what_is_being_opened_is_shown_with_a_way_out(gui, tmp_path, monkeypatch):
     sphere, may_go_on = icosphere(1), threading.Event()
     path = tmp_path / "slow.off"

@@ -12,7 +12,6 @@ import pytest
 from PIL import Image
 
 from abfm_viewer.automation import Driver, DriverError
-from abfm_viewer.scene.opengl import ps
 from abfm_viewer.widgets.slider_scale import share_of
 from tests.shapes import icosphere
 from tests.viewer.sessions import SIZE
@@ -146,12 +145,13 @@ def test_a_picture_keeps_sections_and_scrolling_and_changes_nothing(gui, tmp_pat
 
 
 def test_the_right_button_drags_in_as_many_steps_as_it_is_told(gui):
-    before, drawn = ps.get_camera_view_matrix(), gui.window.frames
-    gui.input.drag((150, 300), (250, 350), steps=7, button=1)
-    after = ps.get_camera_view_matrix()
+    before, drawn = gui.window.scene.view, gui.window.frames
+    gui.input.drag((150, 200), (165, 212), steps=7, button=1)
+    after = gui.window.scene.view
     assert gui.window.frames - drawn == 1 + 1 + 7 + 2
-    assert np.abs(after[:3, 3] - before[:3, 3]).max() > 0.01
-    np.testing.assert_allclose(after[:3, :3], before[:3, :3], atol=1e-6)  # moved, not turned
+    vertex = gui.session.mesh.vertices[0]
+    places = [view.projected("source", gui.window.scene.viewport.drawn(vertex))[0] for view in (before, after)]
+    np.testing.assert_allclose(places[1] - places[0], [15, 12, 0], atol=1e-6)  # moved, not turned
 
 
 def test_nothing_is_held_from_one_driver_to_the_next():

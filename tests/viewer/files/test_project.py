@@ -31,10 +31,10 @@ from abfm_viewer.document.document import (
     FIELD_PARTS,
     LAYOUTS,
     THEMES,
-    Camera,
     Channel,
     Document,
     Front,
+    Look,
     Point,
     Run,
     View,
@@ -83,7 +83,10 @@ DOCUMENT = Document(
         streaks=True,
         fade=True,
         animate=True,
-        camera=Camera((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 20.0),
+        look=Look(Front((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), 2.5, (0.1, 0.2, 0.3)),
+        large="target",
+        hidden=("source",),
+        wireframe=True,
         front=Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
     ),
 )
@@ -132,7 +135,7 @@ class TestRoundTrip:
         [
             DOCUMENT,
             Document(WHOLE, "nothing yet"),
-            Document(WHOLE, "no channels", view=View(camera=None)),
+            Document(WHOLE, "no channels", view=View(look=None)),
             replace(DOCUMENT, result=replace(RESULT, mask=None, channels_given=False), runs=()),
             replace(DOCUMENT, result=replace(RESULT, verified_mismatch=math.nan, folded=math.nan)),
         ],
@@ -246,10 +249,12 @@ views = st.builds(
     arrow_length=st.floats(0.001, 10),
     arrow_density=st.floats(0, 1),
     front=st.none() | st.builds(turned, st.floats(-10, 10)),
-    camera=st.none() | st.builds(Camera, vectors, st.just((0.5, 1.5, 2.5)), vectors, st.floats(1, 179)),
+    look=st.none() | st.builds(Look, st.builds(turned, st.floats(-10, 10)), st.floats(0.2, 200), st.none() | vectors),
+    flat=st.booleans(),
+    hidden=st.lists(st.sampled_from(["source", "error"]), unique=True).map(tuple),
     part=st.sampled_from(FIELD_PARTS),
     tool=st.sampled_from(CLICK_TOOLS),
-).filter(lambda view: view.camera is None or view.camera.position != view.camera.target)
+)
 specs = st.builds("gaussian:vertex={},width={!r}".format, st.integers(0, 42), st.floats(1e-300, 1e300))
 channels = st.lists(st.builds(Channel, specs, specs, numbers.map(abs))).map(tuple)
 
@@ -402,6 +407,8 @@ class TestDamage:
             ({"view": {"ui_scale": 0}}, "ui_scale is 0"),
             ({"view": {"camera": {"position": [0] * 3, "target": [0] * 3, "up": [0, 1, 0], "angle": 9}}}, "camera"),
             ({"view": {"camera": {"position": [1] * 3, "target": [0] * 3, "up": [0, 1, 0], "angle": 180}}}, "angle"),
+            ({"view": {"look": {"front": {"direction": [1, 0, 0], "up": [1, 0, 0]}}}}, "front"),
+            ({"view": {"look": {"front": {"direction": [1, 0, 0], "up": [0, 1, 0]}, "zoom": 0}}}, "zoom is 0"),
             ({"unheard": 1}, "unheard"),
         ],
     )

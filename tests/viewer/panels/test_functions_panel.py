@@ -314,39 +314,39 @@ def front(gui, surface="target"):
 
 
 def test_a_drag_is_one_step_and_leaves_the_camera(gui):
-    vertex, before, camera = front(gui), gui.session.channels, gui.window.scene.camera()
+    vertex, before, look = front(gui), gui.session.channels, gui.window.scene.look
     moved = gui.session.history.moves
     gui.drag_on_surface([vertex, *neighbours(vertex)[:2]], surface="target")
     assert gaussians(spec(gui, "target"))[0].vertex == (neighbours(vertex)[1],)
     assert gui.session.document.side == "target"
     assert gui.session.history.moves - moved >= 3
-    np.testing.assert_allclose(gui.window.scene.camera().position, camera.position)
+    assert gui.window.scene.look == look
     gui.key("ctrl+z")
     assert gui.session.channels == before
     assert not gui.session.history.undo_label
 
 
 def test_without_shift_the_same_drag_turns_the_camera(gui):
-    vertex, before, camera = front(gui), gui.session.channels, gui.window.scene.camera()
-    gui.pick(vertex, surface="target")  # polyscope's own mouse comes back after this
+    vertex, before, look = front(gui), gui.session.channels, gui.window.scene.look
+    gui.pick(vertex, surface="target")
     gui.key("ctrl+z")
     gui.drag_on_surface([vertex, *neighbours(vertex)[:2]], surface="target", modifiers=())
     assert gui.session.channels == before
-    assert np.linalg.norm(np.subtract(gui.window.scene.camera().position, camera.position)) > 1e-3
+    assert np.linalg.norm(np.subtract(gui.window.scene.look.front.direction, look.front.direction)) > 1e-3
 
 
 def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
     now = [100.0]
     monkeypatch.setattr("abfm_viewer.window.mouse.time.perf_counter", lambda: now[0])
     vertex = front(gui)
-    camera, before = gui.window.scene.camera(), gaussians(spec(gui, "target"))[0].width
+    look, before = gui.window.scene.look, gaussians(spec(gui, "target"))[0].width
     gui.wheel(1, vertex, surface="target")
     gui.wheel(1, vertex, surface="target")
     now[0] += 10
     gui.frames(2)
     gui.wheel(-1, vertex, surface="target")
     assert gaussians(spec(gui, "target"))[0].width == pytest.approx(1.12 * before, rel=0.01)
-    np.testing.assert_allclose(gui.window.scene.camera().position, camera.position)
+    assert gui.window.scene.look == look
     gui.session.undo()
     assert gaussians(spec(gui, "target"))[0].width == pytest.approx(1.25 * before, rel=0.01)
     gui.session.undo()
@@ -380,11 +380,12 @@ def test_a_click_places_a_point_and_a_drag_does_not(gui):
     assert len(gui.session.document.points) == 1
 
 
-def test_a_double_click_which_moves_the_camera_places_one_point(gui):
+def test_a_double_click_which_shows_the_surface_large_places_one_point(gui):
     gui.session.set_view("tool", tool="flow line")
     gui.input.move(*aim.place(gui.window, front(gui), "advected"))
     gui.input.click(2)
     assert len(gui.session.document.lines) == 1
+    assert gui.window.scene.shown == ("advected",)
 
 
 def test_a_dialog_keeps_the_mouse_from_the_surfaces(gui):

@@ -61,26 +61,24 @@ def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
     """Arrows and a flow line are drawn, a vertex is picked where it is seen, and a moved camera is kept."""
     with Driver(document_file(moved(scale, offset), tmp_path), size=(640, 480)) as gui:
         gui.session.set_view("look", arrows=True)
-        vertex = int(np.argmax(gui.session.mesh.vertices @ gui.window.scene._front_view().direction))
+        vertex = int(np.argmax(gui.session.mesh.vertices @ gui.session.view.front.direction))
         gui.session.add_point("lines", gui.window.scene.nearest("advected", gui.session.mesh.vertices[vertex]).point)
         shown = gui.window.shown
         gui.wait(lambda _: not shown.busy and not shown.quantities.busy)
         gui.frames(3)
-        drawn = {name for name, _ in gui.window.scene.overlays.structures()}
+        drawn = {surface for surface, *_ in gui.window.scene.overlays.structures()}
         assert drawn == {"advected"}
-        x, y, _ = gui.window.scene.viewport.projected(
-            gui.session.mesh.vertices[vertex] + gui.window.scene.offsets["source"]
-        )[0]
+        x, y, _ = gui.window.scene.projected("source", gui.session.mesh.vertices[vertex])[0]
         hit = gui.window.scene.pick((x, y))
         assert hit is not None
         assert hit.surface == "source"
         assert np.linalg.norm(gui.session.mesh.vertices[hit.vertex] - gui.session.mesh.vertices[vertex]) <= 0.4 * scale
-        assert gui.session.view.camera is None
-        gui.drag_on_surface([12, 40], modifiers=())
-        assert gui.session.view.camera is not None
-        camera = gui.session.view.camera
+        assert gui.session.view.look is None
+        gui.input.drag((x, y), (x + 30, y + 10))
+        look = gui.session.view.look
+        assert look is not None
         gui.frames(5)
-        assert gui.session.view.camera is camera
+        assert gui.session.view.look is look
 
 
 def document_file(mesh: TriangleMesh, folder) -> str:

@@ -13,7 +13,7 @@ from abfm.baselines import linear_blend, optimal_transport
 from abfm_viewer.document.document import COLORINGS
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.field_parts import Field
-from abfm_viewer.shown.paint import Painter, _most, surfaces
+from abfm_viewer.shown.paint import Painter, _most
 from abfm_viewer.shown.shown import Shown
 from tests.viewer.sessions import SPHERE, opened, until
 
@@ -62,17 +62,19 @@ def show(session, **values):
         ),
         ({"layout": "advected only"}, ("advected",)),
         ({"layout": "advected only", "error": True}, ("advected", "error")),
+        ({"hidden": ("source", "error")}, ("advected", "target")),
+        ({"hidden": ("source", "advected", "target")}, ("advected",)),
     ],
 )
 def test_surfaces_stand_in_the_order_of_the_flow(session, view, names):
     show(session, **view)
-    assert surfaces(session) == names
+    assert session.view.shown_surfaces == names
 
 
 def test_all_functions_share_one_range_and_one_bar(session, painter):
     show(session, blend=True, transport=True)
     until(lambda: painter.paint("optimal transport"))
-    paints = [painter.paint(name) for name in surfaces(session)]
+    paints = [painter.paint(name) for name in session.view.shown_surfaces]
     assert {paint.bar for paint in paints} == {"function"}
     low = min(session.values(side).min() for side in ("source", "target"))
     high = max(session.values(side).max() for side in ("source", "target"))
@@ -101,7 +103,7 @@ def test_surfaces_that_do_not_change_are_not_drawn_again(session, coloring, shar
     session.set_time(share * session.parameters.tau)
 
     def paints():
-        return [painter.paint(name) for name in surfaces(session)]
+        return [painter.paint(name) for name in session.view.shown_surfaces]
 
     def settled():
         paints()

@@ -56,12 +56,12 @@ def test_a_channel_that_the_run_does_not_have_is_carried_by_its_field(endless, w
     np.testing.assert_allclose(shown.flow.advected(), iterate.advected[:, 0], atol=1e-6)
 
 
-def test_during_a_run_the_newest_iterate_is_shown_at_tau_and_followed_elsewhere(endless, watched):
+def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(endless, watched):
     shown = watched(endless)
     solving(endless)
     endless.solver.pause()
     time.sleep(0.1)
-    iterate = endless.solver.snapshot.iteration
+    iterate = endless.solver.snapshot.shown
     np.testing.assert_array_equal(shown.flow.advected(), iterate.advected[:, 0])
     assert not shown.flow.state.final
     assert shown.flow.state.velocity is iterate.velocity

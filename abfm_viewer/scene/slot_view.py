@@ -1,0 +1,124 @@
+"""How all surfaces are seen in their slots, and what turns, moves and zooms them: geometry, without polyscope."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from abfm.types import FloatArray
+from abfm_viewer.document.document import FARTHEST, NEAREST, Front
+from abfm_viewer.scene.slots import Slot, fitting
+
+Place = tuple[float, float]
+_BALL = 0.8  # of the surface's radius: the ball that the mouse turns
+
+
+@dataclass(frozen=True, eq=False)
+class SlotView:
+    """One look at surfaces in slots; places are pixels of the window, and points those of the surface as it is drawn.
+
+    All surfaces are the same, in parallel projection, so that they look alike wherever they stand.
+    """
+
+    slots: Mapping[str, Slot]
+    rotation: FloatArray  # (3, 3): rows are what is to the right, up, and towards the viewer
+    target: FloatArray  # (3,): in the slots' middle
+    home: FloatArray  # (3,): where a target is when nothing was moved
+    zoom: float
+    scale: float  # pixels of a length of 1
+    radius: float  # of the surface, about home
+
+    def seen(self, points: FloatArray) -> FloatArray:
+        """Points (..., 3) from the slot's middle: to the right, up, and towards the viewer."""
+        return (points - self.target) @ self.rotation.T
+
+    def projected(self, name: str, points: FloatArray) -> FloatArray:
+        """Places and depths (P, 3) of points (P, 3) of a surface; what is nearer has less depth."""
+        x, y, z = self.seen(np.atleast_2d(points)).T
+        middle = self.slots[name].middle
+        return np.stack([middle[0] + self.scale * x, middle[1] - self.scale * y, -z], axis=1)
+
+    def matrix(self, name: str, window: tuple[int, int]) -> FloatArray:
+        """What (4, 4) puts a surface into its slot, before a viewer along z who has the window's middle at 0."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.rotation, -self.rotation @ self.target
+        matrix[:2, 3] += self.drawn(self.slots[name].middle, window)
+        return matrix
+
+    def drawn(self, place: Place, window: tuple[int, int]) -> FloatArray:
+        """Where (2,) a place of the window is for that viewer."""
+        return np.array([place[0] - window[0] / 2, window[1] / 2 - place[1]]) / self.scale
+
+    def slot_at(self, place: Place) -> str:
+        """The surface in whose slot a place is, or that is nearest to it."""
+
+        def distance(name: str) -> float:
+            left, top, right, bottom = self.slots[name].rect
+            outside = np.array([max(left - place[0], 0, place[0] - right), max(top - place[1], 0, place[1] - bottom)])
+            return float(np.linalg.norm(outside))
+
+        return min(self.slots, key=distance)
+
+    # What the mouse does; targets of looks are in the drawn surface's coordinates
+
+    def turned(self, name: str, start: Place, end: Place) -> FloatArray:
+        """The rotation after the mouse dragged the ball around a surface: what is under it follows."""
+        one, other = (self._on_ball(name, place) for place in (start, end))
+        axis = np.cross(one, other)
+        sine, cosine = np.linalg.norm(axis), one @ other
+        if sine < 1e-12:
+            return self.rotation
+        x, y, z = axis / sine
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        turn = np.eye(3) + sine * cross + (1 - cosine) * cross @ cross
+        direction = (turn @ self.rotation)[2]
+        right = np.cross((turn @ self.rotation)[1], direction)
+        direction, right = direction / np.linalg.norm(direction), right / np.linalg.norm(right)
+        return np.stack([right, np.cross(direction, right), direction])
+
+    def moved(self, delta: Place) -> FloatArray:
+        """The target after the mouse moved the surfaces by pixels."""
+        shift = np.array([-delta[0], delta[1], 0.0]) / self.scale
+        target: FloatArray = self.target + shift @ self.rotation
+        away = target - self.home
+        return self.home + away * min(1.0, self.radius / max(float(np.linalg.norm(away)), 1e-12))
+
+    def zoomed(self, name: str, place: Place, factor: float) -> tuple[float, FloatArray]:
+        """The zoom and the target after coming nearer: what is under the mouse stays there.
+
+        Going farther leads back to where the target is home when the surface fits again.
+        """
+        zoom = min(max(self.zoom * factor, FARTHEST), NEAREST)
+        if zoom < self.zoom:
+            share = max(0.0, 1 - 1 / zoom) / (1 - 1 / self.zoom) if self.zoom > 1 else 1.0
+            return zoom, self.home + share * (self.target - self.home)
+        middle = self.slots[name].middle
+        away = np.array([place[0] - middle[0], middle[1] - place[1], 0.0]) / self.scale
+        return zoom, self.target + (1 - self.zoom / zoom) * away @ self.rotation
+
+    def _on_ball(self, name: str, place: Place) -> FloatArray:
+        """A unit vector to where a place is on the ball, or on the hyperboloid around it."""
+        middle, radius = self.slots[name].middle, _BALL * self.radius * self.scale
+        x, y = (place[0] - middle[0]) / radius, (middle[1] - place[1]) / radius
+        square = x * x + y * y
+        point = np.array([x, y, np.sqrt(1 - square) if square < 0.5 else 0.5 / np.sqrt(square)])
+        unit: FloatArray = point / np.linalg.norm(point)
+        return unit
+
+
+class Fit:
+    """How large a surface with these points (P, 3) can be: as from its front, smaller where it would stand out."""
+
+    def __init__(self, points: FloatArray, front: Front) -> None:
+        axes = front.axes
+        low, high = ((points @ axes.T).min(axis=0), (points @ axes.T).max(axis=0))
+        self.shape: tuple[float, float] = (float(high[0] - low[0]), float(high[1] - low[1]))
+        self.home: FloatArray = (low + high) / 2 @ axes
+        self._around = points - self.home
+        self.radius = float(np.linalg.norm(self._around, axis=1).max())
+
+    def view(self, slots: Mapping[str, Slot], front: Front, zoom: float, target: FloatArray | None) -> SlotView:
+        half, axes = next(iter(slots.values())).half, front.axes
+        wide, high = 2 * np.abs(self._around @ axes[:2].T).max(axis=0)
+        scale = zoom * min(fitting(half, self.shape), fitting(half, (float(wide), float(high))))
+        return SlotView(slots, axes, self.home if target is None else target, self.home, zoom, scale, self.radius)

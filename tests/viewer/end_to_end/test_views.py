@@ -1,0 +1,165 @@
+"""Seeing surfaces large, from other sides, without some of them, and in other ways, by mouse, menu and keys."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from abfm_viewer.window.view_actions import AXES, axis_front
+
+SURFACES = ("source", "advected", "target")
+
+
+def middle(gui, name):
+    return gui.window.scene.view.slots[name].middle
+
+
+def picture(gui, folder):
+    gui.screenshot(folder / "a.png")
+    left, top, right, bottom = map(int, gui.window.parts.scene)
+    return np.asarray(Image.open(folder / "a.png").convert("RGB"), int)[top:bottom, left:right]
+
+
+def test_a_double_click_shows_one_surface_large_and_another_all_again(gui, tmp_path):
+    steps = gui.session.history.moves
+    gui.input.move(*middle(gui, "target"))
+    gui.input.click(2)
+    assert gui.window.scene.shown == ("target",)
+    left, _, right, _ = gui.window.parts.scene
+    slot = gui.window.scene.view.slots["target"]
+    assert (slot.rect[0], slot.rect[2]) == (left, right)
+    assert gui.window.scene.pick(middle(gui, "target")).surface == "target"
+    gui.input.move(*middle(gui, "target"))
+    gui.input.click(2)
+    assert gui.window.scene.shown == SURFACES
+    assert gui.session.history.moves == steps
+
+
+def test_escape_shows_all_again_and_cancels_a_run_only_then(running):
+    running.input.move(*middle(running, "source"))
+    running.input.click(2)
+    assert running.window.scene.shown == ("source",)
+    running.key("escape")
+    assert running.window.scene.shown == SURFACES
+    assert running.session.solver.running
+    running.key("escape")
+    running.wait(lambda s: s.solver.finished)
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_axes_are_looked_from_by_menu_and_key_and_undo_returns(gui, axis):
+    gui.input.drag((100, 200), (130, 210))
+    turned = gui.session.view.look
+    chord = f"shift+{axis[1:]}" if axis.startswith("-") else axis
+    for choose in (lambda: gui.menu("View", "Look from", axis), lambda: gui.key(chord)):
+        choose()
+        front = gui.session.view.look.front
+        assert front == axis_front(axis)
+        np.testing.assert_allclose(np.linalg.det(front.axes), 1)
+        assert ((axis.startswith("-") and -1) or 1) * front.direction["xyz".index(axis[-1])] == 1
+        gui.key("ctrl+z")
+        assert gui.session.view.look == turned
+
+
+def test_reset_is_a_step_and_a_drag_is_none(gui):
+    steps = gui.session.history.moves
+    gui.input.drag((100, 200), (130, 210))
+    assert gui.session.history.moves == steps
+    turned = gui.session.view.look
+    gui.menu("View", "Reset camera")
+    assert gui.session.view.look is None
+    gui.key("ctrl+z")
+    assert gui.session.view.look == turned
+    gui.session.set_parameter(alpha=2.0)
+    gui.input.drag((100, 200), (100, 220))
+    again = gui.session.view.look
+    gui.key("ctrl+z")
+    assert gui.session.view.look == again != turned  # what the mouse does meanwhile stays
+    gui.key("r")
+    assert gui.session.view.look is None
+
+
+@pytest.mark.parametrize(("label", "name", "key"), [("Wireframe", "wireframe", "w"), ("Flat shading", "flat", "f")])
+def test_wireframe_and_flat_shading_come_and_go(gui, label, name, key, tmp_path):
+    before = picture(gui, tmp_path)
+    gui.menu("View", label)
+    assert getattr(gui.session.view, name)
+    assert np.abs(picture(gui, tmp_path) - before).mean() > 0.05
+    gui.key("ctrl+z")
+    assert not getattr(gui.session.view, name)
+    assert np.abs(picture(gui, tmp_path) - before).mean() < 0.01
+    gui.key(key)
+    assert getattr(gui.session.view, name)
+    gui.key(key)
+    assert not getattr(gui.session.view, name)
+
+
+def test_surfaces_are_hidden_and_shown_by_menu_and_keys(gui):
+    for name in SURFACES:
+        gui.menu("View", "Surfaces", name)
+        assert gui.window.scene.shown == tuple(other for other in SURFACES if other != name)
+        gui.menu("View", "Surfaces", name)
+        assert gui.window.scene.shown == SURFACES
+    gui.input.move(*middle(gui, "source"))
+    gui.key("h")
+    assert gui.window.scene.shown == ("advected", "target")
+    gui.input.move(*middle(gui, "target"))
+    gui.key("h")
+    gui.input.move(*middle(gui, "advected"))
+    gui.key("h")
+    assert gui.window.scene.shown == ("advected",)
+    assert "only surface" in gui.session.notice.text
+    gui.key("ctrl+z")
+    assert gui.window.scene.shown == ("advected", "target")
+    gui.menu("View", "Surfaces", "Show all")
+    assert gui.window.scene.shown == SURFACES
+    gui.input.move(*middle(gui, "source"))
+    gui.key("h")
+    gui.key("shift+h")
+    assert gui.window.scene.shown == SURFACES
+    gui.input.move(1, 1)
+    gui.key("h")
+    assert "point at one" in gui.session.notice.text
+    assert gui.window.scene.shown == SURFACES
+
+
+def test_a_hidden_surface_comes_back_as_it_was(gui, tmp_path):
+    before = picture(gui, tmp_path)
+    gui.menu("View", "Surfaces", "advected")
+    gui.menu("View", "Surfaces", "advected")
+    gui.frames(3)
+    assert np.abs(picture(gui, tmp_path) - before).mean() < 0.01
+
+
+def test_picks_are_right_wherever_surfaces_are_turned_and_zoomed(gui):
+    scene, mesh = gui.window.scene, gui.session.mesh
+    gui.input.drag(middle(gui, "source"), (middle(gui, "source")[0] + 40, middle(gui, "source")[1] + 25))
+    for zoom in (0, 8):
+        gui.input.move(*middle(gui, "advected"))
+        gui.input.wheel(zoom)
+        for name in SURFACES:
+            x, y = middle(gui, name)
+            for place in ((x, y), (x + 20, y - 15), (x - 12, y + 9)):
+                hit = scene.pick(place)
+                assert hit.surface == name
+                point = np.array(hit.point.barycentric) @ mesh.vertices[mesh.faces[hit.point.face]]
+                off = np.hypot(*(scene.projected(name, point)[0, :2] - (np.floor(place) + 0.5)))
+                assert off < 1.0
+
+
+def test_no_surface_is_seen_before_its_front_is_known(gui):
+    """A new mesh appears as it stays: no frame shows it from another side."""
+    from tests.shapes import torus
+
+    gui.session.set_mesh(torus(24, 12, r=0.3), "torus")
+    sides = set()
+    while not gui.window.scene.names:
+        gui.window.frame()
+        if gui.window.scene.names:
+            sides.add(gui.window.scene.view.rotation.tobytes())
+    gui.wait(lambda s: not s.obstacle and not gui.window.shown.busy)
+    gui.frames(5)
+    sides.add(gui.window.scene.view.rotation.tobytes())
+    assert len(sides) == 1
+    assert gui.session.view.front is not None

@@ -1,0 +1,131 @@
+"""What the mouse does to a view of slots: geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from abfm_viewer.document.document import Front, triple
+from abfm_viewer.scene.slot_view import Fit
+from abfm_viewer.scene.slots import slots
+from tests.shapes import ellipsoid
+
+POINTS = ellipsoid(3, 1.0, 0.7, 0.4).vertices + np.array([0.3, -0.2, 0.1])
+FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+NAMES = ("source", "advected", "target")
+PLACES = slots(NAMES, (0, 0, 900, 500), (2.0, 1.4), "row", 20.0)
+WINDOW = (1280, 800)
+in_slot = st.tuples(st.floats(310, 590), st.floats(30, 490))
+
+
+def front(rotation) -> Front:
+    return Front(triple(rotation[2]), triple(rotation[1]))
+
+
+def view(zoom=1.0, target=None, rotation=None):
+    return Fit(POINTS, FRONT).view(PLACES, FRONT if rotation is None else front(rotation), zoom, target)
+
+
+def changed(seen, **change):
+    """The view after the mouse changed it."""
+    values = {"rotation": seen.rotation, "zoom": seen.zoom, "target": seen.target, **change}
+    return view(values["zoom"], values["target"], values["rotation"])
+
+
+def point_at(seen, name, place, depth=0.0):
+    """The point of a surface that a place shows, at a depth."""
+    middle = seen.slots[name].middle
+    x, y = (place[0] - middle[0]) / seen.scale, (middle[1] - place[1]) / seen.scale
+    return seen.target + np.array([x, y, depth]) @ seen.rotation
+
+
+def test_every_surface_fits_its_slot_from_every_side_and_fills_it_from_the_front():
+    for rotation in Rotation.random(100, np.random.default_rng(0)).as_matrix():
+        seen = view(rotation=rotation)
+        for name, slot in PLACES.items():
+            x, y, _ = seen.projected(name, POINTS).T
+            left, top, right, bottom = slot.rect
+            assert left < x.min()
+            assert x.max() < right
+            assert top < y.min()
+            assert y.max() < bottom
+    x, y, _ = view().projected("source", POINTS).T
+    half = PLACES["source"].half
+    assert max(np.ptp(x) / (2 * half[0]), np.ptp(y) / (2 * half[1])) == pytest.approx(1)
+
+
+def test_all_surfaces_look_alike():
+    seen = view(2.0, np.array([0.5, 0, 0]), Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix())
+    places = [seen.projected(name, POINTS) - [*PLACES[name].middle, 0] for name in NAMES]
+    np.testing.assert_allclose(places[0], places[1], atol=1e-9)
+    np.testing.assert_allclose(places[0], places[2], atol=1e-9)
+
+
+def test_the_matrix_puts_points_where_they_are_projected():
+    seen = view(1.7, np.array([0.5, 0.1, 0]), Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix())
+    matrix = seen.matrix("advected", WINDOW)
+    there = POINTS @ matrix[:3, :3].T + matrix[:3, 3]
+    x, y, depth = seen.projected("advected", POINTS).T
+    np.testing.assert_allclose(seen.scale * there[:, 0] + WINDOW[0] / 2, x)
+    np.testing.assert_allclose(WINDOW[1] / 2 - seen.scale * there[:, 1], y)
+    np.testing.assert_allclose(there[:, 2], -depth)
+
+
+@given(place=in_slot, factor=st.floats(1.0, 8.0))
+def test_what_is_under_the_mouse_stays_there_when_it_comes_nearer(place, factor):
+    seen = view(1.3, np.array([0.1, 0, 0.05]))
+    point = point_at(seen, "advected", place)
+    zoom, target = seen.zoomed("advected", place, factor)
+    np.testing.assert_allclose(changed(seen, zoom=zoom, target=target).projected("advected", point)[0, :2], place)
+
+
+@given(place=in_slot, factor=st.floats(1.1, 8.0))
+def test_going_back_is_the_same_way(place, factor):
+    seen = view()
+    nearer = changed(seen, **dict(zip(("zoom", "target"), seen.zoomed("advected", place, factor), strict=True)))
+    half_way = changed(nearer, **dict(zip(("zoom", "target"), nearer.zoomed("advected", (0, 0), 0.97), strict=True)))
+    point = point_at(nearer, "advected", place)
+    np.testing.assert_allclose(half_way.projected("advected", point)[0, :2], place, atol=1e-6)
+    zoom, target = nearer.zoomed("source", (0, 0), 1 / factor)
+    assert zoom == pytest.approx(1)
+    np.testing.assert_allclose(target, seen.home, atol=1e-9)
+
+
+@given(delta=st.tuples(st.floats(-60, 60), st.floats(-60, 60)))
+def test_surfaces_move_with_the_mouse(delta):
+    seen = view(2.0)
+    after = changed(seen, target=seen.moved(delta))
+    moved = after.projected("target", POINTS) - seen.projected("target", POINTS)
+    np.testing.assert_allclose(moved, np.broadcast_to([*delta, 0], moved.shape), atol=1e-9)
+
+
+def test_surfaces_cannot_be_lost():
+    seen = view()
+    for _ in range(50):
+        seen = changed(seen, target=seen.moved((500.0, -300.0)))
+    assert np.linalg.norm(seen.target - seen.home) <= seen.radius * (1 + 1e-9)
+
+
+@given(start=in_slot, end=in_slot)
+def test_the_ball_turns_with_the_mouse(start, end):
+    seen = view()
+    rotation = seen.turned("advected", start, end)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+    ball = seen._on_ball("advected", start)
+    np.testing.assert_allclose(rotation @ seen.rotation.T @ ball, seen._on_ball("advected", end), atol=1e-9)
+
+
+def test_a_mouse_that_stays_turns_nothing():
+    seen = view()
+    assert seen.turned("source", (100, 100), (100, 100)) is seen.rotation
+
+
+def test_the_surface_under_the_mouse_is_the_nearest_slot():
+    seen = view()
+    assert seen.slot_at((450, 5)) == "advected"
+    assert seen.slot_at((-20, 900)) == "source"
+    assert seen.slot_at((890, 250)) == "target"
