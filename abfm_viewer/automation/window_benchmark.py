@@ -149,7 +149,7 @@ def _throughput(window: Window, repeats: int) -> dict[str, Any]:
     def with_window() -> float:
         start, solver = time.perf_counter(), session.solver
         session.match()
-        seconds.extend(_drawn(window, solver.is_at_work))
+        seconds.extend(_drawn(window, lambda: not solver.wait(0)))
         elapsed = time.perf_counter() - start
         while solver.running:
             window.frame()
@@ -181,7 +181,7 @@ def _frames(window: Window, iterations: int) -> dict[str, Any]:
     slow: dict[str, Any] = {**PAPER, "max_displacement": 1e-3, "tolerance": 0.0, "cooling_stages": 1}
     session.set_parameter(**slow, iterations=iterations)
     session.match()
-    seconds = _drawn(window, session.solver.is_at_work)
+    seconds = _drawn(window, lambda: not session.solver.wait(0))
     return _summary(seconds) | {"p95_at_most": LONGEST_FRAME}
 
 
