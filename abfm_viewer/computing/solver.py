@@ -133,8 +133,7 @@ class Solver:
 
     def start(self, problem: Problem, functions: Functions, field: FloatArray | None = None) -> None:
         """Begin a run, from a field (N, F, 3) if there is one."""
-        self.state, self.reason, self.snapshot = State.RUNNING, "", None
-        self.step = None
+        self.state, self.reason, self.snapshot, self.step = State.RUNNING, "", None, None
         self.started += 1
         self.problem = problem
         self._next: Problem | None = problem
@@ -182,10 +181,11 @@ class Solver:
                 self.problem = self._next = problem
                 self._yield_to_next()
 
-    def wait(self, seconds: float | None = None) -> None:
-        """Return when the run is over, or the time is."""
+    def wait(self, seconds: float | None = None) -> bool:
+        """Return when the run is over, or the time is; whether it is over, though not yet collected."""
         if self.running:
             self._thread.join(seconds)
+        return not (self.running and self._thread.is_alive())
 
     def collect(self) -> tuple[abfm.Match | None, Run | None, Problem] | None:
         """What a run that has ended leaves; None unless one has ended since the last call."""
@@ -269,16 +269,14 @@ class Solver:
         apart, control = self._apart, self._control
         is_pictured = apart.pictured if apart else PicturePace().takes
 
-        def post(iteration: abfm.Iteration) -> None:
-            self._post(problem, iteration, is_pictured)
-
-        given: dict[str, Any] = {"mask": mask, "weights": weights, "start": start, "on_iteration": post}
+        given: dict[str, Any] = {"mask": mask, "weights": weights, "start": start}
+        given["on_iteration"] = lambda now: self._post(problem, now, is_pictured)
         if apart and isinstance(control, Relayed):
-            return apart.match(problem.mesh, *functions, **given, control=control, tell=self._tell)
-        with telling(self._tell):
+            return apart.match(problem.mesh, *functions, **given, control=control, tell=self._at)
+        with telling(self._at):
             return abfm.match(problem.mesh, *functions, **given, control=control)
 
-    def _tell(self, step: Step | None) -> None:
+    def _at(self, step: Step | None) -> None:
         self.step = step
         self._under_way.set()
 
