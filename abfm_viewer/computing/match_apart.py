@@ -11,6 +11,7 @@ import threading
 import weakref
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import fields, replace
 from functools import cached_property
 from queue import SimpleQueue
@@ -19,10 +20,12 @@ from typing import Any
 import abfm
 from abfm import Control, Parameters, TriangleMesh
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError
-from abfm.progress import Tell
+from abfm.progress import Step, Tell
 from abfm.types import FloatArray
 
 MODULE = "abfm_viewer.computing.match_process"
+PREPARING = 0
+"""The number of no run: what is told while coarser meshes are made is for the one that waits for them."""
 _ENDED = "the process that matches has ended; match again"
 
 
@@ -119,7 +122,7 @@ class MatchApart:
             if kind == "iteration":
                 on_iteration(self._iteration(connection, number, *content))
             elif kind == "step":
-                tell(content and content.begun_now())
+                tell(content)
             elif kind == "match":
                 match: abfm.Match = replace(content, mesh=mesh)
                 return match
@@ -170,7 +173,8 @@ class _Connection:
         self.ended = False
         self._process = OwnProcess(MODULE)
         self._unsent: SimpleQueue[object] = SimpleQueue()
-        self._run: tuple[int, SimpleQueue[tuple[str, Any]]] = (0, SimpleQueue())
+        self._run: tuple[int, SimpleQueue[tuple[str, Any]]] = (PREPARING, SimpleQueue())
+        self._preparing: Step | None = None
         self._fetched: dict[tuple[int, int], Future[Fetched]] = {}
         self._lock = threading.Lock()
         for work in (self._write, self._read):
@@ -183,6 +187,8 @@ class _Connection:
         """Where the answers about a run of this number come."""
         with self._lock:
             self._run = number, SimpleQueue()
+            if self._preparing:
+                self._run[1].put(("step", self._preparing))
             if self.ended:
                 self._run[1].put(("error", MemoryError(_ENDED)))
             return self._run[1]
@@ -209,30 +215,39 @@ class _Connection:
         self.send(None)
 
     def _write(self) -> None:
-        while (message := self._unsent.get()) is not None:
-            try:
-                self._process.send(message)
-            except ProcessEndedError:
-                return  # the reader tells
+        try:
+            with suppress(ProcessEndedError):  # the reader tells
+                while (message := self._unsent.get()) is not None:
+                    self._process.send(message)
+        finally:  # also where there is no memory for a message
+            self._process.close()
 
     def _read(self) -> None:
         try:
-            while True:
-                messages = self._process.receive()
-                with self._lock:
-                    for kind, number, content in messages:
-                        if kind == "fetch":
-                            self._answer(self._fetched.pop((number, content[0])), content[1])
-                        elif number == self._run[0]:
-                            self._run[1].put((kind, content))
-        except ProcessEndedError:
+            with suppress(ProcessEndedError):
+                while True:
+                    self._take(self._process.receive())
+        finally:
             with self._lock:
                 self.ended = True
                 self._run[1].put(("error", MemoryError(_ENDED)))
                 for future in self._fetched.values():
                     future.set_exception(abfm.AbfmError(_ENDED))
                 self._fetched.clear()
-        self.send(None)  # so that the writer ends
+            self.send(None)  # so that the writer ends
+
+    def _take(self, messages: list[tuple[str, int, Any]]) -> None:
+        """Give each to who waits for it."""
+        with self._lock:
+            for kind, number, content in messages:
+                if kind == "fetch":
+                    self._answer(self._fetched.pop((number, content[0])), content[1])
+                    continue
+                told = content.begun_now() if isinstance(content, Step) else content
+                if number == PREPARING:
+                    self._preparing = told
+                if number in (PREPARING, self._run[0]):
+                    self._run[1].put((kind, told))
 
     @staticmethod
     def _answer(future: Future[Fetched], found: Fetched | None) -> None:

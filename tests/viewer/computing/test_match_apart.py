@@ -15,7 +15,8 @@ from abfm import AbfmError, Parameters
 from abfm_viewer.computing import match_apart
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.match_apart import MatchApart
-from abfm_viewer.computing.solver import Problem, Solver
+from abfm_viewer.computing.problem import Problem
+from abfm_viewer.computing.solver import Solver
 from tests.shapes import icosphere
 from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, problem, until
 
@@ -159,6 +160,43 @@ def test_a_process_that_is_killed_fails_its_run_and_the_next_run_has_another(sol
     with pytest.raises(AbfmError, match="match again"):
         _ = shown.velocity
     same_run(solver, SPHERE, QUICK)
+
+
+def test_a_killed_process_leaves_no_zombie_and_what_was_asked_for_of_its_run_is_kept(solver, functions):
+    solver.start(problem(ENDLESS), functions)
+    until(lambda: rows(solver) > 3)
+    found, _ = solver.unfinished(solver.snapshot, functions)
+    process = solver._apart._connection._process._process
+    os.kill(process.pid, signal.SIGKILL)
+    result, run = ended(solver)
+    assert solver.failed
+    np.testing.assert_array_equal(result.velocity, found.velocity)
+    assert len(run.stages) >= len(found.energy_history)
+    until(lambda: process.returncode is not None)  # which is known when it was waited for
+    solver.start(problem(ENDLESS), functions)
+    os.kill(solver._apart._connected()._process._process.pid, signal.SIGKILL)
+    result, _ = ended(solver)
+    assert result is None  # that of an earlier run is not this one's
+
+
+def test_a_run_that_waits_for_coarser_meshes_tells_of_them(functions):
+    solver, told = Solver(), []
+    solver.work_apart()
+    tell = solver._at
+    solver._at = lambda step: (told.append(step), tell(step))
+    solver.prepare(SPHERE, replace(QUICK, levels=2))
+    solver.start(problem(replace(QUICK, levels=2)), functions)
+    ended(solver)
+    solver.close()
+    tasks = [step.task for step in told if step]
+    assert tasks.count("making coarser meshes") == 2  # ahead, and when the match takes them
+    assert told[-1] is None
+
+
+def test_what_fails_while_meshes_are_made_ahead_stops_no_match(solver):
+    mesh = icosphere(2)
+    solver.prepare(mesh, None)
+    same_run(solver, mesh, QUICK)
 
 
 def test_closing_ends_the_process_and_what_waits_for_it(functions):
