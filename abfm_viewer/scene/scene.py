@@ -95,9 +95,8 @@ class Scene:
 
     @property
     def shown(self) -> tuple[str, ...]:
-        """Those that have a slot: all, or the one that is shown large."""
-        large = self._session.view.large
-        return (large,) if large in self.names else self.names
+        """Those that got a slot in this frame, whatever was done since: all, or the one that is shown large."""
+        return tuple(name for name in self.names if name in self.view.slots)
 
     @property
     def look(self) -> Look | None:
@@ -229,7 +228,8 @@ class Scene:
             self._fit = Fit(self.viewport.drawn(extent), front)
         left, top, right, bottom = rect
         free = (left, top, right, max(bottom - self.room_below, top + 1))
-        places = slots(self.shown, free, self._fit.shape, view.layout, self.name_height)
+        names = (view.large,) if view.large in self.names else self.names
+        places = slots(names, free, self._fit.shape, view.layout, self.name_height)
         target = None if look.target is None or self._turns else self.viewport.drawn(np.array(look.target))
         self.view = self._fit.view(places, look.front, 1.0 if self._turns else look.zoom, target)
 

@@ -34,6 +34,7 @@ def test_a_double_click_shows_one_surface_large_and_another_all_again(gui, tmp_p
     gui.input.click(2)
     assert gui.window.scene.shown == SURFACES
     assert gui.session.history.moves == steps
+    assert gui.session.cards == ()  # an error in the frame of the click would be one
 
 
 def test_escape_shows_all_again_and_cancels_a_run_only_then(running):
