@@ -5,10 +5,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import polyscope.imgui as imgui
-
 from abfm_viewer.document.document import Document
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.progress import draw_step
 from abfm_viewer.session.exporter import DATA, MOVIES, PICTURES, Exporter, Known
 from abfm_viewer.session.opening import known_values
 from abfm_viewer.session.session import Session
@@ -48,7 +47,7 @@ def draw(context: Context) -> None:
 def _draw_state(ui: Ui, session: Session, exporter: Exporter) -> None:
     """Say what is written and what was: last, so that nothing moves when there is something to say."""
     if exporter.running:
-        imgui.ProgressBar(exporter.progress, (-1, 0), f"{100 * exporter.progress:.0f}%")
+        draw_step(ui, exporter.step)
         if ui.button("Cancel export", "Stop; an older file stays as it was."):
             exporter.cancel()
     elif exporter.message:

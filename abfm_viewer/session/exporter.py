@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,6 +20,7 @@ import abfm
 from abfm import AbfmError
 from abfm.io import write_atomically
 from abfm.numerics.own_process import factoring_apart
+from abfm.progress import Step
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
@@ -77,6 +79,12 @@ class Exporter:
         self._process: subprocess.Popen[str] | None = None
         self._thread: threading.Thread | None = None
         self._cancelled = False
+        self._task, self._began = "", 0.0
+
+    @property
+    def step(self) -> Step:
+        """What is being written, and how far it is."""
+        return Step(self._task, done=self.progress or None, began=self._began)
 
     @property
     def running(self) -> bool:
@@ -113,6 +121,7 @@ class Exporter:
         if self.running:
             return
         self.progress, self.message, self.failed, self._cancelled = 0.0, "", False, False
+        self._task, self._began = f"writing {path.name}", time.monotonic()
 
         @factoring_apart()
         def work() -> None:

@@ -80,13 +80,17 @@ def test_a_movie_tells_how_far_it_is(exporter, document, out):
     """Its last time is 2 tau, whatever tau is."""
     exporter.picture = replace(exporter.picture, transparent=True)
     exporter.save_movie(out / "a.mp4", document, dict)
-    seen = set()
+    seen, left = set(), []
     while exporter.running:
         seen.add(exporter.progress)
+        left.append(exporter.step.seconds_left())
         time.sleep(0.002)
     assert (exporter.message, exporter.failed, exporter.progress) == (f"saved {out / 'a.mp4'}", False, 1.0)
     assert 0.0 in seen
     assert len(seen) > 2
+    assert left[0] is None
+    assert any(left)
+    assert exporter.step.task == "writing a.mp4"
     with av.open(str(out / "a.mp4")) as movie:
         frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
     assert (len(frames), frames[0].shape) == (5, (240, 320, 3))
