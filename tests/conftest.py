@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import os
 
+from hypothesis import settings
+
 from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
 
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):  # the last one is Mesa's
     os.environ.setdefault(_threads, "1")  # with pytest-xdist there is a process for each core
+settings.register_profile("busy machines", deadline=None)  # no test asks how long something takes
+settings.load_profile("busy machines")
 
 
 def pytest_addoption(parser):
