@@ -13,6 +13,9 @@ for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):  
 settings.register_profile("busy machines", deadline=None)  # no test asks how long something takes
 settings.load_profile("busy machines")
 
+settings.register_profile("untimed", deadline=None)  # no test is about time, and machines are busy
+settings.load_profile("untimed")
+
 
 def pytest_addoption(parser):
     parser.addoption("--update-snapshots", action="store_true", help="write the pictures of tests/snapshots anew")
