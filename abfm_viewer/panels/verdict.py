@@ -4,6 +4,7 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
+from abfm_viewer.document.wording import capital, sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.texts import Kind
 from abfm_viewer.widgets.toolkit import Ui
@@ -20,15 +21,15 @@ def draw(context: Context) -> None:
     elif result is None:
         failed = any(session.error(spec) for spec in session.specs)
         _line(ui, "No match yet", "ink")
-        _line(ui, _sentence(session.obstacle or _ABOUT), "failure" if failed else "muted", _MOST_LINES)
+        _line(ui, sentence(session.obstacle or _ABOUT), "failure" if failed else "muted", _MOST_LINES)
     if result is None:
         return
     tone = verdict_words.tone(result)
-    _line(ui, _capital(verdict_words.headline(result)), "muted" if session.outdated else tone)
+    _line(ui, capital(verdict_words.headline(result)), "muted" if session.outdated else tone)
     if steps := len(result.energy_history) - 1:
         _right(ui, f"{steps} iterations")
     why = "functions or parameters changed since" if session.outdated else verdict_words.why(result)
-    _line(ui, _sentence(why), "ink", _MOST_LINES)
+    _line(ui, sentence(why), "ink", _MOST_LINES)
     with ui.group("verdict"):  # before the numbers: in a low panel these are what is scrolled to
         _remedies(context)
     _line(ui, f"mismatch {verdict_words.numbers(result)}", "muted")
@@ -45,7 +46,7 @@ def _remedies(context: Context) -> None:
             session.match()
         if session.obstacle:
             ui.beside()
-            _line(ui, _sentence(session.obstacle), "failure")
+            _line(ui, sentence(session.obstacle), "failure")
         return
     for number, remedy in enumerate(result.verdict.remedies):
         if number:
@@ -73,11 +74,3 @@ def _right(ui: Ui, text: str) -> None:
     start = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0] - imgui.CalcTextSize(text)[0] - ui.px(2)
     imgui.SameLine(start)
     ui.note(text)
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
-def _sentence(text: str) -> str:
-    return f"{_capital(text)}."
