@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 
+from hypothesis import settings
+
 from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
 
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):  # the last one is Mesa's
@@ -15,4 +17,6 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
+    settings.register_profile("calm", deadline=None)  # no test asks how long something took
+    settings.load_profile("calm")
     config.pluginmanager.register(WidgetCoverage(config), "widget coverage")

@@ -11,6 +11,6 @@ def draw(context: Context) -> None:
     ui.beside_if_fits("optimal transport")
     tip = "A surface with the Wasserstein interpolation of source and target: their mass takes the shortest ways."
     transport = ui.checkbox("optimal transport", view.transport, tip)
-    ui.beside_if_fits("failure")
+    ui.beside_if_fits("error")
     error = ui.checkbox("error", view.error, "A surface with |target - advected|, on a range of its own.")
     session.set_view("compare", blend=blend, transport=transport, error=error)

@@ -10,18 +10,27 @@ from abfm_viewer.widgets.toolkit import Ui
 _STATE_HEIGHT = 124  # four lines and a row of buttons
 _STATE_SHARE = 0.3  # of a low panel
 _SIDE_BUTTON, _SIDE_SHARE = 76, 0.3
-_WARM = "From the current field"
+_WARM = "from the current field"
 
 
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     _buttons(ui, session)
-    height = min(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
+    height = _state_height(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
     with ui.child("state", height, border=False):  # always as high: what is below must not jump
         if session.solver.running:
             progress.draw(ui, session)
         else:
             verdict.draw(context)
+
+
+def _state_height(wanted: float, room: float) -> float:
+    """What is wanted; in less room the first lines whole: the headline, why in two lines, and the numbers."""
+    line, spacing = float(imgui.GetTextLineHeight()), float(imgui.GetStyle().ItemSpacing[1])
+    if wanted <= room:
+        return wanted
+    numbers = 4 * line + 3 * spacing
+    return numbers if numbers <= room else 3 * line + 2 * spacing
 
 
 def _buttons(ui: Ui, session: Session) -> None:
@@ -48,10 +57,11 @@ def draw_switches(ui: Ui, session: Session) -> None:
     """Draw how runs begin: what the parameters do not say."""
     solver = session.solver
     solver.follow = ui.checkbox(
-        "Restart on changes",
+        "restart on changes",
         solver.follow,
         "While it runs, another parameter or function restarts the solver from the field that it has by then. A new "
         "smoothness is taken when the mouse lets go of the slider.",
+        name="Restart on changes",
     )
     ui.beside_if_fits(_WARM)
     solver.warm = ui.checkbox(

@@ -26,10 +26,10 @@ def draw(context: Context) -> None:
     tone = verdict_words.tone(result)
     _line(ui, _capital(verdict_words.headline(result)), "muted" if session.outdated else tone)
     if steps := len(result.energy_history) - 1:
-        _right(ui, f"{steps} iterations")
+        _right(ui, verdict_words.counted(steps, "iteration"))
     why = "functions or parameters changed since" if session.outdated else verdict_words.why(result)
     _line(ui, _sentence(why), "ink", _MOST_LINES)
-    _line(ui, f"mismatch {verdict_words.numbers(result)}", "muted")
+    _line(ui, f"Mismatch {verdict_words.numbers(result)}", "muted")
     with ui.group("verdict"):
         _remedies(context)
 
@@ -69,10 +69,11 @@ def _line(ui: Ui, text: str, kind: Kind, most: int = 1) -> None:
 
 
 def _right(ui: Ui, text: str) -> None:
-    """Something at the end of the line, where there is room."""
+    """Something at the end of the line, if there is room."""
     start = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0] - imgui.CalcTextSize(text)[0] - ui.px(2)
-    imgui.SameLine(start)
-    ui.note(text)
+    if imgui.GetWindowPos()[0] + start > imgui.GetItemRectMax()[0] + ui.px(8):
+        imgui.SameLine(start)
+        ui.note(text)
 
 
 def _capital(text: str) -> str:

@@ -16,6 +16,7 @@ from abfm_viewer.shown.paint import Paint
 _PLAIN = (0.8, 0.81, 0.83)
 _CORNERS = "texture corners"
 _EDGE = 1.0  # polyscope's unit: about a pixel
+_LONG_EDGE, _THINNEST = 20.0, 0.2  # pixels of an edge that is drawn in full width; share of it
 
 
 def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None) -> None:
@@ -47,10 +48,15 @@ def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
     )
 
 
-def set_style(surface: Any, wireframe: bool, flat: bool, ink: Sequence[float]) -> None:
-    """Show a surface's edges or not, and its faces each in one shade or smoothly."""
+def edge_width(length: float) -> float:
+    """Of a wireframe whose edges are so many pixels long: thin where they are short, or they would hide the colours."""
+    return _EDGE * min(max(round(length / _LONG_EDGE, 1), _THINNEST), 1.0)
+
+
+def set_style(surface: Any, edges: float, flat: bool, ink: Sequence[float]) -> None:
+    """Show a surface's edges in a width, 0 for none, and its faces each in one shade or smoothly."""
     surface.set_edge_color(ink[:3])
-    surface.set_edge_width(_EDGE if wireframe else 0.0)
+    surface.set_edge_width(edges)
     surface.set_smooth_shade(not flat)
 
 
