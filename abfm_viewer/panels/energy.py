@@ -51,11 +51,11 @@ def draw(context: Context) -> None:
             "Appears here while the solver runs: the energy of each iteration, with its smoothness and closeness terms."
         )
         return
-    marks = ["grey: next stage"] if _stage_starts(run) else []
-    marks += ["wide: finer mesh"] if _mesh_starts(run) else []
+    marks = ["grey: stage"] if _stage_starts(run) else []
+    marks += ["wide: mesh"] if _mesh_starts(run) else []
     marks += ["green: restart"] if run.restarts else []
-    ui.line(run.label)
-    ui.line(f"lines, {', '.join(marks)}" if marks else "")
+    about = "Lines are where a stage began (grey), a finer mesh (wide), or a changed problem (green)."
+    ui.line("; ".join(filter(None, [run.label, ", ".join(marks)])), tip=about if marks else "")
     _plot(ui, run, previous if session.view.previous_runs else ())
 
 

@@ -16,21 +16,21 @@ _WARM = "from the current field"
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     _buttons(ui, session)
-    height = _state_height(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
+    height, lines = _state_room(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
     with ui.child("state", height, border=False):  # always as high: what is below must not jump
         if session.solver.running:
             progress.draw(ui, session)
         else:
-            verdict.draw(context)
+            verdict.draw(context, lines)
 
 
-def _state_height(wanted: float, room: float) -> float:
-    """What is wanted; in less room the first lines whole: the headline, why in two lines, and the numbers."""
-    line, spacing = float(imgui.GetTextLineHeight()), float(imgui.GetStyle().ItemSpacing[1])
+def _state_room(wanted: float, room: float) -> tuple[float, int]:
+    """The height, and how many lines a low panel has for why a match ended, above the remedies; else 0."""
     if wanted <= room:
-        return wanted
-    numbers = 4 * line + 3 * spacing
-    return numbers if numbers <= room else 3 * line + 2 * spacing
+        return wanted, 0
+    line, spacing = float(imgui.GetTextLineHeight()), float(imgui.GetStyle().ItemSpacing[1])
+    least = 2 * line + 2 * spacing + imgui.GetFrameHeight()  # headline, a line, and buttons
+    return (least + line, 2) if least + line <= room else (least, 1)
 
 
 def _buttons(ui: Ui, session: Session) -> None:

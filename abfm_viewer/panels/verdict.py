@@ -2,9 +2,11 @@
 
 import polyscope.imgui as imgui
 
+from abfm import Match
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
 from abfm_viewer.panels.context import Context
+from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.texts import Kind
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -12,7 +14,8 @@ _MOST_LINES = 2  # for why it stopped
 _ABOUT = "Match finds the field whose flow carries the source to the target"
 
 
-def draw(context: Context) -> None:
+def draw(context: Context, lines: int = 0) -> None:
+    """Draw it; in a low panel with so many lines for why it stopped, and remedies before numbers."""
     ui, session = context.ui, context.session
     result, solver = session.result, session.solver
     if solver.failed:
@@ -28,16 +31,26 @@ def draw(context: Context) -> None:
     if steps := len(result.energy_history) - 1:
         _right(ui, verdict_words.counted(steps, "iteration"))
     why = "functions or parameters changed since" if session.outdated else verdict_words.why(result)
-    _line(ui, _sentence(why), "ink", _MOST_LINES)
+    _line(ui, _sentence(why), "ink", lines or _MOST_LINES)
+    parts = [_numbers, _remedies]
+    for draw_part in reversed(parts) if lines else parts:
+        draw_part(ui, session, result)
+
+
+def _numbers(ui: Ui, session: Session, result: Match) -> None:
     _line(ui, f"Mismatch {verdict_words.numbers(result)}", "muted")
-    with ui.group("verdict"):
-        _remedies(context)
 
 
-def _remedies(context: Context) -> None:
+def _remedies(ui: Ui, session: Session, result: Match) -> None:
     """Draw buttons, or what to try where no button can do it."""
-    ui, session, result = context.ui, context.session, context.session.result
-    assert result is not None
+    with ui.group("verdict"):
+        _buttons(ui, session, result)
+    advice = verdict_words.advice(result)
+    if advice and not (result.verdict.remedies or session.outdated):
+        _line(ui, f"To try: {advice}.", "muted")
+
+
+def _buttons(ui: Ui, session: Session, result: Match) -> None:
     if session.outdated:
         if ui.button(
             "Match again", "Match the functions and parameters as they are now.", enabled=not session.obstacle
@@ -49,12 +62,9 @@ def _remedies(context: Context) -> None:
         return
     for number, remedy in enumerate(result.verdict.remedies):
         if number:
-            ui.beside()
+            ui.beside_if_fits(remedy.label, is_button=True)
         if ui.button(remedy.label, verdict_words.changes(remedy)):
             session.remedy(remedy)
-    advice = verdict_words.advice(result)
-    if advice and not result.verdict.remedies:
-        _line(ui, f"To try: {advice}.", "muted")
 
 
 def _line(ui: Ui, text: str, kind: Kind, most: int = 1) -> None:

@@ -214,7 +214,7 @@ class Scene:
         """Wireframe and shading."""
         view = self._session.view
         assert self._mesh is not None
-        edges = edge_width(self.view.scale * len(self._mesh.faces) ** -0.5) if view.wireframe else 0.0
+        edges = edge_width(len(self._mesh.faces), self.view.scale) if view.wireframe else 0.0
         style = (edges, view.flat, view.theme)
         if style != self._style:
             self._style, ink = style, theme.linear(theme.palette(view.theme).ink)

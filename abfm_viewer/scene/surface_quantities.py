@@ -16,7 +16,7 @@ from abfm_viewer.shown.paint import Paint
 _PLAIN = (0.8, 0.81, 0.83)
 _CORNERS = "texture corners"
 _EDGE = 1.0  # polyscope's unit: about a pixel
-_LONG_EDGE, _THINNEST = 20.0, 0.2  # pixels of an edge that is drawn in full width; share of it
+_LONG_EDGE, _THINNEST = 12.0, 0.3  # pixels of an edge that is drawn in full width; share of it
 
 
 def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None) -> None:
@@ -48,8 +48,12 @@ def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
     )
 
 
-def edge_width(length: float) -> float:
-    """Of a wireframe whose edges are so many pixels long: thin where they are short, or they would hide the colours."""
+def edge_width(faces: int, scale: float) -> float:
+    """Of a wireframe of so many faces of a surface of area 1, whose lengths of 1 have so many pixels.
+
+    It is thin where edges are short, or they would hide the colours.
+    """
+    length = scale * (4 / (3**0.5 * faces)) ** 0.5  # in pixels, of equal triangles
     return _EDGE * min(max(round(length / _LONG_EDGE, 1), _THINNEST), 1.0)
 
 
