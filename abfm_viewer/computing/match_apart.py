@@ -11,6 +11,7 @@ import threading
 import weakref
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import fields, replace
 from functools import cached_property
 from queue import SimpleQueue
@@ -209,30 +210,35 @@ class _Connection:
         self.send(None)
 
     def _write(self) -> None:
-        while (message := self._unsent.get()) is not None:
-            try:
-                self._process.send(message)
-            except ProcessEndedError:
-                return  # the reader tells
+        try:
+            with suppress(ProcessEndedError):  # the reader tells
+                while (message := self._unsent.get()) is not None:
+                    self._process.send(message)
+        finally:  # also where there is no memory for a message
+            self._process.close()
 
     def _read(self) -> None:
         try:
-            while True:
-                messages = self._process.receive()
-                with self._lock:
-                    for kind, number, content in messages:
-                        if kind == "fetch":
-                            self._answer(self._fetched.pop((number, content[0])), content[1])
-                        elif number == self._run[0]:
-                            self._run[1].put((kind, content))
-        except ProcessEndedError:
+            with suppress(ProcessEndedError):
+                while True:
+                    self._take(self._process.receive())
+        finally:
             with self._lock:
                 self.ended = True
                 self._run[1].put(("error", MemoryError(_ENDED)))
                 for future in self._fetched.values():
                     future.set_exception(abfm.AbfmError(_ENDED))
                 self._fetched.clear()
-        self.send(None)  # so that the writer ends
+            self.send(None)  # so that the writer ends
+
+    def _take(self, messages: list[tuple[str, int, Any]]) -> None:
+        """Give each to who waits for it."""
+        with self._lock:
+            for kind, number, content in messages:
+                if kind == "fetch":
+                    self._answer(self._fetched.pop((number, content[0])), content[1])
+                elif number == self._run[0]:
+                    self._run[1].put((kind, content))
 
     @staticmethod
     def _answer(future: Future[Fetched], found: Fetched | None) -> None:

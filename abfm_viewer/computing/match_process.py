@@ -1,7 +1,9 @@
 """The process that `match_apart` speaks with: one thread matches, this one listens."""
 
+import os
 import threading
-from collections import OrderedDict, defaultdict
+import traceback
+from collections import OrderedDict
 from contextlib import suppress
 from functools import partial
 from queue import Empty, SimpleQueue
@@ -23,7 +25,7 @@ class _Matching:
     def __init__(self, requests: Requests) -> None:
         self._requests = requests
         self._lock = threading.Lock()
-        self._controls: defaultdict[int, Control] = defaultdict(Control)
+        self._controls: dict[int, Control] = {}
         self._recent: OrderedDict[tuple[int, int], Iteration] = OrderedDict()
         self._work: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
         self._unsent: SimpleQueue[tuple[str, int, object]] = SimpleQueue()
@@ -41,8 +43,13 @@ class _Matching:
                 self._work.put((kind, *content))
 
     def _control(self, number: int, what: str, briefly: bool) -> None:
-        control = self._controls[number]
+        control = self._control_of(number)
         control.cancel(briefly) if what == "cancel" else getattr(control, what)()
+
+    def _control_of(self, number: int) -> Control:
+        """Of one run, for both threads: what is told may come before the run, or while it begins."""
+        with self._lock:
+            return self._controls.setdefault(number, Control())
 
     def _tell_look(self, number: int, iteration: int) -> None:
         with self._lock:
@@ -56,12 +63,15 @@ class _Matching:
 
     def _send_all(self) -> None:
         """Send what is there all at once: a window that draws takes in few messages a second, and none waits for it."""
-        while True:
-            messages = [self._unsent.get()]
-            with suppress(Empty):
-                while True:
-                    messages.append(self._unsent.get_nowait())
-            self._requests.answer(messages)
+        try:
+            while True:
+                messages = [self._unsent.get()]
+                with suppress(Empty):
+                    while True:
+                        messages.append(self._unsent.get_nowait())
+                self._requests.answer(messages)
+        finally:  # nobody is there any more, or there is no memory: by its end the window knows
+            os._exit(1)
 
     @factoring_apart()
     def _match_all(self) -> None:
@@ -72,16 +82,20 @@ class _Matching:
                     with self._lock:
                         self._recent.clear()
                 case ("prepare", parameters):
-                    abfm.matching.prepare(mesh, parameters)
+                    try:
+                        abfm.matching.prepare(mesh, parameters)
+                    except Exception:  # a match makes them itself, and says what is wrong
+                        traceback.print_exc()
                 case ("match", number, problem, given):
                     self._match(mesh, number, problem, given)
 
     def _match(self, mesh: TriangleMesh, number: int, problem: tuple[Any, ...], given: dict[str, Any]) -> None:
         pace, names = PicturePace(), numbers()
-        control = self._controls[number]
-        for earlier in [each for each in self._controls if each < number]:
-            del self._controls[earlier]
-        with self._lock:  # of the run before something may be shown yet
+        control = self._control_of(number)
+        with self._lock:
+            for earlier in [each for each in self._controls if each < number]:
+                del self._controls[earlier]
+            # of the run before something may be shown yet
             last = max((each for each, _ in self._recent), default=0)
             for key in [key for key in self._recent if key[0] < last]:
                 del self._recent[key]
@@ -103,6 +117,7 @@ class _Matching:
         except (AbfmError, MemoryError) as error:
             self._answer("error", number, error)
         except Exception as error:  # a bug, which the window reports in one line
+            traceback.print_exc()
             self._answer("error", number, RuntimeError(f"{type(error).__name__}: {error}"))
         else:
             self._answer("match", number, found)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import threading
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import Enum
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -21,40 +20,12 @@ from abfm_viewer.computing.energies import Energies
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.match_apart import MatchApart, Relayed
 from abfm_viewer.computing.picture_pace import PicturePace
-from abfm_viewer.document.document import Channel, Run
+from abfm_viewer.computing.problem import Problem, Snapshot, State
+from abfm_viewer.computing.unfinished import unfinished_match
+from abfm_viewer.document.document import Run
 
 _ITERATIONS_BETWEEN_RESTARTS = 3
 _HEAD_START = 0.02  # seconds for a run to get under way, which else waits until a frame is drawn
-
-
-@dataclass(frozen=True)
-class Problem:
-    """What is solved; problems that are equal have the same solution."""
-
-    mesh: TriangleMesh
-    channels: tuple[Channel, ...]
-    parameters: Parameters
-    mask: str
-
-
-@dataclass(frozen=True, eq=False)
-class Snapshot:
-    """The newest iterate of a run, its problem, and the newest one to be `shown`, whose ``advected`` is there."""
-
-    problem: Problem
-    iteration: abfm.Iteration
-    shown: abfm.Iteration
-
-
-class State(Enum):
-    """Where a run is in its life; it has ended when `Solver.collect` has seen that."""
-
-    IDLE = "idle"
-    RUNNING = "running"
-    PAUSED = "paused"
-    ENDING = "ending"  # cancelled, and the evaluation under way is still to end
-    ENDED = "ended"
-    FAILED = "failed"
 
 
 class Solver:
@@ -81,6 +52,7 @@ class Solver:
         self.snapshot: Snapshot | None = None  # may be read at any time
         self.step: Step | None = None  # of the run, where that is not another iteration; may be read at any time
         self.started = 0  # how many runs there were
+        self._unfinished: tuple[int, abfm.Match] | None = None  # of which run, and the last one that was asked for
         self._apart: MatchApart | None = None
         self._energies = Energies()
         self._lock = threading.Lock()
@@ -122,9 +94,10 @@ class Solver:
     @property
     def run(self) -> Run | None:
         """The energies of the run so far."""
-        if not self.running or self.snapshot is None or self.problem is None:
+        snapshot = self.snapshot
+        if not self.running or snapshot is None or self.problem is None:
             return None
-        return self._energies.run(self.snapshot.iteration.mismatch, self.problem.parameters)
+        return self._energies.run(snapshot.iteration.mismatch, self.problem.parameters)
 
     @property
     def seconds_each(self) -> float | None:
@@ -133,8 +106,7 @@ class Solver:
 
     def start(self, problem: Problem, functions: Functions, field: FloatArray | None = None) -> None:
         """Begin a run, from a field (N, F, 3) if there is one."""
-        self.state, self.reason, self.snapshot = State.RUNNING, "", None
-        self.step = None
+        self.state, self.reason, self.snapshot, self.step = State.RUNNING, "", None, None
         self.started += 1
         self.problem = problem
         self._next: Problem | None = problem
@@ -182,13 +154,14 @@ class Solver:
                 self.problem = self._next = problem
                 self._yield_to_next()
 
-    def wait(self, seconds: float | None = None) -> None:
-        """Return when the run is over, or the time is."""
+    def wait(self, seconds: float | None = None) -> bool:
+        """Return when the run is over, or the time is; whether it is over, though not yet collected."""
         if self.running:
             self._thread.join(seconds)
+        return not (self.running and self._thread.is_alive())
 
     def collect(self) -> tuple[abfm.Match | None, Run | None, Problem] | None:
-        """What a run that has ended leaves; None unless one has ended since the last call."""
+        """What a run that has ended leaves, failed or not; None unless one has ended since the last call."""
         if not self.running or self.problem is None or self._thread.is_alive():
             return None
         left = (self._result, self.run, self.problem)
@@ -196,6 +169,17 @@ class Solver:
         self.reason = self._error or (self._result.stop_reason if self._result else "cancelled")
         self.snapshot = self.step = None
         return left
+
+    def unfinished(self, snapshot: Snapshot, functions: Functions) -> tuple[abfm.Match, Run | None]:
+        """A snapshot as if the run had been cancelled there, and its energies; it waits, so not for the frame loop.
+
+        AbfmError if its field is not known any more. The last one asked for is kept, should the run fail.
+        """
+        number, problem, energies = self.started, snapshot.problem, self._energies
+        run = energies.run(snapshot.iteration.mismatch, problem.parameters)
+        found = unfinished_match(snapshot.iteration, problem, functions, run)
+        self._unfinished = number, found
+        return found, run
 
     def forget(self) -> None:
         """Let the last run be as if it had not been."""
@@ -223,6 +207,16 @@ class Solver:
             if not isinstance(error, AbfmError | MemoryError):
                 traceback.print_exc()
             self._error = one_line(error)
+            self._rescue(functions)
+
+    def _rescue(self, functions: Functions) -> None:
+        """What a run that fails has found must not be lost with it."""
+        if self._since_restart and self.snapshot is not None:
+            with suppress(AbfmError, MemoryError):  # where its process was killed
+                self._result, _ = self.unfinished(self.snapshot, functions)
+                return
+        if self._result is None and self._unfinished is not None and self._unfinished[0] == self.started:
+            self._result = self._unfinished[1]
 
     def _take(self) -> Problem | None:
         """The problem to solve now, with a control of its own."""
@@ -269,16 +263,14 @@ class Solver:
         apart, control = self._apart, self._control
         is_pictured = apart.pictured if apart else PicturePace().takes
 
-        def post(iteration: abfm.Iteration) -> None:
-            self._post(problem, iteration, is_pictured)
-
-        given: dict[str, Any] = {"mask": mask, "weights": weights, "start": start, "on_iteration": post}
+        given: dict[str, Any] = {"mask": mask, "weights": weights, "start": start}
+        given["on_iteration"] = lambda now: self._post(problem, now, is_pictured)
         if apart and isinstance(control, Relayed):
-            return apart.match(problem.mesh, *functions, **given, control=control, tell=self._tell)
-        with telling(self._tell):
+            return apart.match(problem.mesh, *functions, **given, control=control, tell=self._at)
+        with telling(self._at):
             return abfm.match(problem.mesh, *functions, **given, control=control)
 
-    def _tell(self, step: Step | None) -> None:
+    def _at(self, step: Step | None) -> None:
         self.step = step
         self._under_way.set()
 

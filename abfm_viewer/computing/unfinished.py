@@ -6,7 +6,7 @@ import numpy as np
 
 import abfm
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.solver import Problem
+from abfm_viewer.computing.problem import Problem
 from abfm_viewer.document.document import Run
 
 

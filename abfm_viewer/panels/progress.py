@@ -20,8 +20,8 @@ def draw(ui: Ui, session: Session) -> None:
     imgui.ProgressBar(now.iteration / max(limit, 1), (-1, ui.px(_BAR)), "")
     each = None if step else solver.seconds_each
     at_most = f", at most {rounded(each * (limit - now.iteration))} more" if each and limit > now.iteration else ""
-    ui.note(f"Iteration {now.iteration}/{limit}{at_most}, mismatch {now.mismatch:.3g}", "ink")
-    ui.note(_sentence(step.words() if step else place(now)))
+    ui.note(f"Iteration {now.iteration}/{limit}, mismatch {now.mismatch:.3g}", "ink")
+    ui.note(_sentence(step.words() if step else f"{place(now)}{at_most}"))
     if now.warning:
         ui.note(f"{_sentence(now.warning)}.", "failure")
 

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abfm import AbfmError, TriangleMesh
+from abfm import TriangleMesh
 from abfm.progress import said
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Evaluated, Functions
-from abfm_viewer.computing.solver import Problem, Solver
-from abfm_viewer.computing.unfinished import unfinished_match
+from abfm_viewer.computing.problem import Problem
+from abfm_viewer.computing.solver import Solver
 from abfm_viewer.document.document import Channel, Document, Side
 from abfm_viewer.document.history import History
 from abfm_viewer.session.after_match import AfterMatch
@@ -160,10 +159,12 @@ class Session(Housekeeping):
 
         ParameterError if the document's other parameters do not allow it.
         """
-        if not (self.solver.running or self.obstacle or self.opening):
+        may_start = not (self.solver.running or self.obstacle or self.opening)
+        if may_start:
             self.set_parameter(label=remedy.label.lower(), **remedy.parameters)
         self.match(remedy.goes_on)
-        self._remedied = self.history.moves if remedy.parameters else -1
+        if may_start and remedy.parameters:
+            self._remedied = self.history.moves
 
     def switch_flow_after_match(self) -> None:
         """Show the flow after the next match, or neither after that nor now."""
@@ -246,15 +247,11 @@ class Session(Housekeeping):
             self._evaluated = self.functions.ask(self.specs) or self._evaluated
 
     def _collect(self) -> None:
-        snapshot, ended = self.solver.snapshot, self.solver.collect()
-        if ended is None:
+        if (ended := self.solver.collect()) is None:
             return
         match, run, problem = ended
         self._notices.mend(RUN)
-        failed, replaced = match is None, problem.mesh is not self.mesh
-        if match is None and snapshot is not None:  # it failed: the best field so far must not be lost with it
-            with suppress(AbfmError):  # unless its process was killed
-                match = unfinished_match(snapshot.iteration, problem, self.functions_of(problem.mesh), run)
+        failed, replaced = self.solver.failed, problem.mesh is not self.mesh
         document = self._run_began if replaced else self.document
         runs = document.runs if run is None else (*document.runs, run)
         if match is not None:
@@ -269,7 +266,7 @@ class Session(Housekeeping):
             if view is not None:
                 self.amend(time=0.0)
                 self.player.play_once()
-        if not replaced and self.solver.failed:
+        if failed and not replaced:
             self.say(f"the solver stopped: {self.solver.reason}", True, RUN, {"Try again": self.match})
 
     def close(self) -> None:

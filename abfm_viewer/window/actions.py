@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from abfm_viewer.document.document import Document
+from abfm_viewer.document.verdict_words import headline
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.opening import PROJECT, RESULT
@@ -36,9 +37,7 @@ def what_would_be_lost(session: Session) -> str:
         if running and document.mesh is session.mesh:
             continue
         if document.result is not None and session.has_new_result(document):
-            said.append(
-                f"The match of {document.name}, to a mismatch of {document.result.mismatch:.3g}, is in no file."
-            )
+            said.append(f"The match of {document.name} ({headline(document.result)}) is in no file.")
         else:
             said.append(f"{document.name} has changes that are in no file.")
     return " ".join(said)

@@ -32,7 +32,7 @@ def open_window(
     if isinstance(what, abfm.TriangleMesh):
         session = Session(what, "mesh")
     else:
-        session = open_session(Path(what or asset_path("human_A.off")), largest_component)
+        session = open_session(Path(what or asset_path("human_fine_A.off")), largest_component)
         if what:
             state.add_recent(Path(what))
     return window.Window(session, backend, size, state)

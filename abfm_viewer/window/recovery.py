@@ -7,8 +7,8 @@ from functools import partial
 
 from abfm import AbfmError, TriangleMesh
 from abfm.types import FloatArray
-from abfm_viewer.computing.solver import Snapshot
-from abfm_viewer.computing.unfinished import unfinished_match
+from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.problem import Snapshot
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
@@ -47,14 +47,14 @@ class Recoveries:
             self._ask_next()
         unsaved = {document.mesh: document for document in reversed(session.unsaved_documents)}
         running = self._running()
-        for mesh in {*self._autosaves, *unsaved}:
-            document, autosave = unsaved.get(mesh), self._autosave(mesh)
+        for mesh in {*self._autosaves, *unsaved, *([] if running is None else [session.mesh])}:
+            document, autosave, functions = unsaved.get(mesh), self._autosave(mesh), session.functions_of(mesh)
             if mesh is session.mesh and running is not None:
-                autosave.offer(
-                    (session.document, running), partial(self._content_of_run, session.document, running), True
-                )
+                content = partial(self._content_of_run, session.document, running, functions)
+                autosave.offer((session.document, running), content, True)
             else:
-                autosave.offer(document, partial(self._content, document or session.document), document is not None)
+                content = partial(_content, document or session.document, functions)
+                autosave.offer(document, content, document is not None)
         self._tell()
 
     def close(self, keep_unsaved: bool) -> None:
@@ -87,15 +87,11 @@ class Recoveries:
             return None
         return snapshot
 
-    def _content(self, document: Document) -> Content:
-        return document, known_values(document, self._session.functions_of(document.mesh))
-
-    def _content_of_run(self, document: Document, snapshot: Snapshot) -> Content:
+    def _content_of_run(self, document: Document, snapshot: Snapshot, functions: Functions) -> Content:
         """The document with the best field so far as its result."""
-        functions, run = self._session.functions_of(document.mesh), self._session.solver.run
-        found = unfinished_match(snapshot.iteration, snapshot.problem, functions, run)
+        found, run = self._session.solver.unfinished(snapshot, functions)
         runs = document.runs if run is None else (*document.runs, run)
-        return self._content(replace(document, result=found, runs=runs))
+        return _content(replace(document, result=found, runs=runs), functions)
 
     def _ask_next(self) -> None:
         if self._recoveries:
@@ -127,3 +123,7 @@ class Recoveries:
     def _discard(self, recovery: Recovery) -> None:
         recovery.discard()
         self._ask_next()
+
+
+def _content(document: Document, functions: Functions) -> Content:
+    return document, known_values(document, functions)

@@ -100,7 +100,7 @@ class Requests:
         while True:
             try:
                 yield pickle.load(sys.stdin.buffer)
-            except EOFError:  # the other end is gone
+            except (EOFError, pickle.UnpicklingError):  # the other end is gone, perhaps in the middle of a message
                 return
 
     def answer(self, message: object) -> None:

@@ -15,7 +15,8 @@ from abfm import AbfmError, Parameters
 from abfm_viewer.computing import match_apart
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.match_apart import MatchApart
-from abfm_viewer.computing.solver import Problem, Solver
+from abfm_viewer.computing.problem import Problem
+from abfm_viewer.computing.solver import Solver
 from tests.shapes import icosphere
 from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, problem, until
 
@@ -159,6 +160,29 @@ def test_a_process_that_is_killed_fails_its_run_and_the_next_run_has_another(sol
     with pytest.raises(AbfmError, match="match again"):
         _ = shown.velocity
     same_run(solver, SPHERE, QUICK)
+
+
+def test_a_killed_process_leaves_no_zombie_and_what_was_asked_for_of_its_run_is_kept(solver, functions):
+    solver.start(problem(ENDLESS), functions)
+    until(lambda: rows(solver) > 3)
+    found, _ = solver.unfinished(solver.snapshot, functions)
+    process = solver._apart._connection._process._process
+    os.kill(process.pid, signal.SIGKILL)
+    result, run = ended(solver)
+    assert solver.failed
+    np.testing.assert_array_equal(result.velocity, found.velocity)
+    assert len(run.stages) >= len(found.energy_history)
+    until(lambda: process.returncode is not None)  # which is known when it was waited for
+    solver.start(problem(ENDLESS), functions)
+    os.kill(solver._apart._connected()._process._process.pid, signal.SIGKILL)
+    result, _ = ended(solver)
+    assert result is None  # that of an earlier run is not this one's
+
+
+def test_what_fails_while_meshes_are_made_ahead_stops_no_match(solver):
+    mesh = icosphere(2)
+    solver.prepare(mesh, None)
+    same_run(solver, mesh, QUICK)
 
 
 def test_closing_ends_the_process_and_what_waits_for_it(functions):

@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.solver import Problem, Solver
+from abfm_viewer.computing.problem import Problem
+from abfm_viewer.computing.solver import Solver
 from tests.shapes import tetrahedron
 from tests.viewer.sessions import ENDLESS, SPHERE, problem, until
 

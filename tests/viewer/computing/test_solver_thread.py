@@ -12,7 +12,8 @@ import pytest
 import abfm
 from abfm.numerics.own_process import is_factored_apart
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.solver import Problem, Solver, State
+from abfm_viewer.computing.problem import Problem, State
+from abfm_viewer.computing.solver import Solver
 from abfm_viewer.document.document import Channel
 from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, problem, until
 

@@ -48,13 +48,13 @@ def test_functions_tell_what_takes_long_also_from_their_process(own_process):
 @pytest.mark.parametrize("apart", [False, True])
 def test_a_run_tells_its_steps_wherever_it_runs(apart, monkeypatch):
     told: list[str] = []
-    tell = Solver._tell
+    tell = Solver._at
 
     def listen(self, step):
         told.extend([step.task] if step else [])
         tell(self, step)
 
-    monkeypatch.setattr(Solver, "_tell", listen)
+    monkeypatch.setattr(Solver, "_at", listen)
     session = opened()
     if apart:
         session.solver.work_apart()

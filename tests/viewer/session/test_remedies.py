@@ -65,3 +65,5 @@ def test_during_a_run_nothing_is_changed(session):
     session.match()
     session.remedy(remedy)
     assert session.parameters == ENDLESS
+    session.end_run()
+    assert session.history.undo_label == "match"  # the run's result is no part of a step before it

@@ -1,0 +1,55 @@
+"""What is kept of work that is in no file."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import pytest
+
+from abfm_viewer.dialogs import Dialogs
+from abfm_viewer.files.project import load_project
+from abfm_viewer.session.session import Session
+from abfm_viewer.window import recovery
+from abfm_viewer.window.recovery import Recoveries
+from tests.mesh_writers import off_text
+from tests.shapes import icosphere
+from tests.viewer.desk import Desk
+from tests.viewer.sessions import ENDLESS, until
+
+
+@pytest.fixture
+def desk(tmp_path):
+    """A session on a sphere whose functions are known."""
+    desk = Desk(Session(icosphere(2), "sphere.off"), tmp_path / "state")
+    desk.settle()
+    yield desk
+    desk.files.close()
+    desk.session.close()
+
+
+@pytest.fixture
+def recoveries(desk, monkeypatch):
+    """Of a session on a sphere, with copies at once."""
+    monkeypatch.setattr(recovery, "Autosave", partial(recovery.Autosave, seconds=0.0))
+    recoveries = Recoveries(desk.session, desk.state, desk.files, Dialogs())
+    yield recoveries
+    desk.session.end_run()
+    recoveries.close(keep_unsaved=False)
+
+
+def test_a_run_of_a_mesh_that_was_opened_later_is_kept(desk, recoveries, tmp_path):
+    mesh = icosphere(1)
+    path = tmp_path / "later.off"
+    path.write_text(off_text(mesh.vertices, mesh.faces))
+    desk.open(path)
+    session = desk.session
+    session.amend(parameters=ENDLESS)
+    session.reset_history()  # as if it had been saved
+    session.match()
+
+    def kept() -> bool:
+        recoveries.update()
+        return any(load_project(copy)[0].result for copy in desk.state.path.glob("autosave-*.abfm"))
+
+    until(kept, session)
+    assert session.unsaved_documents == ()
