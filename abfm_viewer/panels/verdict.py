@@ -10,7 +10,7 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.texts import Kind
 from abfm_viewer.widgets.toolkit import Ui
 
-_MOST_LINES = 2  # for why it stopped
+_MOST_LINES = 2  # for why it stopped, or cannot start
 _ABOUT = "Match finds the field whose flow carries the source to the target"
 
 
@@ -19,11 +19,11 @@ def draw(context: Context, lines: int = 0) -> None:
     ui, session = context.ui, context.session
     result, solver = session.result, session.solver
     if solver.failed:
-        _line(ui, f"The solver stopped: {solver.reason}", "failure")
+        _line(ui, f"The solver stopped: {solver.reason}", "failure", _MOST_LINES)
     elif result is None:
         failed = any(session.error(spec) for spec in session.specs)
         _line(ui, "No match yet", "ink")
-        _line(ui, _sentence(session.obstacle or _ABOUT), "failure" if failed else "muted")
+        _line(ui, _sentence(session.obstacle or _ABOUT), "failure" if failed else "muted", _MOST_LINES)
     if result is None:
         return
     tone = verdict_words.tone(result)

@@ -1,5 +1,6 @@
 """Surfaces in polyscope, and what they can show: the one place for windows, pictures and figures."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -53,7 +54,7 @@ def edge_width(faces: int, scale: float) -> float:
 
     It is thin where edges are short, or they would hide the colours.
     """
-    length = scale * (4 / (3**0.5 * faces)) ** 0.5  # in pixels, of equal triangles
+    length = scale * math.sqrt(4 / (math.sqrt(3) * faces))  # in pixels, of equal triangles
     return _EDGE * min(max(round(length / _LONG_EDGE, 1), _THINNEST), 1.0)
 
 
