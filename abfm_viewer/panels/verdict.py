@@ -11,7 +11,7 @@ from abfm_viewer.widgets.texts import Kind
 from abfm_viewer.widgets.toolkit import Ui
 
 _MOST_LINES = 2  # for why it stopped, or cannot start
-_ABOUT = "Match finds the field whose flow carries the source to the target"
+_ABOUT = "Match finds a flow from the source to the target"
 
 
 def draw(context: Context, lines: int = 0) -> None:

@@ -88,7 +88,7 @@ def window_pen(ui: Ui) -> Pen:
 def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -> None:
     """Draw names, colour bars and lines between slots behind the panels."""
     canvas = imgui.GetBackgroundDrawList()
-    _tell_names(ui, scene)
+    tell_names(ui, scene)
     for one in laid_out(scene, rect, ui.colors, window_pen(ui), color_bar):
         if isinstance(one, Text):
             canvas.AddText((one.left, one.top), _u32(one.color), one.text)
@@ -102,7 +102,7 @@ def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -
                 canvas.AddRectFilled((start, top), (end + 0.5, bottom), _u32((*triple(color), 1.0)))
 
 
-def _tell_names(ui: Ui, scene: Scene) -> None:
+def tell_names(ui: Ui, scene: Scene) -> None:
     """Show the whole name where the mouse is over one that is cut."""
     if imgui.GetIO().WantCaptureMouse:
         return

@@ -52,6 +52,7 @@ def test_a_figure_is_ready_to_match(presets, figure):
     if setup.flow is not None:
         np.testing.assert_array_equal(session.result.velocity, setup.flow.velocity)
     assert presets.text_of(f"Figure {figure}", "Samples") == "checked"
+    presets.key("esc")
     assert vertices()[f"Figure {figure}"] == len(setup.mesh.vertices)
     assert presets.errors == {}
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.appearance.theme import palette
+from abfm_viewer.scene import annotations
 from abfm_viewer.scene.annotations import bar_room, laid_out
 from abfm_viewer.scene.color_bars import Line, Pen, Strip, Text, bar_parts, ticks
 from abfm_viewer.shown.paint import Paint
@@ -63,6 +64,19 @@ def test_nothing_lies_over_something_else_or_beyond_the_edge(right, columns):
         assert not overlap(first, second)
     assert min(r[0] for r in rects) >= 0
     assert max(r[2] for r in rects) <= right
+
+
+def test_the_mouse_tells_a_name_that_is_cut(monkeypatch):
+    told = []
+    io = SimpleNamespace(WantCaptureMouse=False)
+    monkeypatch.setattr(annotations.imgui, "GetIO", lambda: io)
+    monkeypatch.setattr(annotations.imgui, "SetTooltip", told.append)
+    ui = SimpleNamespace(text_width=width, px=lambda length: length)
+    for x, captures in ((25, False), (75, False), (125, True), (125, False)):  # "source", "advected", "linear blend"
+        monkeypatch.setattr(annotations.imgui, "GetMousePos", lambda x=x: (x, 10))
+        io.WantCaptureMouse = captures
+        annotations.tell_names(ui, scene(300, columns=5))
+    assert told == ["advected", "linear blend"]
 
 
 @pytest.mark.parametrize("right", [240, 480, 1000])
