@@ -20,10 +20,12 @@ from typing import Any
 import abfm
 from abfm import Control, Parameters, TriangleMesh
 from abfm.numerics.own_process import OwnProcess, ProcessEndedError
-from abfm.progress import Tell
+from abfm.progress import Step, Tell
 from abfm.types import FloatArray
 
 MODULE = "abfm_viewer.computing.match_process"
+PREPARING = 0
+"""The number of no run: what is told while coarser meshes are made is for the one that waits for them."""
 _ENDED = "the process that matches has ended; match again"
 
 
@@ -120,7 +122,7 @@ class MatchApart:
             if kind == "iteration":
                 on_iteration(self._iteration(connection, number, *content))
             elif kind == "step":
-                tell(content and content.begun_now())
+                tell(content)
             elif kind == "match":
                 match: abfm.Match = replace(content, mesh=mesh)
                 return match
@@ -171,7 +173,8 @@ class _Connection:
         self.ended = False
         self._process = OwnProcess(MODULE)
         self._unsent: SimpleQueue[object] = SimpleQueue()
-        self._run: tuple[int, SimpleQueue[tuple[str, Any]]] = (0, SimpleQueue())
+        self._run: tuple[int, SimpleQueue[tuple[str, Any]]] = (PREPARING, SimpleQueue())
+        self._preparing: Step | None = None
         self._fetched: dict[tuple[int, int], Future[Fetched]] = {}
         self._lock = threading.Lock()
         for work in (self._write, self._read):
@@ -184,6 +187,8 @@ class _Connection:
         """Where the answers about a run of this number come."""
         with self._lock:
             self._run = number, SimpleQueue()
+            if self._preparing:
+                self._run[1].put(("step", self._preparing))
             if self.ended:
                 self._run[1].put(("error", MemoryError(_ENDED)))
             return self._run[1]
@@ -237,8 +242,12 @@ class _Connection:
             for kind, number, content in messages:
                 if kind == "fetch":
                     self._answer(self._fetched.pop((number, content[0])), content[1])
-                elif number == self._run[0]:
-                    self._run[1].put((kind, content))
+                    continue
+                told = content.begun_now() if isinstance(content, Step) else content
+                if number == PREPARING:
+                    self._preparing = told
+                if number in (PREPARING, self._run[0]):
+                    self._run[1].put((kind, told))
 
     @staticmethod
     def _answer(future: Future[Fetched], found: Fetched | None) -> None:

@@ -13,7 +13,7 @@ import abfm
 from abfm import AbfmError, Control, Iteration, TriangleMesh
 from abfm.numerics.own_process import Requests, factoring_apart
 from abfm.progress import telling
-from abfm_viewer.computing.match_apart import numbers
+from abfm_viewer.computing.match_apart import PREPARING, numbers
 from abfm_viewer.computing.picture_pace import PicturePace
 
 _KEPT = 4  # iterates whose fields may be asked for
@@ -83,7 +83,8 @@ class _Matching:
                         self._recent.clear()
                 case ("prepare", parameters):
                     try:
-                        abfm.matching.prepare(mesh, parameters)
+                        with telling(partial(self._answer, "step", PREPARING)):
+                            abfm.matching.prepare(mesh, parameters)
                     except Exception:  # a match makes them itself, and says what is wrong
                         traceback.print_exc()
                 case ("match", number, problem, given):

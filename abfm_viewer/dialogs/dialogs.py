@@ -40,9 +40,9 @@ class Dialogs:
         """Whether a question of this title is to be answered."""
         return any(isinstance(one.dialog, Question) and one.dialog.title == title for one in self._open)
 
-    def open(self, title: str, suffixes: tuple[str, ...], on_path: OnPath, folder: Path | None = None) -> None:
+    def open(self, title: str, suffixes: tuple[str, ...], on_path: OnPath) -> None:
         """Let the user choose a file that exists."""
-        self._choose(title, FileChoice(folder or self._begin(), suffixes), on_path)
+        self._choose(title, FileChoice(self._begin(), suffixes), on_path)
 
     def save(self, title: str, suffixes: tuple[str, ...], default_name: str, on_path: OnPath) -> None:
         """Let the user name a file to write; one that exists is replaced only after a question."""

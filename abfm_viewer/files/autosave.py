@@ -118,7 +118,7 @@ class Recovery:
             self.path.unlink()
 
 
-def recoverable(folder: StateFolder, now: float | None = None) -> list[Recovery]:
+def recoverable(folder: StateFolder) -> list[Recovery]:
     """Copies of processes that are gone, the latest first."""
     found = []
     with suppress(OSError):
@@ -126,7 +126,7 @@ def recoverable(folder: StateFolder, now: float | None = None) -> list[Recovery]
             with suppress(OSError, ValueError, OverflowError):
                 number, _, left = path.stem.removeprefix(_PREFIX).partition("-")
                 process, written = int(number.partition(".")[0]), path.stat().st_mtime
-                abandoned = (time.time() if now is None else now) - written > _ABANDONED
+                abandoned = time.time() - written > _ABANDONED
                 if abandoned or left or not _is_alive(process):
                     found.append(Recovery(path, written))
     return sorted(found, key=lambda recovery: recovery.written, reverse=True)

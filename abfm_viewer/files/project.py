@@ -19,7 +19,7 @@ import numpy as np
 import abfm
 from abfm import Parameters, ResultError, TriangleMesh
 from abfm.io import write_atomically
-from abfm.io.arrays import FORMAT_VERSION, Entry, check_arrays, check_version, open_archive, read_arrays, write_arrays
+from abfm.io.arrays import Entry, check_arrays, check_version, open_archive, read_arrays, write_arrays
 from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, mesh_arrays, mesh_of
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Document, Run
@@ -27,6 +27,7 @@ from abfm_viewer.files.older_views import look_through, taken_camera
 from abfm_viewer.files.plain import from_plain, to_plain
 from abfm_viewer.files.project_checks import check
 
+_FORMAT = 2  # versions that had one camera for all surfaces wrote 1, and read no later ones
 _MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
 _RUN = {"stages": Entry("integer", ("n",), may_be_empty=True), "energies": Entry("real", ("n", 3), may_be_empty=True)}
 _COURSE = _RUN | {"vertices": Entry("integer", ("n",)), "reaches": Entry("real", ("n",))}
@@ -80,7 +81,7 @@ def save_project(path: str | os.PathLike[str], document: Document, known: Mappin
     except ValueError as error:
         raise ResultError(f"{path} not written: {error}") from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        text = json.dumps({"format_version": FORMAT_VERSION, **content}, indent=1)
+        text = json.dumps({"format_version": _FORMAT, **content}, indent=1)
         archive.writestr(zipfile.ZipInfo("project.json"), text)
         write_arrays(archive, arrays)
 
@@ -100,7 +101,7 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
         if packed:  # could be larger than memory
             raise ValueError(f"{packed[0]} is compressed; expected a zip without compression")
         content = json.loads(archive.read("project.json"))
-        check_version(content.pop("format_version", None) if isinstance(content, dict) else None)
+        check_version(content.pop("format_version", None) if isinstance(content, dict) else None, _FORMAT)
         return _document(content, read_arrays(archive))
 
 

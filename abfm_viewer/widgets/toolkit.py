@@ -186,15 +186,13 @@ class Ui(Texts):
         self.tip(tip, above=tip_above)
         return value_at(share, low, high, log) if changed else None
 
-    def text(
-        self, label: str, value: str, tip: str = "", *, hint: str = "", width: float = 0, name: str = ""
-    ) -> str | None:
+    def text(self, label: str, value: str, tip: str = "", *, hint: str = "", width: float = 0) -> str | None:
         """A box to type into; the new text when Enter is pressed or the box is left, else None.
 
         A text that is then refused stays in the box, to be mended, until Escape or another change that is accepted.
         """
         width, caption = self.placed(label, width)
-        text = self._box(label, value, tip, hint=hint, width=width, name=name)
+        text = self._box(label, value, tip, hint=hint, width=width)
         self.caption(label, caption, tip)
         return text
 

@@ -6,7 +6,6 @@ import signal
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -35,9 +34,10 @@ from abfm_viewer.session.session_files import OTHER_MESH, OTHER_NAME, SessionFil
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets import style
 from abfm_viewer.widgets.toolkit import Ui
-from abfm_viewer.widgets.widget_record import Rect, write_widgets
+from abfm_viewer.widgets.widget_record import write_widgets
 from abfm_viewer.window import menus, warm_up
 from abfm_viewer.window.actions import Actions
+from abfm_viewer.window.areas import areas
 from abfm_viewer.window.keyboard import Keyboard
 from abfm_viewer.window.mouse import Mouse
 from abfm_viewer.window.preferences import Preferences
@@ -48,32 +48,6 @@ if TYPE_CHECKING:
 
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
 _IDLE_AFTER = 1.0  # seconds without anything that moves
-_PANEL_WIDTH, _WIDEST_PANEL = 380, 0.44
-_STATUS_HEIGHT = 30
-
-
-@dataclass(frozen=True)
-class Areas:
-    """The parts of the window."""
-
-    scene: Rect
-    panel: Rect
-    time_bar: Rect
-    status: Rect
-
-
-def areas(size: tuple[float, float], menu_height: float, scale: float) -> Areas:
-    """Divide a window: a panel at the right, time bar and status line at the bottom, and surfaces in the rest."""
-    width, height = size
-    right = max(width - min(_PANEL_WIDTH * scale, _WIDEST_PANEL * width), 1.0)
-    status = height - _STATUS_HEIGHT * scale
-    bar = status - time_bar.height(right, scale)
-    return Areas(
-        scene=(0.0, menu_height, right, max(bar, menu_height + 1)),
-        panel=(right, menu_height, width, status),
-        time_bar=(0.0, bar, right, status),
-        status=(0.0, status, width, height),
-    )
 
 
 class Window:

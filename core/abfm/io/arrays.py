@@ -58,8 +58,8 @@ def open_archive(path: str | os.PathLike[str], what: str, cure: str) -> Iterator
         raise ResultError(f"{path}: no {what} of abfm, or damaged or cut short ({reason}); {cure}") from error
 
 
-def check_version(version: object) -> None:
-    """Refuse a format that this version cannot read.
+def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
+    """Refuse a format that this version, which reads up to the `newest`, cannot read.
 
     Raises
     ------
@@ -69,9 +69,9 @@ def check_version(version: object) -> None:
         If it is no version.
     """
     if type(version) is not int or version < 1:
-        raise ValueError(f"format_version is {version!r}; expected a number from 1 to {FORMAT_VERSION}")
-    if version > FORMAT_VERSION:
-        raise ResultError(f"written in format {version}, and this abfm reads up to {FORMAT_VERSION}; upgrade abfm")
+        raise ValueError(f"format_version is {version!r}; expected a number from 1 to {newest}")
+    if version > newest:
+        raise ResultError(f"written in format {version}, and this abfm reads up to {newest}; upgrade abfm")
 
 
 def write_arrays(archive: zipfile.ZipFile, arrays: Mapping[str, NDArray[Any]]) -> None:

@@ -179,6 +179,20 @@ def test_a_killed_process_leaves_no_zombie_and_what_was_asked_for_of_its_run_is_
     assert result is None  # that of an earlier run is not this one's
 
 
+def test_a_run_that_waits_for_coarser_meshes_tells_of_them(functions):
+    solver, told = Solver(), []
+    solver.work_apart()
+    tell = solver._at
+    solver._at = lambda step: (told.append(step), tell(step))
+    solver.prepare(SPHERE, replace(QUICK, levels=2))
+    solver.start(problem(replace(QUICK, levels=2)), functions)
+    ended(solver)
+    solver.close()
+    tasks = [step.task for step in told if step]
+    assert tasks.count("making coarser meshes") == 2  # ahead, and when the match takes them
+    assert told[-1] is None
+
+
 def test_what_fails_while_meshes_are_made_ahead_stops_no_match(solver):
     mesh = icosphere(2)
     solver.prepare(mesh, None)

@@ -127,6 +127,15 @@ def test_gaussians_by_widget(gui, side):
 
 
 @pytest.mark.parametrize("side", ["source", "target"])
+def test_gaussians_at_a_place(gui, side):
+    gui.type("spec", "gaussian:x=1,y=0,z=0,width=0.2", within=side)
+    for name, number in (("x", "0.5"), ("y", "0.25"), ("z", "-0.125")):
+        gui.type(name, number, within=side)
+    settled(gui)
+    assert gui.session.active.spec(side) == "gaussian:x=0.5,y=0.25,z=-0.125,width=0.2"
+
+
+@pytest.mark.parametrize("side", ["source", "target"])
 def test_gaussians_by_mouse(gui, side):
     def bump():
         return gaussians(gui.session.active.spec(side))[0]

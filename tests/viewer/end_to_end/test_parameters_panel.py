@@ -154,6 +154,9 @@ def test_presets_set_and_defaults_return(gui):
     assert all(TITLES[row.figure] in tips[row.name] for row in rows)
     gui.type("alpha", "12")
     assert gui.text_of("preset") == "own values"
+    own = gui.session.parameters
+    gui.choose("preset", "own values")
+    assert gui.session.parameters == own
     gui.click("Reset to defaults", within="Match")
     assert gui.session.parameters == Parameters()
     gui.key("ctrl+z")

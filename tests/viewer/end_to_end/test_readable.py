@@ -67,7 +67,7 @@ def test_what_is_behind_a_dialog_looks_as_if_it_could_not_be_used(large, tmp_pat
     large.window.dialogs.show("A title", ["A line."])
     large.frames(2)
     behind = contrasts(large, tmp_path / "behind.png")
-    large.key("escape")
+    large.click("Close", within="A title")
     large.session.solver.cancel()
     large.wait(lambda s: s.solver.finished)
     used = {name for name, (_, enabled) in before.items() if enabled}

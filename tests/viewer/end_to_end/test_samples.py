@@ -20,7 +20,7 @@ from tests.viewer.sessions import SIZE
 
 
 @pytest.fixture(scope="module")
-def presets():
+def samples():
     with Driver(icosphere(1), size=SIZE) as driver:
         yield driver
 
@@ -35,12 +35,12 @@ def wait(gui, condition, seconds=60):
 
 
 @pytest.mark.parametrize("figure", FIGURES)
-def test_a_figure_is_ready_to_match(presets, figure):
+def test_a_figure_is_ready_to_match(samples, figure):
     setup = experiment_of(figure).set_up(None, False)
-    presets.menu("Samples", f"Figure {figure}")
-    wait(presets, lambda session: session.notice.text.startswith(f"figure {figure} is ready"))  # is gone after a while
-    wait(presets, lambda session: session.mesh.vertices.shape == setup.mesh.vertices.shape and not session.obstacle)
-    session = presets.session
+    samples.menu("Samples", f"Figure {figure}")
+    wait(samples, lambda session: session.notice.text.startswith(f"figure {figure} is ready"))  # is gone after a while
+    wait(samples, lambda session: session.mesh.vertices.shape == setup.mesh.vertices.shape and not session.obstacle)
+    session = samples.session
     np.testing.assert_array_equal(session.mesh.vertices, setup.mesh.vertices)
     assert session.parameters == setup.parameters
     values = np.stack([session.functions.evaluate(channel.source) for channel in session.channels], axis=1)
@@ -51,23 +51,23 @@ def test_a_figure_is_ready_to_match(presets, figure):
     assert (session.result is None) == (setup.flow is None)
     if setup.flow is not None:
         np.testing.assert_array_equal(session.result.velocity, setup.flow.velocity)
-    assert presets.text_of(f"Figure {figure}", "Samples") == "checked"
-    presets.key("esc")
+    assert samples.text_of(f"Figure {figure}", "Samples") == "checked"
+    samples.key("esc")
     assert vertices()[f"Figure {figure}"] == len(setup.mesh.vertices)
-    assert presets.errors == {}
+    assert samples.errors == {}
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_a_bundled_mesh_opens_like_a_file(presets, name):
+def test_a_bundled_mesh_opens_like_a_file(samples, name):
     mesh = load_mesh(asset_path(name))
-    presets.menu("Samples", name)
-    wait(presets, lambda session: session.document.name == name and not session.obstacle)
-    np.testing.assert_array_equal(presets.session.mesh.vertices, mesh.vertices)
+    samples.menu("Samples", name)
+    wait(samples, lambda session: session.document.name == name and not session.obstacle)
+    np.testing.assert_array_equal(samples.session.mesh.vertices, mesh.vertices)
     assert vertices()[name] == len(mesh.vertices)
-    assert presets.window.files.recent()[0] == asset_path(name)
-    checked = [w.label for w in opened_menu(presets) if w.text == "checked"]
+    assert samples.window.files.recent()[0] == asset_path(name)
+    checked = [w.label for w in opened_menu(samples) if w.text == "checked"]
     assert checked == [name]
-    presets.key("esc")
+    samples.key("esc")
 
 
 def opened_menu(gui):
@@ -77,7 +77,7 @@ def opened_menu(gui):
     return [w for w in gui.window.ui.widgets if w.section == "Samples"]
 
 
-def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(presets):
+def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(samples):
     assert sorted(MESHES) == sorted(name for name in asset_names() if name.endswith(".off"))
     names = [*MESHES, *(f"Figure {figure}" for figure in FIGURES)]
     assert list(vertices()) == names
@@ -88,24 +88,24 @@ def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(presets):
         assert 0.02 < (tile[..., 3] > 128).mean() < 0.95  # a surface with nothing around it
         assert tile[tile[..., 3] > 128, :3].std() > 5
     assert PICTURES.stat().st_size < 100_000
-    assert [w.label for w in opened_menu(presets)] == names
-    presets.key("esc")
+    assert [w.label for w in opened_menu(samples)] == names
+    samples.key("esc")
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_the_menu_fits_into_the_window(presets, scale):
-    presets.session.set_view("scale", ui_scale=scale)
-    entries = opened_menu(presets)
+def test_the_menu_fits_into_the_window(samples, scale):
+    samples.session.set_view("scale", ui_scale=scale)
+    entries = opened_menu(samples)
     assert all(0 <= w.rect[0] < w.rect[2] <= SIZE[0] and 0 < w.rect[1] < w.rect[3] <= SIZE[1] for w in entries)
-    presets.key("esc")
-    presets.session.set_view("scale", ui_scale=1.0)
+    samples.key("esc")
+    samples.session.set_view("scale", ui_scale=1.0)
 
 
-def test_pictures_come_again_after_polyscope_forgot_its_structures(presets):
+def test_pictures_come_again_after_polyscope_forgot_its_structures(samples):
     for _ in range(2):
-        assert opened_menu(presets)
-        presets.frames(3)
-        presets.key("esc")
-        presets.window.scene = Scene(presets.window.shown)  # which removes all of another
-        presets.frames(2)
-    assert presets.errors == {}
+        assert opened_menu(samples)
+        samples.frames(3)
+        samples.key("esc")
+        samples.window.scene = Scene(samples.window.shown)  # which removes all of another
+        samples.frames(2)
+    assert samples.errors == {}

@@ -124,6 +124,17 @@ def test_surfaces_are_hidden_and_shown_by_menu_and_keys(gui):
     assert gui.window.scene.shown == SURFACES
 
 
+def test_compared_surfaces_are_hidden_and_shown_as_well(gui):
+    others = ("linear blend", "optimal transport", "error")
+    for name in others:
+        gui.check(name)
+    for name in others:
+        gui.menu("View", "Surfaces", name)
+        assert name not in gui.window.scene.shown
+        gui.menu("View", "Surfaces", name)
+        assert name in gui.window.scene.shown
+
+
 def test_a_hidden_surface_comes_back_as_it_was(gui, tmp_path):
     before = picture(gui, tmp_path)
     gui.menu("View", "Surfaces", "advected")

@@ -171,7 +171,7 @@ class TestRoundTrip:
             content = json.loads(archive.read("project.json"))
             with archive.open("result/velocity.npy") as file:
                 assert_array_equal(np.load(file, allow_pickle=False), RESULT.velocity)
-        assert content["format_version"] == 1
+        assert content["format_version"] == 2
         assert content["document"]["view"]["theme"] == "dark"
         assert content["known"] == sorted(KNOWN)
 
@@ -419,7 +419,7 @@ class TestDamage:
     @pytest.mark.parametrize(
         ("change", "words"),
         [
-            ({"format_version": 2, "new": 1}, "upgrade abfm"),
+            ({"format_version": 3, "new": 1}, "upgrade abfm"),
             ({"format_version": 0}, "format_version is 0"),
             ({"format_version": "one"}, "format_version is 'one'"),
             ({"format_version": None}, "format_version is None"),

@@ -17,7 +17,7 @@ from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.shown import Shown
-from abfm_viewer.window.window import areas
+from abfm_viewer.window.areas import areas
 from tests.viewer.sessions import EGG
 
 SIZES = [(1000, 700), (1280, 800), (2560, 1440)]

@@ -1,4 +1,4 @@
-"""The app is killed during a run on a saved project, and the next launch has the field of that run."""
+"""The app is killed during a run on a saved project: its processes end, and the next launch has the run's field."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from abfm_viewer.window import recovery
 from abfm_viewer.window.open_window import open_window
 recovery.Autosave = partial(recovery.Autosave, seconds=0.5)
 window = open_window(sys.argv[1], opengl.OFFSCREEN, (320, 240), Path(sys.argv[2]))
+window.session.solver.work_apart()
 while True:
     window.frame()
     assert not window.session.unsaved
@@ -37,7 +38,7 @@ def test_the_field_of_a_killed_run_is_recovered(tmp_path, monkeypatch):
     session = opened(ENDLESS)
     save_project(project, session.document, {})
     session.close()
-    app = subprocess.Popen([sys.executable, "-c", _RUN, str(project), str(state)])
+    app = subprocess.Popen([sys.executable, "-c", _RUN, str(project), str(state)], stderr=subprocess.PIPE)
     try:
         end = time.monotonic() + _SECONDS
         while not list(state.glob("autosave-*.abfm")):
@@ -46,7 +47,7 @@ def test_the_field_of_a_killed_run_is_recovered(tmp_path, monkeypatch):
             time.sleep(0.1)
     finally:
         app.send_signal(signal.SIGKILL)
-        app.wait(_SECONDS)
+        app.communicate(timeout=_SECONDS)  # until all that have its stderr have ended
     folder = SimpleNamespace(TemporaryDirectory=lambda: nullcontext(str(state)))
     monkeypatch.setattr(automation, "tempfile", folder)
     with Driver(icosphere(1), size=SIZE) as gui:

@@ -142,7 +142,7 @@ class _Case:
             return self._of_squeezing()
         if outcome.stop_reason == "cancelled":
             return self._of_an_early_end("not reached")
-        if solvability.stood_still(self.problem, outcome.advected):
+        if solvability.stood_still(self.problem, outcome.advected) and not self._hardly_began():
             why = "the source hardly moved, as moving costs more smoothness than it gains"
             further = (remedies.further(),) if remedies.too_far else ()
             return self._verdict("not reached", why, "", *further, remedies.colder())
@@ -223,6 +223,10 @@ class _Case:
         if energies is None or len(energies) <= _RECENT:
             return True
         return bool(energies[-1] < (1 - _FALLING) * energies[-1 - _RECENT])
+
+    def _hardly_began(self) -> bool:
+        """Whether it had too few iterations for anything to be said of where it was going."""
+        return self.outcome.stop_reason == "iteration limit" and self.parameters.iterations < _RECENT
 
     def _early_end(self) -> str:
         if self.outcome.stop_reason == "cancelled":

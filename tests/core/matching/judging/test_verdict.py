@@ -122,6 +122,12 @@ def test_a_source_that_vanished_is_told():
     assert "wider functions" in advice(problem, outcome, replace(USUAL, reach=1.0)).advice
 
 
+def test_a_source_that_stood_still_for_want_of_iterations_gets_more():
+    verdict = abfm.match(SPHERE, at(0), at(90), Parameters(iterations=0)).verdict
+    assert "0 iterations" in verdict.reason
+    assert [remedy.label for remedy in verdict.remedies] == ["More time", "Continue"]
+
+
 def test_a_source_that_stood_still_is_told():
     match = abfm.match(SPHERE, at(0, 0.1), at(90, 0.1), replace(USUAL, sigma=10.0, cooling_stages=1))
     assert match.stop_reason == "not reached"
