@@ -51,7 +51,7 @@ def test_in_a_low_slot_the_name_stands_beside_the_surface():
     for slot in low.values():
         assert slot.rect[1] == slot.name[1]
         assert slot.rect[3] - slot.rect[1] == 80
-        assert slot.name[2] < slot.middle[0]
+        assert slot.name[0] == 0 < slot.name[2] == slot.rect[0]
     for slot in high.values():
         assert slot.name[3] == slot.rect[1]
 
