@@ -83,7 +83,7 @@ class MatchApart:
 
     def __init__(self) -> None:
         self._numbers = itertools.count(1)
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._connection: _Connection | None = None
         self._mesh: weakref.ref[TriangleMesh] | None = None
         self._closed = False
@@ -94,7 +94,8 @@ class MatchApart:
 
     def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
         """Let it make the coarser meshes; a match that comes meanwhile begins after that."""
-        self._connected(mesh).send(("prepare", parameters))
+        with self._lock:
+            self._connected(mesh).send(("prepare", parameters))
 
     def match(
         self,
@@ -111,10 +112,11 @@ class MatchApart:
         tell: Tell,
     ) -> abfm.Match:
         """As `abfm.match`; MemoryError if the process ends. `tell` gets the steps of `abfm.progress`."""
-        connection, number = self._connected(mesh), control.number
-        answers = connection.begin(number)
-        given = {"mask": mask, "weights": weights, "start": start}
-        connection.send(("match", number, (f, g, parameters), given))
+        number, given = control.number, {"mask": mask, "weights": weights, "start": start}
+        with self._lock:  # else another thread could send another mesh before the match is sent
+            connection = self._connected(mesh)
+            answers = connection.begin(number)
+            connection.send(("match", number, (f, g, parameters), given))
         if control.cancelled:  # also told to a process that has ended since
             control.cancel(control.brief)
         while True:

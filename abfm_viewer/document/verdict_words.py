@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Literal
 
 import abfm
+from abfm_viewer.document.wording import sentence
 
 if TYPE_CHECKING:
     from abfm.matching import Remedy
@@ -90,8 +91,7 @@ def changes(remedy: Remedy) -> str:
     """What a remedy does, for a tooltip: ``a larger reach, such as 1 of sqrt(area): reach 1, from no motion``."""
     changed = ", ".join(f"{name} {_plain(value)}" for name, value in remedy.parameters.items())
     start = "from the present field" if remedy.goes_on else "from no motion"
-    words = f"{remedy.words[:1].upper()}{remedy.words[1:]}."
-    return f"{words}\nStarts a run {start}{f', with {changed}' if changed else ''}."
+    return f"{sentence(remedy.words)}\nStarts a run {start}{f', with {changed}' if changed else ''}."
 
 
 def _plain(value: object) -> str:

@@ -2,6 +2,7 @@
 
 import polyscope.imgui as imgui
 
+from abfm_viewer.document.wording import capital
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.loading import Load
 from abfm_viewer.session.notices import Card
@@ -53,7 +54,7 @@ def _draw_loading(context: Context, load: Load, rect: Rect, top: float) -> float
     ui, session = context.ui, context.session
     with ui.card(LOADING, _place(ui, rect, top), ui.colors.accent, rect[3] - rect[1]), ui.group(LOADING):
         about = f" of about {load.seconds:.0f} s" if load.seconds else ""
-        ui.note(f"{load.what[:1].upper()}{load.what[1:]}: {load.elapsed:.0f} s{about}", "ink")
+        ui.note(f"{capital(load.what)}: {load.elapsed:.0f} s{about}", "ink")
         share = min(load.elapsed / load.seconds, _ALMOST) if load.seconds else -0.5 * load.elapsed  # below 0 it runs
         imgui.ProgressBar(share, (-1, ui.px(8)), "")
         if ui.button("Cancel", "Go on without it."):

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 from abfm import TriangleMesh, functions
+from abfm_viewer.document.wording import sentence
 from abfm_viewer.widgets.toolkit import Ui
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def _draw_shape(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put
         return function
     about = ", or ".join(shape.summary for shape in function.shapes.values())
     now = function.shape()
-    chosen = ui.combo("shape", now, tuple(function.shapes), f"{about[0].upper()}{about[1:]}.")
+    chosen = ui.combo("shape", now, tuple(function.shapes), sentence(about))
     if chosen != now:
         other = begun(function.shapes[chosen].example, mesh, int(mesh.vertex_ids[0]))
         assert isinstance(other, functions.Family)
@@ -83,7 +84,7 @@ def _draw_parameter(
     """Draw a combo, a slider or a box to type into, whichever the kind of value asks for."""
     name, kind, value = parameter.name, parameter.kind, getattr(function, parameter.name)
     unit = f" ({parameter.unit})" if parameter.unit else ""
-    tip = f"{parameter.summary[0].upper()}{parameter.summary[1:]}{unit}."
+    tip = sentence(f"{parameter.summary}{unit}")
     ends = _slider(function, parameter, mesh)
     new: object = value
     if kind.choices and value is not None:

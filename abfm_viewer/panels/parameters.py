@@ -8,6 +8,7 @@ from abfm import Parameters
 from abfm.experiments import TITLES
 from abfm.experiments.table_1 import NOTE, TABLE_1, row_of
 from abfm.parameters import CHOICES
+from abfm_viewer.document.wording import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
 from abfm_viewer.session.session import Session
@@ -183,6 +184,6 @@ def _tip(name: str) -> str:
     shown = f"{default:g}" if isinstance(default, int | float) else default
     in_paper = ", ".join(filter(None, [symbol.strip("*"), about.place])) or "not there"
     return (
-        f"{help[0].upper()}{help[1:]}. Default: {shown}.\nIn the paper: {in_paper}.\nIn files and on the command line: "
+        f"{sentence(help)} Default: {shown}.\nIn the paper: {in_paper}.\nIn files and on the command line: "
         f"{name}.\nBad result? {about.remedy}"
     )

@@ -4,6 +4,7 @@ import polyscope.imgui as imgui
 
 from abfm.progress import Step, rounded
 from abfm_viewer.document.verdict_words import place
+from abfm_viewer.document.wording import capital, sentence
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -21,16 +22,12 @@ def draw(ui: Ui, session: Session) -> None:
     each = None if step else solver.seconds_each
     at_most = f", at most {rounded(each * (limit - now.iteration))} more" if each and limit > now.iteration else ""
     ui.note(f"Iteration {now.iteration}/{limit}, mismatch {now.mismatch:.3g}", "ink")
-    ui.note(_sentence(step.words() if step else f"{place(now)}{at_most}"))
+    ui.note(capital(step.words() if step else f"{place(now)}{at_most}"))
     if now.warning:
-        ui.note(f"{_sentence(now.warning)}.", "failure")
+        ui.note(sentence(now.warning), "failure")
 
 
 def draw_step(ui: Ui, step: Step) -> None:
     """Draw a bar, empty where nobody knows how long it takes, and what is being done."""
     imgui.ProgressBar(step.share() or 0.0, (-1, ui.px(_BAR)), "")
-    ui.note(_sentence(step.words()))
-
-
-def _sentence(words: str) -> str:
-    return f"{words[:1].upper()}{words[1:]}"
+    ui.note(capital(step.words()))

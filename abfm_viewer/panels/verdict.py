@@ -5,6 +5,7 @@ import polyscope.imgui as imgui
 from abfm import Match
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
+from abfm_viewer.document.wording import capital, sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.texts import Kind
@@ -23,15 +24,15 @@ def draw(context: Context, lines: int = 0) -> None:
     elif result is None:
         failed = any(session.error(spec) for spec in session.specs)
         _line(ui, "No match yet", "ink")
-        _line(ui, _sentence(session.obstacle or _ABOUT), "failure" if failed else "muted", _MOST_LINES)
+        _line(ui, sentence(session.obstacle or _ABOUT), "failure" if failed else "muted", _MOST_LINES)
     if result is None:
         return
     tone = verdict_words.tone(result)
-    _line(ui, _capital(verdict_words.headline(result)), "muted" if session.outdated else tone)
+    _line(ui, capital(verdict_words.headline(result)), "muted" if session.outdated else tone)
     if steps := len(result.energy_history) - 1:
         _right(ui, verdict_words.counted(steps, "iteration"))
     why = "functions or parameters changed since" if session.outdated else verdict_words.why(result)
-    _line(ui, _sentence(why), "ink", lines or _MOST_LINES)
+    _line(ui, sentence(why), "ink", lines or _MOST_LINES)
     parts = [_numbers, _remedies]
     for draw_part in reversed(parts) if lines else parts:
         draw_part(ui, session, result)
@@ -58,7 +59,7 @@ def _buttons(ui: Ui, session: Session, result: Match) -> None:
             session.match()
         if session.obstacle:
             ui.beside()
-            _line(ui, _sentence(session.obstacle), "failure")
+            _line(ui, sentence(session.obstacle), "failure")
         return
     for number, remedy in enumerate(result.verdict.remedies):
         if number:
@@ -84,11 +85,3 @@ def _right(ui: Ui, text: str) -> None:
     if imgui.GetWindowPos()[0] + start > imgui.GetItemRectMax()[0] + ui.px(8):
         imgui.SameLine(start)
         ui.note(text)
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
-def _sentence(text: str) -> str:
-    return f"{_capital(text)}."

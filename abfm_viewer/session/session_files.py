@@ -15,6 +15,7 @@ from abfm_viewer.computing.background import one_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.presets import figure_document
 from abfm_viewer.document.samples import MESHES as MESH_SAMPLES
+from abfm_viewer.document.wording import capital
 from abfm_viewer.files.project import save_project
 from abfm_viewer.session.housekeeping import OPENING
 from abfm_viewer.session.loading import Load
@@ -99,7 +100,7 @@ class SessionFiles:
         if not self._session.solver.running:
             do()
             return
-        text = f"{self._session.document.name} is being matched. {what.capitalize()} ends the run; the best field so "
+        text = f"{self._session.document.name} is being matched. {capital(what)} ends the run; the best field so "
         text += "far stays, and Undo returns to it."
         self._ask("End the run?", text, {"End the run": partial(self._end_run, do), "Go back": None})
 

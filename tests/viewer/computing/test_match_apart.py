@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from dataclasses import replace
 
@@ -191,6 +192,26 @@ def test_a_run_that_waits_for_coarser_meshes_tells_of_them(functions):
     tasks = [step.task for step in told if step]
     assert tasks.count("making coarser meshes") == 2  # ahead, and when the match takes them
     assert told[-1] is None
+
+
+def test_a_match_is_of_its_mesh_though_another_one_is_prepared_meanwhile(functions):
+    apart = MatchApart()
+    connected, other = apart._connected, icosphere(2)
+
+    def interrupted(mesh=None):
+        connection = connected(mesh)
+        if mesh is SPHERE:
+            thread = threading.Thread(target=apart.prepare, args=(other, QUICK))
+            thread.start()
+            thread.join(0.5)
+        return connection
+
+    apart._connected = interrupted
+    given = {"mask": None, "weights": [1.0], "start": None, "on_iteration": lambda _: None, "tell": lambda _: None}
+    pair = [functions.evaluate(spec)[:, None] for spec in (PAIR.source, PAIR.target)]
+    found = apart.match(SPHERE, *pair, QUICK, control=apart.control(), **given)
+    assert len(found.advected) == len(SPHERE.vertices)
+    apart.close()
 
 
 def test_what_fails_while_meshes_are_made_ahead_stops_no_match(solver):
