@@ -10,9 +10,6 @@ from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
 
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):  # the last one is Mesa's
     os.environ.setdefault(_threads, "1")  # with pytest-xdist there is a process for each core
-settings.register_profile("busy machines", deadline=None)  # no test asks how long something takes
-settings.load_profile("busy machines")
-
 settings.register_profile("untimed", deadline=None)  # no test is about time, and machines are busy
 settings.load_profile("untimed")
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from abfm.experiments import FIGURES, TITLES
 
 MESHES = {
-    "human_A.off": "A human, coarse.",
-    "human_B.off": "The same human in another pose, vertex by vertex.",
-    "human_fine_A.off": "The first human with more triangles.",
-    "eight.off": "Two holes: fields that go around them exist here.",
-    "fandisk.off": "A mechanical part with sharp edges.",
+    "human_A.off": "A human, coarse",
+    "human_B.off": "The same human in another pose, vertex by vertex",
+    "human_fine_A.off": "The first human with more triangles",
+    "eight.off": "Two holes: fields that go around them exist here",
+    "fandisk.off": "A mechanical part with sharp edges",
 }
 """The bundled meshes, and a few words for each."""
 
@@ -23,7 +23,10 @@ class Sample:
     figure: int = 0
 
 
+def _figure(figure: int) -> Sample:
+    title = TITLES[figure]
+    return Sample(f"Figure {figure}", f"{title[:1].upper()}{title[1:]}", figure)
+
+
 SAMPLES = tuple(Sample(name, about) for name, about in MESHES.items())
-FIGURE_SAMPLES = tuple(
-    Sample(f"Figure {figure}", f"{TITLES[figure][:1].upper()}{TITLES[figure][1:]}.", figure) for figure in FIGURES
-)
+FIGURE_SAMPLES = tuple(map(_figure, FIGURES))

@@ -108,6 +108,11 @@ def numbers(match: abfm.Match) -> str:
     return ", ".join(parts)
 
 
+def counted(number: int, noun: str) -> str:
+    """``1 iteration``, ``2 iterations``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def place(now: abfm.Iteration) -> str:
     """Where in its course a match is: ``mesh 1/3, stage 2, reach 0.5``."""
     parts = [f"mesh {now.level + 1}/{now.levels}"] if now.levels > 1 else []

@@ -7,7 +7,7 @@ from abfm_viewer.panels.context import Context
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     document = session.document
-    ui.heading("a click on a surface starts")
+    ui.heading("a click on a surface")
     tips = ("Nothing.", "A flow line through the point.", "Following where the point goes over time.")
     session.set_view("choose what a click does", tool=ui.radio(CLICK_TOOLS, session.view.tool, tips))
     if ui.button("Clear lines", "Remove all flow lines.", enabled=bool(document.lines)):

@@ -5,7 +5,7 @@ from abfm_viewer.panels.context import Context
 
 _TIPS: dict[Coloring, str] = {
     "function": "The advected function itself.",
-    "speed": "How fast the field is, in lengths of the mesh per time.",
+    "speed": "How fast the field is, in sqrt(area) per time.",
     "divergence": "Where the flow spreads (positive) and where it gathers.",
     "curl": "Where the flow turns, and which way.",
     "coordinates": "The coordinates as red, green and blue, carried by the flow.",

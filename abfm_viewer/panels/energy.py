@@ -17,7 +17,7 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
-_LOWEST, _HIGHEST = 130, 240
+_LOWEST, _HIGHEST = 150, 240
 _NAMES = ("energy", "smoothness", "closeness")
 _SHORTEST_AXIS = 10  # iterations
 _PLOT = (
@@ -51,10 +51,11 @@ def draw(context: Context) -> None:
             "Appears here while the solver runs: the energy of each iteration, with its smoothness and closeness terms."
         )
         return
-    marks = ["grey line: next stage"] if _stage_starts(run) else []
-    marks += ["strong grey line: finer mesh"] if _mesh_starts(run) else []
-    marks += ["green line: restart"] if run.restarts else []
-    ui.line("; ".join([run.label, *marks]))
+    marks = ["grey: stage"] if _stage_starts(run) else []
+    marks += ["wide: mesh"] if _mesh_starts(run) else []
+    marks += ["green: restart"] if run.restarts else []
+    about = "Lines are where a stage began (grey), a finer mesh (wide), or a changed problem (green)."
+    ui.line("; ".join(filter(None, [run.label, ", ".join(marks)])), tip=about if marks else "")
     _plot(ui, run, previous if session.view.previous_runs else ())
 
 

@@ -18,7 +18,13 @@ def draw(context: Context) -> None:
     session.set_view("switch arrows", arrows=arrows)
     with ui.disabled(not view.arrows):
         length = ui.number("length", view.arrow_length, 0.01, 0.4, "Of the longest, as a fraction of sqrt(area).")
-        density = ui.number("density", view.arrow_density, 0, 1, "How many arrows there are: 1 is one on each face.")
+        density = ui.number(
+            "density",
+            view.arrow_density,
+            0,
+            1,
+            "How many arrows there are.",
+        )
     if length is not None and length > 0:
         session.set_view("arrows' length", "length", arrow_length=min(max(length, 0.001), 10.0))
     if density is not None:

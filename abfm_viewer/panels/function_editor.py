@@ -90,7 +90,7 @@ class _Editor:
             with ui.refusing(_ADD):
                 self.put(gaussians.added(self._spec, self._session.mesh), "family", count)
         if count > 1:
-            ui.beside_if_fits(_REMOVE)
+            ui.beside_if_fits(_REMOVE, is_button=True)
             if ui.button(_REMOVE, "Remove the bump that is chosen."):
                 self.put(gaussians.removed(self._spec, self.bump), "family", max(self.bump - 1, 0))
         ui.refusal(_ADD)

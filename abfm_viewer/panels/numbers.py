@@ -3,7 +3,7 @@
 import numpy as np
 
 from abfm_viewer.document.document import Coloring
-from abfm_viewer.document.verdict_words import numbers
+from abfm_viewer.document.verdict_words import counted, numbers
 from abfm_viewer.panels.context import Context
 
 _DISTORTIONS: tuple[Coloring, ...] = ("area distortion", "conformal distortion")
@@ -40,7 +40,8 @@ def _field(context: Context) -> None:
     if context.session.view.part == "commuting" and quantities.finding:
         ui.note("The field that commutes is being computed.")
     elif field is not None:
-        ui.note(f"Largest speed {float(field.speed.max()):.4g}, in {field.unit}.")
+        speed, unit = field.relative_speed()
+        ui.note(f"Largest speed {float(speed.max()):.4g}, in {unit}.")
         if field.note:
             ui.note(field.note)
         shares = [f"{name} {100 * share:.1f}%" for name, share in field.shares.items()]
@@ -68,8 +69,8 @@ def _map(context: Context) -> None:
 def _points(context: Context) -> None:
     ui, session = context.ui, context.session
     if session.document.lines:
-        ui.note(f"{len(session.document.lines)} flow lines")
+        ui.note(f"{counted(len(session.document.lines), 'flow line')}.")
     for point, path in zip(session.document.points, context.shown.quantities.paths(), strict=False):
         x, y, z = path.at(context.shown.flow.time)
         corner = session.mesh.faces[point.face][int(np.argmax(point.barycentric))]
-        ui.note(f"from vertex {session.mesh.vertex_ids[corner]} to ({x:.4g}, {y:.4g}, {z:.4g})")
+        ui.note(f"From vertex {session.mesh.vertex_ids[corner]} to ({x:.4g}, {y:.4g}, {z:.4g}).")

@@ -8,6 +8,8 @@ from abfm_viewer.document.wording import capital, sentence
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
+_BAR = 8  # high, as those in the viewport: below it is room for three lines and a warning
+
 
 def draw(ui: Ui, session: Session) -> None:
     solver = session.solver
@@ -16,7 +18,7 @@ def draw(ui: Ui, session: Session) -> None:
         draw_step(ui, step or Step("starting the solver"))
         return
     now, limit = snapshot.iteration, snapshot.problem.parameters.iterations
-    imgui.ProgressBar(now.iteration / max(limit, 1), (-1, 0), "")
+    imgui.ProgressBar(now.iteration / max(limit, 1), (-1, ui.px(_BAR)), "")
     each = None if step else solver.seconds_each
     at_most = f", at most {rounded(each * (limit - now.iteration))} more" if each and limit > now.iteration else ""
     ui.note(f"Iteration {now.iteration}/{limit}, mismatch {now.mismatch:.3g}", "ink")
@@ -27,5 +29,5 @@ def draw(ui: Ui, session: Session) -> None:
 
 def draw_step(ui: Ui, step: Step) -> None:
     """Draw a bar, empty where nobody knows how long it takes, and what is being done."""
-    imgui.ProgressBar(step.share() or 0.0, (-1, 0), "")
+    imgui.ProgressBar(step.share() or 0.0, (-1, ui.px(_BAR)), "")
     ui.note(capital(step.words()))

@@ -10,18 +10,27 @@ from abfm_viewer.widgets.toolkit import Ui
 _STATE_HEIGHT = 124  # four lines and a row of buttons
 _STATE_SHARE = 0.3  # of a low panel
 _SIDE_BUTTON, _SIDE_SHARE = 76, 0.3
-_WARM = "From the current field"
+_WARM = "from the current field"
 
 
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     _buttons(ui, session)
-    height = min(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
+    height, lines = _state_room(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
     with ui.child("state", height, border=False):  # always as high: what is below must not jump
         if session.solver.running:
             progress.draw(ui, session)
         else:
-            verdict.draw(context)
+            verdict.draw(context, lines)
+
+
+def _state_room(wanted: float, room: float) -> tuple[float, int]:
+    """The height, and how many lines a low panel has for why a match ended, above the remedies; else 0."""
+    if wanted <= room:
+        return wanted, 0
+    line, spacing = float(imgui.GetTextLineHeight()), float(imgui.GetStyle().ItemSpacing[1])
+    least = 2 * line + 2 * spacing + imgui.GetFrameHeight()  # headline, a line, and buttons
+    return (least + line, 2) if least + line <= room else (least, 1)
 
 
 def _buttons(ui: Ui, session: Session) -> None:
@@ -48,10 +57,11 @@ def draw_switches(ui: Ui, session: Session) -> None:
     """Draw how runs begin: what the parameters do not say."""
     solver = session.solver
     solver.follow = ui.checkbox(
-        "Restart on changes",
+        "restart on changes",
         solver.follow,
         "While it runs, another parameter or function restarts the solver from the field that it has by then. A new "
         "smoothness is taken when the mouse lets go of the slider.",
+        name="Restart on changes",
     )
     ui.beside_if_fits(_WARM)
     solver.warm = ui.checkbox(

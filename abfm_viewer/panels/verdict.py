@@ -2,22 +2,25 @@
 
 import polyscope.imgui as imgui
 
+from abfm import Match
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.wording import capital, sentence
 from abfm_viewer.panels.context import Context
+from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.texts import Kind
 from abfm_viewer.widgets.toolkit import Ui
 
-_MOST_LINES = 2  # for why it stopped
-_ABOUT = "Match finds the field whose flow carries the source to the target"
+_MOST_LINES = 2  # for why it stopped, or cannot start
+_ABOUT = "Match finds a flow from the source to the target"
 
 
-def draw(context: Context) -> None:
+def draw(context: Context, lines: int = 0) -> None:
+    """Draw it; in a low panel with so many lines for why it stopped, and remedies before numbers."""
     ui, session = context.ui, context.session
     result, solver = session.result, session.solver
     if solver.failed:
-        _line(ui, f"The solver stopped: {solver.reason}", "failure")
+        _line(ui, f"The solver stopped: {solver.reason}", "failure", _MOST_LINES)
     elif result is None:
         failed = any(session.error(spec) for spec in session.specs)
         _line(ui, "No match yet", "ink")
@@ -27,18 +30,28 @@ def draw(context: Context) -> None:
     tone = verdict_words.tone(result)
     _line(ui, capital(verdict_words.headline(result)), "muted" if session.outdated else tone)
     if steps := len(result.energy_history) - 1:
-        _right(ui, f"{steps} iterations")
+        _right(ui, verdict_words.counted(steps, "iteration"))
     why = "functions or parameters changed since" if session.outdated else verdict_words.why(result)
-    _line(ui, sentence(why), "ink", _MOST_LINES)
-    with ui.group("verdict"):  # before the numbers: in a low panel these are what is scrolled to
-        _remedies(context)
-    _line(ui, f"mismatch {verdict_words.numbers(result)}", "muted")
+    _line(ui, sentence(why), "ink", lines or _MOST_LINES)
+    parts = [_numbers, _remedies]
+    for draw_part in reversed(parts) if lines else parts:
+        draw_part(ui, session, result)
 
 
-def _remedies(context: Context) -> None:
+def _numbers(ui: Ui, session: Session, result: Match) -> None:
+    _line(ui, f"Mismatch {verdict_words.numbers(result)}", "muted")
+
+
+def _remedies(ui: Ui, session: Session, result: Match) -> None:
     """Draw buttons, or what to try where no button can do it."""
-    ui, session, result = context.ui, context.session, context.session.result
-    assert result is not None
+    with ui.group("verdict"):
+        _buttons(ui, session, result)
+    advice = verdict_words.advice(result)
+    if advice and not (result.verdict.remedies or session.outdated):
+        _line(ui, f"To try: {advice}.", "muted")
+
+
+def _buttons(ui: Ui, session: Session, result: Match) -> None:
     if session.outdated:
         if ui.button(
             "Match again", "Match the functions and parameters as they are now.", enabled=not session.obstacle
@@ -50,12 +63,9 @@ def _remedies(context: Context) -> None:
         return
     for number, remedy in enumerate(result.verdict.remedies):
         if number:
-            ui.beside()
+            ui.beside_if_fits(remedy.label, is_button=True)
         if ui.button(remedy.label, verdict_words.changes(remedy)):
             session.remedy(remedy)
-    advice = verdict_words.advice(result)
-    if advice and not result.verdict.remedies:
-        _line(ui, f"To try: {advice}.", "muted")
 
 
 def _line(ui: Ui, text: str, kind: Kind, most: int = 1) -> None:
@@ -70,7 +80,8 @@ def _line(ui: Ui, text: str, kind: Kind, most: int = 1) -> None:
 
 
 def _right(ui: Ui, text: str) -> None:
-    """Something at the end of the line, where there is room."""
+    """Something at the end of the line, if there is room."""
     start = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0] - imgui.CalcTextSize(text)[0] - ui.px(2)
-    imgui.SameLine(start)
-    ui.note(text)
+    if imgui.GetWindowPos()[0] + start > imgui.GetItemRectMax()[0] + ui.px(8):
+        imgui.SameLine(start)
+        ui.note(text)

@@ -90,7 +90,7 @@ class DocumentRenderer:
                 raise FunctionError(f"{spec}: {session.error(spec)}")
         self._scene = Scene(self._shown, self._options.turns)
         self._scene.name_height = name_height(self._pen) if self._options.labels else 0.0
-        self._scene.room_below = bar_room(self._pen) if self._color_bar else 0.0
+        self._scene.room_below = bar_room(self._pen, self._size[1]) if self._color_bar else 0.0
         self._scene.update(self._rect)
 
     def picture(self, time: float, degrees: float = 0.0, phase: float = 0.0) -> Image.Image:

@@ -1,5 +1,7 @@
 """What is written over the surfaces, in the window and in pictures: their names and the colour bars."""
 
+from itertools import pairwise
+
 import numpy as np
 import polyscope.imgui as imgui
 
@@ -7,7 +9,7 @@ from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.document.document import triple
-from abfm_viewer.scene.color_bars import GAP, Part, Pen, Strip, Text, bar_parts
+from abfm_viewer.scene.color_bars import GAP, Line, Part, Pen, Strip, Text, bar_in_a_line, bar_parts
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
@@ -17,14 +19,18 @@ _STEPS = 64
 _BAR_WIDTH, _BAR_HEIGHT, _APART, _LEFT, _BELOW, _ABOVE = 200, 12, 48, 18, 14, 10
 
 
-def bar_room(pen: Pen) -> float:
-    """Height of what the colour bars cover at the bottom."""
-    return 2 * pen.line + pen.scale * (_ABOVE + _BAR_HEIGHT + 2 * GAP + _BELOW)
+_MOST = 0.25  # of the height: where bars would take more, each is one line
+
+
+def bar_room(pen: Pen, height: float) -> float:
+    """Height of what the colour bars cover at the bottom of so much."""
+    room = 2 * pen.line + pen.scale * (_ABOVE + _BAR_HEIGHT + 2 * GAP + _BELOW)
+    return room if room <= _MOST * height else pen.line + 4 * GAP * pen.scale
 
 
 def name_height(pen: Pen) -> float:
     """Of a surface's name, with the room around it."""
-    return pen.line + 2 * GAP * pen.scale
+    return pen.line + 4 * GAP * pen.scale
 
 
 def laid_out(
@@ -32,7 +38,8 @@ def laid_out(
 ) -> list[Part]:
     """Everything to write, in a rectangle of the window or picture."""
     names = _names(scene, colors, pen) if labels else []
-    return [*names, *(_bars(scene, rect, colors, pen) if color_bar else [])]
+    borders = [Line(ends, colors.border, pen.scale) for ends in scene.borders()]
+    return [*borders, *names, *(_bars(scene, rect, colors, pen) if color_bar else [])]
 
 
 def _names(scene: Scene, colors: Palette, pen: Pen) -> list[Text]:
@@ -40,11 +47,14 @@ def _names(scene: Scene, colors: Palette, pen: Pen) -> list[Text]:
     inks = {"source": colors.source, "target": colors.target}
     found = []
     for name, (left, top, right, bottom) in scene.labels().items():
-        title = scene.paints[name].title if name in scene.paints else f"{name}: computing"
-        title = cut(title, right - left - 4 * pen.scale, pen.width)
+        title = cut(_title(scene, name), right - left - 4 * pen.scale, pen.width)
         place = (left + right - pen.width(title)) / 2, (top + bottom - pen.line) / 2
         found.append(Text(*place, title, inks.get(name, colors.ink)))
     return found
+
+
+def _title(scene: Scene, name: str) -> str:
+    return scene.paints[name].title if name in scene.paints else f"{name}: computing"
 
 
 def _bars(scene: Scene, rect: Rect, colors: Palette, pen: Pen) -> list[Part]:
@@ -55,6 +65,14 @@ def _bars(scene: Scene, rect: Rect, colors: Palette, pen: Pen) -> list[Part]:
     room = (rect[2] - _LEFT * pen.scale - left - (count - 1) * apart) / count
     bottom = rect[3] - (_BELOW + GAP) * pen.scale - pen.line
     found: list[Part] = []
+    covered = bar_room(pen, rect[3] - rect[1])
+    if covered < 2 * pen.line:
+        whole, top = (rect[2] - left - apart / 2) / count, rect[3] - (covered + pen.line) / 2
+        for number, (title, shown) in enumerate(ranges.items()):
+            start = left + number * whole
+            end = start + min(whole - apart / 2, 2 * _BAR_WIDTH * pen.scale)
+            found += bar_in_a_line(title, shown, (start, top, end, top + pen.line), pen, colors)
+        return found
     for title, shown in ranges.items():
         right = left + min(max(_BAR_WIDTH * pen.scale, pen.width(title)), max(room, apart))
         found += bar_parts(title, shown, (left, bottom - _BAR_HEIGHT * pen.scale, right, bottom), pen, colors)
@@ -68,16 +86,31 @@ def window_pen(ui: Ui) -> Pen:
 
 
 def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -> None:
-    """Draw names and colour bars behind the panels."""
+    """Draw names, colour bars and lines between slots behind the panels."""
     canvas = imgui.GetBackgroundDrawList()
+    tell_names(ui, scene)
     for one in laid_out(scene, rect, ui.colors, window_pen(ui), color_bar):
         if isinstance(one, Text):
             canvas.AddText((one.left, one.top), _u32(one.color), one.text)
+        elif isinstance(one, Line):
+            for start, end in pairwise(one.points):
+                canvas.AddLine(start, end, _u32(one.color), one.width)
         elif isinstance(one, Strip):
             left, top, right, bottom = one.rect
             edges = np.linspace(left, right, _STEPS + 1)
             for color, start, end in zip(table(one.colormap, _STEPS), edges[:-1], edges[1:], strict=True):
                 canvas.AddRectFilled((start, top), (end + 0.5, bottom), _u32((*triple(color), 1.0)))
+
+
+def tell_names(ui: Ui, scene: Scene) -> None:
+    """Show the whole name where the mouse is over one that is cut."""
+    if imgui.GetIO().WantCaptureMouse:
+        return
+    x, y = imgui.GetMousePos()
+    for name, (left, top, right, bottom) in scene.labels().items():
+        title = _title(scene, name)
+        if left <= x < right and top <= y < bottom and ui.text_width(title) > right - left - ui.px(4):
+            imgui.SetTooltip(title)
 
 
 def _u32(color: Color) -> int:

@@ -10,6 +10,7 @@ from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.widgets.widget_record import Rect
 
 GAP = 3  # between a bar and its texts, in pixels at a scale of 1
+_SHORTEST = 30  # strip, likewise
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,24 @@ def bar_parts(title: str, colors: ColorRange, rect: Rect, pen: Pen, inks: Palett
             start = min(max(start, left), right - pen.width(text))
         found.append(Text(start, bottom + max(pen.tick, gap), text, inks.ink))
     return found
+
+
+def bar_in_a_line(title: str, colors: ColorRange, rect: Rect, pen: Pen, inks: Palette) -> list[Part]:
+    """A bar as high as a line of text, with its title and the ends of its range at its sides."""
+    left, top, right, bottom = rect
+    gap, thin = 2 * GAP * pen.scale, pen.line / 4
+    strip = _SHORTEST * pen.scale
+    low, high = (f"{value:.3g}" for value in (colors.low, colors.high))
+    numbers = pen.width(low) + pen.width(high) + 2 * gap
+    title = cut(title, max(right - left - numbers - strip - 2 * gap, 0.0), pen.width)
+    begin = left + (pen.width(title) + 2 * gap if title else 0.0)
+    start, end = begin + pen.width(low) + gap, right - pen.width(high) - gap
+    return [
+        Text(left, top, title, inks.muted),
+        Text(begin, top, low, inks.ink),
+        Strip((start, top + thin, max(end, start), bottom - thin), colors.colormap),
+        Text(right - pen.width(high), top, high, inks.ink),
+    ]
 
 
 def _ends_and_middle(colors: ColorRange, length: float, pen: Pen) -> list[float]:

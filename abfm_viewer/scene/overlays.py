@@ -64,7 +64,7 @@ class Overlays:
     def _draw_isolines(self, surface: str, paint: Paint | None, viewport: Viewport) -> None:
         """Lines of a function's equal values; none at the ends of its range nor in the middle, where it is constant."""
         view, name = self._shown.session.view, _ISOLINES + surface
-        wanted = view.isolines and paint is not None and paint.kind == "vertex values"
+        wanted = view.isolines and paint is not None and paint.kind == "vertex values" and surface != "error"
         if self._is_new(name, (paint, view.isoline_count, view.theme) if wanted else None):
             assert paint is not None
             assert paint.colors is not None

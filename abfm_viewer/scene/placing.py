@@ -3,8 +3,6 @@
 from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
-
 from abfm.types import FloatArray
 from abfm_viewer.scene.clipping import Clipping
 from abfm_viewer.scene.opengl import ps
@@ -38,8 +36,7 @@ class Placing:
             self._seen = seen
             self._count += 1
             viewport.face(view)
-            moved = not np.allclose(view.target, view.home, rtol=0, atol=1e-9 * view.radius)
-            self._clipping.place(view, window, clips=view.zoom > 1 or moved)
+            self._clipping.place(view, window, clips=view.is_clipped)
         for surface, name, version, structure in structures:
             if self._done.get(name) == (version, self._count):
                 continue

@@ -18,7 +18,7 @@ from abfm_viewer.scene.pacing import Pacing
 from abfm_viewer.scene.placing import Placed, Placing
 from abfm_viewer.scene.slot_view import Fit, SlotView
 from abfm_viewer.scene.slots import slots
-from abfm_viewer.scene.surface_quantities import register, set_style, show_paint
+from abfm_viewer.scene.surface_quantities import edge_width, register, set_style, show_paint
 from abfm_viewer.scene.turntable import Turntable, turntable
 from abfm_viewer.scene.viewport import Viewport
 from abfm_viewer.shown.paint import Paint, Painter
@@ -134,7 +134,11 @@ class Scene:
 
     def labels(self) -> dict[str, Rect]:
         """Where to write each surface's name."""
-        return {name: self.view.slots[name].name for name in self.shown}
+        return {name: self.view.label(name) for name in self.shown}
+
+    def borders(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+        """Lines to draw between slots."""
+        return self.view.borders() if self.shown else []
 
     def _picked(self, position: tuple[float, float]) -> Hit | None:
         """The point of a surface under a place of the window."""
@@ -208,13 +212,13 @@ class Scene:
     def _restyle(self) -> None:
         """Wireframe and shading."""
         view = self._session.view
-        style = (view.wireframe, view.flat, view.theme)
+        assert self._mesh is not None
+        edges = edge_width(len(self._mesh.faces), self.view.scale) if view.wireframe else 0.0
+        style = (edges, view.flat, view.theme)
         if style != self._style:
-            self._style = style
+            self._style, ink = style, theme.linear(theme.palette(view.theme).ink)
             for name in self.names:
-                set_style(
-                    ps.get_surface_mesh(name), view.wireframe, view.flat, theme.linear(theme.palette(view.theme).ink)
-                )
+                set_style(ps.get_surface_mesh(name), edges, view.flat, ink)
 
     def _look(self, rect: Rect, front: Front) -> None:
         """Decide where everything is to be seen."""

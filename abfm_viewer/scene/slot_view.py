@@ -8,6 +8,7 @@ import numpy as np
 from abfm.types import FloatArray
 from abfm_viewer.document.document import FARTHEST, NEAREST, Front
 from abfm_viewer.scene.slots import Slot, fitting
+from abfm_viewer.widgets.widget_record import Rect
 
 Place = tuple[float, float]
 _BALL = 0.8  # of the surface's radius: the ball that the mouse turns
@@ -27,6 +28,7 @@ class SlotView:
     zoom: float
     scale: float  # pixels of a length of 1
     radius: float  # of the surface, about home
+    above: float  # how far it goes up from there, now
 
     def seen(self, points: FloatArray) -> FloatArray:
         """Points (..., 3) from the slot's middle: to the right, up, and towards the viewer."""
@@ -48,6 +50,32 @@ class SlotView:
     def drawn(self, place: Place, window: tuple[int, int]) -> FloatArray:
         """Where (2,) a place of the window is for that viewer."""
         return np.array([place[0] - window[0] / 2, window[1] / 2 - place[1]]) / self.scale
+
+    @property
+    def is_clipped(self) -> bool:
+        """Whether surfaces may go beyond their slots."""
+        return self.zoom > 1 or not np.allclose(self.target, self.home, rtol=0, atol=1e-9 * self.radius)
+
+    def label(self, name: str) -> Rect:
+        """Where a surface's name is written: close above it, but in its slot."""
+        slot = self.slots[name]
+        left, top, right, bottom = slot.name
+        if bottom > slot.rect[1] + 1:  # beside it
+            return slot.name
+        surface = float(self.projected(name, self.home)[0, 1]) - self.scale * self.above
+        end = min(max(surface, bottom), slot.rect[3])
+        return left, end - (bottom - top), right, end
+
+    def borders(self) -> list[tuple[Place, Place]]:
+        """Lines between slots, while what is in them goes to their ends."""
+        if not self.is_clipped:
+            return []
+        rects = [(*slot.name[:2], *slot.rect[2:]) for slot in self.slots.values()]
+        edge = min(left for left, *_ in rects), max(right for _, _, right, _ in rects)
+        sides = {(x, top, bottom) for left, top, right, bottom in rects for x in (left, right) if edge[0] < x < edge[1]}
+        tops = {top for _, top, _, _ in rects} - {min(top for _, top, _, _ in rects)}
+        down = [((x, top), (x, bottom)) for x, top, bottom in sorted(sides)]
+        return [*down, *(((edge[0], top), (edge[1], top)) for top in sorted(tops))]
 
     def slot_at(self, place: Place) -> str:
         """The surface in whose slot a place is, or that is nearest to it."""
@@ -121,4 +149,5 @@ class Fit:
         half, axes = next(iter(slots.values())).half, front.axes
         wide, high = 2 * np.abs(self._around @ axes[:2].T).max(axis=0)
         scale = zoom * min(fitting(half, self.shape), fitting(half, (float(wide), float(high))))
-        return SlotView(slots, axes, self.home if target is None else target, self.home, zoom, scale, self.radius)
+        target, above = self.home if target is None else target, float((self._around @ axes[1]).max())
+        return SlotView(slots, axes, target, self.home, zoom, scale, self.radius, above)

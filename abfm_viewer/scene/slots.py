@@ -10,11 +10,15 @@ from abfm_viewer.widgets.widget_record import Rect
 _MARGIN = 0.04  # of the smaller side, free on each side of a surface that fits
 _FRONT, _FILLED = 0.8, 0.5  # what the front counts, and that no place stays empty
 _LEAST = 8.0  # pixels that a surface has however little room there is
+_LOW, _WIDE, _BESIDE = 0.25, 2.0, 0.35  # name's share of a low slot's height; width of a wide one; name's share of that
 
 
 @dataclass(frozen=True)
 class Slot:
-    """A surface's part of the window: the surface is clipped to `rect`, and its name stands in `name`."""
+    """A surface's part of the window: the surface is clipped to `rect`, and its name stands in `name`.
+
+    That is above the surface, or at the left where the slot is too low for both.
+    """
 
     rect: Rect
     name: Rect
@@ -72,5 +76,9 @@ def _grid(columns: int, count: int, rect: Rect, name_height: float) -> Iterator[
         in_row = min(columns, count - row * columns)
         x = left + (column + (columns - in_row) / 2) * width
         y = top + row * height
+        if name_height > _LOW * height and width >= _WIDE * height:
+            start = x + _BESIDE * width
+            yield Slot((start, y, x + width, y + height), (x, y, start, y + min(name_height, height)))
+            continue
         head = max(min(name_height, height - _LEAST), 0.0)
         yield Slot((x, y + head, x + width, y + height), (x, y, x + width, y + head))

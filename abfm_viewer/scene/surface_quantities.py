@@ -1,5 +1,6 @@
 """Surfaces in polyscope, and what they can show: the one place for windows, pictures and figures."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ from abfm_viewer.shown.paint import Paint
 _PLAIN = (0.8, 0.81, 0.83)
 _CORNERS = "texture corners"
 _EDGE = 1.0  # polyscope's unit: about a pixel
+_LONG_EDGE, _THINNEST = 12.0, 0.3  # pixels of an edge that is drawn in full width; share of it
 
 
 def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None) -> None:
@@ -47,10 +49,19 @@ def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
     )
 
 
-def set_style(surface: Any, wireframe: bool, flat: bool, ink: Sequence[float]) -> None:
-    """Show a surface's edges or not, and its faces each in one shade or smoothly."""
+def edge_width(faces: int, scale: float) -> float:
+    """Of a wireframe of so many faces of a surface of area 1, whose lengths of 1 have so many pixels.
+
+    It is thin where edges are short, or they would hide the colours.
+    """
+    length = scale * math.sqrt(4 / (math.sqrt(3) * faces))  # in pixels, of equal triangles
+    return _EDGE * min(max(round(length / _LONG_EDGE, 1), _THINNEST), 1.0)
+
+
+def set_style(surface: Any, edges: float, flat: bool, ink: Sequence[float]) -> None:
+    """Show a surface's edges in a width, 0 for none, and its faces each in one shade or smoothly."""
     surface.set_edge_color(ink[:3])
-    surface.set_edge_width(_EDGE if wireframe else 0.0)
+    surface.set_edge_width(edges)
     surface.set_smooth_shade(not flat)
 
 

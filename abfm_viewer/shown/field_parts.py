@@ -29,6 +29,11 @@ class Field:
     note: str = ""  # what else is to be said, if anything
     dimension: int = 1  # the power of a length in the unit
 
+    def relative_speed(self) -> tuple[FloatArray, str]:
+        """The speed (F,) with sqrt(area) as the unit of length, and its unit: in others some meshes' are huge."""
+        unit = self.unit.replace("the mesh's length", "length").replace("length", "sqrt(area)")
+        return self.speed * self.mesh.length_scale**-self.dimension, unit
+
 
 def acting_segment(flow: FlowState, time: float) -> int:
     """Which of N fields acts at a time."""

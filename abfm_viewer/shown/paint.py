@@ -114,8 +114,7 @@ class Painter:
         """With sqrt(area) as the unit of length: graphics cards know no numbers like some meshes'."""
 
         def make() -> Paint:
-            values = field.speed * field.mesh.length_scale**-field.dimension
-            unit = field.unit.replace("the mesh's length", "length").replace("length", "sqrt(area)")
+            values, unit = field.relative_speed()
             top = max(float(values.max()), _LEAST_RANGE)
             return Paint("face values", values, title, self._ranged(0.0, top), f"speed, in {unit}")
 

@@ -111,7 +111,7 @@ class Containers:
             imgui.SetNextWindowSizeConstraints((0, 0), (imgui.GetContentRegionAvail()[0], height))
         else:
             padding = 2 * imgui.GetStyle().WindowPadding[0] if border else 0
-            width = imgui.GetContentRegionAvail()[0] - imgui.GetStyle().ScrollbarSize - padding
+            width = imgui.GetContentRegionAvail()[0] - imgui.GetStyle().ScrollbarSize - self.px(4) - padding
             imgui.SetNextWindowContentSize((width, 0))
         imgui.BeginChild(name, (0, 0 if shrinks else height), flags)
         with self._inside(imgui.EndChild, self._widget_record.area(window_rect())):
@@ -238,6 +238,17 @@ class Containers:
                 implot.EndPlot()
             implot.PopStyleColor(len(colors))
             self.record(label, "plot")
+
+    @contextmanager
+    def _outlined(self) -> Iterator[None]:
+        """An edge around what is ticked or not, which else would hardly be seen."""
+        imgui.PushStyleVar(imgui.ImGuiStyleVar_FrameBorderSize, max(1.0, self.scale))
+        imgui.PushStyleColor(imgui.ImGuiCol_Border, (*self.colors.muted[:3], 0.7))
+        try:
+            yield
+        finally:
+            imgui.PopStyleColor()
+            imgui.PopStyleVar()
 
     def record(
         self, label: str, kind: WidgetKind, rect: Rect | None = None, enabled: bool = True, **details: Any

@@ -79,10 +79,12 @@ class Texts(Cards):
     def beside(self, spacing: float = -1) -> None:
         imgui.SameLine(0, spacing)
 
-    def beside_if_fits(self, label: str) -> None:
-        """Put the next button or checkbox on the same line where there is room for it."""
+    def beside_if_fits(self, label: str, is_button: bool = False) -> None:
+        """Put the next checkbox, or what is as wide, or a narrower button on the same line where there is room."""
         right = imgui.GetCursorScreenPos()[0] + imgui.GetContentRegionAvail()[0]
-        if imgui.GetItemRectMax()[0] + self.text_width(label) + self.px(42) <= right:
+        style = imgui.GetStyle()
+        more = style.ItemSpacing[0] + 2 * style.FramePadding[0] if is_button else self.px(42)
+        if imgui.GetItemRectMax()[0] + self.text_width(label) + more <= right + 1:
             imgui.SameLine()
 
     def text_width(self, text: str) -> float:

@@ -74,7 +74,8 @@ class Ui(Texts):
     def checkbox(self, label: str, value: bool, tip: str = "", *, name: str = "") -> bool:
         """A box to tick; its new value."""
         shown = self._fitted_beside_a_box(label)
-        _, value = imgui.Checkbox(f"{shown}###{label}", value)
+        with self._outlined():
+            _, value = imgui.Checkbox(f"{shown}###{label}", value)
         self._done(label, "checkbox", tip, shown, name=name, text="on" if value else "off")
         return bool(value)
 
@@ -122,8 +123,9 @@ class Ui(Texts):
             if number:
                 self.beside_if_fits(choice)
             shown = self._fitted_beside_a_box(choice)
-            if imgui.RadioButton(f"{shown}###{choice}", choice == value):
-                value = choice
+            with self._outlined():
+                if imgui.RadioButton(f"{shown}###{choice}", choice == value):
+                    value = choice
             about = tips[number] if tips else ""
             self._done(choice, "choice", about, shown, text="chosen" if choice == value else "")
         return value

@@ -89,7 +89,10 @@ class Recoveries:
 
     def _content_of_run(self, document: Document, snapshot: Snapshot, functions: Functions) -> Content:
         """The document with the best field so far as its result."""
-        found, run = self._session.solver.unfinished(snapshot, functions)
+        try:
+            found, run = self._session.solver.unfinished(snapshot, functions)
+        except AbfmError:  # the run has just ended, perhaps with its process: what it leaves comes next
+            return _content(document, functions)
         runs = document.runs if run is None else (*document.runs, run)
         return _content(replace(document, result=found, runs=runs), functions)
 

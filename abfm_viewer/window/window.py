@@ -201,7 +201,8 @@ class Window:
         left, top, right, bottom = parts.scene
         self.exporter.window_size = (round(right - left), round(bottom - top))
         pen = window_pen(self.ui)
-        self.scene.name_height, self.scene.room_below = name_height(pen), bar_room(pen) if view.color_bar else 0.0
+        self.scene.name_height = name_height(pen)
+        self.scene.room_below = bar_room(pen, bottom - top) if view.color_bar else 0.0
         self.guarded("scene", lambda: self.scene.update(parts.scene))
         if is_live:
             free = not self.dialogs.is_open

@@ -10,16 +10,16 @@ from abfm.errors import ParameterError
 
 Method = Literal["nonlinear", "linearised"]
 
-_LARGEST_ALPHA = 1e7
-_SMALLEST, _LARGEST = 1e-30, 1e30  # numbers other than 0, whose squares neither underflow nor overflow
-_MANY = 1_000_000_000
+LARGEST_ALPHA = 1e7
+SMALLEST, _LARGEST = 1e-30, 1e30  # numbers other than 0, whose squares neither underflow nor overflow
+MANY = 1_000_000_000
 
 PAPER: dict[str, Any] = {"order": 1, "reach": 0.0, "levels": 1, "sigma_unit": "absolute", "balance": 0.0}
 """What makes the energy and the course of its minimisation those of the paper; also what files of before had."""
 
 
 def _parameter(
-    default: Any, symbol: str, help: str, minimum: float | None = None, maximum: int = _MANY, *, open: bool = False
+    default: Any, symbol: str, help: str, minimum: float | None = None, maximum: int = MANY, *, open: bool = False
 ) -> Any:
     metadata = {"symbol": symbol, "help": help, "minimum": minimum, "open": open, "maximum": maximum}
     return field(default=default, metadata=metadata)
@@ -94,9 +94,9 @@ class Parameters:
                     raise ParameterError(f"{entry.name} is {value!r}; expected {expected}")
             else:
                 object.__setattr__(self, entry.name, _checked_number(entry, value))
-        if self.alpha > _LARGEST_ALPHA:
+        if self.alpha > LARGEST_ALPHA:
             raise ParameterError(
-                f"alpha is {self.alpha:g}; expected at most {_LARGEST_ALPHA:g}, beyond which rounding swamps the norm"
+                f"alpha is {self.alpha:g}; expected at most {LARGEST_ALPHA:g}, beyond which rounding swamps the norm"
             )
         try:
             hottest = self.stage_sigmas()[0]
@@ -160,10 +160,10 @@ def _checked_number(entry: Field[Any], value: Any) -> float:
         fits = False
     if not fits:
         raise ParameterError(f"{name} is {_shown(value)}; expected {kind} {bound}")
-    if (whole or maximum < _MANY) and value > maximum:
+    if (whole or maximum < MANY) and value > maximum:
         raise ParameterError(f"{name} is {_shown(value)}; expected {kind} {bound} and at most {maximum}")
-    if not whole and value != 0 and not _SMALLEST <= value <= _LARGEST:
-        raise ParameterError(f"{name} is {_shown(value)}; expected a number between {_SMALLEST:g} and {_LARGEST:g}")
+    if not whole and value != 0 and not SMALLEST <= value <= _LARGEST:
+        raise ParameterError(f"{name} is {_shown(value)}; expected a number between {SMALLEST:g} and {_LARGEST:g}")
     return int(value) if whole else float(value)
 
 

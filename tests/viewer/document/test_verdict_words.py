@@ -13,6 +13,7 @@ from abfm_viewer.document.verdict_words import (
     advice,
     advice_in_options,
     changes,
+    counted,
     headline,
     numbers,
     place,
@@ -111,3 +112,7 @@ def test_what_did_not_come_to_its_end_has_words_of_its_own(found, reason, start,
 def test_a_place_names_mesh_stage_and_reach(found, iterations):
     assert place(iterations[0]) == "mesh 1/2, stage 1, reach 0.5"
     assert place(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"
+
+
+def test_one_is_no_plural():
+    assert [counted(number, "iteration") for number in (0, 1, 2)] == ["0 iterations", "1 iteration", "2 iterations"]

@@ -52,6 +52,7 @@ def test_a_figure_is_ready_to_match(samples, figure):
     if setup.flow is not None:
         np.testing.assert_array_equal(session.result.velocity, setup.flow.velocity)
     assert samples.text_of(f"Figure {figure}", "Samples") == "checked"
+    samples.key("esc")
     assert vertices()[f"Figure {figure}"] == len(setup.mesh.vertices)
     assert samples.errors == {}
 

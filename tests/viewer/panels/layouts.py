@@ -40,7 +40,9 @@ def _states(gui: Driver) -> Iterator[str]:
     yield "asked"
 
 
-def _layouts(gui: Driver, lines: list[dict[str, object]]) -> Iterator[dict[str, object]]:
+def _layouts(
+    gui: Driver, lines: list[dict[str, object]], notes: list[dict[str, object]]
+) -> Iterator[dict[str, object]]:
     for state in _states(gui):
         for scale in SCALES:
             gui.session.amend(view=replace(gui.session.view, ui_scale=scale))
@@ -48,6 +50,7 @@ def _layouts(gui: Driver, lines: list[dict[str, object]]) -> Iterator[dict[str, 
                 gui.window.ui.show_tab(tab)
                 gui.frames(3)
                 lines.clear()
+                notes.clear()
                 gui.frames(1)
                 assert not gui.errors
                 widgets = [
@@ -59,9 +62,24 @@ def _layouts(gui: Driver, lines: list[dict[str, object]]) -> Iterator[dict[str, 
                     "tab": tab,
                     "widgets": widgets,
                     "lines": list(lines),
+                    "notes": list(notes),
                     "hidden": dict(gui.window.ui.hidden_heights),
                     "parts": asdict(gui.window.parts),
                 }
+
+
+def _recorded(method: str) -> list[dict[str, object]]:
+    """Texts that a method of `Texts` writes from now on, with their places."""
+    found: list[dict[str, object]] = []
+    write = getattr(Texts, method)
+
+    def recorded(ui: Texts, text: str, *options: object, **more: object) -> None:
+        write(ui, text, *options, **more)
+        rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
+        found.append({"text": text, "rect": rect, "area": ui._widget_record._areas[-1]})
+
+    setattr(Texts, method, recorded)
+    return found
 
 
 def _width(text: str) -> float:
@@ -69,19 +87,11 @@ def _width(text: str) -> float:
 
 
 def main() -> None:
-    lines: list[dict[str, object]] = []
-    line = Texts.line
-
-    def recorded(ui: Texts, text: str, *options: object, **more: object) -> None:
-        line(ui, text, *options, **more)
-        rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
-        lines.append({"text": text, "rect": rect, "area": ui._widget_record._areas[-1]})
-
-    Texts.line = recorded
+    lines, notes = _recorded("line"), _recorded("note")
     found = []
     for size in SIZES:
         with Driver(EGG, backend="openGL_mock", size=size) as gui:
-            found += [layout | {"size": size} for layout in _layouts(gui, lines)]
+            found += [layout | {"size": size} for layout in _layouts(gui, lines, notes)]
     json.dump(found, sys.stdout)
 
 

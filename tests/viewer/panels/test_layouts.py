@@ -95,6 +95,23 @@ def test_no_widget_covers_another(layouts):
             assert not covered, f"{one['label']!r} and {other['label']!r}: {where(layout)}"
 
 
+def test_no_text_is_written_over_another(layouts):
+    for layout in layouts:
+        drawn = [(note, visible(note)) for note in layout["notes"] if note["text"] and visible(note)]
+        for (one, a), (other, b) in combinations(drawn, 2):
+            if one["area"] == other["area"]:
+                over = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+                assert min(over) <= _ROUNDING, f"{one['text']!r} and {other['text']!r}: {where(layout)}"
+
+
+def test_remedies_are_in_view(layouts):
+    for layout in layouts:
+        remedies = [widget for widget in layout["widgets"] if widget["section"] == "verdict"]
+        assert bool(remedies) == (layout["state"] in ("matched", "exported", "asked")), where(layout)
+        for widget in remedies:
+            assert widget["area"][3] >= widget["rect"][3] - _ROUNDING, f"{widget['label']!r}: {where(layout)}"
+
+
 def test_nothing_jumps_from_one_state_to_the_next(layouts):
     first: dict[tuple, tuple] = {}
     for layout in layouts:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.appearance.theme import palette
-from abfm_viewer.scene.annotations import laid_out
+from abfm_viewer.scene import annotations
+from abfm_viewer.scene.annotations import bar_room, laid_out
 from abfm_viewer.scene.color_bars import Line, Pen, Strip, Text, bar_parts, ticks
 from abfm_viewer.shown.paint import Paint
 
@@ -37,6 +38,7 @@ def scene(right, count=5, columns=5):
     places = [(i % columns * width, 50.0 * (i // columns)) for i in range(count)]
     return SimpleNamespace(
         shown=names,
+        borders=list,
         paints={name: paint(name) for name in names},
         labels=lambda: {name: (x, y, x + width, y + 20) for name, (x, y) in zip(names, places, strict=True)},
     )
@@ -62,6 +64,34 @@ def test_nothing_lies_over_something_else_or_beyond_the_edge(right, columns):
         assert not overlap(first, second)
     assert min(r[0] for r in rects) >= 0
     assert max(r[2] for r in rects) <= right
+
+
+def test_the_mouse_tells_a_name_that_is_cut(monkeypatch):
+    told = []
+    io = SimpleNamespace(WantCaptureMouse=False)
+    monkeypatch.setattr(annotations.imgui, "GetIO", lambda: io)
+    monkeypatch.setattr(annotations.imgui, "SetTooltip", told.append)
+    ui = SimpleNamespace(text_width=width, px=lambda length: length)
+    for x, captures in ((25, False), (75, False), (125, True), (125, False)):  # "source", "advected", "linear blend"
+        monkeypatch.setattr(annotations.imgui, "GetMousePos", lambda x=x: (x, 10))
+        io.WantCaptureMouse = captures
+        annotations.tell_names(ui, scene(300, columns=5))
+    assert told == ["advected", "linear blend"]
+
+
+@pytest.mark.parametrize("right", [240, 480, 1000])
+def test_in_a_low_window_bars_are_a_line_and_leave_the_surfaces_most_of_the_height(right):
+    pen, height = Pen(2.0, 32.0, width), 320
+    found = laid_out(scene(right, columns=5), (0, 0, right, height), palette("light"), pen, labels=False)
+    bars = [one for one in found if isinstance(one, Strip)]
+    assert len(bars) == 2
+    rects = [rect_of(one) if isinstance(one, Strip) else (*rect_of(one)[:3], one.top + pen.line) for one in found]
+    assert max(rect[3] for rect in rects) <= height
+    assert min(rect[1] for rect in rects) >= height - bar_room(pen, height)
+    assert bar_room(pen, height) < 0.2 * height < bar_room(pen, 10 * height)
+    if right == 1000:
+        assert {"function", "0", "1", "0.0423"} <= {one.text for one in found if isinstance(one, Text)}
+        assert all(bar.rect[2] - bar.rect[0] > 60 for bar in bars)
 
 
 def test_where_there_is_room_everything_is_written_whole():

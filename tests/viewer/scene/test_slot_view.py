@@ -129,3 +129,40 @@ def test_the_surface_under_the_mouse_is_the_nearest_slot():
     assert seen.slot_at((450, 5)) == "advected"
     assert seen.slot_at((-20, 900)) == "source"
     assert seen.slot_at((890, 250)) == "target"
+
+
+def test_names_are_close_above_their_surfaces_and_in_their_slots():
+    for rotation in Rotation.random(20, np.random.default_rng(1)).as_matrix():
+        for zoom in (0.3, 1.0, 5.0):
+            seen = view(zoom=zoom, rotation=rotation)
+            for name, slot in PLACES.items():
+                left, top, right, bottom = seen.label(name)
+                highest = float(seen.projected(name, POINTS)[:, 1].min())
+                assert (left, right, bottom - top) == (*slot.name[::2], slot.name[3] - slot.name[1])
+                assert bottom == pytest.approx(max(highest, slot.rect[1]))
+
+
+def test_a_name_stays_in_its_slot_when_its_surface_leaves_it():
+    seen = view(zoom=0.5)
+    for away in ((0.0, -5e3), (0.0, 5e3)):
+        gone = view(zoom=0.5, target=seen.target + np.array([0.0, away[1], 0.0]))
+        for name, slot in PLACES.items():
+            _, top, _, bottom = gone.label(name)
+            assert slot.name[1] <= top < bottom <= slot.rect[3]
+
+
+def test_a_name_beside_its_surface_stays_there():
+    low = slots(NAMES, (0, 0, 900, 150), (2.0, 1.4), "column", 20.0)
+    seen = Fit(POINTS, FRONT).view(low, FRONT, 1.0, None)
+    assert all(seen.label(name) == slot.name for name, slot in low.items())
+
+
+def test_lines_are_between_slots_and_only_where_surfaces_reach_them():
+    assert view().borders() == view(zoom=0.5).borders() == []
+    assert view(zoom=2.0).borders() == [((300.0, 0.0), (300.0, 500.0)), ((600.0, 0.0), (600.0, 500.0))]
+    five = slots("abcde", (0, 0, 900, 600), (1.0, 1.0), "automatic", 20.0)
+    lines = Fit(POINTS, FRONT).view(five, FRONT, 2.0, None).borders()
+    across = [(start, end) for start, end in lines if start[1] == end[1]]
+    assert across == [((0.0, 300.0), (900.0, 300.0))]
+    assert sorted(start[0] for start, end in lines if start[0] == end[0]) == [150, 300, 450, 600, 750]
+    assert Fit(POINTS, FRONT).view({"a": five["a"]}, FRONT, 2.0, None).borders() == []

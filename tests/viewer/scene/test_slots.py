@@ -46,6 +46,16 @@ def test_slots_are_inside_and_apart_and_of_one_size(count, width, height, shape,
         assert min(across, down) <= 1e-6
 
 
+def test_in_a_low_slot_the_name_stands_beside_the_surface():
+    low, high = (made(3, (0, 0, 600, height), layout="column", name_height=40.0) for height in (240, 900))
+    for slot in low.values():
+        assert slot.rect[1] == slot.name[1]
+        assert slot.rect[3] - slot.rect[1] == 80
+        assert slot.name[0] == 0 < slot.name[2] == slot.rect[0]
+    for slot in high.values():
+        assert slot.name[3] == slot.rect[1]
+
+
 def columns(found):
     return len({slot.rect[0] for slot in found.values()})
 

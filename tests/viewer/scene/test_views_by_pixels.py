@@ -81,7 +81,7 @@ def test_surfaces_lie_in_their_slots_from_every_side_and_however_near(scene, lay
         assert min(counts) > 0
     for slot in scene.view.slots.values():
         assert rect[0] <= slot.rect[0] < slot.rect[2] <= rect[2]
-        assert rect[1] <= slot.name[1] < slot.rect[1] < slot.rect[3] <= rect[3] - scene.room_below + 1e-6
+        assert rect[1] <= slot.name[1] <= slot.rect[1] < slot.rect[3] <= rect[3] - scene.room_below + 1e-6
     for look in looks(5):
         session.amend(view=replace(view, look=look))
         scene.update(rect)

@@ -6,6 +6,7 @@ from functools import partial
 
 import pytest
 
+from abfm import AbfmError
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.files.project import load_project
 from abfm_viewer.session.session import Session
@@ -53,3 +54,24 @@ def test_a_run_of_a_mesh_that_was_opened_later_is_kept(desk, recoveries, tmp_pat
 
     until(kept, session)
     assert session.unsaved_documents == ()
+
+
+def test_a_run_whose_process_has_just_ended_is_no_problem_of_copies(desk, recoveries, monkeypatch):
+    asked = []
+
+    def unfinished(*snapshot: object) -> None:
+        asked.append(snapshot)
+        raise AbfmError("the process that matches has ended; match again")
+
+    session = desk.session
+    monkeypatch.setattr(session.solver, "unfinished", unfinished)
+    session.amend(parameters=ENDLESS)
+    session.match()
+
+    def kept() -> bool:
+        recoveries.update()
+        return len(asked) > 1  # the first copy was written, or its problem told
+
+    until(kept, session)
+    assert session.cards == ()
+    assert list(desk.state.path.glob("autosave-*.abfm"))

@@ -10,7 +10,7 @@ from typing import Any
 from abfm.matching.energy.problem import Problem
 from abfm.matching.judging import solvability
 from abfm.matching.judging.resolution import narrowest
-from abfm.parameters import Parameters
+from abfm.parameters import LARGEST_ALPHA, MANY, SMALLEST, Parameters
 
 _USUAL = Parameters()
 _FURTHER = 3.0  # how much larger or smaller a parameter is advised
@@ -75,7 +75,7 @@ class Remedies:
 
     def more_time(self) -> Remedy:
         """More iterations; those of the defaults at least, as a match ends by itself."""
-        count = max(_LONGER * self._parameters.iterations, _USUAL.iterations)
+        count = min(max(_LONGER * self._parameters.iterations, _USUAL.iterations), MANY)
         return Remedy("More time", f"more iterations, such as {count}", {"iterations": count})
 
     def further(self) -> Remedy:
@@ -108,7 +108,7 @@ class Remedies:
 
     def smoother(self) -> Remedy:
         """A larger alpha, from no motion: near the present field there is no smoother way."""
-        alpha = _rounded(_FURTHER * self._parameters.alpha or _USUAL.alpha)
+        alpha = min(_rounded(_FURTHER * self._parameters.alpha or _USUAL.alpha), LARGEST_ALPHA)
         return Remedy("Smoother", f"a larger alpha, such as {alpha:g}", {"alpha": alpha})
 
     def _smooth(self) -> Remedy:
@@ -121,16 +121,16 @@ class Remedies:
 
     def closer(self) -> Remedy:
         """A smaller sigma, from the present field."""
-        sigma = _rounded(self._sigma / _FURTHER)
+        sigma = max(_rounded(self._sigma / _FURTHER), SMALLEST)
         if self._raised:
-            size = _rounded(sigma * self._problem.function_size)
+            size = max(_rounded(sigma * self._problem.function_size), SMALLEST)
             words = f"an absolute sigma, which is never raised, such as {size:g}"
             return Remedy("Match closer", words, {"sigma": size, "sigma_unit": "absolute"}, True)
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)
 
     def colder(self) -> Remedy:
         """A much smaller sigma, from no motion."""
-        sigma = _rounded(self._sigma / _COLDER)
+        sigma = max(_rounded(self._sigma / _COLDER), SMALLEST)
         sigma = max(sigma, _USUAL.sigma) if self.is_warm else sigma
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma})
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from abfm.matching.judging.remedies import Remedies
 from abfm.matching.judging.verdict import Outcome
 from abfm.matching.judging.verdict import advice as judged
 from abfm.matching.result import Match
-from abfm.parameters import PAPER, Parameters
+from abfm.parameters import LARGEST_ALPHA, MANY, PAPER, SMALLEST, Parameters
 from abfm.types import FloatArray
 from tests.core.fields import bump
 from tests.shapes import ellipsoid
@@ -115,3 +116,17 @@ def test_no_field_is_smooth_enough_for_functions_that_the_mesh_does_not_carry() 
 def test_a_remedy_with_wrong_parameters_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ParameterError, match="sigm"):
         Remedy("Match closer", "a smaller sigma", wrong)
+
+
+EXTREMES = (Parameters(alpha=LARGEST_ALPHA), Parameters(sigma=SMALLEST), Parameters(iterations=MANY))
+
+
+@pytest.mark.parametrize("parameters", EXTREMES)
+@pytest.mark.parametrize("size", [1.0, 1e-29])
+def test_parameters_at_their_ends_cost_no_result(parameters, size):
+    problem = Problem(EGG, size * EGG.vertices[:, 0], size * EGG.vertices[:, 1])
+    for unmatched in (math.nan, 0.3):
+        remedies = Remedies(problem, parameters, unmatched)
+        given = (remedies.more_time(), remedies.smoother(), remedies.closer(), remedies.colder(), remedies.further())
+        for remedy in given:
+            replace(parameters, **remedy.parameters)
