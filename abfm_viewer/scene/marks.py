@@ -72,7 +72,8 @@ def draw_ribbons(name: str, mesh: TriangleMesh, triangles: Triangles, drawn: Dra
     """Show ribbons on a surface."""
     vertices, faces = triangles
     places = drawn(mesh.length_scale * vertices)
-    ribbons = ps.register_surface_mesh(name, places, faces, smooth_shade=False, material=material.NAME, color=color[:3])
+    look = {"smooth_shade": False, "material": material.NAME, "color": color[:3]}
+    ribbons = ps.register_surface_mesh(name, places, faces, back_face_policy="cull", **look)  # none peeps over an edge
     ribbons.reset_transform()  # polyscope remembers that of earlier structures of this name; likewise below
 
 

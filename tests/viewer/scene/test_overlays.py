@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abfm.calculus.operators import face_areas
-from abfm_viewer.scene import marks
+from abfm_viewer.scene import marks, ribbons
 from tests.shapes import icosphere
 
 SPHERE = icosphere(3)
@@ -56,3 +56,17 @@ def test_a_field_that_moves_nothing_but_one_face_has_one_arrow_in_it():
     assert len(lengths(velocity)) == 1
     assert 0 < lengths(velocity)[0] <= 0.1
     assert len(lengths(0 * velocity)) == 0
+
+
+def test_ribbons_face_outwards_so_that_none_on_the_far_side_peeps_over_an_edge():
+    courses = marks.arrow_courses(SPHERE, rotation(), 0.1, 0.5)
+    levels = np.linspace(-0.5, 0.5, 5)
+    for vertices, faces in (
+        ribbons.arrow_ribbons(courses, 0.005),
+        ribbons.line_ribbons(courses, 0.005),
+        ribbons.isoline_ribbons(SPHERE, SPHERE.vertices[:, 2], levels, 0.005),
+    ):
+        a, b, c = np.moveaxis(vertices[faces], 1, 0)
+        outwards = (np.cross(b - a, c - a) * (a + b + c)).sum(axis=1)
+        assert (outwards > 0).sum() > 0.8 * len(faces)  # tips and corners have no area
+        assert (outwards >= -1e-15).all()
