@@ -1,8 +1,11 @@
 """What the latest match came to: how well it matches, why it stopped, and remedies that one click carries out."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import polyscope.imgui as imgui
 
-from abfm import Match
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.wording import capital, sentence
@@ -10,6 +13,9 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.texts import Kind
 from abfm_viewer.widgets.toolkit import Ui
+
+if TYPE_CHECKING:
+    from abfm import Match
 
 _MOST_LINES = 2  # for why it stopped, or cannot start
 _ABOUT = "Match finds a flow from the source to the target"
