@@ -59,6 +59,7 @@ class Scene:
         self._fitted_to: object = None
         self._placing = Placing()
         self._style: object = None
+        self._document: object = None
         self._degrees = 0.0
         self._drawn: dict[str, Paint] = {}
         opengl.clear()
@@ -81,16 +82,21 @@ class Scene:
             self._register(names)
         self._look(rect, front)
         self._restyle()
+        overlays_wait = False
         for name in self.shown:
             paint, before = self.painter.paint(name), self._drawn.get(name)
-            if paint is None or (before is not None and self.pacing.waits(name, name == self.shown[0])):
+            waits = before is not None and self.pacing.waits(name, name == self.shown[0])
+            overlays_wait = overlays_wait or (waits and name == "advected")
+            if paint is None or waits:
                 continue
             if name == "advected":
                 self.pacing.count(paint is not self.paints.get(name), paint.kind == "texture")
             self.paints[name] = paint
             show_paint(name, session.mesh, paint, before)
             self._drawn[name] = paint
-        self.overlays.update(self.names, self.viewport, self.paints)
+        if not overlays_wait or session.document is not self._document:  # what the user changes is seen at once
+            self._document = session.document
+            self.overlays.update(self.names, self.viewport, self.paints)
         self._place()
 
     @property
