@@ -128,11 +128,7 @@ def draw(context: Context) -> None:
             _mask(ui, session)
             tip = "All parameters as they are at first."
             if ui.button("Reset to defaults", tip, enabled=parameters != _INITIAL, width=-1):
-                _reset(session)
-
-
-def _reset(session: Session) -> None:
-    session.set_parameter(label="reset the parameters", **_INITIAL.to_dict())
+                session.reset_parameters()
 
 
 def _preset(ui: Ui, session: Session) -> None:
@@ -146,7 +142,7 @@ def _preset(ui: Ui, session: Session) -> None:
     if chosen == shown:
         return
     if chosen == _DEFAULTS:
-        _reset(session)
+        session.reset_parameters()
     elif chosen in rows:
         session.set_parameter(label=f"preset {chosen}", **rows[chosen].values)
 

@@ -159,6 +159,10 @@ class Editing:
             time = min(self.time * parameters.tau / self.parameters.tau, EXTRAPOLATION * parameters.tau)
             self.change(label or f"change {', '.join(values)}", merge, parameters=parameters, time=time)
 
+    def reset_parameters(self) -> None:
+        """Set all parameters as they are at first."""
+        self.set_parameter(label="reset the parameters", **Parameters().to_dict())
+
     def set_mask(self, spec: str) -> None:
         """Weight the mismatch at each vertex by a function, empty for none; FunctionError if the text is no spec."""
         if spec:

@@ -85,7 +85,7 @@ def _edit(ui: Ui, actions: Actions) -> None:
     imgui.Separator()
     session = actions.context.session
     if ui.menu_item("Reset to defaults", enabled=session.parameters != _INITIAL):
-        session.set_parameter(label="reset the parameters", **_INITIAL.to_dict())
+        session.reset_parameters()
 
 
 def _view(ui: Ui, actions: Actions) -> None:

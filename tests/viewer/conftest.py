@@ -7,6 +7,9 @@ from dataclasses import replace
 import pytest
 
 from abfm_viewer.automation import Driver
+from abfm_viewer.session.session import Session
+from tests.shapes import icosphere
+from tests.viewer.desk import Desk
 from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened
 
 
@@ -33,3 +36,13 @@ def gui(tmp_path):
         gui.session.amend(view=replace(gui.session.view, flow_after_match=False))  # tests look at what stands still
         yield gui
         assert not gui.errors
+
+
+@pytest.fixture
+def desk(tmp_path):
+    """A session with files on a small sphere whose functions are known."""
+    desk = Desk(Session(icosphere(2), "sphere.off"), tmp_path / "state")
+    desk.settle()
+    yield desk
+    desk.files.close()
+    desk.session.close()

@@ -9,23 +9,11 @@ import pytest
 from abfm import AbfmError
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.files.project import load_project
-from abfm_viewer.session.session import Session
 from abfm_viewer.window import recovery
 from abfm_viewer.window.recovery import Recoveries
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
-from tests.viewer.desk import Desk
 from tests.viewer.sessions import ENDLESS, until
-
-
-@pytest.fixture
-def desk(tmp_path):
-    """A session on a sphere whose functions are known."""
-    desk = Desk(Session(icosphere(2), "sphere.off"), tmp_path / "state")
-    desk.settle()
-    yield desk
-    desk.files.close()
-    desk.session.close()
 
 
 @pytest.fixture
