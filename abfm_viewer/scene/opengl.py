@@ -47,7 +47,8 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
     DrawingError
         Without a screen for a window, or where OpenGL does not start.
     """
-    ps.set_window_size(width, height)
+    if not ps.is_initialized() or tuple(ps.get_window_size()) != (width, height):  # GLFW waits for ever for no change
+        ps.set_window_size(width, height)
     if ps.is_initialized():
         return
     if backend == WINDOW and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():

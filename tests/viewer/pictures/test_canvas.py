@@ -9,6 +9,7 @@ from abfm_viewer.appearance import material
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.pictures import canvas
 from abfm_viewer.pictures.canvas import drawn
+from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps
 from tests.shapes import icosphere
 
@@ -80,3 +81,13 @@ def test_long_pictures_have_fewer_samples_than_opengl_can_take(size):
     with canvas.canvas(*size):
         ps.remove_all_structures()
         assert drawn(transparent=False).shape == (size[1], size[0], 3)
+
+
+def test_a_second_start_in_the_same_size_changes_none(monkeypatch):
+    opengl.start(opengl.OFFSCREEN, 100, 80)
+    sizes = []
+    monkeypatch.setattr(opengl.ps, "set_window_size", lambda *size: sizes.append(size))
+    opengl.start(opengl.OFFSCREEN, 100, 80)  # in a window there would be no event to wait for
+    assert sizes == []
+    opengl.start(opengl.OFFSCREEN, 120, 80)
+    assert sizes == [(120, 80)]
