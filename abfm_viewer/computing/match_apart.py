@@ -12,7 +12,7 @@ import weakref
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import cached_property
 from queue import SimpleQueue
 from typing import Any
@@ -26,6 +26,8 @@ from abfm.types import FloatArray
 MODULE = "abfm_viewer.computing.match_process"
 PREPARING = 0
 """The number of no run: what is told while coarser meshes are made is for the one that waits for them."""
+MATCH = [each.name for each in fields(abfm.Match) if each.name != "mesh"]
+"""What of a match is sent; the mesh is known at both ends."""
 _ENDED = "the process that matches has ended; match again"
 
 
@@ -126,8 +128,7 @@ class MatchApart:
             elif kind == "step":
                 tell(content)
             elif kind == "match":
-                match: abfm.Match = replace(content, mesh=mesh)
-                return match
+                return abfm.Match(mesh=mesh, **dict(zip(MATCH, content, strict=True)))
             else:
                 raise content
 

@@ -13,10 +13,11 @@ import abfm
 from abfm import AbfmError, Control, Iteration, TriangleMesh
 from abfm.numerics.own_process import Requests, factoring_apart
 from abfm.progress import telling
-from abfm_viewer.computing.match_apart import PREPARING, numbers
+from abfm_viewer.computing.match_apart import MATCH, PREPARING, numbers
 from abfm_viewer.computing.picture_pace import PicturePace
 
 _KEPT = 4  # iterates whose fields may be asked for
+_TOGETHER = 0.02  # seconds for which iterates wait for one another: each message costs the match the time of its own
 
 
 class _Matching:
@@ -29,6 +30,7 @@ class _Matching:
         self._recent: OrderedDict[tuple[int, int], Iteration] = OrderedDict()
         self._work: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
         self._unsent: SimpleQueue[tuple[str, int, object]] = SimpleQueue()
+        self._urgent = threading.Event()
         for work in (self._match_all, self._send_all):
             threading.Thread(target=work, daemon=True).start()
 
@@ -60,12 +62,17 @@ class _Matching:
 
     def _answer(self, kind: str, number: int, content: object) -> None:
         self._unsent.put((kind, number, content))
+        if kind != "iteration":
+            self._urgent.set()
 
     def _send_all(self) -> None:
         """Send what is there all at once: a window that draws takes in few messages a second, and none waits for it."""
         try:
             while True:
                 messages = [self._unsent.get()]
+                if messages[0][0] == "iteration":
+                    self._urgent.wait(_TOGETHER)
+                self._urgent.clear()
                 with suppress(Empty):
                     while True:
                         messages.append(self._unsent.get_nowait())
@@ -121,7 +128,7 @@ class _Matching:
             traceback.print_exc()
             self._answer("error", number, RuntimeError(f"{type(error).__name__}: {error}"))
         else:
-            self._answer("match", number, found)
+            self._answer("match", number, [getattr(found, name) for name in MATCH])
 
 
 if __name__ == "__main__":

@@ -33,10 +33,11 @@ OFFSCREEN: Backend = "openGL3_egl" if sys.platform == "linux" else "auto"
 def spare_a_core() -> None:
     """Where Mesa draws in software, let it leave a core to the solver: call before `start`.
 
-    Its threads, by default as many as there are cores, would stop the solver's at every frame.
+    Its threads, by default as many as there are cores, would stop the solver's at every frame; the one that asks for
+    the drawing works beside them.
     """
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-    os.environ.setdefault("LP_NUM_THREADS", str(max(cores - 1, 1)))
+    os.environ.setdefault("LP_NUM_THREADS", str(max(cores - 2, 0)))
 
 
 def start(backend: Backend, width: int, height: int, title: str = "abfm") -> None:

@@ -35,8 +35,10 @@ class Overlays:
         self._drawn: dict[str, tuple[object, ...]] = {}
         self._versions: Counter[str] = Counter()
 
-    def update(self, surfaces: tuple[str, ...], viewport: Viewport, paints: Mapping[str, Paint]) -> None:
-        """Show what the view and the document ask for, on surfaces with their paints."""
+    def update(
+        self, surfaces: tuple[str, ...], viewport: Viewport, paints: Mapping[str, Paint], of_flow: bool = True
+    ) -> None:
+        """Show what the view and the document ask for, on surfaces with their paints; of the flow only if so told."""
         for surface in surfaces:
             self._draw_isolines(surface, paints.get(surface), viewport)
         if "advected" not in surfaces:
@@ -46,11 +48,12 @@ class Overlays:
         palette, look = theme.palette(view.theme), (view.theme,)
         ink, marker = theme.linear(palette.ink), theme.linear(palette.marker)
         placed, length, density = viewport.drawn, view.arrow_length, view.arrow_density
-        field = quantities.field() if view.arrows else None
+        field = quantities.field() if view.arrows and of_flow else None
         if self._is_new(_ARROWS, (field, length, density, *look) if field and field.speed.any() else None):
             assert field is not None
             marks.draw_arrows(_ARROWS, mesh, field.velocity, length, density, placed, ink)
-        lines, paths, time = tuple(quantities.lines()), tuple(quantities.paths()), self._shown.flow.time
+        lines, paths = (tuple(quantities.lines()), tuple(quantities.paths())) if of_flow else ((), ())
+        time = self._shown.flow.time
         for name, curves in ((_LINES, lines), (_PATHS, paths)):
             if self._is_new(name, (curves, *look) if curves else None):
                 courses = [course_of(mesh, line) for line in curves if len(line.times) > 1]

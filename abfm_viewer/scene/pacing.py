@@ -29,6 +29,13 @@ class Pacing:
         """Whether the surfaces are drawn anew within a frame."""
         return self.redraw_seconds <= _SLOW_REDRAW
 
+    @property
+    def begins(self) -> bool:
+        """Whether a run shows its first pictures where surfaces are drawn slowly: what shows its flow waits."""
+        solver = self._session.solver
+        is_early = solver.started != self._run or self._pictures_of_run <= _AT_ONCE
+        return solver.running and is_early and not self.draws_quickly
+
     def waits(self, name: str, is_first: bool) -> bool:
         """Whether a surface keeps its colours for this frame; asked once a frame for each, the first one first."""
         session = self._session

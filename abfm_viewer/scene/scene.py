@@ -96,7 +96,7 @@ class Scene:
             self._drawn[name] = paint
         if not overlays_wait or session.document is not self._document:  # what the user changes is seen at once
             self._document = session.document
-            self.overlays.update(self.names, self.viewport, self.paints)
+            self.overlays.update(self.names, self.viewport, self.paints, not self.pacing.begins)
         self._place()
 
     @property

@@ -1,20 +1,24 @@
 """A Python process for work that keeps the interpreter to itself, as long as a window must answer meanwhile.
 
-Both ends are ours: they speak pickle through pipes, one answer for every request.
+Both ends are ours: they speak pickle, each message after its length in bytes. Answers come through a socket where there
+is one: it takes in a long one in a single call, without the interpreter, which a window that draws lends only once a
+frame. A pipe asks for it again every 64 KiB.
 """
 
 import math
 import os
 import pickle
 import signal
+import socket
 import subprocess
 import sys
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import IO, Any
 
+_LENGTH = 8  # bytes, of a message's length
 _SMALLEST = 15_000  # unknowns; cholespy factors fewer within a few frames of a window
 _factored_apart: ContextVar[float] = ContextVar("unknowns of linear systems that are factored apart", default=math.inf)
 
@@ -52,7 +56,16 @@ class OwnProcess:
     """
 
     def __init__(self, module: str) -> None:
-        self._process = subprocess.Popen([sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        command = [sys.executable, "-m", module]
+        if sys.platform == "win32":  # where a process cannot have a socket for its output
+            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            assert self._process.stdout is not None
+            self._read: Callable[[memoryview], int] = self._process.stdout.readinto
+        else:
+            answers, theirs = socket.socketpair()
+            with theirs:
+                self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=theirs.fileno())
+            self._read = lambda buffer: answers.recv_into(buffer, 0, socket.MSG_WAITALL)
         self._end = weakref.finalize(self, _end, self._process)
 
     def send(self, message: object) -> None:
@@ -77,9 +90,8 @@ class OwnProcess:
         ProcessEndedError
             If none will come.
         """
-        assert self._process.stdout is not None
         try:
-            return pickle.load(self._process.stdout)
+            return _receive(self._read)
         except (OSError, ValueError, EOFError, pickle.UnpicklingError) as error:
             raise ProcessEndedError from error
 
@@ -93,13 +105,13 @@ class Requests:
 
     def __init__(self) -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        self._answers = os.fdopen(os.dup(1), "wb")
+        self._requests, self._answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
         os.dup2(2, 1)  # what libraries print must not mix with the answers
 
     def __iter__(self) -> Iterator[Any]:
         while True:
             try:
-                yield pickle.load(sys.stdin.buffer)
+                yield _receive(self._requests.readinto)
             except (EOFError, pickle.UnpicklingError):  # the other end is gone, perhaps in the middle of a message
                 return
 
@@ -109,8 +121,26 @@ class Requests:
 
 
 def _send(pipe: IO[bytes], message: object) -> None:
-    pickle.dump(message, pipe, protocol=5)
+    content = pickle.dumps(message, protocol=5)
+    pipe.write(len(content).to_bytes(_LENGTH))
+    pipe.write(content)
     pipe.flush()
+
+
+def _receive(read: Callable[[memoryview], int]) -> Any:
+    """One message; `read` fills a buffer, or its beginning."""
+    return pickle.loads(_filled(read, int.from_bytes(_filled(read, _LENGTH))))
+
+
+def _filled(read: Callable[[memoryview], int], size: int) -> memoryview:
+    """So many bytes; EOFError if fewer come."""
+    content, start = memoryview(bytearray(size)), 0
+    while start < size:
+        count = read(content[start:])
+        if not count:
+            raise EOFError
+        start += count
+    return content
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
