@@ -26,14 +26,17 @@ from abfm.types import FloatArray
 MODULE = "abfm_viewer.computing.match_process"
 PREPARING = 0
 """The number of no run: what is told while coarser meshes are made is for the one that waits for them."""
-MATCH = [each.name for each in fields(abfm.Match) if each.name != "mesh"]
-"""What of a match is sent; the mesh is known at both ends."""
 _ENDED = "the process that matches has ended; match again"
 
 
 def numbers() -> list[str]:
     """Names of what an iterate is made of besides its look."""
     return [each.name for each in fields(abfm.Iteration) if each.name != "look"]
+
+
+def parts() -> list[str]:
+    """Names of what of a match is sent: the mesh is known at both ends."""
+    return [each.name for each in fields(abfm.Match) if each.name != "mesh"]
 
 
 Fetched = tuple[FloatArray, FloatArray]
@@ -128,7 +131,7 @@ class MatchApart:
             elif kind == "step":
                 tell(content)
             elif kind == "match":
-                return abfm.Match(mesh=mesh, **dict(zip(MATCH, content, strict=True)))
+                return abfm.Match(mesh=mesh, **dict(zip(parts(), content, strict=True)))
             else:
                 raise content
 

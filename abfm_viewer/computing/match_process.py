@@ -13,7 +13,7 @@ import abfm
 from abfm import AbfmError, Control, Iteration, TriangleMesh
 from abfm.numerics.own_process import Requests, factoring_apart
 from abfm.progress import telling
-from abfm_viewer.computing.match_apart import MATCH, PREPARING, numbers
+from abfm_viewer.computing.match_apart import PREPARING, numbers, parts
 from abfm_viewer.computing.picture_pace import PicturePace
 
 _KEPT = 4  # iterates whose fields may be asked for
@@ -128,7 +128,7 @@ class _Matching:
             traceback.print_exc()
             self._answer("error", number, RuntimeError(f"{type(error).__name__}: {error}"))
         else:
-            self._answer("match", number, [getattr(found, name) for name in MATCH])
+            self._answer("match", number, [getattr(found, name) for name in parts()])
 
 
 if __name__ == "__main__":
