@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 import abfm
 from abfm_viewer.document.wording import sentence
 
@@ -23,28 +25,34 @@ _ENDED = {  # of those that are matched, or nearly, without another cause
     "iteration limit": "it stopped after the {iterations} iterations it was given",
 }
 _LEAST = 1e-4  # a smaller mismatch is told as less than this
+_ALL = 0.995  # a share that reads as 100%
 
 
 def headline(match: abfm.Match) -> str:
     """How well it matches: ``matched to 0.7%``, ``nearly: 8% left``, ``not reached: 33% left``, ``impossible``.
 
-    The share is the relative mismatch, that by flow lines where it is larger: what is surely there, no scheme's luck.
+    The share is the mismatch that the word goes by (`Match.confirmed_mismatch`), so that a smaller one never has a worse
+    word. Where the word has another cause, such as folds, there is none; `why` has the cause.
     """
-    kind, left = match.verdict.kind, share(leaves(match))
+    kind = match.verdict.kind
     if match.stop_reason == "given":
         return "field given"
     if match.stop_reason == "cancelled":
-        return f"cancelled: {left} left"
-    if kind == "impossible":
+        return f"cancelled: {_left(match)}"
+    if kind != abfm.matching.kind_of(match.confirmed_mismatch):
         return kind
-    return f"matched to {left}" if kind == "matched" else f"{kind}: {left} left"
+    return f"matched to {share(match.confirmed_mismatch)}" if kind == "matched" else f"{kind}: {_left(match)}"
 
 
-def leaves(match: abfm.Match) -> float:
-    """The larger one of the mismatch and that by flow lines, if it is known."""
-    return float(
-        match.mismatch if math.isnan(match.verified_mismatch) else max(match.mismatch, match.verified_mismatch)
-    )
+def _left(match: abfm.Match) -> str:
+    """What is left as a share of the target, or that it is no less than before, or than of nothing at all."""
+    left = match.confirmed_mismatch
+    if abfm.matching.kind_of(left) == "not reached":
+        if np.nanmax([match.mismatch, match.verified_mismatch]) >= _ALL * match.initial_mismatch:
+            return "nothing gained"
+        if left >= _ALL:
+            return "little gained"
+    return f"{share(left)} left"
 
 
 def share(value: float) -> str:

@@ -2,6 +2,7 @@ from .judging.peaks import peaks as peaks
 from .judging.remedies import Remedy as Remedy
 from .judging.resolution import resolution as resolution
 from .judging.verdict import Verdict as Verdict
+from .judging.verdict import kind_of as kind_of
 from .judging.verification import Verification as Verification
 from .judging.verification import verify as verify
 from .match import match as match

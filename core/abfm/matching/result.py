@@ -16,10 +16,10 @@ from abfm.flow.flow import Flow
 from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, load_arrays, mesh_arrays, mesh_of, save_arrays
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.surface_points import Distortion, SurfacePoints, distortion
+from abfm.matching.energy.problem import relative_mismatch
 from abfm.matching.judging.remedies import Remedy
-from abfm.matching.judging.verdict import Kind, Verdict
+from abfm.matching.judging.verdict import Kind, Verdict, confirmed_mismatch, kind_of
 from abfm.matching.judging.verification import Verification, verify
-from abfm.matching.schedule import MATCHED
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray, IntArray
@@ -80,6 +80,17 @@ class Match:
     def flow(self) -> Flow:
         """The flow of the fields."""
         return Flow(self.mesh, self.velocity, self.parameters.tau, self.parameters.method)
+
+    @property
+    def confirmed_mismatch(self) -> float:
+        """What is surely left: the mismatch, or half of that by flow lines if it is more; the verdict goes by it."""
+        return confirmed_mismatch(self.mismatch, self.verified_mismatch)
+
+    @cached_property
+    def initial_mismatch(self) -> float:
+        """``||f - g|| / ||g||``: the mismatch before anything moved."""
+        source, target = self.source.T, self.target.T
+        return relative_mismatch(self.mesh, source, target, source, self.mask, self.weights)
 
     def advect(self, t: ArrayLike) -> FloatArray:
         """The source carried to time ``t``, in the shape it was given; beyond tau the flow goes on.
@@ -180,7 +191,8 @@ def match_of(
     if parameters.segments != len(parts["velocity"]):
         raise ValueError(f"{len(parts['velocity'])} fields, but parameters say {parameters.segments}")
     if verdict is None:
-        verdict = Verdict("matched" if parts["mismatch"] <= MATCHED else "not reached", parts["stop_reason"], "")
+        kind = kind_of(confirmed_mismatch(parts["mismatch"], parts["verified_mismatch"]))
+        verdict = Verdict(kind, parts["stop_reason"], "")
     return Match(mesh=mesh, **parts | {"parameters": parameters, "verdict": verdict})
 
 

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
+from typing import get_args
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import abfm
 from abfm.matching import Remedy, Verdict
+from abfm.matching.judging.verdict import Kind
+from abfm_viewer.cli.solving import Outcome
 from abfm_viewer.document.verdict_words import (
     advice,
     advice_in_options,
@@ -22,6 +28,9 @@ from abfm_viewer.document.verdict_words import (
     why,
 )
 from tests.viewer.sessions import SPHERE
+
+KINDS = get_args(Kind)  # the better ones first
+MISMATCH = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
 
 
 @pytest.fixture(scope="module")
@@ -51,21 +60,61 @@ def judged(match, kind, **known):
 @pytest.mark.parametrize(
     ("kind", "mismatch", "verified", "said", "meant"),
     [
-        ("matched", 0.002, 0.007, "matched to 0.7%", "good"),
+        ("matched", 0.002, 0.014, "matched to 0.7%", "good"),
+        ("matched", 0.049, 0.098, "matched to 5%", "good"),
         ("matched", 0.0123, math.nan, "matched to 1%", "good"),
         ("matched", 0.0, 1e-9, "matched to less than 0.01%", "good"),
         ("nearly", 0.08, 0.07, "nearly: 8% left", "ink"),
-        ("not reached", 0.05, 0.333, "not reached: 33% left", "failure"),
-        ("not reached", 1.0, 1.41, "not reached: 141% left", "failure"),
+        ("nearly", 0.049, 0.12, "nearly: 6% left", "ink"),
+        ("nearly", 0.03, math.nan, "nearly", "ink"),  # as their peaks differ
+        ("not reached", 0.05, 0.666, "not reached: 33% left", "failure"),
+        ("not reached", 0.05, math.nan, "not reached", "failure"),  # as faces are folded
+        ("not reached", 0.996, 1.3, "not reached: little gained", "failure"),
+        ("not reached", 1.05, 1.2, "not reached: little gained", "failure"),
+        ("not reached", 1.0, 1.41, "not reached: nothing gained", "failure"),
+        ("not reached", 1.6, 0.1, "not reached: nothing gained", "failure"),
         ("impossible", 0.01, 0.01, "impossible", "failure"),
     ],
 )
-def test_the_headline_says_how_well_by_the_worse_mismatch_and_has_a_colour(
+def test_the_headline_says_how_well_by_what_is_confirmed_and_has_a_colour(
     found, kind, mismatch, verified, said, meant
 ):
     match = judged(found, kind, mismatch=mismatch, verified_mismatch=verified)
     assert headline(match) == said
     assert tone(match) == meant
+
+
+@settings(deadline=None)
+@given(pairs=st.lists(st.tuples(MISMATCH, MISMATCH | st.just(math.nan)), min_size=2, max_size=2))
+def test_a_smaller_share_never_has_a_worse_word_nor_a_worse_exit_status(found, pairs):
+    """Whatever mismatch and mismatch by flow lines two matches have, each with the kind that the judge gives it."""
+    matches = []
+    for mismatch, verified in pairs:
+        one = replace(found, mismatch=mismatch, verified_mismatch=verified)
+        matches.append(judged(one, abfm.matching.kind_of(one.confirmed_mismatch)))
+    better, worse = sorted(matches, key=shown_share)
+    if shown_share(better) < shown_share(worse):
+        assert KINDS.index(better.verdict.kind) <= KINDS.index(worse.verdict.kind)
+        assert Outcome(better, 1.0, (), False).status <= Outcome(worse, 1.0, (), False).status
+
+
+@settings(deadline=None)
+@given(mismatch=MISMATCH, verified=MISMATCH | st.just(math.nan), kind=st.sampled_from(KINDS))
+def test_a_share_is_only_told_with_the_word_that_goes_with_it(found, mismatch, verified, kind):
+    match = judged(found, kind, mismatch=mismatch, verified_mismatch=verified)
+    said = headline(match)
+    if "%" in said:
+        assert kind == abfm.matching.kind_of(match.confirmed_mismatch)
+        assert shown_share(match) < 100
+    assert said.startswith(kind)
+
+
+def shown_share(match):
+    """The share in a match's headline, in percent; of all that it can be where it says so in words."""
+    words = headline(match)
+    if words.endswith("gained"):
+        return math.inf
+    return float(re.findall(r"([0-9.]+)%", words)[0])
 
 
 def test_percents_have_as_many_digits_as_one_reads():
@@ -100,7 +149,7 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
 
 @pytest.mark.parametrize(
     ("reason", "start", "words"),
-    [("cancelled", "cancelled: 3% left", "best field so far"), ("given", "field given", "Play")],
+    [("cancelled", "cancelled: 2% left", "best field so far"), ("given", "field given", "Play")],
 )
 def test_what_did_not_come_to_its_end_has_words_of_its_own(found, reason, start, words):
     match = replace(found, stop_reason=reason)

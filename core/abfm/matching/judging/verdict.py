@@ -19,6 +19,19 @@ NEARLY = 0.15
 """Mismatch, relative to the target, up to which functions are nearly matched."""
 CONFIRMED = 2.0
 """Flow lines confirm a mismatch if they leave at most this many times as much: 0.1 of a match, 0.3 of a near one."""
+
+
+def confirmed_mismatch(mismatch: float, verified: float) -> float:
+    """The least mismatch that the discrete flow and flow lines (NaN if unknown) both confirm: what is surely left."""
+    return mismatch if math.isnan(verified) else max(mismatch, verified / CONFIRMED)
+
+
+def kind_of(confirmed: float) -> Kind:
+    """What a mismatch is called by its size alone: the larger it is, the worse the word."""
+    if confirmed <= MATCHED:
+        return "matched"
+    return "nearly" if confirmed <= NEARLY else "not reached"
+
 FOLDED = 0.1
 """Share of folded faces beyond which the map of a flow is not to be trusted; an exact flow folds none."""
 
@@ -72,6 +85,7 @@ class _Case:
         self.problem, self.outcome, self.parameters = problem, outcome, parameters
         self.bound = solvability.range_bound(problem)
         self.true_mismatch = max(outcome.mismatch, self.bound)
+        self.by_size_alone = kind_of(confirmed_mismatch(self.true_mismatch, outcome.verified))
         self.first = problem.relative_mismatch(problem.source)
         self.known = not math.isnan(outcome.verified)
         self.raised = outcome.unmatched > parameters.sigma
@@ -105,7 +119,7 @@ class _Case:
         verified, folded = self.outcome.verified, self.outcome.folded
         if self.true_mismatch > NEARLY:
             return None
-        if self.known and verified > CONFIRMED * NEARLY:
+        if self.by_size_alone == "not reached":
             if self.different_peaks:
                 return self._of_peaks()
             why = f"by flow lines the mismatch is {verified:.2g}, so the discrete flow is not one here"
@@ -117,20 +131,19 @@ class _Case:
 
     def by_size(self) -> Verdict | None:
         """A mismatch that is small, also by flow lines where they are known."""
-        verified = self.outcome.verified / CONFIRMED if self.known else 0.0
-        size = max(self.true_mismatch, verified)
-        if size > NEARLY:
+        if self.by_size_alone == "not reached":
             return None
-        if size <= MATCHED < self.first and not self.known and self.different_peaks:
+        is_matched = self.by_size_alone == "matched"
+        if is_matched and self.first > MATCHED and not self.known and self.different_peaks:
             return self._of_peaks("nearly")
-        if size <= MATCHED:
+        if is_matched:
             advised = f"do not trust its point map, where {self._folds()}" if self.outcome.folded > FOLDED else ""
             return self._verdict("matched", "", advised)
         if self.bound > MATCHED:
             return self._verdict("nearly", self._missing_values(), "scale or clip one of the functions")
         if self._cut_short():
             return self._of_an_early_end("nearly")
-        if verified > max(MATCHED, self.outcome.mismatch):
+        if self.known and self.outcome.verified / CONFIRMED > max(MATCHED, self.outcome.mismatch):
             why = "the flow lines confirm less than the discrete flow shows"
             return self._verdict("nearly", why, "a finer mesh", *self._truer())
         return self._verdict("nearly", "", "", self.remedies.closer())

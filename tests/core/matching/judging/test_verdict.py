@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import abfm
 from abfm.matching.energy.problem import Problem
 from abfm.matching.judging.early_warning import early_warning
 from abfm.matching.judging.remedies import Remedy
 from abfm.matching.judging.solvability import distance, stood_still, vanished
-from abfm.matching.judging.verdict import Kind, Outcome, Verdict, advice
+from abfm.matching.judging.verdict import Kind, Outcome, Verdict, advice, confirmed_mismatch
 from abfm.matching.result import Match
 from abfm.parameters import PAPER, Parameters
 from abfm.types import FloatArray
@@ -25,6 +27,7 @@ SPHERE, FINE = icosphere(3), icosphere(4)
 NEAR: dict[str, Any] = {**PAPER, "alpha": 0.02, "sigma": 1e-3, "cooling_factor": 10, "iterations": 150}
 """Parameters of a solver that does not look for far targets, and so fails in the ways that are told here."""
 USUAL = Parameters(**NEAR)
+SHARE = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
 
 
 def at(degrees: float, width: float = 0.15, mesh: abfm.TriangleMesh = SPHERE) -> FloatArray:
@@ -60,6 +63,20 @@ def test_a_match_needs_no_advice():
     assert judged(match) == Verdict("matched", f"the mismatch fell from 0.86 to {match.mismatch:.2g}", "")
     assert judged(match, verified=0.08).kind == "matched"
     assert "(0.08 by flow lines)" in judged(match, verified=0.08).reason
+
+
+@settings(deadline=None)
+@given(mismatches=st.lists(st.tuples(SHARE, SHARE | st.just(np.nan)), min_size=2, max_size=2))
+def test_of_functions_that_flows_can_carry_the_kind_is_the_worse_the_more_is_confirmed(mismatches):
+    """What is confirmed is one number of the mismatch and that by flow lines; the limits of both are as they were."""
+    problem, judged_by = Problem(SPHERE, at(0), at(40)), []
+    for mismatch, verified in mismatches:
+        kind = advice(problem, Outcome(at(38)[None], mismatch, "converged", verified), USUAL).kind
+        assert (kind == "matched") == (mismatch <= 0.05 and not verified > 0.1)
+        assert (kind == "not reached") == (mismatch > 0.15 or verified > 0.3)
+        judged_by.append((confirmed_mismatch(mismatch, verified), get_args(Kind).index(kind)))
+    (_, better), (_, worse) = sorted(judged_by)
+    assert better <= worse
 
 
 def test_functions_that_are_alike_are_matched_from_the_start():
