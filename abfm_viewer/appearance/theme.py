@@ -32,6 +32,8 @@ class Palette:
     failure: Color  # of what went wrong or was not reached; nothing else has its hue
     good: Color
     marker: Color
+    smoothness: Color  # the terms of the energy in its plot; the total is muted
+    closeness: Color
 
 
 LIGHT = Palette(
@@ -51,6 +53,8 @@ LIGHT = Palette(
     failure=_hex("#8a1c9e"),
     good=_hex("#12633a"),
     marker=_hex("#0b8f6a"),
+    smoothness=_hex("#0097ad"),
+    closeness=_hex("#9a6700"),
 )
 DARK = Palette(
     ground=_hex("#1b1e24"),
@@ -69,6 +73,8 @@ DARK = Palette(
     failure=_hex("#e8a6f7"),
     good=_hex("#69d39a"),
     marker=_hex("#38d9a9"),
+    smoothness=_hex("#1c93a6"),
+    closeness=_hex("#e0a526"),
 )
 
 

@@ -5,13 +5,13 @@ Counted are the terms of a sum, also of one that is composed with a vertex map.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from abfm import TriangleMesh, functions
+from abfm import FunctionError, TriangleMesh, functions
 
 _WIDTH = 0.1
 
@@ -41,13 +41,33 @@ def added(spec: str, mesh: TriangleMesh) -> str:
 
     One at a vertex that the mesh has not is a `FunctionError`.
     """
-    known = gaussians(spec)
+    tree = functions.parse(spec)
+    return _put(tree, (*_terms(tree), _farthest(gaussians(spec), mesh)))
+
+
+def landmark(specs: Iterable[str], mesh: TriangleMesh) -> str:
+    """The spec of a Gaussian as far as possible from all those of other functions, and as wide as the last.
+
+    As source and target of a channel it says what stays in its place while the others move. Gaussians at vertices that
+    the mesh has not do not count.
+    """
+    return str(_farthest([one for spec in specs for one in gaussians(spec) if _is_on(one, mesh)], mesh))
+
+
+def _is_on(gaussian: functions.Gaussian, mesh: TriangleMesh) -> bool:
+    try:
+        gaussian.sources(mesh)
+    except FunctionError:
+        return False
+    return True
+
+
+def _farthest(known: Sequence[functions.Gaussian], mesh: TriangleMesh) -> functions.Gaussian:
+    """A Gaussian as wide as the last one of some, and as far as possible from all of them."""
     width = known[-1].width if known else _WIDTH
     centres = np.concatenate([gaussian.sources(mesh) for gaussian in known]) if known else np.array([0])
     gaps = np.min([np.linalg.norm(mesh.vertices - mesh.vertices[centre], axis=1) for centre in centres], axis=0)
-    vertex = int(mesh.vertex_ids[int(np.argmax(gaps))])
-    tree = functions.parse(spec)
-    return _put(tree, (*_terms(tree), functions.Gaussian(vertex=(vertex,), width=width)))
+    return functions.Gaussian(vertex=(int(mesh.vertex_ids[int(np.argmax(gaps))]),), width=width)
 
 
 def removed(spec: str, bump: int) -> str:

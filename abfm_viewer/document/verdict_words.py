@@ -31,8 +31,8 @@ _ALL = 0.995  # a share that reads as 100%
 def headline(match: abfm.Match) -> str:
     """How well it matches: ``matched to 0.7%``, ``nearly: 8% left``, ``not reached: 33% left``, ``impossible``.
 
-    The share is the mismatch that the word goes by (`Match.confirmed_mismatch`), so that a smaller one never has a worse
-    word. Where the word has another cause, such as folds, there is none; `why` has the cause.
+    The share is the mismatch that the word goes by (`Match.confirmed_mismatch`): a smaller one never has a worse word.
+    Where the word has another cause, such as folds, there is none; `why` has the cause.
     """
     kind = match.verdict.kind
     if match.stop_reason == "given":

@@ -36,9 +36,10 @@ def _draw_card(context: Context, card: Card, number: int, more: int, rect: Rect,
     name = f"message {number}"
     with ui.card(name, _place(ui, rect, top), ui.colors.failure, rect[3] - top), ui.group(name):
         ui.note(card.text, "ink")
-        following = [*card.remedies, "Dismiss"][1:]
-        for (label, do), next_label in zip(card.remedies.items(), following, strict=True):
-            if ui.button(label, primary=label == next(iter(card.remedies))):
+        remedies = session.offered(card)
+        following = [*remedies, "Dismiss"][1:]
+        for (label, do), next_label in zip(remedies.items(), following, strict=True):
+            if ui.button(label, primary=label == next(iter(remedies))):
                 session.dismiss(card)
                 do()
             ui.beside_if_fits(next_label)

@@ -88,7 +88,7 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
         _marks("##stages", _stage_starts(run), (*ui.colors.muted[:3], 0.7), ui.px(1))
         _marks("##meshes", _mesh_starts(run), (*ui.colors.muted[:3], 0.9), ui.px(2.5))
         _marks("##restarts", run.restarts, ui.colors.marker, ui.px(1.5))
-        colors = (ui.colors.ink, ui.colors.source, ui.colors.target)
+        colors = (ui.colors.muted, ui.colors.smoothness, ui.colors.closeness)
         for name, curve, color in zip(_NAMES, curves, colors, strict=True):
             _line(name, curve, color, ui.px(1.8))
         _hover(ui, run)
@@ -102,7 +102,7 @@ def _hover(ui: Ui, run: Run) -> None:
         return
     mouse_x, _ = implot.GetPlotMousePos()
     at = int(np.clip(round(mouse_x), 0, len(run.stages) - 1))
-    _marks("##here", [at], ui.colors.accent, ui.px(1))
+    _marks("##here", [at], ui.colors.ink, ui.px(1))
     lines = [f"iteration {at}{', restarted here' if at in run.restarts else ''}", _course(run, at)]
     lines += [f"{name} {energy:.4g}" for name, energy in zip(_NAMES, run.energies[at], strict=True)]
     imgui.SetTooltip("\n".join(lines))

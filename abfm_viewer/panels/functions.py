@@ -10,6 +10,10 @@ from abfm_viewer.panels.context import Context
 
 _LONGEST = 16  # letters
 _BY_MOUSE = "Shift-click or Shift-drag on the source or target moves its Gaussian; Shift-wheel sets its width."
+_ADD = (
+    "One more channel: another pair of functions that the same flow should match. It begins as a landmark that stays "
+    "where it is, far from the Gaussians of the others."
+)
 _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves the channel out."
 
 
@@ -36,7 +40,7 @@ def _draw_channels(context: Context) -> None:
             label = f"{number + 1}: {source} to {target}{weight}"
             if ui.row(label, number == session.document.channel)[0]:
                 session.select(channel=number, bump=0)
-    if ui.button("Add", "One more channel: another pair of functions that the same flow should match."):
+    if ui.button("Add", _ADD):
         session.add_channel()
     ui.beside_if_fits("Duplicate")
     if ui.button("Duplicate", "Copy the active channel."):

@@ -7,7 +7,7 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 
-_STATE_HEIGHT = 124  # four lines and a row of buttons
+_STATE_HEIGHT = 130  # six lines, or four and a row of buttons
 _STATE_SHARE = 0.3  # of a low panel
 _SIDE_BUTTON, _SIDE_SHARE = 76, 0.3
 _WARM = "from the current field"

@@ -39,22 +39,22 @@ def draw(context: Context, lines: int = 0) -> None:
         _right(ui, verdict_words.counted(steps, "iteration"))
     why = "functions or parameters changed since" if session.outdated else verdict_words.why(result)
     _line(ui, sentence(why), "ink", lines or _MOST_LINES)
-    parts = [_numbers, _remedies]
-    for draw_part in reversed(parts) if lines else parts:
-        draw_part(ui, session, result)
+    numbers = f"Mismatch {verdict_words.numbers(result)}"
+    if lines:
+        _remedies(ui, session, result, 1)
+        _line(ui, numbers, "muted")
+    else:
+        _line(ui, numbers, "muted")
+        _remedies(ui, session, result, _MOST_LINES)
 
 
-def _numbers(ui: Ui, session: Session, result: Match) -> None:
-    _line(ui, f"Mismatch {verdict_words.numbers(result)}", "muted")
-
-
-def _remedies(ui: Ui, session: Session, result: Match) -> None:
-    """Draw buttons, or what to try where no button can do it."""
+def _remedies(ui: Ui, session: Session, result: Match, lines: int) -> None:
+    """Draw buttons, or what to try where no button can do it in so many lines."""
     with ui.group("verdict"):
         _buttons(ui, session, result)
     advice = verdict_words.advice(result)
     if advice and not (result.verdict.remedies or session.outdated):
-        _line(ui, f"To try: {advice}.", "muted")
+        _line(ui, f"To try: {advice}.", "muted", lines)
 
 
 def _buttons(ui: Ui, session: Session, result: Match) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import abfm
 from abfm import FunctionError, Parameters, TriangleMesh
 from abfm_viewer.document.document import EXTRAPOLATION, Channel, Document, Point, Side, View
+from abfm_viewer.document.gaussians import landmark
 from abfm_viewer.document.history import History
 
 
@@ -104,8 +105,12 @@ class Editing:
         self._set_active(replace(self.active, weight=float(weight)), "change a weight", merge)
 
     def add_channel(self) -> None:
-        """Add a channel of coordinates, which match already, and make it active."""
-        self._insert(Channel("coordinate:y", "coordinate:y"), "add a channel")
+        """Add a channel and make it active: a landmark far from the others' Gaussians that stays in its place.
+
+        A flow that matches the others hardly moves it.
+        """
+        stays = landmark([spec for one in self.channels for spec in (one.source, one.target)], self.mesh)
+        self._insert(Channel(stays, stays), "add a channel")
 
     def duplicate_channel(self) -> None:
         if self.active:

@@ -11,7 +11,7 @@ from abfm_viewer.document.document import Document
 from abfm_viewer.session.editing import Editing
 from abfm_viewer.session.kept import Kept
 from abfm_viewer.session.loading import Load, Loading
-from abfm_viewer.session.notices import Card, Entry, Notice, Notices, Remedies
+from abfm_viewer.session.notices import Card, Entry, Notice, Notices, WaysOut
 
 OPENING, RUN = "opening", "run"
 """What cards are about."""
@@ -83,9 +83,13 @@ class Housekeeping(Editing):
         """Everything that was told, the oldest first."""
         return self._notices.log
 
-    def say(self, text: str, is_error: bool = False, about: str = "", remedies: Remedies | None = None) -> None:
+    def say(self, text: str, is_error: bool = False, about: str = "", remedies: WaysOut | None = None) -> None:
         """Tell something; an error also as a card with its remedies, until `mend` is called for what it is about."""
         self._notices.say(text, is_error, self.history.moves, about, remedies)
+
+    def offered(self, card: Card) -> WaysOut:
+        """What can be done about a card's problem, unless a newer card offers the same."""
+        return self._notices.offered(card)
 
     def dismiss(self, card: Card) -> None:
         self._notices.dismiss(card)

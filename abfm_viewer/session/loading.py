@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from abfm.progress import Step
 from abfm_viewer.computing.background import Jobs, Latest
-from abfm_viewer.session.notices import Remedies
+from abfm_viewer.session.notices import WaysOut
 
 Read = Callable[[], Callable[[], None]]
 """Reads something, in a thread; what it returns shows it."""
@@ -26,7 +26,7 @@ class Load:
     read: Read
     replaces: bool = True
     seconds: float = 0.0
-    remedies: Remedies = field(default_factory=dict)
+    remedies: WaysOut = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter, init=False)
 
     @property

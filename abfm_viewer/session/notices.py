@@ -4,10 +4,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import takewhile
 
 _SECONDS_OF_NOTICE, _SECONDS_OF_ERROR = 6.0, 12.0
 _LONGEST_LOG = 1000
-Remedies = Mapping[str, Callable[[], None]]
+WaysOut = Mapping[str, Callable[[], None]]
 """What can be done about a problem: labels of buttons, and what they do."""
 
 
@@ -25,7 +26,7 @@ class Card:
 
     text: str
     about: str = ""
-    remedies: Remedies = field(default_factory=dict)
+    remedies: WaysOut = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -50,16 +51,24 @@ class Notices:
         self._said_at = 0.0
         self._moves = 0
 
-    def say(self, text: str, is_error: bool, moves: int, about: str = "", remedies: Remedies | None = None) -> None:
+    def say(self, text: str, is_error: bool, moves: int, about: str = "", remedies: WaysOut | None = None) -> None:
         """Replace the notice; `moves` counts what the user did so far. What is told again and again is told once."""
         text = " ".join(text.split())
-        is_new = not any(card.text == text for card in self.cards) if is_error else self.latest != Notice(text)
-        if text and is_new:
+        is_known = any(card.text == text for card in self.cards) if is_error else self.latest == Notice(text)
+        if text and not is_known:
             self.log.append(Entry(time.time(), "error" if is_error else "notice", text))
-        if text and is_error and is_new:
-            self.cards = (Card(text, about, remedies or {}), *self.cards)
+        if text and is_error:
+            new = Card(text, about, remedies or {})
+            known = tuple(new if card.text == text else card for card in self.cards)
+            self.cards = known if is_known else (new, *known)
         self.latest = Notice(text, is_error)
         self._said_at, self._moves = time.perf_counter(), moves
+
+    def offered(self, card: Card) -> WaysOut:
+        """The remedies of a card, but not those that a newer one offers, too."""
+        newer = takewhile(lambda one: one is not card, self.cards)
+        taken = [remedy for one in newer for remedy in one.remedies.items()]
+        return {label: do for label, do in card.remedies.items() if (label, do) not in taken}
 
     def dismiss(self, card: Card) -> None:
         """Take a card away, and the notice that says the same."""

@@ -1,8 +1,28 @@
-"""The contrast of two colours as WCAG 2.2 defines it."""
+"""How far apart two colours are: contrast as WCAG 2.2 defines it, and difference as the colour-blind see it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+SIGHTS = {
+    "normal": np.eye(3),
+    "protanopia": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+    "deuteranopia": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+    "tritanopia": np.array(
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
+    ),
+}
+"""What is seen of linear light: Machado, Oliveira, Fernandes, IEEE TVCG 15(6), 2009, at full severity."""
+_XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
 
 
 def contrast(one: Sequence[float], other: Sequence[float]) -> float:
@@ -11,6 +31,21 @@ def contrast(one: Sequence[float], other: Sequence[float]) -> float:
     return (light + 0.05) / (dark + 0.05)
 
 
+def difference(one: Sequence[float], other: Sequence[float], sight: str) -> float:
+    """Distance of sRGB colours in CIELAB, as one of `SIGHTS` sees them: 100 for black and white."""
+    return float(np.linalg.norm(_lab(one, sight) - _lab(other, sight)))
+
+
 def _luminance(color: Sequence[float]) -> float:
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color[:3]]
-    return sum(weight * c for weight, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+    return float(np.array([0.2126, 0.7152, 0.0722]) @ _linear(color))
+
+
+def _linear(color: Sequence[float]) -> NDArray[np.float64]:
+    """Linear light of an sRGB colour, whose alpha does not count."""
+    return np.array([c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color[:3]])
+
+
+def _lab(color: Sequence[float], sight: str) -> NDArray[np.float64]:
+    seen = _XYZ @ np.clip(SIGHTS[sight] @ _linear(color), 0, 1) / _XYZ.sum(axis=1)
+    x, y, z = np.where(seen > 216 / 24389, np.cbrt(seen), seen * 841 / 108 + 4 / 29)
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])

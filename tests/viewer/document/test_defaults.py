@@ -11,6 +11,7 @@ from abfm.calculus import vertex_areas
 from abfm.calculus.geodesics import geodesic_distance
 from abfm.functions import function, parse, vertex_normals
 from abfm_viewer.document.defaults import WIDTH, default_functions
+from abfm_viewer.document.gaussians import landmark
 from tests.shapes import disc, ellipsoid, torus
 
 MESHES = [name for name in asset_names() if name.endswith(".off")]
@@ -68,6 +69,15 @@ def test_they_are_matched_or_nearly_so(name):
     source, target = (function(mesh, spec) for spec in default_functions(mesh))
     assert match(mesh, source, target).verdict.kind in ("matched", "nearly")
     assert vertex_areas(mesh) @ np.minimum(source, target) < 0.7 * vertex_areas(mesh) @ source
+
+
+@pytest.mark.parametrize("name", ["human_A.off", "eight.off"])
+def test_with_a_second_channel_as_it_is_added_they_still_are(name):
+    mesh = load_mesh(asset_path(name))
+    pair = default_functions(mesh)
+    stays = landmark(pair, mesh)
+    source, target = (np.stack([function(mesh, spec), function(mesh, stays)], axis=1) for spec in pair)
+    assert match(mesh, source, target).verdict.kind in ("matched", "nearly")
 
 
 def test_vertices_are_counted_as_the_file_does():

@@ -125,3 +125,21 @@ def test_what_is_refused():
         bumps.added("gaussian:vertex=4242", SPHERE)
     with pytest.raises(FunctionError, match="unknown function family"):
         bumps.gaussians("gausian:vertex=1")
+
+
+def test_a_landmark_is_far_from_all_others_as_wide_as_the_last_and_at_a_vertex_of_the_file():
+    specs = ["gaussian:x=0,y=0,z=1,width=0.3", "coordinate:x + gaussian:x=0,y=1,z=0,width=0.2", "eigenfunction:3"]
+    found = parse(bumps.landmark(specs, SPHERE))
+    assert found.width == 0.2
+    centre = SPHERE.vertices[found.sources(SPHERE)[0]]
+    least = np.min(np.linalg.norm(centre - [[0, 0, 1], [0, 1, 0]], axis=1))
+    for other in SPHERE.vertices:
+        assert np.min(np.linalg.norm(other - [[0, 0, 1], [0, 1, 0]], axis=1)) <= least + 0.1  # ends of edges
+    gap = TriangleMesh(np.vstack([np.zeros((5, 3)), SPHERE.vertices]), SPHERE.faces + 5)
+    assert parse(bumps.landmark(["gaussian:x=0,y=0,z=1"], gap)).vertex[0] == 5 + int(np.argmin(SPHERE.vertices[:, 2]))
+
+
+def test_a_landmark_needs_no_other_gaussian_and_minds_none_that_is_not_on_the_mesh():
+    none = bumps.landmark(["coordinate:x"], SPHERE)
+    assert bumps.landmark(["gaussian:vertex=99999"], SPHERE) == none
+    assert bumps.landmark([], SPHERE) == none

@@ -76,9 +76,7 @@ def judged(match, kind, **known):
         ("impossible", 0.01, 0.01, "impossible", "failure"),
     ],
 )
-def test_the_headline_says_how_well_by_what_is_confirmed_and_has_a_colour(
-    found, kind, mismatch, verified, said, meant
-):
+def test_the_headline_says_how_well_by_what_is_confirmed_and_has_a_colour(found, kind, mismatch, verified, said, meant):
     match = judged(found, kind, mismatch=mismatch, verified_mismatch=verified)
     assert headline(match) == said
     assert tone(match) == meant

@@ -66,6 +66,30 @@ def test_a_bad_file_says_everything_until_it_is_dismissed_or_mended(gui, tmp_pat
     assert cards(gui) == []
 
 
+def test_a_remedy_is_offered_once_by_the_newest_card(gui, tmp_path):
+    bad = [tmp_path / name for name in ("one.off", "two.off")]
+    for count, path in enumerate(bad, 1):
+        path.write_text("OFF\nnonsense\n")
+        gui.window._dropped([str(path)])
+        gui.wait(lambda s, count=count: len(s.cards) == count)
+    assert cards(gui) == [["Try again", "Open another mesh...", "Dismiss"], ["Try again", "Dismiss"]]
+    gui.click("Try again", within="message 2")  # the one that was meant is tried
+    gui.wait(lambda s: len(s.cards) == 2 and not s.loading)
+    assert [card.text.startswith("one.off") or "one.off" in card.text for card in gui.session.cards] == [True, False]
+    gui.click("Dismiss", within="message 1")
+    assert cards(gui) == [["Try again", "Open another mesh...", "Dismiss"]]
+
+
+def test_what_is_told_again_has_one_card_with_the_newest_remedies(gui):
+    done = []
+    gui.session.say("a problem", True, remedies={"Try again": lambda: done.append("first")})
+    gui.session.say("another", True)
+    gui.session.say("a problem", True, remedies={"Try again": lambda: done.append("second")})
+    assert cards(gui) == [["Dismiss"], ["Try again", "Dismiss"]]
+    gui.click("Try again")
+    assert done == ["second"]
+
+
 def test_at_most_three_are_shown_and_escape_takes_the_latest(running):
     gui = running
     for number in range(5):

@@ -10,8 +10,13 @@ import sys
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 
+import numpy as np
 import polyscope.imgui as imgui
 
+from abfm.matching import Verdict
+from abfm.matching.energy.problem import Problem
+from abfm.matching.judging.verdict import Outcome, advice
+from abfm.parameters import Parameters
 from abfm_viewer.automation import Driver
 from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.widgets.texts import Texts
@@ -20,6 +25,14 @@ from tests.viewer.sessions import EGG, ENDLESS
 SIZES = ((1000, 700), (1280, 800), (2560, 1440))
 SCALES = (1.0, 2.0)
 _WRITTEN = "saved /a/folder/with/a/name/that/is/long/enough/to/need/more/than/one/line/picture.png"
+
+
+def two_channels_with_other_peaks() -> Verdict:
+    """A verdict whose advice no button carries out: flow lines refute that one peak became two."""
+    heights = EGG.vertices[:, 2]
+    near, far = (np.exp(-20 * (heights - place) ** 2) for place in (heights.max(), heights.min()))
+    problem = Problem(EGG, np.stack([near, heights]), np.stack([near + far, heights]))
+    return advice(problem, Outcome(problem.target, 0.01, "converged", verified=0.5), Parameters())
 
 
 def _states(gui: Driver) -> Iterator[str]:
@@ -34,6 +47,12 @@ def _states(gui: Driver) -> Iterator[str]:
     gui.wait(lambda s: s.solver.finished and s.result is not None)
     gui.session.player.playing = False
     yield "matched"
+    found = gui.session.result
+    assert found is not None
+    advised = replace(found, stop_reason="not reached", verdict=two_channels_with_other_peaks())
+    gui.session.amend(result=advised)
+    yield "advised"
+    gui.session.amend(result=found)
     gui.window.exporter.message = _WRITTEN
     yield "exported"
     gui.window.dialogs.show("A title", ["A line."])

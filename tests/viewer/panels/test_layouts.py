@@ -112,6 +112,19 @@ def test_remedies_are_in_view(layouts):
             assert widget["area"][3] >= widget["rect"][3] - _ROUNDING, f"{widget['label']!r}: {where(layout)}"
 
 
+def test_advice_that_no_button_carries_out_is_in_view_as_a_whole(layouts):
+    """With its cause, at an ordinary scale; else as much as has room."""
+    for layout in layouts:
+        if layout["state"] == "advised":
+            (advice,) = [note for note in layout["notes"] if note["text"].startswith("To try: ")]
+            (_, top, _, bottom), (_, first, _, last) = advice["rect"], advice["area"]
+            assert first <= top < bottom <= last + _ROUNDING, where(layout)
+            if layout["scale"] == 1:
+                cut = [n["text"] for n in layout["notes"] if n["area"] == advice["area"] and n["text"].endswith("...")]
+                assert cut == [], where(layout)
+                assert advice["text"] == "To try: smooth the function that has more of them, or expect a match in part."
+
+
 def test_nothing_jumps_from_one_state_to_the_next(layouts):
     first: dict[tuple, tuple] = {}
     for layout in layouts:

@@ -32,6 +32,7 @@ def kind_of(confirmed: float) -> Kind:
         return "matched"
     return "nearly" if confirmed <= NEARLY else "not reached"
 
+
 FOLDED = 0.1
 """Share of folded faces beyond which the map of a flow is not to be trusted; an exact flow folds none."""
 
@@ -184,8 +185,8 @@ class _Case:
     def _of_peaks(self, kind: Kind = "not reached") -> Verdict:
         assert self.different_peaks is not None
         channel, here, there = self.different_peaks
-        why = f"{self._of(channel)}the source has {here}, the target {there}, and flows neither split nor join them"
-        return self._verdict(kind, why, "expect a match in part, or smooth the function that has more of them")
+        why = f"{self._of(channel)}the source has {here}, the target {there}; no flow changes that"
+        return self._verdict(kind, why, "smooth the function that has more of them, or expect a match in part")
 
     def _of_an_early_end(self, kind: Kind) -> Verdict:
         if self.outcome.stop_reason == "cancelled":
@@ -209,7 +210,7 @@ class _Case:
             return self._verdict("not reached", f"{why}, as nothing led it to the target", "", remedies.further())
         if self.outcome.stop_reason in _EARLY:
             return self._verdict("not reached", f"{why}, and {self._early_end()}", "", remedies.more_time())
-        apart = "wider functions that overlap, or targets in between, each match started from the last one's field"
+        apart = "wider functions that overlap, or targets in between, each match from the last one's field"
         return self._verdict("not reached", why, apart, *([remedies.colder()] if remedies.is_warm else []))
 
     def _missing_values(self) -> str:
@@ -222,7 +223,7 @@ class _Case:
 
     def _of(self, channel: int) -> str:
         count = len(self.problem.source)
-        return f"in channel {channel + 1} of {count} " if count > 1 else ""
+        return f"in channel {channel + 1} " if count > 1 else ""
 
     def _folds(self) -> str:
         return f"{100 * self.outcome.folded:.0f}% of the faces are folded"
