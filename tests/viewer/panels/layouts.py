@@ -29,9 +29,9 @@ _WRITTEN = "saved /a/folder/with/a/name/that/is/long/enough/to/need/more/than/on
 
 def two_channels_with_other_peaks() -> Verdict:
     """A verdict whose advice no button carries out: flow lines refute that one peak became two."""
-    heights = EGG.vertices[:, 2]
+    heights = EGG.vertices[:, 0] / np.ptp(EGG.vertices[:, 0])
     near, far = (np.exp(-20 * (heights - place) ** 2) for place in (heights.max(), heights.min()))
-    problem = Problem(EGG, np.stack([near, heights]), np.stack([near + far, heights]))
+    problem = Problem(EGG, np.stack([near, heights], 1), np.stack([near + far, heights], 1))
     return advice(problem, Outcome(problem.target, 0.01, "converged", verified=0.5), Parameters())
 
 
