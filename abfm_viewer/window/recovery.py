@@ -12,6 +12,7 @@ from abfm_viewer.computing.problem import Snapshot
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
+from abfm_viewer.files.origin import Origin, load_origin
 from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.loading import Load
@@ -49,12 +50,13 @@ class Recoveries:
         running = self._running()
         for mesh in {*self._autosaves, *unsaved, *([] if running is None else [session.mesh])}:
             document, autosave, functions = unsaved.get(mesh), self._autosave(mesh), session.functions_of(mesh)
+            origin = session.origin_of(mesh)
             if mesh is session.mesh and running is not None:
                 content = partial(self._content_of_run, session.document, running, functions)
-                autosave.offer((session.document, running), content, True)
+                autosave.offer((session.document, running), content, True, origin)
             else:
                 content = partial(_content, document or session.document, functions)
-                autosave.offer(document, content, document is not None)
+                autosave.offer(document, content, document is not None, origin)
         self._tell()
 
     def close(self, keep_unsaved: bool) -> None:
@@ -103,23 +105,28 @@ class Recoveries:
 
     def _read(self, recovery: Recovery) -> Callable[[], None]:
         try:
-            return partial(self._ask, recovery, *load_project(recovery.path))
+            return partial(self._ask, recovery, *load_project(recovery.path), load_origin(recovery.path))
         except AbfmError as error:
             text = f"unsaved work of an earlier launch is kept in {recovery.set_aside()}, but {error}"
             return partial(self._session.say, text, is_error=True)
 
-    def _ask(self, recovery: Recovery, document: Document, known: dict[str, FloatArray]) -> None:
+    def _ask(self, recovery: Recovery, document: Document, known: dict[str, FloatArray], origin: Origin | None) -> None:
         written = time.strftime("%H:%M on %d %B %Y", time.localtime(recovery.written))
-        text = f"The app ended without saving {document.name}. A copy of {written} is there."
-        restore = partial(self._recover, recovery, document, known)
-        recover = partial(self._files.when_free, f"recovering {document.name}", restore)
+        name = origin.path.name if origin else document.name
+        text = f"The app ended without saving {name}. A copy of {written} is there."
+        if origin and origin.changed:
+            text += f" {name} was changed since then."
+        restore = partial(self._recover, recovery, document, known, origin)
+        recover = partial(self._files.when_free, f"recovering {name}", restore)
         buttons = {"Recover": recover, "Discard": partial(self._discard, recovery), "Later": None}
         self._dialogs.ask("Recover unsaved work?", text, buttons)
 
-    def _recover(self, recovery: Recovery, document: Document, known: dict[str, FloatArray]) -> None:
+    def _recover(
+        self, recovery: Recovery, document: Document, known: dict[str, FloatArray], origin: Origin | None
+    ) -> None:
         session = self._session
         document = replace(document, view=replace(document.view, ui_scale=session.view.ui_scale))
-        session.restore(document, known, None, saved=False)
+        session.restore(document, known, origin, saved=False)
         self._autosave(session.mesh).take_over(recovery)
         session.say(f"recovered {document.name}: save it to keep it")
 
