@@ -52,6 +52,12 @@ class Latest(Generic[Value]):
         return self._wanted is not None and not same(self._wanted, self.key)
 
     @property
+    def is_at_work(self) -> bool:
+        """Whether a job is under way, wanted or not."""
+        with self._condition:
+            return self._running is not None
+
+    @property
     def retired(self) -> bool:
         """Whether it computes nothing any more."""
         return self._closed

@@ -77,7 +77,8 @@ class SessionFiles:
         if name.endswith(known):
             read = self._read_document if name.endswith((PROJECT, RESULT)) else self._read_mesh
             remedies = self._offered(OTHER_MESH, partial(self.open, path))
-            self.load(Load(f"opening {path.name}", partial(read, path), remedies=remedies))
+            source = Origin.of(path)  # as it is now
+            self.load(Load(f"opening {path.name}", partial(read, path), remedies=remedies, source=source))
         else:
             text = f"{path.name} cannot be opened: expected a file that ends in {', '.join(known)}"
             self._session.say(text, True, OPENING, self._offered(OTHER_MESH))

@@ -38,6 +38,8 @@ class Recoveries:
         self._dialogs = dialogs
         self._autosaves: dict[TriangleMesh, Autosave] = {}
         self._recoveries: list[Recovery] | None = None
+        self._reading: tuple[Load, Recovery] | None = None
+        self._asks_later = False  # when what took the place of reading a copy is there
         self._told = ""
         self._autosave(session.mesh)
 
@@ -46,6 +48,7 @@ class Recoveries:
         if self._recoveries is None:
             self._recoveries = recoverable(self._state)
             self._ask_next()
+        self._mind_reading(self._recoveries)
         unsaved = {document.mesh: document for document in reversed(session.unsaved_documents)}
         running = self._running()
         for mesh in {*self._autosaves, *unsaved, *([] if running is None else [session.mesh])}:
@@ -101,7 +104,21 @@ class Recoveries:
     def _ask_next(self) -> None:
         if self._recoveries:
             recovery = self._recoveries.pop(0)
-            self._session.load(Load("reading unsaved work", partial(self._read, recovery), replaces=False))
+            load = Load("reading unsaved work", partial(self._read, recovery), replaces=False)
+            self._reading = load, recovery
+            self._session.load(load)
+
+    def _mind_reading(self, recoveries: list[Recovery]) -> None:
+        """Offer a copy though something else was opened while it was read, but not where reading it was cancelled."""
+        loading = self._session.loading
+        if self._reading is not None and loading is not self._reading[0]:
+            if loading is not None:
+                recoveries.insert(0, self._reading[1])
+                self._asks_later = True
+            self._reading = None
+        if self._asks_later and loading is None:
+            self._asks_later = False
+            self._ask_next()
 
     def _read(self, recovery: Recovery) -> Callable[[], None]:
         try:
