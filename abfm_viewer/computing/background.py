@@ -90,7 +90,7 @@ class Latest(Generic[Value]):
             self._closed, self._job = True, None
             self._condition.notify()
 
-    def close(self, seconds: float = 0.5) -> None:
+    def close(self, seconds: float = 0.2) -> None:
         """End the thread; a job under way is waited for, but not for long."""
         self.retire()
         if self._thread is not None:
@@ -161,7 +161,7 @@ class Jobs:
         """Whether something is still to come."""
         return any(one.busy for one in self._all)
 
-    def close(self, seconds: float = 0.5) -> None:
+    def close(self, seconds: float = 0.2) -> None:
         """End all threads; jobs under way are waited for, but all together not for long."""
         for one in self._all:
             one.retire()

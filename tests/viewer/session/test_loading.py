@@ -108,5 +108,5 @@ def test_closing_does_not_wait_for_what_was_given_up(slow):
     loading.cancel()
     reader._thread.join = lambda seconds: joined.append(seconds)
     jobs.close()
-    assert sum(joined) <= 0.5
+    assert sum(joined) <= 0.2
     assert reader._thread.daemon
