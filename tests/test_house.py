@@ -198,5 +198,18 @@ def test_run_test_with_words_is_pytest_alone(house):
     assert "==" not in done.stdout
 
 
+def test_run_keeps_compiled_modules(house):
+    """A process that finds none compiles hundreds, and tests start many."""
+    program(house / ".venv" / "bin" / "python", 'printf "%s" "${PYTHONDONTWRITEBYTECODE-kept}"')
+    done = subprocess.run(
+        [house / "run", "test", "tests"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
+    )
+    assert done.stdout.endswith("kept")
+
+
 def test_run_is_understood_by_bash():
     subprocess.run(["bash", "-n", ROOT / "run"], check=True)

@@ -4,13 +4,18 @@ import numpy as np
 
 import abfm
 from abfm import TriangleMesh
+from abfm.mesh.orientation import faces_inward
 from abfm.types import FloatArray
 
 WIDTH, _WIDEST = 0.13, 0.5
 """How wide a Gaussian is, if the mesh is fine enough, and at most, as a share of the way between the two."""
-_EDGES = 6.0  # that one is wide on coarser meshes: else no flow of theirs would be exact
-_PLACE, _APART, _FARTHEST = 0.34, 0.3, 0.5
-"""Where the source is on the way from end to end, how far the target is from it, as shares of that way, and at most."""
+_EDGES, _SPANNED, _FEWEST = 6.0, 4.0, 2.0
+"""How many edges of even triangles one is wide on coarser meshes, else no flow of theirs would be exact; how many of
+the mesh's own suffice; and below how many the two are put farther apart, which makes room for wider ones."""
+_PLACE = 0.34
+"""Where the source is on the way from end to end."""
+_APART, _FARTHEST = (0.3, 0.42), (0.5, 0.7)
+"""How far the target is from the source, as shares of that way and at most; the same on meshes too coarse for it."""
 _SIDE = 0.1  # how much of the way facing the viewer is worth
 
 _TILT = np.array([0.02, -0.01, 0.005])
@@ -21,21 +26,35 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
 
     The way is (nearly) the longest geodesic, such as from a foot to a hand. A third of it lies before the source, which
     is then at a knee and not in a fork between limbs, and a third behind the target, unless that would be far. Both
-    rather look along z, which most meshes have in front.
+    rather look along z, which most meshes have in front. On a mesh so coarse, or of such needles, that Gaussians
+    between which there is room span hardly an edge, they are farther apart and wider.
     """
     unit, normals = mesh.length_scale, abfm.functions.vertex_normals(mesh)
+    if faces_inward(mesh.vertices, mesh.faces):
+        normals = -normals
     from_one_end, from_other_end = _from_both_ends(mesh)
     length = from_one_end.max()
     place = from_one_end / (from_one_end + from_other_end)
     detour = (from_one_end + from_other_end) / length - 1
     source = int(np.argmin(np.abs(place - _PLACE) + detour - _SIDE * normals[:, 2]))
-    apart = min(_APART * length, _FARTHEST * unit)
-    off = np.abs(abfm.calculus.geodesic_distance(mesh, [source]) - apart) / length
-    backwards = np.maximum(_PLACE + apart / length - place, 0)
+    from_source = abfm.calculus.geodesic_distance(mesh, [source])
     alike = normals[:, 2] + normals @ normals[source]
-    target = int(np.argmin(off + backwards + 0.5 * detour - 0.5 * _SIDE * alike))
+
+    def target_at(apart: float) -> int:
+        off = np.abs(from_source - apart) / length
+        backwards = np.maximum(_PLACE + apart / length - place, 0)
+        return int(np.argmin(off + backwards + 0.5 * detour - 0.5 * _SIDE * alike))
+
     edge = np.sqrt(4 / np.sqrt(3) / len(mesh.faces))  # of even triangles, in the unit of lengths
-    width = min(max(_EDGES * edge, WIDTH), _WIDEST * apart / unit)
+    nearest, farthest = (min(share * length, most * unit) for share, most in zip(_APART, _FARTHEST, strict=True))
+    width, target = min(max(_EDGES * edge, WIDTH), _WIDEST * nearest / unit), target_at(nearest)
+    distances = np.stack([from_source, abfm.calculus.geodesic_distance(mesh, [target])], axis=1) / unit
+    spans = abfm.matching.resolution(mesh, np.exp(-0.5 * (distances / width) ** 2))
+    if spans > _SPANNED:
+        width = min(width, max(WIDTH, width * _SPANNED / spans))
+    elif spans < _FEWEST:
+        apart = min(width * _SPANNED / spans * unit / _WIDEST, farthest)
+        width, target = _WIDEST * apart / unit, target_at(apart)
     one, other = (f"gaussian:vertex={mesh.vertex_ids[vertex]},width={width:.2g}" for vertex in (source, target))
     return one, other
 

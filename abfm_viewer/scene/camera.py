@@ -3,6 +3,7 @@
 import numpy as np
 
 from abfm.mesh import TriangleMesh
+from abfm.mesh.orientation import faces_inward
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Camera, Front, triple
 
@@ -16,7 +17,8 @@ _AZIMUTHS = np.radians(np.arange(0, 360, 10))
 def best_front(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> Front:
     """Look from where much surface is seen, and of every function (V,) its remarkable part; `up` is x, y or z.
 
-    A function's remarkable part is where it differs from its median; hiding behind another part is not considered.
+    A function's remarkable part is where it differs from its median; hiding behind another part is not considered, but
+    of a surface that is inside out the outside is looked at.
     """
     axes = np.roll(np.eye(3), 1 - "xyz".index(up), axis=0)  # sideways, up, to the front
     azimuth, elevation = (grid.ravel() for grid in np.meshgrid(_AZIMUTHS, _ELEVATIONS))
@@ -25,7 +27,8 @@ def best_front(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> Fro
     ups = np.cos(elevation)[:, None] * axes[1] - np.sin(elevation)[:, None] * around
     faces = mesh.faces[:: max(1, len(mesh.faces) // _FACES_LOOKED_AT)]
     a, b, c = np.moveaxis(mesh.vertices[faces], 1, 0)
-    facing = np.maximum(np.cross(b - a, c - a) @ directions.T, 0)
+    outward = -1 if faces_inward(mesh.vertices, mesh.faces) else 1
+    facing = np.maximum(outward * np.cross(b - a, c - a) @ directions.T, 0)
     surface = _share(facing, np.ones(len(faces)))
     shares = [_share(facing, np.abs(f - np.median(f))[faces].mean(axis=1)) for f in functions]
     width, height, depth = np.ptp(mesh.vertices @ axes.T, axis=0)

@@ -11,6 +11,7 @@ import numpy as np
 
 import abfm
 from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh.orientation import faces_inward
 from abfm.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -66,7 +67,13 @@ def _normals(mesh: TriangleMesh, points: FacePoints) -> FloatArray:
 
 @per_mesh
 def _vertex_normals(mesh: TriangleMesh) -> FloatArray:
-    return abfm.functions.vertex_normals(mesh)
+    return _outward(mesh) * abfm.functions.vertex_normals(mesh)
+
+
+@per_mesh
+def _outward(mesh: TriangleMesh) -> int:
+    """What turns the faces' normals outward: -1 where the surface is inside out."""
+    return -1 if faces_inward(mesh.vertices, mesh.faces) else 1
 
 
 def arrow_ribbons(courses: Sequence[Course], half_width: float) -> Triangles:
@@ -112,7 +119,7 @@ def isoline_ribbons(
 
     Where the function is constant there is no line, whatever its value.
     """
-    corners, normals = mesh.vertices[mesh.faces] / mesh.length_scale, abfm.calculus.face_normals(mesh)
+    corners, normals = mesh.vertices[mesh.faces] / mesh.length_scale, _outward(mesh) * abfm.calculus.face_normals(mesh)
     at_corners = values[mesh.faces]
     low, high = at_corners.min(axis=1), at_corners.max(axis=1)
     parts: list[Triangles] = []

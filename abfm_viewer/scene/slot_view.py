@@ -54,7 +54,7 @@ class SlotView:
     @property
     def is_clipped(self) -> bool:
         """Whether surfaces may go beyond their slots."""
-        return self.zoom > 1 or not np.allclose(self.target, self.home, rtol=0, atol=1e-9 * self.radius)
+        return self.zoom > 1 or bool(np.abs(self.target - self.home).max() > 1e-9 * self.radius)
 
     def label(self, name: str) -> Rect:
         """Where a surface's name is written: close above it, but in its slot."""
@@ -144,10 +144,19 @@ class Fit:
         self.home: FloatArray = (low + high) / 2 @ axes
         self._around = points - self.home
         self.radius = float(np.linalg.norm(self._around, axis=1).max())
+        self._turned = front, *self._extent(axes)
 
     def view(self, slots: Mapping[str, Slot], front: Front, zoom: float, target: FloatArray | None) -> SlotView:
-        half, axes = next(iter(slots.values())).half, front.axes
-        wide, high = 2 * np.abs(self._around @ axes[:2].T).max(axis=0)
-        scale = zoom * min(fitting(half, self.shape), fitting(half, (float(wide), float(high))))
-        target, above = self.home if target is None else target, float((self._around @ axes[1]).max())
+        if self._turned[0] != front:  # most frames look from where the one before did
+            self._turned = front, *self._extent(front.axes)
+        _, axes, size, above = self._turned
+        half = next(iter(slots.values())).half
+        scale = zoom * min(fitting(half, self.shape), fitting(half, size))
+        target = self.home if target is None else target
         return SlotView(slots, axes, target, self.home, zoom, scale, self.radius, above)
+
+    def _extent(self, axes: FloatArray) -> tuple[FloatArray, tuple[float, float], float]:
+        """The axes, how wide and high the surface is along them about home, and how far it goes up."""
+        across, upwards = (self._around @ axes[:2].T).T
+        size = (2 * float(np.abs(across).max()), 2 * float(np.abs(upwards).max()))
+        return axes, size, float(upwards.max())

@@ -7,6 +7,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from abfm.mesh import TriangleMesh
+from abfm.mesh.orientation import faces_inward
 from abfm.types import FloatArray
 from abfm_viewer.appearance import material
 from abfm_viewer.appearance.colormaps import CHECKER_COLORS, DARK_CHECKER_COLORS, loaded_name
@@ -45,8 +46,14 @@ def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
         smooth_shade=True,
         material=material.NAME,
         color=_PLAIN,
-        back_face_policy="cull" if mesh.is_closed else "identical",
+        back_face_policy=back_faces(mesh),
     )
+
+
+def back_faces(mesh: TriangleMesh) -> str:
+    """How polyscope draws faces from behind: not at all where only the inside of a closed surface is behind them."""
+    only_inside = mesh.is_closed and not faces_inward(mesh.vertices, mesh.faces)
+    return "cull" if only_inside else "identical"
 
 
 def edge_width(faces: int, scale: float) -> float:

@@ -16,7 +16,7 @@ WidgetKind = Literal["button", "checkbox", "combo", "choice", "slider", "box", "
 KINDS: tuple[WidgetKind, ...] = get_args(WidgetKind)
 VARIABLE = "ABFM_WIDGETS"
 """Names the file in which `write_widgets` says where the widgets are; without it none is written."""
-_FRAMES = 10
+_FRAMES = 3
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def _within(parts: list[Item], part: Item) -> Iterator[None]:
 
 
 def write_widgets(widgets: Sequence[Widget], frame: int) -> None:
-    """Write the widgets of every tenth frame as JSON, for programs that drive a real window with a mouse of their own.
+    """Write the widgets of every third frame as JSON, for programs that drive a real window with a mouse of their own.
 
     Only if the user asked for it by `VARIABLE`.
     """

@@ -8,6 +8,7 @@ import pytest
 
 from abfm_viewer.automation import Driver
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown import field_quantities
 from tests.shapes import icosphere
 from tests.viewer.desk import Desk
 from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened
@@ -46,3 +47,10 @@ def desk(tmp_path):
     yield desk
     desk.files.close()
     desk.session.close()
+
+
+@pytest.fixture
+def coarse_streaks(monkeypatch):
+    """Textures of streaks with as many texels as small pictures have pixels: they take as long as there are texels."""
+    for name in ("_TEXELS", "_TEXELS_OF_PICTURES"):
+        monkeypatch.setattr(field_quantities, name, 512)

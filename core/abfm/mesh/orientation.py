@@ -6,6 +6,8 @@ from abfm.errors import MeshError
 from abfm.mesh.topology import connected, next_corner
 from abfm.types import BoolArray, FloatArray, IntArray
 
+_ENCLOSES = 0.3  # of what the normals of a sphere come to
+
 
 def faces_to_flip(vertices: FloatArray, faces: IntArray, face_ids: IntArray, slots: IntArray) -> BoolArray:
     """Faces (F,) to turn over so that neighbours agree; none when they already do.
@@ -65,3 +67,18 @@ def _prefers_other_side(
     has_boundary = np.zeros(len(inward), dtype=bool)
     has_boundary[piece[slots[slots[:, 1] < 0, 0] // 3]] = True
     return np.where(has_boundary, mostly_flipped, inward)
+
+
+def faces_inward(vertices: FloatArray, faces: IntArray) -> bool:
+    """Whether a surface that encloses space, all of it or nearly, has its inner side in front.
+
+    Its normals then point, on the whole, to the middle. The more they agree on a direction, as those of a dish do, the
+    more clearly they must: what is flat or shaped like a saddle has no inner side.
+    """
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    normals, middles = np.cross(b - a, c - a), (a + b + c) / 3
+    sizes = np.linalg.norm(normals, axis=1)
+    outward = middles - sizes @ middles / sizes.sum()
+    agree = float(np.linalg.norm(normals.sum(axis=0)) / sizes.sum())
+    clearly = _ENCLOSES * agree * float(sizes @ np.linalg.norm(outward, axis=1))
+    return float(np.einsum("fx,fx->", normals, outward)) < -clearly

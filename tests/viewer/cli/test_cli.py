@@ -363,6 +363,7 @@ def test_render_writes_movies(suffix, result, project, tmp_path, capsys):
         assert np.abs(frames[0].astype(int) - frames[-1]).max() > 50
 
 
+@pytest.mark.usefixtures("coarse_streaks")
 def test_render_draws_streaks_that_move_in_a_loop(result, tmp_path):
     """The frames of a GIF at one time differ by the streaks alone, from the last to the first as elsewhere."""
     gif = tmp_path / "a.gif"
@@ -375,6 +376,7 @@ def test_render_draws_streaks_that_move_in_a_loop(result, tmp_path):
     assert 0.1 < max(steps) < 1.5 * min(steps)
 
 
+@pytest.mark.usefixtures("coarse_streaks")
 def test_render_draws_streaks_that_fade(result, tmp_path):
     pictures = []
     for number, words in enumerate(([], ["--streaks"], ["--streaks", "--fade"])):

@@ -10,8 +10,9 @@ from abfm.assets import asset_names, asset_path
 from abfm.calculus import vertex_areas
 from abfm.calculus.geodesics import geodesic_distance
 from abfm.functions import function, parse, vertex_normals
+from abfm.matching import resolution
 from abfm_viewer.document.defaults import WIDTH, default_functions
-from tests.shapes import disc, ellipsoid, torus
+from tests.shapes import disc, ellipsoid, square, torus
 
 MESHES = [name for name in asset_names() if name.endswith(".off")]
 HUMANS = [name for name in MESHES if name.startswith("human")]
@@ -60,6 +61,29 @@ def test_a_coarse_mesh_gets_wider_ones():
     widths = [parse(default_functions(ellipsoid(k, 3.0, 1.0, 1.0))[0]).width for k in (1, 3, 5)]
     assert widths == sorted(widths, reverse=True)
     assert widths[0] > widths[-1] == WIDTH
+
+
+def test_they_are_no_wider_than_an_even_mesh_needs():
+    mesh = square(20)
+    for spec in default_functions(mesh):
+        assert parse(spec).width > WIDTH
+        assert 3.5 < resolution(mesh, function(mesh, spec)) < 4.6
+
+
+def test_where_they_would_span_hardly_an_edge_they_are_farther_apart_and_wider():
+    coarse, fine = (ellipsoid(subdivisions, 3.0, 1.0, 1.0) for subdivisions in (1, 4))
+    shares = []
+    for mesh in (coarse, fine):
+        source, target = centres(mesh)
+        from_source = geodesic_distance(mesh, [source])
+        shares.append(from_source[target] / from_source.max())
+    assert shares[0] > 1.15 * shares[1]
+    assert parse(default_functions(coarse)[0]).width > 1.15 * parse(default_functions(fine)[0]).width
+
+
+def test_a_surface_that_is_inside_out_gets_the_same():
+    mesh = load_mesh(asset_path("human_A.off"))
+    assert default_functions(TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])) == default_functions(mesh)
 
 
 @pytest.mark.parametrize("name", [name for name in MESHES if "fine" not in name])

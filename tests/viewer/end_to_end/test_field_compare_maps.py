@@ -35,6 +35,7 @@ def test_the_advected_surface_shows_the_field(matched):
     assert not matched.errors
 
 
+@pytest.mark.usefixtures("coarse_streaks")
 def test_arrows_and_streaks(matched):
     matched.check("arrows")
     matched.drag("length", 0.2)

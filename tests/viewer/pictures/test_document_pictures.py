@@ -99,6 +99,7 @@ def test_frames_go_from_the_first_time_to_the_last(document):
             assert (frame == np.asarray(renderer.picture(time))).all()
 
 
+@pytest.mark.usefixtures("coarse_streaks")
 def test_moving_streaks_go_around_in_a_movie(document):
     """Every frame is another phase, and the first follows the last as any frame follows another."""
     view = replace(document.view, streaks=True, animate=True, layout="advected only")
@@ -113,6 +114,7 @@ def test_moving_streaks_go_around_in_a_movie(document):
     assert (twice[1] == frames[2]).all()
 
 
+@pytest.mark.usefixtures("coarse_streaks")
 def test_streaks_that_stand_still_do_so_in_a_movie(document):
     view = replace(document.view, streaks=True, layout="advected only")
     with DocumentRenderer(replace(document, view=view), {}, SIZE, BARE) as renderer:

@@ -29,6 +29,14 @@ def test_a_view_shows_both_functions():
         assert min(np.array(places) @ front.direction) > 0.5
 
 
+def test_a_surface_that_is_inside_out_is_seen_like_any_other():
+    sphere = icosphere(3)
+    functions = [bump(sphere, [1, 0, 0]), bump(sphere, [0, 0, 1])]
+    assert best_front(TriangleMesh(sphere.vertices, sphere.faces[:, ::-1]), *functions) == best_front(
+        sphere, *functions
+    )
+
+
 def test_a_view_without_functions_shows_the_broad_side():
     front = best_front(ellipsoid(3, 2, 1, 0.3))
     assert abs(front.direction[2]) > 0.95

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from abfm import TriangleMesh
 from abfm.flow import flow_lines
 from abfm_viewer.scene import ribbons
 from tests.shapes import icosphere, square
@@ -91,3 +92,14 @@ def test_a_constant_function_has_no_isolines():
     in_flat_parts = np.ptp(flat[mesh.faces], axis=1) == 0
     assert 0 < len(faces) <= 4 * (~in_flat_parts).sum()
     assert len(ribbons.isoline_ribbons(mesh, np.ones(len(flat)), [1.0], HALF)[1]) == 0
+
+
+def test_lines_lie_outside_a_surface_that_is_inside_out():
+    inside_out = TriangleMesh(SPHERE.vertices, SPHERE.faces[:, ::-1])
+    course = ribbons.course_through(inside_out, SPHERE.vertices[[0, 20, 40]])
+    assert (course.normals * course.places).sum(axis=1).min() > 0
+    levels = [0.0, 0.5]
+    found, expected = (
+        ribbons.isoline_ribbons(mesh, mesh.vertices[:, 2], levels, HALF)[0] for mesh in (inside_out, SPHERE)
+    )
+    assert np.linalg.norm(found, axis=1).min() == pytest.approx(np.linalg.norm(expected, axis=1).min())

@@ -166,3 +166,12 @@ def test_lines_are_between_slots_and_only_where_surfaces_reach_them():
     assert across == [((0.0, 300.0), (900.0, 300.0))]
     assert sorted(start[0] for start, end in lines if start[0] == end[0]) == [150, 300, 450, 600, 750]
     assert Fit(POINTS, FRONT).view({"a": five["a"]}, FRONT, 2.0, None).borders() == []
+
+
+def test_a_fit_is_the_same_whatever_was_looked_at_before():
+    rotations = Rotation.random(3, np.random.default_rng(1)).as_matrix()
+    fit, sides = Fit(POINTS, FRONT), [front(rotation) for rotation in rotations]
+    for side in (sides[0], sides[1], sides[1], FRONT, sides[2], sides[0]):
+        seen, alone = fit.view(PLACES, side, 1.0, None), Fit(POINTS, FRONT).view(PLACES, side, 1.0, None)
+        assert (seen.scale, seen.above) == (alone.scale, alone.above)
+        np.testing.assert_array_equal(seen.rotation, side.axes)
