@@ -1,6 +1,7 @@
 """Work off the frame loop of which only the newest counts."""
 
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
@@ -51,6 +52,12 @@ class Latest(Generic[Value]):
         return self._wanted is not None and not same(self._wanted, self.key)
 
     @property
+    def is_at_work(self) -> bool:
+        """Whether a job is under way, wanted or not."""
+        with self._condition:
+            return self._running is not None
+
+    @property
     def retired(self) -> bool:
         """Whether it computes nothing any more."""
         return self._closed
@@ -83,11 +90,11 @@ class Latest(Generic[Value]):
             self._closed, self._job = True, None
             self._condition.notify()
 
-    def close(self, seconds: float = 0.5) -> None:
+    def close(self, seconds: float = 0.2) -> None:
         """End the thread; a job under way is waited for, but not for long."""
         self.retire()
         if self._thread is not None:
-            self._thread.join(seconds)
+            self._thread.join(max(seconds, 0.0))
 
     def _start(self) -> None:
         if self._thread is None:
@@ -154,6 +161,10 @@ class Jobs:
         """Whether something is still to come."""
         return any(one.busy for one in self._all)
 
-    def close(self) -> None:
+    def close(self, seconds: float = 0.2) -> None:
+        """End all threads; jobs under way are waited for, but all together not for long."""
         for one in self._all:
-            one.close()
+            one.retire()
+        end = time.monotonic() + seconds
+        for one in self._all:
+            one.close(end - time.monotonic())

@@ -83,7 +83,13 @@ class Functions:
             return values
 
     def close(self) -> None:
+        """Compute nothing more; what is under way is waited for, but not for long."""
+        self.retire()
         self._latest.close()
+
+    def retire(self) -> None:
+        """Compute nothing more, and do not wait for what is under way; its process ends."""
+        self._latest.retire()
         self.evaluator.close()
 
     def _evaluate_all(self, specs: tuple[str, ...]) -> Evaluated:

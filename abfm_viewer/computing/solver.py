@@ -18,6 +18,7 @@ from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.energies import Energies
 from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.keeping import Keeper
 from abfm_viewer.computing.match_apart import MatchApart, Relayed
 from abfm_viewer.computing.picture_pace import PicturePace
 from abfm_viewer.computing.problem import Problem, Snapshot, State
@@ -52,7 +53,7 @@ class Solver:
         self.snapshot: Snapshot | None = None  # may be read at any time
         self.step: Step | None = None  # of the run, where that is not another iteration; may be read at any time
         self.started = 0  # how many runs there were
-        self._unfinished: tuple[int, abfm.Match] | None = None  # of which run, and the last one that was asked for
+        self._keeper = Keeper(0)
         self._apart: MatchApart | None = None
         self._energies = Energies()
         self._lock = threading.Lock()
@@ -111,6 +112,7 @@ class Solver:
         self.problem = problem
         self._next: Problem | None = problem
         self._result: abfm.Match | None = None
+        self._keeper = Keeper(len(problem.mesh.vertices))
         self._error = ""
         self._energies = Energies()
         self._control = self._new_control()
@@ -175,10 +177,10 @@ class Solver:
 
         AbfmError if its field is not known any more. The last one asked for is kept, should the run fail.
         """
-        number, problem, energies = self.started, snapshot.problem, self._energies
+        problem, energies, keeper = snapshot.problem, self._energies, self._keeper
         run = energies.run(snapshot.iteration.mismatch, problem.parameters)
         found = unfinished_match(snapshot.iteration, problem, functions, run)
-        self._unfinished = number, found
+        keeper.keep(snapshot)
         return found, run
 
     def forget(self) -> None:
@@ -186,11 +188,11 @@ class Solver:
         self.state, self.reason = State.IDLE, ""
 
     def close(self, seconds: float = 1) -> None:
-        """End the thread; it ends between two evaluations, which is not waited for long."""
+        """End the thread, and the process at once; a thread ends between two evaluations, not waited for long."""
         self.cancel()
-        self.wait(seconds)
         if self._apart:
             self._apart.close()
+        self.wait(seconds)
         self.forget()
 
     # In the thread
@@ -211,12 +213,12 @@ class Solver:
 
     def _rescue(self, functions: Functions) -> None:
         """What a run that fails has found must not be lost with it."""
-        if self._since_restart and self.snapshot is not None:
-            with suppress(AbfmError, MemoryError):  # where its process was killed
-                self._result, _ = self.unfinished(self.snapshot, functions)
-                return
-        if self._result is None and self._unfinished is not None and self._unfinished[0] == self.started:
-            self._result = self._unfinished[1]
+        newest = self.snapshot if self._since_restart else None
+        for snapshot in (newest, self._keeper.newest):
+            if snapshot is not None:
+                with suppress(AbfmError, MemoryError):  # where its process was killed
+                    self._result, _ = self.unfinished(snapshot, functions)
+                    return
 
     def _take(self) -> Problem | None:
         """The problem to solve now, with a control of its own."""
@@ -224,6 +226,7 @@ class Solver:
             problem, self._next = self._next, None
             self._control = self._new_control()
             self._since_restart = 0
+            self._keeper.begin(problem)
             if self.state is State.PAUSED:
                 self._control.pause()
             return problem if self._goes_on or self._result is None else None
@@ -282,6 +285,8 @@ class Solver:
         self.snapshot = Snapshot(problem, now, shown)
         self._energies.add(now)
         self._since_restart += 1
+        if self._apart:
+            self._keeper.fetch(self.snapshot)
         with self._lock:
             self._yield_to_next()
 

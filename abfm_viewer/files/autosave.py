@@ -14,6 +14,7 @@ from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.memo import same
 from abfm_viewer.document.document import Document
+from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import save_project
 from abfm_viewer.files.state_folder import StateFolder
 
@@ -47,11 +48,11 @@ class Autosave:
         self._future: Future[None] | None = None
         _make_room(self.path)
 
-    def offer(self, state: object, content: Callable[[], Content], unsaved: bool) -> None:
+    def offer(self, state: object, content: Callable[[], Content], unsaved: bool, origin: Origin | None = None) -> None:
         """Call every frame: writes a copy where it is time for one, and removes it where everything is saved.
 
         What is written changes with the `state`, objects that are compared by identity; its content is asked for in
-        the background.
+        the background. The copy says which project file is its `origin`.
         """
         if self._future is not None:
             if not self._future.done():
@@ -70,7 +71,7 @@ class Autosave:
         self._last = now
         if not same(state, self._state):
             self._state, self._has_copy = state, True
-            self._future = self._writer.submit(self._write, state, content)
+            self._future = self._writer.submit(self._write, state, content, origin)
         else:
             with suppress(OSError):
                 os.utime(self.path)  # the heartbeat that `recoverable` looks for
@@ -91,9 +92,9 @@ class Autosave:
         """Finish writing."""
         self._writer.shutdown()
 
-    def _write(self, state: object, content: Callable[[], Content]) -> None:
+    def _write(self, state: object, content: Callable[[], Content], origin: Origin | None) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        save_project(self.path, *content())
+        save_project(self.path, *content(), origin)
         if not same(self._state, state):  # discarded meanwhile
             self.path.unlink(missing_ok=True)
 

@@ -24,6 +24,7 @@ from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, mesh_arrays, mesh_of
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Document, Run
 from abfm_viewer.files.older_views import look_through, taken_camera
+from abfm_viewer.files.origin import MEMBER, Origin
 from abfm_viewer.files.plain import from_plain, to_plain
 from abfm_viewer.files.project_checks import check
 
@@ -46,10 +47,13 @@ class _Header:
     known: tuple[str, ...]
 
 
-def save_project(path: str | os.PathLike[str], document: Document, known: Mapping[str, FloatArray]) -> None:
+def save_project(
+    path: str | os.PathLike[str], document: Document, known: Mapping[str, FloatArray], origin: Origin | None = None
+) -> None:
     """Write a project, whole or not at all. The same document gives the same bytes.
 
-    Known are the values (V,) of the terms that `terms_from_files` names.
+    Known are the values (V,) of the terms that `terms_from_files` names. A copy of unsaved work says of which project
+    file it is one, for `load_origin`.
 
     Raises
     ------
@@ -83,6 +87,8 @@ def save_project(path: str | os.PathLike[str], document: Document, known: Mappin
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         text = json.dumps({"format_version": _FORMAT, **content}, indent=1)
         archive.writestr(zipfile.ZipInfo("project.json"), text)
+        if origin is not None:
+            archive.writestr(zipfile.ZipInfo(MEMBER), origin.to_json())
         write_arrays(archive, arrays)
 
 

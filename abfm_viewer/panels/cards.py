@@ -1,11 +1,16 @@
 """Cards at the top of the viewport: what went wrong, with what can be done about it, and what is being opened."""
 
+import time
+
 import polyscope.imgui as imgui
 
+from abfm.progress import Step
 from abfm_viewer.document.wording import capital
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.progress import draw_step
 from abfm_viewer.session.loading import Load
 from abfm_viewer.session.notices import Card
+from abfm_viewer.session.waiting import Waiting
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
@@ -13,6 +18,8 @@ MOST = 3
 """Cards that are shown at once."""
 LOADING = "opening"
 """Where Cancel is, for the Driver."""
+WAITING = "ending the run"
+"""The same while something waits for that."""
 _WIDTH, _EDGE = 460, 10
 _SUDDENLY = 0.3  # seconds that something may take without a card
 _ALMOST = 0.97  # of a progress bar: an estimate is no promise
@@ -24,6 +31,8 @@ def draw(context: Context, rect: Rect) -> None:
     top = rect[1] + ui.px(_EDGE)
     if (load := session.loading) is not None and load.elapsed > _SUDDENLY:
         top = _draw_loading(context, load, rect, top)
+    if (waiting := context.files.waiting) is not None and waiting.elapsed > _SUDDENLY:
+        top = _draw_waiting(context, waiting, rect, top)
     shown = session.cards[:MOST]
     for number, card in enumerate(shown, 1):
         more = len(session.cards) - MOST if number == MOST else 0
@@ -60,6 +69,17 @@ def _draw_loading(context: Context, load: Load, rect: Rect, top: float) -> float
         imgui.ProgressBar(share, (-1, ui.px(8)), "")
         if ui.button("Cancel", "Go on without it."):
             session.cancel_loading()
+        return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
+
+
+def _draw_waiting(context: Context, waiting: Waiting, rect: Rect, top: float) -> float:
+    """Draw what begins when the run has ended; where the next card begins."""
+    ui, session = context.ui, context.session
+    with ui.card(WAITING, _place(ui, rect, top), ui.colors.accent, rect[3] - rect[1]), ui.group(WAITING):
+        ui.note(f"{capital(waiting.what)} when the run has ended: {waiting.elapsed:.0f} s", "ink")
+        draw_step(ui, session.solver.step or Step("taking its best field", began=time.monotonic()))
+        if ui.button("Cancel", "Not now. The run ends all the same, with its best field."):
+            context.files.stop_waiting()
         return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
 
 

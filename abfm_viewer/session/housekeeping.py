@@ -8,6 +8,7 @@ from pathlib import Path
 from abfm import AbfmError, TriangleMesh
 from abfm_viewer.computing.background import Jobs
 from abfm_viewer.document.document import Document
+from abfm_viewer.files.origin import Origin
 from abfm_viewer.session.editing import Editing
 from abfm_viewer.session.kept import Kept
 from abfm_viewer.session.loading import Load, Loading
@@ -35,7 +36,12 @@ class Housekeeping(Editing):
 
     def path_of(self, mesh: TriangleMesh) -> Path | None:
         """The same for another mesh of the history."""
-        return self._kept.path(mesh)
+        origin = self._kept.origin(mesh)
+        return origin.path if origin else None
+
+    def origin_of(self, mesh: TriangleMesh) -> Origin | None:
+        """The same file as it was when it was last read or written here."""
+        return self._kept.origin(mesh)
 
     @property
     def title(self) -> str:
@@ -61,10 +67,10 @@ class Housekeeping(Editing):
         """What `mark_saved` is to be told of a mesh when it is being saved."""
         return self._kept.left(mesh)
 
-    def mark_saved(self, document: Document, path: Path, left: Document | None = None) -> None:
+    def mark_saved(self, document: Document, origin: Origin, left: Document | None = None) -> None:
         """Remember that a document was written to a file, and so is what was `left` of its mesh at that time."""
-        self._kept.keep(document, path, left)
-        self.say(f"saved {path}")
+        self._kept.keep(document, origin, left)
+        self.say(f"saved {origin.path}")
 
     # What is told
 

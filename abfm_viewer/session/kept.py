@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from abfm import TriangleMesh
 from abfm_viewer.document.document import Document
+from abfm_viewer.files.origin import Origin
 
 _KEPT = ("channels", "parameters", "mask", "lines", "points")
 """What besides the result would be lost; the view and the time do not count."""
@@ -18,16 +17,20 @@ class Kept:
     """
 
     def __init__(self, document: Document) -> None:
-        self._states: dict[TriangleMesh, tuple[Document, Path | None]] = {document.mesh: (document, None)}
+        self._states: dict[TriangleMesh, tuple[Document | None, Origin | None]] = {document.mesh: (document, None)}
         self._left: dict[TriangleMesh, Document] = {}
 
-    def path(self, mesh: TriangleMesh) -> Path | None:
+    def origin(self, mesh: TriangleMesh) -> Origin | None:
         """The project file that Save writes for a mesh; None before there is one."""
         return self._states[mesh][1] if mesh in self._states else None
 
-    def keep(self, document: Document, path: Path | None, settles: Document | None = None) -> None:
+    def recover(self, mesh: TriangleMesh, origin: Origin | None) -> None:
+        """All of a mesh need be saved, in its project file if it has one."""
+        self._states[mesh] = None, origin
+
+    def keep(self, document: Document, origin: Origin | None, settles: Document | None = None) -> None:
         """Nothing of a document need be saved, nor what was `left` of its mesh when that was written."""
-        self._states[document.mesh] = document, path
+        self._states[document.mesh] = document, origin
         if self._left.get(document.mesh) is settles:
             self._left.pop(document.mesh, None)
 
@@ -48,16 +51,15 @@ class Kept:
 
     def differs(self, document: Document) -> bool:
         """Whether something of a document is in no file."""
-        if document.mesh not in self._states:
+        if (state := self._state(document.mesh)) is None:
             return True
-        state, _ = self._states[document.mesh]
         changed = any(getattr(document, name) != getattr(state, name) for name in _KEPT)
         return changed or document.result is not state.result
 
     def has_new_result(self, document: Document) -> bool:
         """Whether a document has a result that is in no file."""
-        state = self._states.get(document.mesh)
-        return document.result is not None and (state is None or document.result is not state[0].result)
+        state = self._state(document.mesh)
+        return document.result is not None and (state is None or document.result is not state.result)
 
     def unsaved(self, document: Document) -> tuple[Document, ...]:
         """What would be lost if the session ended with a document: that one first, and those that were left."""
@@ -68,3 +70,6 @@ class Kept:
             if mesh is not document.mesh or taken_back:
                 found.append(left)
         return tuple(found)
+
+    def _state(self, mesh: TriangleMesh) -> Document | None:
+        return self._states[mesh][0] if mesh in self._states else None

@@ -13,6 +13,7 @@ from abfm.mesh.files import READERS
 from abfm.types import FloatArray
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.document.document import Channel, Document, Run
+from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import load_project
 from abfm_viewer.files.project_checks import terms_from_files
 from abfm_viewer.session.session import Session
@@ -27,9 +28,10 @@ def open_session(path: Path, largest_component: bool = False) -> Session:
     """A session that begins with a file, read now; AbfmError if it cannot be read."""
     if not path.name.lower().endswith((PROJECT, RESULT)):
         return Session(load_mesh(path, largest_component=largest_component), path.name)
+    origin = Origin.of(path.absolute()) if is_project(path) else None
     document, known = read_document(path)
     session = Session(document.mesh, document.name)
-    session.restore(document, known, path.absolute() if is_project(path) else None)
+    session.restore(document, known, origin)
     session.reset_history()
     return session
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from abfm import TriangleMesh
@@ -17,17 +17,17 @@ from abfm_viewer.computing.problem import Problem
 from abfm_viewer.computing.solver import Solver
 from abfm_viewer.document.document import Channel, Document, Side
 from abfm_viewer.document.history import History
+from abfm_viewer.files.origin import Origin
 from abfm_viewer.session.after_match import AfterMatch
 from abfm_viewer.session.housekeeping import RUN, Housekeeping
 from abfm_viewer.session.kept import Kept
+from abfm_viewer.session.notices import Remedies
 from abfm_viewer.session.obstacle import obstacle
 from abfm_viewer.session.outdated import Outdated
 from abfm_viewer.session.player import Player
 
 if TYPE_CHECKING:
     from abfm.matching import Remedy
-
-_SECONDS_TO_END = 10.0
 
 
 class Session(Housekeeping):
@@ -87,24 +87,26 @@ class Session(Housekeeping):
         self.restore(fresh, {}, None)
         self.say(" ".join(mesh.messages))
 
-    def restore(self, document: Document, known: dict[str, FloatArray], path: Path | None, saved: bool = True) -> None:
+    def restore(
+        self, document: Document, known: dict[str, FloatArray], origin: Origin | None, saved: bool = True
+    ) -> None:
         """Show an opened document, and end a run; `known` are values of functions from files (see `Functions`).
 
-        One that was not `saved`, as after a crash, is asked for at the end like the user's own work.
+        Save writes its project file, the `origin`, if it has one. One that was not `saved`, as after a crash, is asked
+        for at the end like the user's own work.
         """
         self.solver.cancel()
         self._kept.leave(self.document)
         self.player.playing = False
         self._functions[document.mesh] = Functions(document.mesh, known, self.at_once)
-        self.history.change(document, f"open {path.name if path else document.name}")
-        if saved:
-            self._kept.keep(document, path)
+        self.history.change(document, f"open {origin.path.name if origin else document.name}")
+        self._kept.keep(document, origin) if saved else self._kept.recover(document.mesh, origin)
 
     def reset_history(self) -> None:
         """Forget all steps: the present state is where the user starts."""
-        path, self.history = self.path, History(self.document)
+        origin, self.history = self._kept.origin(self.mesh), History(self.document)
         self._kept = Kept(self.document)
-        self._kept.keep(self.document, path)
+        self._kept.keep(self.document, origin)
 
     # The solver
 
@@ -175,12 +177,6 @@ class Session(Housekeeping):
             self.after_match.forget()
             self.set_view("show the flow after matches", flow_after_match=True)
 
-    def end_run(self) -> None:
-        """End the run, if there is one, and take its best field; the evaluation under way is waited for."""
-        self.solver.cancel()
-        self.solver.wait(_SECONDS_TO_END)
-        self._collect()
-
     @property
     def outdated(self) -> bool:
         """Whether the result belongs to another problem than the document now says."""
@@ -235,7 +231,7 @@ class Session(Housekeeping):
             pristine = not self.unsaved
             self.amend(channels=(Channel(*found),))
             if pristine:
-                self._kept.keep(self.document, self.path)
+                self._kept.keep(self.document, self._kept.origin(self.mesh))
         elif self._defaults.error and self._defaults.key is mesh:
             self.amend(channels=(Channel("coordinate:x", "coordinate:y"),))
             self.say(f"no default functions: {self._defaults.error}", is_error=True)
@@ -267,11 +263,14 @@ class Session(Housekeeping):
                 self.amend(time=0.0)
                 self.player.play_once()
         if failed and not replaced:
-            self.say(f"the solver stopped: {self.solver.reason}", True, RUN, {"Try again": self.match})
+            again: Remedies = {"Try again": self.match}
+            if match is not None:  # the newest field that was known
+                again = {"Continue": partial(self.match, True), "Match again": partial(self.match, False)}
+            self.say(f"the solver stopped: {self.solver.reason}", True, RUN, again)
 
     def close(self) -> None:
-        """End all threads."""
+        """End all threads and processes; what is under way is not waited for long."""
         self.solver.close()
         for functions in self._functions.values():
-            functions.close()
+            functions.retire()
         self._jobs.close()

@@ -16,11 +16,13 @@ from abfm_viewer.document.document import Document
 from abfm_viewer.document.presets import figure_document
 from abfm_viewer.document.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.document.wording import capital
+from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import save_project
 from abfm_viewer.session.housekeeping import OPENING
 from abfm_viewer.session.loading import Load
 from abfm_viewer.session.opening import MESHES, PROJECT, RESULT, is_project, known_values, read_document
 from abfm_viewer.session.session import Session
+from abfm_viewer.session.waiting import Waiting
 
 if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder
@@ -34,7 +36,7 @@ Ask = Callable[[str, str, Mapping[str, Callable[[], None] | None]], None]
 
 @dataclass
 class _Writing:
-    future: Future[None]
+    future: Future[Origin]
     document: Document
     path: Path
     left: Document | None
@@ -55,7 +57,7 @@ class SessionFiles:
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="save")
         self._writing: list[_Writing] = []
         self._samples: dict[TriangleMesh, str] = {}
-        self._waiting: Callable[[], None] | None = None
+        self.waiting: Waiting | None = None  # for the end of a run
         self.ways_out: dict[str, Callable[[], None]] = {}
 
     @property
@@ -75,7 +77,8 @@ class SessionFiles:
         if name.endswith(known):
             read = self._read_document if name.endswith((PROJECT, RESULT)) else self._read_mesh
             remedies = self._offered(OTHER_MESH, partial(self.open, path))
-            self.load(Load(f"opening {path.name}", partial(read, path), remedies=remedies))
+            source = Origin.of(path)  # as it is now
+            self.load(Load(f"opening {path.name}", partial(read, path), remedies=remedies, source=source))
         else:
             text = f"{path.name} cannot be opened: expected a file that ends in {', '.join(known)}"
             self._session.say(text, True, OPENING, self._offered(OTHER_MESH))
@@ -102,18 +105,28 @@ class SessionFiles:
             return
         text = f"{self._session.document.name} is being matched. {capital(what)} ends the run; the best field so "
         text += "far stays, and Undo returns to it."
-        self._ask("End the run?", text, {"End the run": partial(self._end_run, do), "Go back": None})
+        self._ask("End the run?", text, {"End the run": partial(self.end_run, what, do), "Go back": None})
 
-    def _end_run(self, then: Callable[[], None]) -> None:
+    def end_run(self, what: str, then: Callable[[], None]) -> None:
+        """End the run that is under way, and do something when its best field is there; frames go on meanwhile."""
         self._session.solver.cancel()
-        self._waiting = then
+        self.waiting = Waiting(what, then)
+
+    def stop_waiting(self) -> None:
+        """Do nothing when the run has ended; it ends all the same, with its best field."""
+        self.waiting = None
 
     def save(self, path: Path, then: Callable[[], None] | None = None, document: Document | None = None) -> None:
         """Write the project, or another unsaved document of the session, in the background; then do something."""
         document = document or self._session.document
         functions, left = self._session.functions_of(document.mesh), self._session.left(document.mesh)
         self._session.say(f"saving {path.name} ...")
-        future = self._writer.submit(lambda: save_project(path, document, known_values(document, functions)))
+
+        def write() -> Origin:
+            save_project(path, document, known_values(document, functions))
+            return Origin.of(path)
+
+        future = self._writer.submit(write)
         self._writing.append(_Writing(future, document, path, left, [then] if then else []))
 
     def when_saved(self, then: Callable[[], None]) -> None:
@@ -122,9 +135,9 @@ class SessionFiles:
 
     def update(self) -> None:
         """Take in which files were written, and that a run has ended: call once per frame, after the session's."""
-        if self._waiting is not None and not self._session.solver.running:
-            do, self._waiting = self._waiting, None
-            do()
+        if self.waiting is not None and not self._session.solver.running:
+            waiting, self.waiting = self.waiting, None
+            waiting.do()
         while self._writing and self._writing[0].future.done():
             done = self._writing.pop(0)
             error = done.future.exception()
@@ -134,7 +147,7 @@ class SessionFiles:
                 self._session.say(f"not saved: {one_line(error)}", True, SAVING, remedies)
                 continue
             self._session.mend(SAVING)
-            self._session.mark_saved(done.document, done.path, done.left)
+            self._session.mark_saved(done.document, done.future.result(), done.left)
             self._remember(done.path)
             for then in done.then:
                 then()
@@ -176,13 +189,14 @@ class SessionFiles:
         self._show(path, partial(self._session.set_mesh, mesh, path.name), mesh.messages)
 
     def _read_document(self, path: Path) -> Callable[[], None]:
+        origin = Origin.of(path) if is_project(path) else None
         document, known = read_document(path)
 
         def restore() -> None:
-            view, project = replace(self._session.view, look=None, front=None, large=""), None
-            if is_project(path):  # with a view of its own, in the size that the user needs on this screen
-                view, project = replace(document.view, ui_scale=view.ui_scale), path
-            self._session.restore(replace(document, view=view), known, project)
+            view = replace(self._session.view, look=None, front=None, large="")
+            if origin:  # with a view of its own, in the size that the user needs on this screen
+                view = replace(document.view, ui_scale=view.ui_scale)
+            self._session.restore(replace(document, view=view), known, origin)
 
         return partial(self._show, path, restore)
 

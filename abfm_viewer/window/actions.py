@@ -14,10 +14,12 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.opening import PROJECT, RESULT
 from abfm_viewer.session.session import Session
+from abfm_viewer.session.session_files import OTHER_NAME
 from abfm_viewer.window.action import COMMAND, Action
 from abfm_viewer.window.view_actions import ViewActions
 
 _QUIT = "Save before closing?"
+_CHANGED = "Replace a changed file?"
 _MOUSE = (
     ("drag", "turn the surfaces, each in its place"),
     ("right or middle drag", "move them"),
@@ -110,8 +112,9 @@ class Actions:
         self.context.dialogs.open("Open a project or a result", (PROJECT, RESULT), self.context.files.open)
 
     def _quit(self) -> None:
-        """Close the window; with unsaved work only after a question."""
+        """Close the window; with unsaved work only after a question, also where it is to be closed already."""
         session, files, dialogs = self.context.session, self.context.files, self.context.dialogs
+        files.stop_waiting()
         if files.saving:
             files.when_saved(self._quit)
         elif not (session.unsaved_documents or session.solver.running):
@@ -121,8 +124,12 @@ class Actions:
             dialogs.ask(_QUIT, what_would_be_lost(session), answers)
 
     def _save_and_close(self) -> None:
-        self.context.session.end_run()
-        self._save_all(list(self.context.session.unsaved_documents), self._close)
+        session, files = self.context.session, self.context.files
+        if session.solver.running and session.solver.snapshot is not None:
+            files.end_run("saving and closing", self._save_and_close)
+        else:  # a run without a field so far has nothing to save
+            session.solver.cancel()
+            self._save_all(list(session.unsaved_documents), self._close)
 
     def _save_all(self, documents: list[Document], then: Callable[[], None]) -> None:
         """Save one document after the other, and do something when all are written."""
@@ -136,10 +143,16 @@ class Actions:
         session = self.context.session
         document = document or session.document
         taken_back = document.mesh is session.mesh and document is not session.document
-        if (path := session.path_of(document.mesh)) is None or taken_back:
+        files, origin = self.context.files, session.origin_of(document.mesh)
+        if origin is None or taken_back:
             self._ask_where(then, document)
+        elif origin.changed and not files.saving:  # else it may be this window that has just written it
+            name = origin.path.name
+            text = f"{name} has changed since it was opened or saved here. Saving takes the place of what is in it now."
+            other, write = partial(self._ask_where, then, document), partial(files.save, origin.path, then, document)
+            self.context.dialogs.ask(_CHANGED, text, {OTHER_NAME: other, "Replace": write, "Go back": None})
         else:
-            self.context.files.save(path, then, document)
+            files.save(origin.path, then, document)
 
     def _ask_where(self, then: Callable[[], None] | None = None, document: Document | None = None) -> None:
         session, files = self.context.session, self.context.files

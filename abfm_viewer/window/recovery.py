@@ -12,6 +12,7 @@ from abfm_viewer.computing.problem import Snapshot
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
+from abfm_viewer.files.origin import Origin, load_origin
 from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.loading import Load
@@ -37,6 +38,8 @@ class Recoveries:
         self._dialogs = dialogs
         self._autosaves: dict[TriangleMesh, Autosave] = {}
         self._recoveries: list[Recovery] | None = None
+        self._reading: tuple[Load, Recovery] | None = None
+        self._asks_later = False  # when what took the place of reading a copy is there
         self._told = ""
         self._autosave(session.mesh)
 
@@ -45,16 +48,18 @@ class Recoveries:
         if self._recoveries is None:
             self._recoveries = recoverable(self._state)
             self._ask_next()
+        self._mind_reading(self._recoveries)
         unsaved = {document.mesh: document for document in reversed(session.unsaved_documents)}
         running = self._running()
         for mesh in {*self._autosaves, *unsaved, *([] if running is None else [session.mesh])}:
             document, autosave, functions = unsaved.get(mesh), self._autosave(mesh), session.functions_of(mesh)
+            origin = session.origin_of(mesh)
             if mesh is session.mesh and running is not None:
                 content = partial(self._content_of_run, session.document, running, functions)
-                autosave.offer((session.document, running), content, True)
+                autosave.offer((session.document, running), content, True, origin)
             else:
                 content = partial(_content, document or session.document, functions)
-                autosave.offer(document, content, document is not None)
+                autosave.offer(document, content, document is not None, origin)
         self._tell()
 
     def close(self, keep_unsaved: bool) -> None:
@@ -99,27 +104,46 @@ class Recoveries:
     def _ask_next(self) -> None:
         if self._recoveries:
             recovery = self._recoveries.pop(0)
-            self._session.load(Load("reading unsaved work", partial(self._read, recovery), replaces=False))
+            load = Load("reading unsaved work", partial(self._read, recovery), replaces=False)
+            self._reading = load, recovery
+            self._session.load(load)
+
+    def _mind_reading(self, recoveries: list[Recovery]) -> None:
+        """Offer a copy though something else was opened while it was read, but not where reading it was cancelled."""
+        loading = self._session.loading
+        if self._reading is not None and loading is not self._reading[0]:
+            if loading is not None:
+                recoveries.insert(0, self._reading[1])
+                self._asks_later = True
+            self._reading = None
+        if self._asks_later and loading is None:
+            self._asks_later = False
+            self._ask_next()
 
     def _read(self, recovery: Recovery) -> Callable[[], None]:
         try:
-            return partial(self._ask, recovery, *load_project(recovery.path))
+            return partial(self._ask, recovery, *load_project(recovery.path), load_origin(recovery.path))
         except AbfmError as error:
             text = f"unsaved work of an earlier launch is kept in {recovery.set_aside()}, but {error}"
             return partial(self._session.say, text, is_error=True)
 
-    def _ask(self, recovery: Recovery, document: Document, known: dict[str, FloatArray]) -> None:
+    def _ask(self, recovery: Recovery, document: Document, known: dict[str, FloatArray], origin: Origin | None) -> None:
         written = time.strftime("%H:%M on %d %B %Y", time.localtime(recovery.written))
-        text = f"The app ended without saving {document.name}. A copy of {written} is there."
-        restore = partial(self._recover, recovery, document, known)
-        recover = partial(self._files.when_free, f"recovering {document.name}", restore)
+        name = origin.path.name if origin else document.name
+        text = f"The app ended without saving {name}. A copy of {written} is there."
+        if origin and origin.changed:
+            text += f" {name} was changed since then."
+        restore = partial(self._recover, recovery, document, known, origin)
+        recover = partial(self._files.when_free, f"recovering {name}", restore)
         buttons = {"Recover": recover, "Discard": partial(self._discard, recovery), "Later": None}
         self._dialogs.ask("Recover unsaved work?", text, buttons)
 
-    def _recover(self, recovery: Recovery, document: Document, known: dict[str, FloatArray]) -> None:
+    def _recover(
+        self, recovery: Recovery, document: Document, known: dict[str, FloatArray], origin: Origin | None
+    ) -> None:
         session = self._session
         document = replace(document, view=replace(document.view, ui_scale=session.view.ui_scale))
-        session.restore(document, known, None, saved=False)
+        session.restore(document, known, origin, saved=False)
         self._autosave(session.mesh).take_over(recovery)
         session.say(f"recovered {document.name}: save it to keep it")
 

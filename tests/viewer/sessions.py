@@ -58,3 +58,9 @@ def solving(session: Session, rows: int = 5) -> Session:
     session.match()
     until(lambda: session.solver.run and len(session.solver.run.stages) > rows, session)
     return session
+
+
+def end_run(session: Session) -> None:
+    """End the run, if there is one, and take its best field."""
+    session.solver.cancel()
+    until(lambda: not session.solver.running, session)

@@ -13,7 +13,7 @@ import pytest
 
 import abfm
 from abfm import AbfmError, Parameters
-from abfm_viewer.computing import match_apart
+from abfm_viewer.computing import keeping, match_apart
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.match_apart import MatchApart
 from abfm_viewer.computing.problem import Problem
@@ -178,6 +178,36 @@ def test_a_killed_process_leaves_no_zombie_and_what_was_asked_for_of_its_run_is_
     os.kill(solver._apart._connected()._process._process.pid, signal.SIGKILL)
     result, _ = ended(solver)
     assert result is None  # that of an earlier run is not this one's
+
+
+def test_a_killed_process_leaves_the_field_that_came_over_early_though_nobody_asked(solver, functions, monkeypatch):
+    monkeypatch.setattr(keeping, "FIRST", 0.2)
+    solver.start(problem(ENDLESS), functions)
+    until(lambda: solver._keeper.newest)
+    kept = solver._keeper.newest
+    os.kill(solver._apart._connection._process._process.pid, signal.SIGKILL)
+    result, run = ended(solver)
+    assert solver.failed
+    assert "\n" not in solver.reason
+    assert result.velocity.any()
+    if solver._keeper.newest is kept:  # else another one came just before
+        np.testing.assert_array_equal(result.velocity, kept.iteration.velocity)
+    carried = abfm.Flow(SPHERE, result.velocity, ENDLESS.tau).push(functions.evaluate(PAIR.source), ENDLESS.tau)
+    np.testing.assert_allclose(carried, result.advected[:, 0], atol=1e-5)
+    assert len(run.stages) > kept.iteration.iteration
+
+
+def test_a_run_that_is_killed_after_a_change_leaves_what_was_found_since_or_before(solver, functions, monkeypatch):
+    monkeypatch.setattr(keeping, "FIRST", 0.1)
+    solver.start(problem(ENDLESS), functions)
+    until(lambda: solver._keeper.newest)
+    changed = problem(replace(ENDLESS, beta=1e-4))
+    solver.follow_problem(changed)
+    until(lambda: solver.snapshot.problem is changed)
+    os.kill(solver._apart._connection._process._process.pid, signal.SIGKILL)
+    result, _ = ended(solver)
+    assert solver.failed
+    assert result.velocity.any()
 
 
 def test_a_run_that_waits_for_coarser_meshes_tells_of_them(functions):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from abfm_viewer.document.document import View
+from abfm_viewer.files.origin import Origin
 from abfm_viewer.session.after_match import AfterMatch
 from tests.viewer.sessions import SPHERE, matched, opened, solving, until
 
@@ -71,7 +72,7 @@ def test_what_the_user_does_stops_it(session, touch):
 
 def test_saved_work_stays_saved(session, tmp_path):
     matched(session)
-    session.mark_saved(session.document, tmp_path / "a.abfm")
+    session.mark_saved(session.document, Origin.of(tmp_path / "a.abfm"))
     session.player.speed = 4.0
     until(lambda: not session.player.playing, session)
     assert not session.unsaved

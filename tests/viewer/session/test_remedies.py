@@ -9,7 +9,7 @@ import pytest
 from abfm import Parameters
 from abfm.matching import Remedy
 from abfm_viewer.document.document import Channel
-from tests.viewer.sessions import ENDLESS, matched, opened, until
+from tests.viewer.sessions import ENDLESS, end_run, matched, opened, until
 
 FAR = Channel("gaussian:x=0,y=0,z=1,width=0.12", "gaussian:x=0,y=0.5,z=-0.87,width=0.12")
 BLIND = Parameters(reach=0.0, iterations=40)
@@ -65,5 +65,5 @@ def test_during_a_run_nothing_is_changed(session):
     session.match()
     session.remedy(remedy)
     assert session.parameters == ENDLESS
-    session.end_run()
+    end_run(session)
     assert session.history.undo_label == "match"  # the run's result is no part of a step before it

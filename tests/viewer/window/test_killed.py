@@ -59,6 +59,7 @@ def test_the_field_of_a_killed_run_is_recovered(tmp_path, monkeypatch):
         assert result.velocity.any()
         assert gui.session.document.runs
         assert gui.session.unsaved
+        assert gui.session.path == project
         gui.session.solver.warm = True
         gui.click("Match")
         gui.wait(lambda s: s.solver.snapshot is not None)  # the run goes on from there

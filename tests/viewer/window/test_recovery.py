@@ -13,7 +13,7 @@ from abfm_viewer.window import recovery
 from abfm_viewer.window.recovery import Recoveries
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
-from tests.viewer.sessions import ENDLESS, until
+from tests.viewer.sessions import ENDLESS, end_run, until
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def recoveries(desk, monkeypatch):
     monkeypatch.setattr(recovery, "Autosave", partial(recovery.Autosave, seconds=0.0))
     recoveries = Recoveries(desk.session, desk.state, desk.files, Dialogs())
     yield recoveries
-    desk.session.end_run()
+    end_run(desk.session)
     recoveries.close(keep_unsaved=False)
 
 

@@ -1,0 +1,58 @@
+"""The project file that a document belongs to, and whether somebody else has written it since."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+MEMBER = "origin.json"
+"""Where a copy of unsaved work says what it is a copy of."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """A project file as it was when it was last read or written: when it was modified (ns), and its size in bytes."""
+
+    path: Path
+    modified: int
+    size: int
+
+    @classmethod
+    def of(cls, path: Path) -> Origin:
+        """The file as it is now; with a negative size if there is none."""
+        return cls(path, *_state(path))
+
+    @property
+    def exists(self) -> bool:
+        """Whether there is such a file now."""
+        return _state(self.path)[1] >= 0
+
+    @property
+    def changed(self) -> bool:
+        """Whether there is such a file now, and not as it was."""
+        return self.exists and _state(self.path) != (self.modified, self.size)
+
+    def to_json(self) -> str:
+        return json.dumps(asdict(self) | {"path": str(self.path)})
+
+
+def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
+    """What a copy of unsaved work is a copy of; None if of no file, or none that is still there."""
+    try:
+        with zipfile.ZipFile(copy) as archive:
+            plain = json.loads(archive.read(MEMBER))
+        origin = Origin(Path(plain["path"]), int(plain["modified"]), int(plain["size"]))
+        return origin if origin.exists else None
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
+        return None
+
+
+def _state(path: Path) -> tuple[int, int]:
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return 0, -1
+    return found.st_mtime_ns, found.st_size

@@ -1,0 +1,63 @@
+"""Project files that are known from earlier: whether they are still there, and as they were."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+
+import pytest
+
+from abfm_viewer.document.document import Document
+from abfm_viewer.files.origin import MEMBER, Origin, load_origin
+from abfm_viewer.files.project import load_project, save_project
+from tests.shapes import icosphere
+
+DOCUMENT = Document(icosphere(0), "sphere")
+
+
+@pytest.fixture
+def origin(tmp_path):
+    """Of a file whose name is not plain."""
+    path = tmp_path / "a prøject.abfm"
+    path.write_text("one")
+    return Origin.of(path)
+
+
+def test_a_file_is_unchanged_until_it_is_written(origin):
+    assert (origin.exists, origin.changed) == (True, False)
+    state = origin.path.stat()
+    origin.path.write_text("two")
+    os.utime(origin.path, ns=(state.st_atime_ns, state.st_mtime_ns + 1))
+    assert origin.changed
+    os.utime(origin.path, ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert not origin.changed
+    origin.path.write_text("three")
+    os.utime(origin.path, ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert origin.changed  # its size tells
+
+
+def test_a_file_that_is_gone_is_no_other_file(origin):
+    origin.path.unlink()
+    assert (origin.exists, origin.changed) == (False, False)
+
+
+def test_a_copy_says_of_which_file_it_is_as_long_as_that_is_there(origin, tmp_path):
+    copy = tmp_path / "copy.abfm"
+    save_project(copy, DOCUMENT, {}, origin)
+    assert load_origin(copy) == origin
+    assert load_project(copy)[0].name == DOCUMENT.name
+    origin.path.unlink()
+    assert load_origin(copy) is None
+
+
+def test_other_files_are_copies_of_nothing(tmp_path):
+    path = tmp_path / "a.abfm"
+    assert load_origin(path) is None
+    path.write_text("no zip")
+    assert load_origin(path) is None
+    save_project(path, DOCUMENT, {})
+    assert load_origin(path) is None
+    for text in ("[]", "{", '{"path": 1, "modified": 2, "size": 3}', '{"path": "\\u0000", "modified": 2, "size": 3}'):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr(MEMBER, text)
+        assert load_origin(path) is None
