@@ -21,7 +21,7 @@ from abfm_viewer.files.origin import Origin
 from abfm_viewer.session.after_match import AfterMatch
 from abfm_viewer.session.housekeeping import RUN, Housekeeping
 from abfm_viewer.session.kept import Kept
-from abfm_viewer.session.notices import Remedies
+from abfm_viewer.session.notices import WaysOut
 from abfm_viewer.session.obstacle import obstacle
 from abfm_viewer.session.outdated import Outdated
 from abfm_viewer.session.player import Player
@@ -263,7 +263,7 @@ class Session(Housekeeping):
                 self.amend(time=0.0)
                 self.player.play_once()
         if failed and not replaced:
-            again: Remedies = {"Try again": self.match}
+            again: WaysOut = {"Try again": self.match}
             if match is not None:  # the newest field that was known
                 again = {"Continue": partial(self.match, True), "Match again": partial(self.match, False)}
             self.say(f"the solver stopped: {self.solver.reason}", True, RUN, again)
