@@ -15,8 +15,8 @@ from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import EXTRAPOLATION, Document
+from abfm_viewer.document.fronts import best_front
 from abfm_viewer.files import outputs
-from abfm_viewer.scene.camera import best_front
 from abfm_viewer.session.opening import read_document
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
 

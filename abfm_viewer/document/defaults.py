@@ -6,6 +6,7 @@ import abfm
 from abfm import TriangleMesh
 from abfm.mesh.orientation import faces_inward
 from abfm.types import FloatArray
+from abfm_viewer.document.fronts import best_front
 
 WIDTH, _WIDEST = 0.13, 0.5
 """How wide a Gaussian is, if the mesh is fine enough, and at most, as a share of the way between the two."""
@@ -26,19 +27,20 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
 
     The way is (nearly) the longest geodesic, such as from a foot to a hand. A third of it lies before the source, which
     is then at a knee and not in a fork between limbs, and a third behind the target, unless that would be far. Both
-    rather look along z, which most meshes have in front. On a mesh so coarse, or of such needles, that Gaussians
+    rather face the viewer, who looks from `best_front(mesh)`. On a mesh so coarse, or of such needles, that Gaussians
     between which there is room span hardly an edge, they are farther apart and wider.
     """
     unit, normals = mesh.length_scale, abfm.functions.vertex_normals(mesh)
     if faces_inward(mesh.vertices, mesh.faces):
         normals = -normals
+    facing = normals @ best_front(mesh).direction
     from_one_end, from_other_end = _from_both_ends(mesh)
     length = from_one_end.max()
     place = from_one_end / (from_one_end + from_other_end)
     detour = (from_one_end + from_other_end) / length - 1
-    source = int(np.argmin(np.abs(place - _PLACE) + detour - _SIDE * normals[:, 2]))
+    source = int(np.argmin(np.abs(place - _PLACE) + detour - _SIDE * facing))
     from_source = abfm.calculus.geodesic_distance(mesh, [source])
-    alike = normals[:, 2] + normals @ normals[source]
+    alike = facing + normals @ normals[source]
 
     def target_at(apart: float) -> int:
         off = np.abs(from_source - apart) / length

@@ -120,7 +120,7 @@ class View:
     isolines: bool = False
     isoline_count: int = 12
     color_bar: bool = True
-    front: Front | None = None  # until the default functions are known, which it should show
+    front: Front | None = None  # until it is chosen, for the mesh or its functions
     look: Look | None = None  # from the front, fitted
     large: str = ""  # the surface that has the others' slots, too
     hidden: tuple[str, ...] = ()  # surfaces

@@ -1,4 +1,4 @@
-"""Cards at the top of the viewport: what went wrong, with what can be done about it, and what is being opened."""
+"""Cards at the top of the viewport: what went wrong, what can be done about it, and what one waits for."""
 
 import time
 
@@ -18,6 +18,8 @@ MOST = 3
 """Cards that are shown at once."""
 LOADING = "opening"
 """Where Cancel is, for the Driver."""
+FUNCTIONS = "functions"
+"""The card of a mesh whose functions are still to come."""
 WAITING = "ending the run"
 """The same while something waits for that."""
 _WIDTH, _EDGE = 460, 10
@@ -26,11 +28,13 @@ _ALMOST = 0.97  # of a progress bar: an estimate is no promise
 
 
 def draw(context: Context, rect: Rect) -> None:
-    """Draw what is being opened and the latest cards below it, in a rectangle of the window."""
+    """Draw what one waits for and the latest cards below it, in a rectangle of the window."""
     ui, session = context.ui, context.session
     top = rect[1] + ui.px(_EDGE)
     if (load := session.loading) is not None and load.elapsed > _SUDDENLY:
         top = _draw_loading(context, load, rect, top)
+    elif session.bare_since is not None and (since := time.perf_counter() - session.bare_since) > _SUDDENLY:
+        top = _draw_functions(context, since, rect, top)
     if (waiting := context.files.waiting) is not None and waiting.elapsed > _SUDDENLY:
         top = _draw_waiting(context, waiting, rect, top)
     shown = session.cards[:MOST]
@@ -69,6 +73,16 @@ def _draw_loading(context: Context, load: Load, rect: Rect, top: float) -> float
         imgui.ProgressBar(share, (-1, ui.px(8)), "")
         if ui.button("Cancel", "Go on without it."):
             session.cancel_loading()
+        return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
+
+
+def _draw_functions(context: Context, since: float, rect: Rect, top: float) -> float:
+    """Draw how far the first functions of a mesh are, after so many seconds; where the next card begins."""
+    ui, session = context.ui, context.session
+    with ui.card(FUNCTIONS, _place(ui, rect, top), ui.colors.accent, rect[3] - rect[1]), ui.group(FUNCTIONS):
+        ui.note(capital(session.busy or "computing functions"), "ink")
+        share = session.step.share() if session.step else None
+        imgui.ProgressBar(-0.5 * since if share is None else share, (-1, ui.px(8)), "")  # below 0 it runs
         return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
 
 

@@ -6,7 +6,7 @@ from abfm_viewer.panels.context import Context
 def draw(context: Context) -> None:
     ui, session, view = context.ui, context.session, context.session.view
     ui.heading("compare with")
-    tip = "A surface with (1 - t/tau) source + t/tau target: nothing moves, it only fades."
+    tip = "A surface with (1 - t/τ) source + t/τ target: nothing moves, it only fades."
     blend = ui.checkbox("linear blend", view.blend, tip)
     ui.beside_if_fits("optimal transport")
     tip = "A surface with the Wasserstein interpolation of source and target: their mass takes the shortest ways."

@@ -23,11 +23,11 @@ _SHORTEST_AXIS = 10  # iterations
 _PLOT = (
     implot.ImPlotFlags_NoTitle
     | implot.ImPlotFlags_NoMenus
+    | implot.ImPlotFlags_NoLegend  # one of ours goes on in a second line where the panel is narrow
     | implot.ImPlotFlags_NoBoxSelect
     | implot.ImPlotFlags_NoMouseText
     | implot.ImPlotFlags_NoInputs  # the wheel scrolls the panel
 )
-_LEGEND = implot.ImPlotLegendFlags_Horizontal | implot.ImPlotLegendFlags_Outside | implot.ImPlotLegendFlags_NoButtons
 
 
 def draw(context: Context) -> None:
@@ -73,11 +73,12 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
     curves = [_positive(run.energies[:, column]) for column in range(3)]
     totals = [_positive(earlier.energies[:, 0]) for earlier in previous]
     last = max(len(run.stages), *(len(total) for total in totals), _SHORTEST_AXIS + 1) - 1
+    colors = (ui.colors.muted, ui.colors.smoothness, ui.colors.closeness)
+    _legend(ui, colors)
     room = imgui.GetContentRegionAvail()[1]  # as high as fits
     with ui.plot("energy plot", min(max(room, ui.px(_LOWEST)), ui.px(_HIGHEST)), _PLOT) as is_drawn:
         if not is_drawn:
             return
-        implot.SetupLegend(implot.ImPlotLocation_North, _LEGEND)
         implot.SetupAxis(implot.ImAxis_X1, "", implot.ImPlotAxisFlags_None)
         implot.SetupAxis(implot.ImAxis_Y1, "", implot.ImPlotAxisFlags_None)
         implot.SetupAxisScale(implot.ImAxis_Y1, implot.ImPlotScale_Log10)
@@ -88,10 +89,23 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
         _marks("##stages", _stage_starts(run), (*ui.colors.muted[:3], 0.7), ui.px(1))
         _marks("##meshes", _mesh_starts(run), (*ui.colors.muted[:3], 0.9), ui.px(2.5))
         _marks("##restarts", run.restarts, ui.colors.marker, ui.px(1.5))
-        colors = (ui.colors.muted, ui.colors.smoothness, ui.colors.closeness)
         for name, curve, color in zip(_NAMES, curves, colors, strict=True):
             _line(name, curve, color, ui.px(1.8))
         _hover(ui, run)
+
+
+def _legend(ui: Ui, colors: Sequence[Color]) -> None:
+    """What the colours of the curves mean."""
+    side, (_, spacing) = 0.6 * imgui.GetTextLineHeight(), imgui.GetStyle().ItemSpacing
+    for number, (name, color) in enumerate(zip(_NAMES, colors, strict=True)):
+        if number:
+            ui.beside_if_fits(name)
+        left, top = imgui.GetCursorScreenPos()
+        top += (imgui.GetTextLineHeight() - side) / 2
+        imgui.GetWindowDrawList().AddRectFilled((left, top), (left + side, top + side), imgui.GetColorU32(color))
+        imgui.Dummy((side, side))
+        ui.beside(spacing)
+        ui.line(name, "ink")
 
 
 def _hover(ui: Ui, run: Run) -> None:

@@ -81,7 +81,7 @@ def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
     seconds = ui.number("seconds", movie.seconds, 0.5, 20, "How long the movie is.")
     fps = ui.number("fps", movie.fps, 5, 60, "Frames a second; at most 120, in a GIF 50.", whole=True)
     start = ui.number("from", movie.start * tau, 0, session.end, "The first time shown.")
-    end = ui.number("to", movie.end * tau, 0, session.end, "The last time shown; beyond tau the flow goes on.")
+    end = ui.number("to", movie.end * tau, 0, session.end, "The last time shown; beyond τ the flow goes on.")
     turn = ui.number("turntable", movie.turntable, -360, 360, "How far the surfaces turn meanwhile, in degrees.")
     exporter.movie = replace(
         movie,

@@ -29,7 +29,7 @@ def _error(context: Context) -> None:
             f"{session.mesh.vertex_ids[worst]}; on average {float(difference.mean()):.4g}."
         )
     if session.result is not None and not (session.outdated or session.solver.running):
-        ui.note(f"Mismatch at tau: {numbers(session.result)}; relative to the target in L2.")
+        ui.note(f"Mismatch at τ: {numbers(session.result)}; relative to the target in L2.")
 
 
 def _field(context: Context) -> None:

@@ -55,7 +55,7 @@ def _buttons(ui: Ui, session: Session) -> None:
     tip = "Hold (Space)." if player.playing else "Show the function on its way (Space)."
     if ui.button("Pause" if player.playing else "Play", tip, width=ui.px(52)):
         player.toggle()
-    for label, seconds, tip in (("<", -step, "A twentieth of tau back."), (">", step, "A twentieth of tau on.")):
+    for label, seconds, tip in (("<", -step, "A twentieth of τ back."), (">", step, "A twentieth of τ on.")):
         ui.beside(ui.px(4))
         if ui.button(label, tip, width=ui.px(26)):
             session.set_time(session.time + seconds)
@@ -73,12 +73,14 @@ def _repeat(ui: Ui, session: Session) -> None:
 
 def _beyond(ui: Ui, session: Session) -> None:
     player = session.player
-    player.beyond = ui.checkbox("beyond tau", player.beyond, "Play on to 2 tau, where the flow extrapolates.")
+    player.beyond = ui.checkbox(
+        "beyond τ", player.beyond, "Play on to 2τ, where the flow extrapolates.", name="beyond tau"
+    )
 
 
 def _speed(ui: Ui, session: Session) -> None:
     player = session.player
-    tip = "1 goes from 0 to tau in four seconds."
+    tip = "1 goes from 0 to τ in four seconds."
     speed = ui.slider("speed", player.speed, _SLOWEST, _FASTEST, tip, width=ui.px(64), log=True)
     if speed is not None:
         player.speed = float(f"{speed:.2g}")
@@ -98,14 +100,14 @@ def _slider(context: Context) -> None:
     grounds = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
     for color in grounds:  # the track stays in sight
         imgui.PushStyleColor(color, (0, 0, 0, 0))
-    tip = note or "0 is the source, tau the match; beyond, the flow goes on by itself."
+    tip = note or "0 is the source, τ the match; beyond, the flow goes on by itself."
     slid = ui.slider("time", session.time, 0.0, session.end, tip, width=width, tip_above=True)
     imgui.PopStyleColor(len(grounds))
     _mark(ui, track)
     if slid is not None:
         session.set_time(slid)
     ui.beside(spacing)
-    typed = ui.text("time", f"{session.time:.4g}", "The time that is shown, 0 to 2 tau.", width=box)
+    typed = ui.text("time", f"{session.time:.4g}", "The time that is shown, 0 to 2τ.", width=box)
     if typed is not None:
         if (time := finite(typed)) is None:
             session.say(f"time: {typed!r} is no number", is_error=True)
@@ -123,10 +125,10 @@ def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
     canvas.AddRectFilled((middle, top), (right, bottom), tint, rounding, corners)
     text, color = ("cannot be followed", colors.failure) if note else ("extrapolation", colors.ink)
     width, height = imgui.CalcTextSize(text)
-    y, tau = (top + bottom - height) / 2, ui.text_width("tau")
+    y, tau = (top + bottom - height) / 2, ui.text_width("τ")
     grab = left + share * (right - left)
     beyond = middle + gap if middle - tau - 2 * gap < grab < middle - gap / 2 else middle - gap - tau
-    canvas.AddText((beyond, y), _packed(colors.ink), "tau")
+    canvas.AddText((beyond, y), _packed(colors.ink), "τ")
     end = max(middle, beyond + tau)
     if right - ui.px(6) - width > end + gap:
         canvas.AddText((right - width - ui.px(6), y), _packed(color), text)

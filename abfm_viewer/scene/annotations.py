@@ -1,5 +1,6 @@
 """What is written over the surfaces, in the window and in pictures: their names and the colour bars."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +10,7 @@ from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.document.document import triple
-from abfm_viewer.scene.color_bars import GAP, Line, Part, Pen, Strip, Text, bar_in_a_line, bar_parts
+from abfm_viewer.scene.color_bars import GAP, Line, Part, Pen, Strip, Text, bar_parts, bars_in_a_line
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
@@ -43,13 +44,13 @@ def laid_out(
 
 
 def _names(scene: Scene, colors: Palette, pen: Pen) -> list[Text]:
-    """Those of the surfaces, in the middle above them."""
+    """Those of the surfaces, in the middle above them, or ending at their left."""
     inks = {"source": colors.source, "target": colors.target}
     found = []
     for name, (left, top, right, bottom) in scene.labels().items():
         title = cut(_title(scene, name), right - left - 4 * pen.scale, pen.width)
-        place = (left + right - pen.width(title)) / 2, (top + bottom - pen.line) / 2
-        found.append(Text(*place, title, inks.get(name, colors.ink)))
+        start = right - pen.width(title) if scene.view.is_beside else (left + right - pen.width(title)) / 2
+        found.append(Text(start, (top + bottom - pen.line) / 2, title, inks.get(name, colors.ink)))
     return found
 
 
@@ -64,15 +65,11 @@ def _bars(scene: Scene, rect: Rect, colors: Palette, pen: Pen) -> list[Part]:
     left, apart, count = rect[0] + _LEFT * pen.scale, _APART * pen.scale, max(len(ranges), 1)
     room = (rect[2] - _LEFT * pen.scale - left - (count - 1) * apart) / count
     bottom = rect[3] - (_BELOW + GAP) * pen.scale - pen.line
-    found: list[Part] = []
     covered = bar_room(pen, rect[3] - rect[1])
     if covered < 2 * pen.line:
-        whole, top = (rect[2] - left - apart / 2) / count, rect[3] - (covered + pen.line) / 2
-        for number, (title, shown) in enumerate(ranges.items()):
-            start = left + number * whole
-            end = start + min(whole - apart / 2, 2 * _BAR_WIDTH * pen.scale)
-            found += bar_in_a_line(title, shown, (start, top, end, top + pen.line), pen, colors)
-        return found
+        top = rect[3] - (covered + pen.line) / 2
+        return bars_in_a_line(ranges, (left, top, rect[2] - _LEFT * pen.scale / 2, top + pen.line), pen, colors)
+    found: list[Part] = []
     for title, shown in ranges.items():
         right = left + min(max(_BAR_WIDTH * pen.scale, pen.width(title)), max(room, apart))
         found += bar_parts(title, shown, (left, bottom - _BAR_HEIGHT * pen.scale, right, bottom), pen, colors)
@@ -89,7 +86,9 @@ def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -
     """Draw names, colour bars and lines between slots behind the panels."""
     canvas = imgui.GetBackgroundDrawList()
     tell_names(ui, scene)
-    for one in laid_out(scene, rect, ui.colors, window_pen(ui), color_bar):
+    parts = laid_out(scene, rect, ui.colors, window_pen(ui), color_bar)
+    tell_titles(parts, imgui.GetTextLineHeight())
+    for one in parts:
         if isinstance(one, Text):
             canvas.AddText((one.left, one.top), _u32(one.color), one.text)
         elif isinstance(one, Line):
@@ -111,6 +110,18 @@ def tell_names(ui: Ui, scene: Scene) -> None:
         title = _title(scene, name)
         if left <= x < right and top <= y < bottom and ui.text_width(title) > right - left - ui.px(4):
             imgui.SetTooltip(title)
+
+
+def tell_titles(parts: Sequence[Part], around: float) -> None:
+    """Show the whole title where the mouse is over a colour bar that has not room for it, or so many pixels beside."""
+    if imgui.GetIO().WantCaptureMouse:
+        return
+    x, y = imgui.GetMousePos()
+    for one in parts:
+        if isinstance(one, Strip) and one.title:
+            left, top, right, bottom = one.rect
+            if left - around <= x < right + around and top - around <= y < bottom + around:
+                imgui.SetTooltip(one.title)
 
 
 def _u32(color: Color) -> int:

@@ -1,46 +1,9 @@
-"""Where to look from: a direction that shows the functions, and a distance that fills the picture."""
+"""A camera at a distance that fills the picture."""
 
 import numpy as np
 
-from abfm.mesh import TriangleMesh
-from abfm.mesh.orientation import faces_inward
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Camera, Front, triple
-
-_FACES_LOOKED_AT = 10_000
-_ELEVATIONS = np.radians([0, 12, 25, -12, 55])
-_STEEP, _STEEP_COSTS = np.radians(30), 0.2  # only for what lies flat, and only where it shows much more
-_FLAT = 0.5  # of its smaller width: what is lower lies flat
-_AZIMUTHS = np.radians(np.arange(0, 360, 10))
-
-
-def best_front(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> Front:
-    """Look from where much surface is seen, and of every function (V,) its remarkable part; `up` is x, y or z.
-
-    A function's remarkable part is where it differs from its median; hiding behind another part is not considered, but
-    of a surface that is inside out the outside is looked at.
-    """
-    axes = np.roll(np.eye(3), 1 - "xyz".index(up), axis=0)  # sideways, up, to the front
-    azimuth, elevation = (grid.ravel() for grid in np.meshgrid(_AZIMUTHS, _ELEVATIONS))
-    around = np.stack([np.sin(azimuth), np.zeros(len(azimuth)), np.cos(azimuth)], axis=1) @ axes
-    directions = np.cos(elevation)[:, None] * around + np.sin(elevation)[:, None] * axes[1]
-    ups = np.cos(elevation)[:, None] * axes[1] - np.sin(elevation)[:, None] * around
-    faces = mesh.faces[:: max(1, len(mesh.faces) // _FACES_LOOKED_AT)]
-    a, b, c = np.moveaxis(mesh.vertices[faces], 1, 0)
-    outward = -1 if faces_inward(mesh.vertices, mesh.faces) else 1
-    facing = np.maximum(outward * np.cross(b - a, c - a) @ directions.T, 0)
-    surface = _share(facing, np.ones(len(faces)))
-    shares = [_share(facing, np.abs(f - np.median(f))[faces].mean(axis=1)) for f in functions]
-    width, height, depth = np.ptp(mesh.vertices @ axes.T, axis=0)
-    costs = np.where(elevation > _STEEP, _STEEP_COSTS if height < _FLAT * min(width, depth) else np.inf, 0.0)
-    best = np.argmax(np.min([surface, *shares], axis=0) + 0.2 * surface - costs)
-    return Front(triple(directions[best]), triple(ups[best]))
-
-
-def _share(facing: FloatArray, weights: FloatArray) -> FloatArray:
-    """For each direction how much of a weight on faces is seen, relative to the best direction."""
-    seen: FloatArray = weights @ facing
-    return seen / max(float(seen.max()), 1e-300)
 
 
 def fitted(vertices: FloatArray, front: Front, aspect: float | None, angle: float, margin: float) -> Camera:

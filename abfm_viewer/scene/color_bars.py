@@ -1,7 +1,7 @@
 """Colour bars of windows, pictures and sheets: a strip with the colours, its title, and the numbers along it."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from abfm_viewer.appearance.abbreviation import cut
@@ -10,7 +10,8 @@ from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.widgets.widget_record import Rect
 
 GAP = 3  # between a bar and its texts, in pixels at a scale of 1
-_SHORTEST = 30  # strip, likewise
+_SHORTEST, _LONGEST = 30, 300  # strip in a line, and what a line is longer where there is room, likewise
+_APART = 16  # lines, likewise
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Strip:
     rect: Rect
     colormap: str
     upright: bool = False
+    title: str = ""  # if there is no room to write it whole
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ def bar_parts(title: str, colors: ColorRange, rect: Rect, pen: Pen, inks: Palett
     """A bar in a rectangle, its title above, its numbers below; an upright one has only numbers, to its right."""
     left, top, right, bottom = rect
     gap = GAP * pen.scale
-    found: list[Part] = [Strip(rect, colors.colormap, upright)]
+    is_cut = not upright and pen.width(title) > right - left
+    found: list[Part] = [Strip(rect, colors.colormap, upright, title if is_cut else "")]
     if pen.tick:
         outline = ((left, top), (right, top), (right, bottom), (left, bottom), (left, top))
         found.append(Line(outline, inks.ink, pen.scale))
@@ -88,22 +91,45 @@ def bar_parts(title: str, colors: ColorRange, rect: Rect, pen: Pen, inks: Palett
     return found
 
 
-def bar_in_a_line(title: str, colors: ColorRange, rect: Rect, pen: Pen, inks: Palette) -> list[Part]:
-    """A bar as high as a line of text, with its title and the ends of its range at its sides."""
+def bars_in_a_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen, inks: Palette) -> list[Part]:
+    """Bars by their titles, as high as a line of text and side by side, with the ends of their ranges at their sides.
+
+    Where there is little room titles are written up to a comma, or left away, the last ones first.
+    """
     left, top, right, bottom = rect
-    gap, thin = 2 * GAP * pen.scale, pen.line / 4
-    strip = _SHORTEST * pen.scale
-    low, high = (f"{value:.3g}" for value in (colors.low, colors.high))
-    numbers = pen.width(low) + pen.width(high) + 2 * gap
-    title = cut(title, max(right - left - numbers - strip - 2 * gap, 0.0), pen.width)
-    begin = left + (pen.width(title) + 2 * gap if title else 0.0)
-    start, end = begin + pen.width(low) + gap, right - pen.width(high) - gap
-    return [
-        Text(left, top, title, inks.muted),
-        Text(begin, top, low, inks.ink),
-        Strip((start, top + thin, max(end, start), bottom - thin), colors.colormap),
-        Text(right - pen.width(high), top, high, inks.ink),
-    ]
+    gap, apart, thin, shortest = 2 * GAP * pen.scale, _APART * pen.scale, pen.line / 4, _SHORTEST * pen.scale
+    ends = [(f"{colors.low:.3g}", f"{colors.high:.3g}") for colors in ranges.values()]
+    room = right - left - max(len(ranges) - 1, 0) * apart
+    for titles in _shorter(list(ranges)):
+        needed = [
+            shortest + pen.width(low) + pen.width(high) + 2 * gap + (pen.width(title) + 2 * gap if title else 0.0)
+            for title, (low, high) in zip(titles, ends, strict=True)
+        ]
+        if sum(needed) <= room:
+            break
+    spare = min((room - sum(needed)) / max(len(ranges), 1), _LONGEST * pen.scale)
+    found: list[Part] = []
+    for (whole, colors), title, (low, high), length in zip(ranges.items(), titles, ends, needed, strict=True):
+        begin = left + (pen.width(title) + 2 * gap if title else 0.0)
+        stop = left + length + spare
+        start, end = begin + pen.width(low) + gap, stop - pen.width(high) - gap
+        strip = (start, top + thin, max(end, start), bottom - thin)
+        found += [
+            Text(left, top, title, inks.muted),
+            Text(begin, top, low, inks.ink),
+            Strip(strip, colors.colormap, title="" if title == whole else whole),
+            Text(stop - pen.width(high), top, high, inks.ink),
+        ]
+        left = stop + apart
+    return found
+
+
+def _shorter(titles: list[str]) -> Iterator[list[str]]:
+    """The titles, and ever less of them."""
+    yield titles
+    short = [title.split(",")[0] for title in titles]
+    for count in range(len(titles), -1, -1):
+        yield [*short[:count], *("" for _ in short[count:])]
 
 
 def _ends_and_middle(colors: ColorRange, length: float, pen: Pen) -> list[float]:

@@ -10,8 +10,8 @@ from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.document.document import Front, Look, Point, triple
+from abfm_viewer.document.fronts import best_front
 from abfm_viewer.scene import opengl
-from abfm_viewer.scene.camera import best_front
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays
 from abfm_viewer.scene.pacing import Pacing
@@ -182,12 +182,14 @@ class Scene:
             self._session.amend(view=replace(self._session.view, look=look))
 
     def _front(self) -> Front | None:
-        """Chosen when the mesh's first functions are known, or cannot be, and then kept in the document."""
+        """Chosen from the mesh, whose default functions will face it, or when its functions are known; then kept."""
         session = self._session
         front = session.view.front
         if front is None:
             source, target = session.values("source"), session.values("target")
-            if source is not None and target is not None:
+            if not session.channels:
+                front = best_front(session.mesh)
+            elif source is not None and target is not None:
                 front = best_front(session.mesh, source, target)
             elif any(session.error(spec) for spec in session.specs):
                 front = best_front(session.mesh)
@@ -222,9 +224,9 @@ class Scene:
         edges = edge_width(len(self._mesh.faces), self.view.scale) if view.wireframe else 0.0
         style = (edges, view.flat, view.theme)
         if style != self._style:
-            self._style, ink = style, theme.linear(theme.palette(view.theme).ink)
+            self._style = style
             for name in self.names:
-                set_style(ps.get_surface_mesh(name), edges, view.flat, ink)
+                set_style(ps.get_surface_mesh(name), edges, view.flat, view.theme)
 
     def _look(self, rect: Rect, front: Front) -> None:
         """Decide where everything is to be seen."""

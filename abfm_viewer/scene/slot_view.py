@@ -56,12 +56,19 @@ class SlotView:
         """Whether surfaces may go beyond their slots."""
         return self.zoom > 1 or bool(np.abs(self.target - self.home).max() > 1e-9 * self.radius)
 
+    @property
+    def is_beside(self) -> bool:
+        """Whether names are at the left of their surfaces, instead of above them."""
+        slot = next(iter(self.slots.values()))
+        return slot.name[3] > slot.rect[1] + 1
+
     def label(self, name: str) -> Rect:
-        """Where a surface's name is written: close above it, but in its slot."""
+        """Where a surface's name is written: close above it, or before it wherever it turns, but in its slot."""
         slot = self.slots[name]
         left, top, right, bottom = slot.name
-        if bottom > slot.rect[1] + 1:  # beside it
-            return slot.name
+        if self.is_beside:
+            surface = float(self.projected(name, self.home)[0, 0]) - self.scale * self.radius
+            return left, top, min(max(surface, right), slot.rect[2]), bottom
         surface = float(self.projected(name, self.home)[0, 1]) - self.scale * self.above
         end = min(max(surface, bottom), slot.rect[3])
         return left, end - (bottom - top), right, end

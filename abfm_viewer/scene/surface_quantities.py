@@ -1,7 +1,6 @@
 """Surfaces in polyscope, and what they can show: the one place for windows, pictures and figures."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from numpy.typing import NDArray
@@ -11,11 +10,13 @@ from abfm.mesh.orientation import faces_inward
 from abfm.types import FloatArray
 from abfm_viewer.appearance import material
 from abfm_viewer.appearance.colormaps import CHECKER_COLORS, DARK_CHECKER_COLORS, loaded_name
+from abfm_viewer.appearance.theme import linear, palette
+from abfm_viewer.document.document import Theme
 from abfm_viewer.scene.creases import drawn_mesh
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.shown.paint import Paint
 
-_PLAIN = (0.8, 0.81, 0.83)
+_PLAIN: dict[Theme, tuple[float, float, float]] = {"light": (0.8, 0.81, 0.83), "dark": (0.3, 0.3, 0.32)}
 _CORNERS = "texture corners"
 _EDGE = 1.0  # polyscope's unit: about a pixel
 _LONG_EDGE, _THINNEST = 12.0, 0.3  # pixels of an edge that is drawn in full width; share of it
@@ -45,7 +46,7 @@ def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
         split.faces,
         smooth_shade=True,
         material=material.NAME,
-        color=_PLAIN,
+        color=_PLAIN["light"],
         back_face_policy=back_faces(mesh),
     )
 
@@ -65,9 +66,10 @@ def edge_width(faces: int, scale: float) -> float:
     return _EDGE * min(max(round(length / _LONG_EDGE, 1), _THINNEST), 1.0)
 
 
-def set_style(surface: Any, edges: float, flat: bool, ink: Sequence[float]) -> None:
-    """Show a surface's edges in a width, 0 for none, and its faces each in one shade or smoothly."""
-    surface.set_edge_color(ink[:3])
+def set_style(surface: Any, edges: float, flat: bool, theme: Theme) -> None:
+    """Show a surface's edges in a width, 0 for none, its faces each in one shade or smoothly, grey until painted."""
+    surface.set_color(_PLAIN[theme])
+    surface.set_edge_color(linear(palette(theme).ink)[:3])
     surface.set_edge_width(edges)
     surface.set_smooth_shade(not flat)
 

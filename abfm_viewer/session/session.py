@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from abfm import TriangleMesh
-from abfm.progress import said
+from abfm.progress import Step, said
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Evaluated, Functions
@@ -34,7 +34,8 @@ class Session(Housekeeping):
     """One document, its history, its solver and its player. Knows nothing of the window, nor of pictures.
 
     If `at_once`, everything is computed when it is asked for, as pictures off the screen need, which wait for no frame.
-    While the mouse is `dragging` a widget or a Gaussian, changes are one step of undo.
+    While the mouse is `dragging` a widget or a Gaussian, changes are one step of undo. `bare_since` is the time, by
+    `time.perf_counter`, from which on the mesh has waited for its first functions; None if it has some.
     """
 
     def __init__(self, mesh: TriangleMesh, name: str, at_once: bool = False) -> None:
@@ -45,6 +46,7 @@ class Session(Housekeeping):
         self.player = Player()
         self.after_match = AfterMatch()
         self.dragging = False
+        self.bare_since: float | None = None
         self._functions: dict[TriangleMesh, Functions] = {}
         self._evaluated = Evaluated()
         self._evaluated_by: Functions | None = None
@@ -198,8 +200,13 @@ class Session(Housekeeping):
         if self.loading:
             return said("opening", self._loading.step)
         if not self.channels and not self._defaults.error:
-            return said("choosing functions", self._defaults.step)
-        return said("computing functions", self.functions.step) if self.functions.busy else ""
+            return said("choosing functions", self.step)
+        return said("computing functions", self.step) if self.functions.busy else ""
+
+    @property
+    def step(self) -> Step | None:
+        """What is being done for its functions, if that is told."""
+        return self.functions.step if self.channels else self._defaults.step
 
     # The frame
 
@@ -241,6 +248,8 @@ class Session(Housekeeping):
             self._evaluated_by, self._evaluated = self.functions, Evaluated()
         if self.specs:
             self._evaluated = self.functions.ask(self.specs) or self._evaluated
+        is_bare = not (self._evaluated.values or self._evaluated.errors)
+        self.bare_since = (self.bare_since or clock.perf_counter()) if is_bare else None
 
     def _collect(self) -> None:
         if (ended := self.solver.collect()) is None:

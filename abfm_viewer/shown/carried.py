@@ -75,7 +75,7 @@ def span(state: FlowState, function: FloatArray) -> Span:
         return Span(times, state.carry(function, times).astype(np.float32))
     except AbfmError as error:
         times = np.linspace(0, tau, count)
-        return Span(times, state.carry(function, times).astype(np.float32), f"not beyond tau: {error}")
+        return Span(times, state.carry(function, times).astype(np.float32), f"not beyond τ: {error}")
 
 
 class Carried:

@@ -71,8 +71,8 @@ class Actions:
             ("Esc",),
         )
         self.play = Action("Time", "play or pause", session.player.toggle, ("Space",))
-        self.step_back = Action("Time", "a twentieth of tau back", lambda: self._step(-STEP), ("Left",), repeats=True)
-        self.step_on = Action("Time", "a twentieth of tau on", lambda: self._step(STEP), ("Right",), repeats=True)
+        self.step_back = Action("Time", "a twentieth of τ back", lambda: self._step(-STEP), ("Left",), repeats=True)
+        self.step_on = Action("Time", "a twentieth of τ on", lambda: self._step(STEP), ("Right",), repeats=True)
         self.go_to_start = Action("Time", "to time 0", lambda: session.set_time(0.0), ("Home",))
         self.go_to_end = Action("Time", "to tau", lambda: session.set_time(session.parameters.tau), ("End",))
         self.view = ViewActions(session, over)

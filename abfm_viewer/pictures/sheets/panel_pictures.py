@@ -11,10 +11,11 @@ from abfm.mesh import TriangleMesh
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm_viewer.appearance.colormaps import ColorRange, place_colors
 from abfm_viewer.document.document import Camera, Front
+from abfm_viewer.document.fronts import best_front
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.pictures.sheets.ranges import function, panels
 from abfm_viewer.scene import marks, opengl
-from abfm_viewer.scene.camera import best_front, fitted
+from abfm_viewer.scene.camera import fitted
 from abfm_viewer.scene.ribbons import course_through
 from abfm_viewer.scene.surface_quantities import register, show
 from abfm_viewer.scene.viewport import Viewport

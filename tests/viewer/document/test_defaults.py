@@ -12,6 +12,7 @@ from abfm.calculus.geodesics import geodesic_distance
 from abfm.functions import function, parse, vertex_normals
 from abfm.matching import resolution
 from abfm_viewer.document.defaults import WIDTH, default_functions
+from abfm_viewer.document.fronts import best_front
 from abfm_viewer.document.gaussians import landmark
 from tests.shapes import disc, ellipsoid, square, torus
 
@@ -48,6 +49,13 @@ def test_on_a_body_they_are_at_a_knee_and_at_the_breast_and_not_at_the_fork_of_t
     fork = 0.47  # of the height
     assert 0.2 < low < fork - 0.05
     assert fork + 0.13 < high < 0.85
+
+
+@pytest.mark.parametrize("mesh", [*MESHES, torus(30, 20), ellipsoid(3, 3.0, 1.0, 1.0)], ids=str)
+def test_they_face_who_looks_from_the_meshs_front(mesh):
+    mesh = load_mesh(asset_path(mesh)) if isinstance(mesh, str) else mesh
+    facing = vertex_normals(mesh) @ best_front(mesh).direction
+    assert min(facing[list(centres(mesh))]) > 0.4
 
 
 def test_numbers_and_scale_do_not_matter():

@@ -127,7 +127,7 @@ def test_numbers_of_the_last_run_are_gone_during_a_new_one(matched, monkeypatch)
     def told():
         notes.clear()
         matched.frames(1)
-        return any(text.startswith("Mismatch at tau") for text in notes)
+        return any(text.startswith("Mismatch at τ") for text in notes)
 
     matched.click("Look")
     assert told()

@@ -73,7 +73,7 @@ def test_playing_repeats_as_it_is_told(matched):
     matched.wait(lambda s: s.time < 0.5, 5)
     matched.key("space")
     matched.choose("repeat", "once")
-    matched.check("beyond tau")
+    matched.check("beyond τ")
     matched.type("time", "1.8")
     matched.click("Play")
     matched.wait(lambda s: not s.player.playing, 5)

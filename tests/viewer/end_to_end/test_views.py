@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
 
+from abfm.progress import step
+from abfm_viewer.computing import evaluator
+from abfm_viewer.document.defaults import default_functions
+from abfm_viewer.document.document import Channel
+from abfm_viewer.widgets.texts import Texts
 from abfm_viewer.window.view_actions import AXES, axis_front
+from tests.shapes import torus
 
 SURFACES = ("source", "advected", "target")
 
@@ -160,18 +170,50 @@ def test_picks_are_right_wherever_surfaces_are_turned_and_zoomed(gui):
                 assert off < 1.0
 
 
-def test_no_surface_is_seen_before_its_front_is_known(gui):
-    """A new mesh appears as it stays: no frame shows it from another side."""
-    from tests.shapes import torus
+def test_a_mesh_is_seen_at_once_and_stays_as_it_appears(gui, monkeypatch, tmp_path):
+    """Grey in its slots, while a card says what is computed; then its functions come, and nothing turns."""
+    may_go_on = threading.Event()
 
+    def slowly(mesh):
+        with step("thinking"):
+            assert may_go_on.wait(60)
+            return default_functions(mesh)
+
+    monkeypatch.setattr(evaluator, "default_functions", slowly)
     gui.session.set_mesh(torus(24, 12, r=0.3), "torus")
-    sides = set()
-    while not gui.window.scene.names:
-        gui.window.frame()
-        if gui.window.scene.names:
-            sides.add(gui.window.scene.view.rotation.tobytes())
+    gui.frames(1)
+    assert gui.window.scene.shown == SURFACES
+    rotation, front = gui.window.scene.view.rotation, gui.session.view.front
+    gui.wait(lambda s: gui.window.errors or time.perf_counter() - s.bare_since > 0.5)
+    notes = []
+    monkeypatch.setattr(Texts, "note", lambda ui, text, *rest: notes.append(text))
+    gui.frames(1)
+    assert "Choosing functions: thinking" in notes
+    assert not gui.session.unsaved
+    monkeypatch.undo()
+    bare = picture(gui, tmp_path)
+    assert gui.window.scene.paints == {}
+    for name in SURFACES:
+        x, y = map(int, middle(gui, name))
+        left, top = map(int, gui.window.parts.scene[:2])
+        around = bare[y - top - 40 : y - top + 40, x - left - 40 : x - left + 40].reshape(-1, 3)
+        assert len(np.unique(around, axis=0)) > 10  # of the shading
+        assert np.ptp(around, axis=1).max() < 20
+    may_go_on.set()
     gui.wait(lambda s: not s.obstacle and not gui.window.shown.busy)
-    gui.frames(5)
-    sides.add(gui.window.scene.view.rotation.tobytes())
-    assert len(sides) == 1
-    assert gui.session.view.front is not None
+    gui.frames(2)
+    assert set(gui.window.scene.paints) == set(SURFACES)
+    np.testing.assert_array_equal(gui.window.scene.view.rotation, rotation)
+    assert gui.session.view.front == front
+    assert gui.session.bare_since is None
+    assert not gui.session.unsaved
+
+
+def test_functions_of_its_own_decide_how_a_mesh_is_seen(gui):
+    """Of a project, or a figure of the paper."""
+    session, before = gui.session, gui.window.scene.view.rotation[2]
+    behind = int(np.argmin(session.mesh.vertices @ before))
+    spec = f"gaussian:vertex={behind},width=0.2"
+    session.amend(channels=(Channel(spec, spec),), view=replace(session.view, front=None, look=None))
+    gui.wait(lambda s: not s.obstacle and gui.window.scene.names)
+    assert gui.window.scene.view.rotation[2] @ before < 0

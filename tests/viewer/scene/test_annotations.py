@@ -15,7 +15,7 @@ from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.appearance.theme import palette
 from abfm_viewer.scene import annotations
 from abfm_viewer.scene.annotations import bar_room, laid_out
-from abfm_viewer.scene.color_bars import Line, Pen, Strip, Text, bar_parts, ticks
+from abfm_viewer.scene.color_bars import Line, Pen, Strip, Text, bar_parts, bars_in_a_line, ticks
 from abfm_viewer.shown.paint import Paint
 
 NAMES = ("source", "advected", "linear blend", "error", "target")
@@ -39,6 +39,7 @@ def scene(right, count=5, columns=5):
     return SimpleNamespace(
         shown=names,
         borders=list,
+        view=SimpleNamespace(is_beside=False),
         paints={name: paint(name) for name in names},
         labels=lambda: {name: (x, y, x + width, y + 20) for name, (x, y) in zip(names, places, strict=True)},
     )
@@ -89,9 +90,46 @@ def test_in_a_low_window_bars_are_a_line_and_leave_the_surfaces_most_of_the_heig
     assert max(rect[3] for rect in rects) <= height
     assert min(rect[1] for rect in rects) >= height - bar_room(pen, height)
     assert bar_room(pen, height) < 0.2 * height < bar_room(pen, 10 * height)
+    written = {one.text for one in found if isinstance(one, Text)}
+    assert {bar.title for bar in bars if bar.title} == {"function", "|target - advected|, at most 0.0423"} - written
     if right == 1000:
         assert {"function", "0", "1", "0.0423"} <= {one.text for one in found if isinstance(one, Text)}
         assert all(bar.rect[2] - bar.rect[0] > 60 for bar in bars)
+
+
+@pytest.mark.parametrize(
+    ("right", "expected"), [(240, ["", ""]), (400, ["function", ""]), (680, ["function", "|t - a|"])]
+)
+def test_titles_of_bars_in_a_line_are_whole_or_up_to_a_comma_or_not_there(right, expected):
+    low, high = ColorRange("abfm sequential", 0.0, 1.0), ColorRange("abfm sequential", 0.0, 0.0423)
+    whole = "|t - a|, at most 0.0423, and whatever else there may be to say of a mere bar"
+    found = bars_in_a_line({"function": low, whole: high}, (0, 0, right, 32), Pen(2.0, 32.0, width), palette("light"))
+    assert [one.text for one in found if isinstance(one, Text)][::3] == expected
+    assert [one.title for one in found if isinstance(one, Strip)] == [
+        "" if title == all_of_it else all_of_it for title, all_of_it in zip(expected, ["function", whole], strict=True)
+    ]
+
+
+def test_the_mouse_tells_a_title_that_is_cut(monkeypatch):
+    told = []
+    monkeypatch.setattr(annotations.imgui, "GetIO", lambda: SimpleNamespace(WantCaptureMouse=False))
+    monkeypatch.setattr(annotations.imgui, "SetTooltip", told.append)
+    narrow = ColorRange("abfm sequential", 0.0, 1.0)
+    for y in (-100, 10):
+        monkeypatch.setattr(annotations.imgui, "GetMousePos", lambda y=y: (30, y))
+        for title in ("a bar's title", "bar"):
+            annotations.tell_titles(
+                bar_parts(title, narrow, (0, 0, 60, 20), Pen(1.0, 16.0, width), palette("light")), 5
+            )
+    assert told == ["a bar's title"]
+
+
+def test_names_beside_surfaces_end_there():
+    five = scene(1000)
+    five.view.is_beside = True
+    found = laid_out(five, (0, 0, 1000, 600), palette("light"), Pen(1.0, 16.0, width), False)
+    ends = [rect[2] for rect in five.labels().values()]
+    assert [rect_of(one)[2] for one in found if isinstance(one, Text)] == pytest.approx(ends)
 
 
 def test_where_there_is_room_everything_is_written_whole():

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm import TriangleMesh
+from abfm import TriangleMesh, load_mesh
+from abfm.assets import asset_path
 from abfm_viewer.document.document import Front
-from abfm_viewer.scene.camera import best_front, fitted
+from abfm_viewer.document.fronts import best_front
+from abfm_viewer.scene.camera import fitted
 from tests.shapes import ellipsoid, icosphere, torus
 
 
@@ -40,6 +42,18 @@ def test_a_surface_that_is_inside_out_is_seen_like_any_other():
 def test_a_view_without_functions_shows_the_broad_side():
     front = best_front(ellipsoid(3, 2, 1, 0.3))
     assert abs(front.direction[2]) > 0.95
+
+
+def test_a_closed_surface_without_functions_is_seen_from_its_face():
+    """As much of it is seen from behind; where right and left show alike, it is always the same of them."""
+    body = load_mesh(asset_path("human_A.off"))
+    front = best_front(body)
+    assert front.direction[2] > 0.9
+    for turned in np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, 1.0, 1.0]):
+        faces = body.faces if np.linalg.det(turned) > 0 else body.faces[:, ::-1]
+        assert best_front(TriangleMesh(1e3 * body.vertices @ turned, faces)).direction[2] > 0.9
+    shuffled = TriangleMesh(1e3 * body.vertices, body.faces[np.random.default_rng(0).permutation(len(body.faces))])
+    assert best_front(shuffled) == front
 
 
 def test_what_lies_flat_is_seen_from_above():

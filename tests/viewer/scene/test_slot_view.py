@@ -151,10 +151,24 @@ def test_a_name_stays_in_its_slot_when_its_surface_leaves_it():
             assert slot.name[1] <= top < bottom <= slot.rect[3]
 
 
-def test_a_name_beside_its_surface_stays_there():
+def test_a_name_beside_its_surface_stays_there_when_that_fills_the_slot():
     low = slots(NAMES, (0, 0, 900, 150), (2.0, 1.4), "column", 20.0)
-    seen = Fit(POINTS, FRONT).view(low, FRONT, 1.0, None)
+    seen = Fit(POINTS, FRONT).view(low, FRONT, 9.0, None)
+    assert seen.is_beside
     assert all(seen.label(name) == slot.name for name, slot in low.items())
+
+
+def test_a_name_beside_its_surface_ends_where_that_begins_from_its_widest_side():
+    low = slots(NAMES, (0, 0, 2000, 150), (2.0, 1.4), "column", 20.0)
+    seen = Fit(POINTS, FRONT)
+    for rotation in Rotation.random(20, np.random.default_rng(1)).as_matrix():
+        turned = seen.view(low, Front(tuple(rotation[2]), tuple(rotation[1])), 1.0, None)
+        for name, slot in low.items():
+            begins = slot.middle[0] - turned.scale * turned.radius
+            left, top, right, bottom = turned.label(name)
+            assert (left, top, bottom) == (slot.name[0], slot.name[1], slot.name[3])
+            assert right == pytest.approx(begins)
+            assert turned.projected(name, POINTS)[:, 0].min() >= begins - 1e-9
 
 
 def test_lines_are_between_slots_and_only_where_surfaces_reach_them():

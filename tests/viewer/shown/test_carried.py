@@ -73,7 +73,7 @@ def test_where_the_flow_overflows_beyond_tau_the_span_ends_there(match):
     state = Limited(SPHERE, match.velocity, match.parameters)
     over = span(state, match.source[:, 0])
     assert over.times[-1] == 1
-    assert over.note == "not beyond tau: the flow overflows"
+    assert over.note == "not beyond τ: the flow overflows"
     np.testing.assert_array_equal(over.at(1.7), over.at(1.0))  # the last one known
 
 
