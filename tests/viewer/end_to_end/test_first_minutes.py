@@ -222,7 +222,7 @@ def test_save_kill_and_recover(tmp_path, monkeypatch):
     with Driver(icosphere(1), size=SIZE) as gui:
         gui.click("Recover")
         gui.wait(lambda s: s.result is not None)
-        assert gui.session.title == "* egg.off"
+        assert gui.session.title == "* work.abfm"
         assert len(gui.session.mesh.vertices) == len(sphere.vertices)
         assert gui.session.result.velocity.any()
         assert gui.session.result.stop_reason == "cancelled"
