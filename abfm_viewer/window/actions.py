@@ -74,7 +74,7 @@ class Actions:
         self.step_back = Action("Time", "a twentieth of τ back", lambda: self._step(-STEP), ("Left",), repeats=True)
         self.step_on = Action("Time", "a twentieth of τ on", lambda: self._step(STEP), ("Right",), repeats=True)
         self.go_to_start = Action("Time", "to time 0", lambda: session.set_time(0.0), ("Home",))
-        self.go_to_end = Action("Time", "to tau", lambda: session.set_time(session.parameters.tau), ("End",))
+        self.go_to_end = Action("Time", "to τ", lambda: session.set_time(session.parameters.tau), ("End",))
         self.view = ViewActions(session, over)
         self.switch_theme = Action("View", "light or dark", self._switch_theme, ("L",))
         self.show_shortcuts = Action("View", "this list", self._show_shortcuts, ("F1",))

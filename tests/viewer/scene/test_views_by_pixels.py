@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from abfm import load_mesh
 from abfm.assets import asset_path
-from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import LAYOUTS, Front, Look, triple
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps
@@ -18,7 +17,6 @@ from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.window.areas import areas
-from tests.viewer.sessions import EGG
 
 SIZES = [(1000, 700), (1280, 800), (2560, 1440)]
 SCALES = [1.0, 2.0]
@@ -95,32 +93,3 @@ def test_surfaces_lie_in_their_slots_from_every_side_and_however_near(scene, lay
         counts, outside = in_slots(drawn(), scene.view.slots, margin=1)
         assert outside == 0
         assert min(counts) > 0
-
-
-@pytest.mark.parametrize(("size", "scale"), [(SIZES[0], 1.0), (SIZES[0], 2.0), (SIZES[1], 1.0)])
-def test_what_the_mouse_does_leaves_everything_in_its_slot(size, scale):
-    with Driver(EGG, size=size) as gui:
-        gui.session.set_view("look", ui_scale=scale)
-        for layout in LAYOUTS:
-            gui.session.set_view("look", layout=layout, look=None, error=layout == "automatic")
-            gui.wait(lambda _: set(gui.window.scene.paints) == set(gui.window.scene.names))
-            slots, scene_rect = gui.window.scene.view.slots, gui.window.parts.scene
-            x, y = slots["advected"].middle
-            width, height = slots["advected"].half
-            gui.input.drag((x, y), (x + width / 2, y + height / 3), steps=2)
-            turned = gui.session.view.look
-            assert turned.zoom == 1
-            counts, outside = in_slots(drawn(), slots)
-            assert (min(counts) > 0, outside) == (True, 0)
-            gui.input.move(x + width / 2, y)
-            gui.input.wheel(10)
-            gui.input.drag((x, y), (x - width / 2, y + height / 2), steps=1, button=1)
-            gui.input.drag((x, y), (x, y + height), steps=1, button=2)
-            assert gui.session.view.look.zoom == pytest.approx(1.15**10)
-            assert gui.session.view.look.front == turned.front
-            counts, outside = in_slots(drawn(), slots, margin=1)
-            assert (min(counts) > 0, outside) == (True, 0)
-            for slot in slots.values():
-                assert scene_rect[0] <= slot.rect[0] < slot.rect[2] <= scene_rect[2]
-                assert scene_rect[1] <= slot.name[1] < slot.rect[3] < scene_rect[3]
-        assert gui.errors == {}
