@@ -42,7 +42,7 @@ class Keeper:
     def fetch(self, snapshot: Snapshot) -> None:
         """Fetch its field if it is time for one; it waits, so not for the frame loop."""
         began = self._now()
-        if began < self._next or not snapshot.iteration.iteration:
+        if began < self._next or not snapshot.shown.iteration:  # what was shown is what can be fetched
             return
         with suppress(AbfmError):  # that the process has ended is told by what comes next
             _ = snapshot.iteration.velocity

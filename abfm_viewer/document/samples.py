@@ -6,9 +6,9 @@ from abfm.experiments import FIGURES, TITLES
 
 MESHES = {
     "human_A.off": "A human, coarse",
-    "human_B.off": "The same human in another pose, vertex by vertex",
+    "human_B.off": "The same human, vertex by vertex, in another pose",
     "human_fine_A.off": "The first human with more triangles",
-    "eight.off": "Two holes: fields that go around them exist here",
+    "eight.off": "Two holes, and fields that go around them",
     "fandisk.off": "A mechanical part with sharp edges",
 }
 """The bundled meshes, and a few words for each."""

@@ -44,7 +44,7 @@ def draw(context: Context, lines: int = 0) -> None:
         _remedies(ui, session, result, 1)
         _line(ui, numbers, "muted")
     else:
-        _line(ui, numbers, "muted")
+        _line(ui, numbers, "muted", 1 if verdict_words.advice(result) or session.outdated else _MOST_LINES)
         _remedies(ui, session, result, _MOST_LINES)
 
 

@@ -12,7 +12,7 @@ from abfm_viewer.scene.sample_textures import SampleTextures
 from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
 
-_WIDTH, _HEIGHT = 350, 50
+_WIDTH, _HEIGHT = 420, 50
 _FEWEST, _MOST = 2, 4  # columns
 _SHARE = 0.86  # of the window's height that the menu may take
 

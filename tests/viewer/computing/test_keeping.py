@@ -98,3 +98,14 @@ def test_a_start_is_no_field_and_a_process_that_ended_has_none(clock):
     assert keeper.newest is None
     keeper.fetch(snapshot(SimpleNamespace(iteration=6)))  # not yet time for the next one
     assert keeper.newest is None
+
+
+def test_before_anything_that_moves_was_shown_there_is_nothing_to_fetch(clock):
+    keeper = Keeper(0, clock)
+    keeper.begin(PROBLEM)
+    clock.seconds = 2 * FIRST
+    first, later = Iterate(clock, 0, 0.01), Iterate(clock, 5, 0.01)
+    keeper.fetch(Snapshot(PROBLEM, later, first))
+    assert keeper.newest is None
+    keeper.fetch(Snapshot(PROBLEM, later, later))
+    assert keeper.newest is not None
