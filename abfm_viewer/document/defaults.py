@@ -4,7 +4,6 @@ import numpy as np
 
 import abfm
 from abfm import TriangleMesh
-from abfm.mesh.orientation import faces_inward
 from abfm.types import FloatArray
 from abfm_viewer.document.fronts import best_front
 
@@ -31,7 +30,7 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
     between which there is room span hardly an edge, they are farther apart and wider.
     """
     unit, normals = mesh.length_scale, abfm.functions.vertex_normals(mesh)
-    if faces_inward(mesh.vertices, mesh.faces):
+    if mesh.is_inside_out:
         normals = -normals
     facing = normals @ best_front(mesh).direction
     from_one_end, from_other_end = _from_both_ends(mesh)

@@ -3,7 +3,6 @@
 import numpy as np
 
 from abfm.mesh import TriangleMesh
-from abfm.mesh.orientation import faces_inward
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Front, triple
 
@@ -31,7 +30,7 @@ def best_front(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> Fro
     ups = np.cos(elevation)[:, None] * axes[1] - np.sin(elevation)[:, None] * around
     faces = mesh.faces[:: max(1, len(mesh.faces) // _FACES_LOOKED_AT)]
     a, b, c = np.moveaxis(mesh.vertices[faces], 1, 0)
-    outward = -1 if faces_inward(mesh.vertices, mesh.faces) else 1
+    outward = -1 if mesh.is_inside_out else 1
     facing = np.maximum(outward * np.cross(b - a, c - a) @ directions.T, 0)
     surface = _share(facing, np.ones(len(faces)))
     shares = [_share(facing, np.abs(f - np.median(f))[faces].mean(axis=1)) for f in functions]

@@ -1,13 +1,12 @@
 """Cards at the top of the viewport: what went wrong, what can be done about it, and what one waits for."""
 
 import time
+from collections.abc import Callable
 
 import polyscope.imgui as imgui
 
-from abfm.progress import Step
 from abfm_viewer.document.wording import capital
 from abfm_viewer.panels.context import Context
-from abfm_viewer.panels.progress import draw_step
 from abfm_viewer.session.loading import Load
 from abfm_viewer.session.notices import Card
 from abfm_viewer.session.waiting import Waiting
@@ -60,41 +59,61 @@ def _draw_card(context: Context, card: Card, number: int, more: int, rect: Rect,
             session.dismiss(card)
         if more > 0:
             ui.note(f"and {more} more")
-        return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
+        return _below(ui)
 
 
 def _draw_loading(context: Context, load: Load, rect: Rect, top: float) -> float:
     """Draw what is being opened; where the next card begins."""
-    ui, session = context.ui, context.session
-    with ui.card(LOADING, _place(ui, rect, top), ui.colors.accent, rect[3] - rect[1]), ui.group(LOADING):
-        about = f" of about {load.seconds:.0f} s" if load.seconds else ""
-        ui.note(f"{capital(load.what)}: {load.elapsed:.0f} s{about}", "ink")
-        share = min(load.elapsed / load.seconds, _ALMOST) if load.seconds else -0.5 * load.elapsed  # below 0 it runs
-        imgui.ProgressBar(share, (-1, ui.px(8)), "")
-        if ui.button("Cancel", "Go on without it."):
-            session.cancel_loading()
-        return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
+    about = f" of about {load.seconds:.0f} s" if load.seconds else ""
+    text = f"{capital(load.what)}: {load.elapsed:.0f} s{about}"
+    share = min(load.elapsed / load.seconds, _ALMOST) if load.seconds else None
+    cancel = ("Go on without it.", context.session.cancel_loading)
+    return _draw_work(context.ui, LOADING, text, share, load.elapsed, rect, top, cancel=cancel)
 
 
 def _draw_functions(context: Context, since: float, rect: Rect, top: float) -> float:
     """Draw how far the first functions of a mesh are, after so many seconds; where the next card begins."""
-    ui, session = context.ui, context.session
-    with ui.card(FUNCTIONS, _place(ui, rect, top), ui.colors.accent, rect[3] - rect[1]), ui.group(FUNCTIONS):
-        ui.note(capital(session.busy or "computing functions"), "ink")
-        share = session.step.share() if session.step else None
-        imgui.ProgressBar(-0.5 * since if share is None else share, (-1, ui.px(8)), "")  # below 0 it runs
-        return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
+    session = context.session
+    share = session.step.share() if session.step else None
+    return _draw_work(context.ui, FUNCTIONS, session.busy or "computing functions", share, since, rect, top)
 
 
 def _draw_waiting(context: Context, waiting: Waiting, rect: Rect, top: float) -> float:
     """Draw what begins when the run has ended; where the next card begins."""
-    ui, session = context.ui, context.session
-    with ui.card(WAITING, _place(ui, rect, top), ui.colors.accent, rect[3] - rect[1]), ui.group(WAITING):
-        ui.note(f"{capital(waiting.what)} when the run has ended: {waiting.elapsed:.0f} s", "ink")
-        draw_step(ui, session.solver.step or Step("taking its best field", began=time.monotonic()))
-        if ui.button("Cancel", "Not now. The run ends all the same, with its best field."):
-            context.files.stop_waiting()
-        return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
+    step, elapsed = context.session.solver.step, waiting.elapsed
+    text = f"{capital(waiting.what)} when the run has ended: {elapsed:.0f} s"
+    share, doing = (step.share(), step.words()) if step else (None, "taking its best field")
+    cancel = ("Not now. The run ends all the same, with its best field.", context.files.stop_waiting)
+    return _draw_work(context.ui, WAITING, text, share, elapsed, rect, top, doing, cancel)
+
+
+def _draw_work(
+    ui: Ui,
+    name: str,
+    text: str,
+    share: float | None,
+    elapsed: float,
+    rect: Rect,
+    top: float,
+    doing: str = "",
+    cancel: tuple[str, Callable[[], None]] | None = None,
+) -> float:
+    """Draw what goes on, with a bar that runs where nobody knows how far it is; where the next card begins."""
+    with ui.card(name, _place(ui, rect, top), ui.colors.accent, rect[3] - rect[1]), ui.group(name):
+        ui.note(capital(text), "ink")
+        imgui.ProgressBar(-0.5 * elapsed if share is None else share, (-1, ui.px(8)), "")
+        if doing:
+            ui.note(capital(doing))
+        if cancel is not None:
+            tip, do = cancel
+            if ui.button("Cancel", tip):
+                do()
+        return _below(ui)
+
+
+def _below(ui: Ui) -> float:
+    """Where the card after the one that is being drawn begins."""
+    return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
 
 
 def _place(ui: Ui, rect: Rect, top: float) -> tuple[float, float, float]:

@@ -11,7 +11,6 @@ import numpy as np
 
 import abfm
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.mesh.orientation import faces_inward
 from abfm.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -70,10 +69,9 @@ def _vertex_normals(mesh: TriangleMesh) -> FloatArray:
     return _outward(mesh) * abfm.functions.vertex_normals(mesh)
 
 
-@per_mesh
 def _outward(mesh: TriangleMesh) -> int:
-    """What turns the faces' normals outward: -1 where the surface is inside out."""
-    return -1 if faces_inward(mesh.vertices, mesh.faces) else 1
+    """What turns the faces' normals outward."""
+    return -1 if mesh.is_inside_out else 1
 
 
 def arrow_ribbons(courses: Sequence[Course], half_width: float) -> Triangles:

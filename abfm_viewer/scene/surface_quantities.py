@@ -6,7 +6,6 @@ from typing import Any
 from numpy.typing import NDArray
 
 from abfm.mesh import TriangleMesh
-from abfm.mesh.orientation import faces_inward
 from abfm.types import FloatArray
 from abfm_viewer.appearance import material
 from abfm_viewer.appearance.colormaps import CHECKER_COLORS, DARK_CHECKER_COLORS, loaded_name
@@ -53,7 +52,7 @@ def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
 
 def back_faces(mesh: TriangleMesh) -> str:
     """How polyscope draws faces from behind: not at all where only the inside of a closed surface is behind them."""
-    only_inside = mesh.is_closed and not faces_inward(mesh.vertices, mesh.faces)
+    only_inside = mesh.is_closed and not mesh.is_inside_out
     return "cull" if only_inside else "identical"
 
 

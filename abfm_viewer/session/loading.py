@@ -77,12 +77,10 @@ class Loading:
             self._reader.retire()
             self._given_up.append((self.now, self._reader))
         self.now = self._reader = None
-        self._given_up = [(begun, reader) for begun, reader in self._given_up if reader.is_at_work]
 
     def taken(self) -> tuple[Load, Callable[[], None] | None, str] | None:
         """What was read, with what shows it or why that failed; None unless something was since the last call."""
-        if self._given_up:
-            self._given_up = [(begun, reader) for begun, reader in self._given_up if reader.is_at_work]
+        self._given_up = [(begun, reader) for begun, reader in self._given_up if reader.is_at_work]
         load, reader = self.now, self._reader
         if load is None or reader is None or reader.busy:
             return None

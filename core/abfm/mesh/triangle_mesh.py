@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import FunctionError
 from abfm.mesh.checks import check, twice_areas
+from abfm.mesh.orientation import faces_inward
 from abfm.mesh.topology import connected, next_corner, pinched_vertices
 from abfm.types import BoolArray, FloatArray, IntArray
 
@@ -163,6 +164,11 @@ class TriangleMesh:
     def is_closed(self) -> bool:
         """Whether the surface has no boundary."""
         return not self.is_boundary_edge.any()
+
+    @cached_property
+    def is_inside_out(self) -> bool:
+        """Whether it encloses space, all of it or nearly, and its faces look inward."""
+        return faces_inward(self.vertices, self.faces)
 
     @property
     def euler_characteristic(self) -> int:
