@@ -77,7 +77,8 @@ def _facing(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
     around = few[tree.query(mesh.vertices[few], k=near)[1].reshape(len(few), near)]
     same_side = (normals[around] * normals[few, None]).sum(axis=2) > 0
     averages = (own[around] * same_side).sum(axis=1) / np.maximum(same_side.sum(axis=1), 1)
-    return np.minimum(own, averages[tree.query(mesh.vertices)[1]])
+    facing: FloatArray = np.minimum(own, averages[tree.query(mesh.vertices)[1]])
+    return facing
 
 
 def _from_both_ends(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
