@@ -1,6 +1,9 @@
 """A source and a target for any mesh, so that there is something to match at once, and to look at."""
 
+import math
+
 import numpy as np
+import scipy  # its parts are loaded when they are used
 
 import abfm
 from abfm import TriangleMesh
@@ -18,6 +21,7 @@ _APART, _FARTHEST = (0.3, 0.42), (0.5, 0.7)
 """How far the target is from the source, as shares of that way and at most; the same on meshes too coarse for it."""
 _SIDE = 0.1  # how much of the way facing the viewer is worth
 
+_FEW = 3000  # vertices to average over
 _TILT = np.array([0.02, -0.01, 0.005])
 
 
@@ -32,7 +36,7 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
     unit, normals = mesh.length_scale, abfm.functions.vertex_normals(mesh)
     if mesh.is_inside_out:
         normals = -normals
-    facing = normals @ best_front(mesh).direction
+    facing = _facing(mesh, normals)
     from_one_end, from_other_end = _from_both_ends(mesh)
     length = from_one_end.max()
     place = from_one_end / (from_one_end + from_other_end)
@@ -58,6 +62,22 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
         width, target = _WIDEST * apart / unit, target_at(apart)
     one, other = (f"gaussian:vertex={mesh.vertex_ids[vertex]},width={width:.2g}" for vertex in (source, target))
     return one, other
+
+
+def _facing(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
+    """How much (V,) a vertex looks at the viewer, or, if that is less, what a Gaussian around it covers does.
+
+    The latter is averaged over a few vertices, whose places tell what is near; another side of a thin part is not.
+    """
+    own: FloatArray = normals @ best_front(mesh).direction
+    few = np.arange(0, len(own), -(-len(own) // _FEW))
+    near = min(len(few), math.ceil(math.pi * WIDTH**2 * len(few)))
+    tree = scipy.spatial.KDTree(mesh.vertices[few])
+    around = few[tree.query(mesh.vertices[few], k=near)[1].reshape(len(few), near)]
+    same_side = (normals[around] * normals[few, None]).sum(axis=2) > 0
+    averages = (own[around] * same_side).sum(axis=1) / np.maximum(same_side.sum(axis=1), 1)
+    facing: FloatArray = np.minimum(own, averages[tree.query(mesh.vertices)[1]])
+    return facing
 
 
 def _from_both_ends(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:

@@ -17,6 +17,7 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import COLUMNS, PICTURES, SIDE, TABLE
 from abfm_viewer.computing.evaluator import Evaluator
 from abfm_viewer.document.document import Channel, Document, View
+from abfm_viewer.document.fronts import best_front
 from abfm_viewer.document.presets import figure_document
 from abfm_viewer.document.samples import MESHES
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
@@ -32,7 +33,7 @@ def draw_all() -> None:
     rows = -(-len(documents) // COLUMNS)
     sheet = Image.new("RGBA", (COLUMNS * SIDE, rows * SIDE))
     for number, (document, known) in enumerate(documents.values()):
-        plain = replace(document, view=_VIEW, time=0.0, lines=(), points=())
+        plain = replace(document, view=replace(_VIEW, front=document.view.front), time=0.0, lines=(), points=())
         options = PictureOptions(labels=False, color_bar=False, transparent=True)
         with DocumentRenderer(plain, known, (_TIMES * SIDE, _TIMES * SIDE), options) as pictures:
             picture = pictures.picture(0.0).convert("RGBA").resize((SIDE, SIDE), Image.Resampling.LANCZOS)
@@ -44,7 +45,8 @@ def draw_all() -> None:
 
 def _mesh_document(name: str) -> tuple[Document, dict[str, FloatArray]]:
     mesh = load_mesh(asset_path(name))
-    return Document(mesh, name, (Channel(*Evaluator(mesh).defaults()),)), {}
+    view = View(front=best_front(mesh))  # as it is opened
+    return Document(mesh, name, (Channel(*Evaluator(mesh).defaults()),), view=view), {}
 
 
 if __name__ == "__main__":

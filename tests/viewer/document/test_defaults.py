@@ -56,6 +56,9 @@ def test_they_face_who_looks_from_the_meshs_front(mesh):
     mesh = load_mesh(asset_path(mesh)) if isinstance(mesh, str) else mesh
     facing = vertex_normals(mesh) @ best_front(mesh).direction
     assert min(facing[list(centres(mesh))]) > 0.4
+    for spec in default_functions(mesh):
+        covered = vertex_areas(mesh) * function(mesh, spec)
+        assert covered @ np.maximum(facing, 0) > 0.25 * covered.sum()  # a quarter is what is seen of a ball
 
 
 def test_numbers_and_scale_do_not_matter():
