@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import scipy  # its parts are loaded when they are used
 
 import abfm
 from abfm import TriangleMesh
@@ -69,10 +68,12 @@ def _facing(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
 
     The latter is averaged over a few vertices, whose places tell what is near; another side of a thin part is not.
     """
+    from scipy.spatial import KDTree  # not before: the window is drawn without
+
     own: FloatArray = normals @ best_front(mesh).direction
     few = np.arange(0, len(own), -(-len(own) // _FEW))
     near = min(len(few), math.ceil(math.pi * WIDTH**2 * len(few)))
-    tree = scipy.spatial.KDTree(mesh.vertices[few])
+    tree = KDTree(mesh.vertices[few])
     around = few[tree.query(mesh.vertices[few], k=near)[1].reshape(len(few), near)]
     same_side = (normals[around] * normals[few, None]).sum(axis=2) > 0
     averages = (own[around] * same_side).sum(axis=1) / np.maximum(same_side.sum(axis=1), 1)

@@ -9,7 +9,7 @@ import abfm
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
-from abfm_viewer.document.document import Front, Look, Point, triple
+from abfm_viewer.document.document import Document, Front, Look, Point, triple
 from abfm_viewer.document.fronts import best_front
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps
@@ -59,7 +59,7 @@ class Scene:
         self._fitted_to: object = None
         self._placing = Placing()
         self._style: object = None
-        self._document: object = None
+        self._document: Document | None = None
         self._degrees = 0.0
         self._drawn: dict[str, Paint] = {}
         opengl.clear()
@@ -94,9 +94,10 @@ class Scene:
             self.paints[name] = paint
             show_paint(name, session.mesh, paint, before)
             self._drawn[name] = paint
-        if not overlays_wait or session.document is not self._document:  # what the user changes is seen at once
-            self._document = session.document
-            self.overlays.update(self.names, self.viewport, self.paints, not self.pacing.begins)
+        earlier, self._document = self._document, session.document
+        if earlier is not session.document or not overlays_wait:  # what the user changes is seen at once
+            of_flow = earlier is None or earlier.view is not view or not self.pacing.begins
+            self.overlays.update(self.names, self.viewport, self.paints, of_flow)
         self._place()
 
     @property
