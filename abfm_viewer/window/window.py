@@ -140,12 +140,16 @@ class Window:
         self.session.close()
 
     def frame(self) -> None:
-        """Draw one frame and leave the rest of its time to the solver."""
+        """Draw one frame and leave its time to others: half of all time to what must be there before anything else.
+
+        polyscope holds the interpreter while it draws, which without a graphics card is nearly always.
+        """
         start = time.perf_counter()
         self.tick()
         now = time.perf_counter()
         seconds = _SECONDS_PER_FRAME if now - self._moved_at < _IDLE_AFTER else _SECONDS_PER_IDLE_FRAME
-        time.sleep(max(_LEAST_SLEEP, seconds - (now - start)))
+        drawn, waits = now - start, self.session.loading is not None or self.session.bare_since is not None
+        time.sleep(max(drawn if waits else _LEAST_SLEEP, seconds - drawn))
 
     def tick(self) -> None:
         start = time.perf_counter()

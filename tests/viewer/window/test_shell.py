@@ -19,6 +19,7 @@ from abfm_viewer.automation.driver import Driver, DriverError
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session import Session
+from abfm_viewer.window import window
 from abfm_viewer.window.keyboard import _parts
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
@@ -377,6 +378,21 @@ def test_a_damaged_copy_is_told_once(state, crashed):
 
 
 # Launch
+
+
+@pytest.mark.parametrize(("bare", "rest"), [(None, 0.002), (0.0, 0.07)])
+def test_while_a_mesh_waits_for_its_functions_the_window_draws_half_of_the_time(gui, monkeypatch, bare, rest):
+    now, slept = [100.0], []
+
+    def draw() -> None:
+        gui.session.bare_since = bare
+        now[0] += 0.07
+
+    monkeypatch.setattr(gui.window, "tick", draw)
+    monkeypatch.setattr(window, "time", SimpleNamespace(perf_counter=lambda: now[0], sleep=slept.append))
+    gui.window._moved_at = now[0]
+    gui.window.frame()
+    assert slept == [pytest.approx(rest)]
 
 
 def test_the_window_is_drawn_before_anything_of_the_solver_is_loaded(tmp_path):
