@@ -139,12 +139,44 @@ def _off_rows(size: int, vertex: bytes, face: bytes, share: float) -> bytes:
 
 def _polygon(size: int, kind: str) -> bytes:
     """A single polygon with as many corners as fit, a circle or a random jagged star."""
-    count = size // 40
+    count = size // 52
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
     radius = 1 + (0 if kind == "convex" else 0.5) * np.random.default_rng(0).random(count)
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    lines = ["OFF", f"{count} 1 0", *(f"{x:.8f} {y:.8f} 0" for x, y in points), f"{count} "]
+    lines = ["OFF", f"{count} 1 0", *(f"{x!r} {y!r} 0" for x, y in points.tolist()), f"{count} "]
     return ("\n".join(lines) + " ".join(map(str, range(count)))).encode()
+
+
+def _polygons(size: int, corners: int, radius: tuple[float, ...], kind: str) -> bytes:
+    """As many polygons of so many corners as fit, all around the same circle, whose radius goes up and down."""
+    angle = np.linspace(0, 2 * np.pi, corners, endpoint=False)
+    rings = np.resize(radius, corners)
+    points = np.stack([rings * np.cos(angle), rings * np.sin(angle)], axis=1)
+    row = " ".join(map(str, [corners, *range(corners)])) + "\n"
+    if kind == "off":
+        vertices = "".join(f"{x} {y} 0\n" for x, y in points.tolist())
+        count = (size - len(vertices)) // len(row)
+        return f"OFF\n{corners} {count} 0\n{vertices}{row * count}".encode()
+    count = size // (corners + 1)
+    header = ply_header("binary_little_endian", f"element vertex {corners}", *XYZ, f"element face {count}",
+                        "property list uchar uchar vertex_indices")  # fmt: skip
+    body = np.column_stack([points, np.zeros(corners)]).astype("<f4").tobytes()
+    return header + body + bytes([corners, *range(corners)]) * count
+
+
+def _fans_of_all(size: int) -> bytes:
+    """Polygons of 255 corners among 65,536 vertices of a plane: two bytes for a triangle."""
+    random, count = np.random.default_rng(0), size * 19 // 20 // 511
+    x, y = random.integers(-30000, 30000, (2, 65536))
+    x[0] = -32000
+    vertices = np.stack([x, y, 0 * x], axis=1).astype("<i2")
+    angle = np.arctan2(y - y[0], x - x[0])
+    rows = np.zeros(count, [("count", "u1"), ("corners", "<u2", 255)])
+    chosen = 1 + np.argsort(random.random((count, 1000)), axis=1)[:, :254] + 64 * random.integers(0, 1000, (count, 1))
+    rows["count"], rows["corners"][:, 1:] = 255, np.take_along_axis(chosen, np.argsort(angle[chosen], axis=1), axis=1)
+    header = ply_header("binary_little_endian", "element vertex 65536", *(f"property short {a}" for a in "xyz"),
+                        f"element face {count}", "property list uchar ushort vertex_indices")  # fmt: skip
+    return header + vertices.tobytes() + rows.tobytes()
 
 
 HEAVY: dict[str, Callable[[int], bytes]] = {
@@ -158,7 +190,13 @@ HEAVY: dict[str, Callable[[int], bytes]] = {
     "faces.off": lambda size: _off_rows(size, b"0 0 0\n", b"3 0 1 2\n", 0.001),
     "both.off": lambda size: _off_rows(size, b"0 0 0\n", b"3 0 1 2\n", 0.4),
     "few_corners.off": lambda size: _off_rows(size, b"0 0 0\n", b"0\n", 0.1),
-    "hexagons.off": lambda size: _off_rows(size, b"0 0 0\n", b"6 0 1 2 3 4 5\n", 0.1),
+    "flat_hexagons.off": lambda size: _off_rows(size, b"0 0 0\n", b"6 0 1 2 3 4 5\n", 0.1),
+    "hexagons.off": lambda size: _polygons(size, 6, (1,), "off"),
+    "concave_hexagons.off": lambda size: _polygons(size, 6, (1, 0.3), "off"),
+    "nonagons.off": lambda size: _polygons(size, 9, (1,), "off"),
+    "stars.ply": lambda size: _polygons(size, 254, (1, 0.9), "ply"),
+    "rings.ply": lambda size: _polygons(size, 255, (1,), "ply"),
+    "fans.ply": _fans_of_all,
     "letters.off": lambda size: filled(b"OFF\n9 9 9\n", b"a\n", size),
     "words.off": lambda size: filled(b"OFF\n1 0 0\n", b"ab ", size),
     "one_line.off": lambda size: filled(b"OFF\n", b"1", size),
@@ -246,14 +284,16 @@ HEAVY: dict[str, Callable[[int], bytes]] = {
             b'"nodes": [0]', b'"nodes": [' + b"0," * (size // 10) + b"0]")
     ),
     "list_of_nodes.glb": lambda size: glb(
-        json.dumps(gltf_header(nodes=[{"mesh": 0}] * (size // 22), scenes=[{"nodes": list(range(size // 22))}])).encode()
+        gltf_header(nodes=[{"mesh": 0}] * (size // 22), scenes=[{"nodes": list(range(size // 22))}])
     ),
     "accessors.glb": lambda size: glb(gltf_header(accessors=[{}] * (size // 4))),
     "views.glb": lambda size: glb(gltf_header(bufferViews=[{"buffer": 0, "byteLength": 48}] * (size // 36))),
     "primitives.glb": lambda size: glb(
         gltf_header(meshes=[{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}] * (size // 48)}])
     ),
-    "repeated.glb": lambda size: _gltf_data(*_grid(300), nodes=[{"mesh": 0}] * 1000, scenes=[{"nodes": list(range(1000))}]),
+    "repeated.glb": lambda size: _gltf_data(
+        *_grid(300), nodes=[{"mesh": 0}] * 1000, scenes=[{"nodes": list(range(1000))}]
+    ),
     "embedded.gltf": lambda size: json.dumps(
         gltf_header(buffers=[{"byteLength": 48, "uri": "data:application/octet-stream;base64,"
                               + base64.b64encode(bytes(size * 3 // 4)).decode()}])
