@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from abfm import AbfmError
-from abfm.errors import one_line
+from abfm.errors import LONGEST, one_line
 from abfm.io import remove_temporary
 from abfm.numerics import own_process
 from abfm_viewer import signals
@@ -29,7 +29,7 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
         print(f"{program}: interrupted", file=sys.stderr)
         return signals.status(getattr(error, "number", signal.SIGINT))
     except (AbfmError, UsageError, OSError, MemoryError) as error:
-        print(f"{program}: {one_line(str(error)) or 'out of memory'}", file=sys.stderr)
+        print(f"{program}: {one_line(str(error) or 'out of memory', LONGEST)}", file=sys.stderr)
         return BAD_INPUT
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-_LONGEST = 600  # characters of a message
+LONGEST = 600  # characters of a message
 
 
 class AbfmError(ValueError):
@@ -13,7 +13,7 @@ class AbfmError(ValueError):
     """
 
     def __init__(self, message: object = "") -> None:
-        super().__init__(one_line(str(message)))
+        super().__init__(one_line(str(message), LONGEST) if message else "")
 
 
 class MeshError(AbfmError):
@@ -36,16 +36,23 @@ class AdvectionError(AbfmError):
     """A field so fast, or a time so long, that the advection cannot be computed in reasonable time or range."""
 
 
-def one_line(text: str, longest: int = _LONGEST) -> str:
-    """A text for a person on one line: what cannot be printed is escaped, and a long one lacks its middle."""
-    line = " ".join(part for part in map(str.strip, text.splitlines()) if part)
-    if not line.isprintable():
-        line = "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in line)
-    half = (longest - 5) // 2
-    return line if len(line) <= longest else f"{line[:half]} ... {line[-half:]}"
-
-
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """``" (did you mean ...?)"``, or nothing where no known word is near."""
     close = get_close_matches(word.strip().lower(), list(known), n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def one_line(what: object, most: int = 200) -> str:
+    """The text of an error, a path or anything else on one line of at most so many characters, the middle left out.
+
+    What cannot be printed becomes a question mark. An error of the operating system is what it says without its path;
+    an error that says nothing is named by its type.
+    """
+    text = (what.strerror if isinstance(what, OSError) else None) or str(what)
+    if isinstance(what, BaseException) and not text.strip():
+        text = type(what).__name__
+    if len(text) > 2 * most:  # of a text of any length, no more is looked at
+        text = f"{text[:most]} ... {text[-most:]}"
+    text = "".join(sign if sign.isprintable() else "?" for sign in " ".join(text.split()))
+    end = most // 4
+    return text if len(text) <= most else f"{text[: most - end - 3]}...{text[-end:]}"
