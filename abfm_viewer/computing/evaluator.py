@@ -57,6 +57,11 @@ class Evaluator:
             except (OSError, ProcessEndedError) as error:
                 self._process = None
                 raise FunctionError("the process that computes functions has ended; try again") from error
+            except BaseException:  # the answer that is still to come would be taken for the next one
+                if self._process is not None:
+                    self._process.close()
+                    self._process = None
+                raise
         if isinstance(answer, Exception):
             raise answer
         return answer
@@ -65,6 +70,8 @@ class Evaluator:
         if self._closed:
             raise ProcessEndedError
         self._process = OwnProcess("abfm_viewer.computing.evaluator")
+        if self._closed:  # meanwhile
+            self._process.close()
         self._process.send(self._mesh)
         return self._process
 
