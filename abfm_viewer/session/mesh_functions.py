@@ -37,14 +37,16 @@ class MeshFunctions:
         evaluating goes on with what there was, and the process ends with that.
         """
         for mesh, functions in list(self._all.items()):
-            if mesh in at_work or (mesh in in_reach and not functions.has_computed):
+            if mesh in at_work:
+                continue
+            mesh.cache.clear()  # also of what was still being computed when it was left
+            if mesh in in_reach and not functions.has_computed:
                 continue
             if mesh in in_reach:
                 self._all[mesh] = functions.at_rest(_is_from_file)
             else:
                 del self._all[mesh]
             functions.let_go()
-            mesh.cache.clear()
 
     def close(self) -> None:
         """End all threads and processes."""

@@ -28,6 +28,7 @@ from pathlib import Path
 import numpy as np
 
 import abfm
+from abfm import FunctionError
 from abfm_viewer.automation import Driver
 from abfm_viewer.computing import evaluator
 from abfm_viewer.document.document import Document
@@ -348,14 +349,20 @@ def _pick(monkey: Monkey, chance: random.Random) -> str:
     ids = monkey.gui.session.mesh.vertex_ids
     vertices = [int(chance.choice(ids)) for _ in range(chance.choice((1, 1, 3)))]
     side, modifiers = chance.choice(("source", "target", "advected")), chance.choice((("shift",), ("shift",), ()))
-    monkey.gui.drag_on_surface(vertices, side, modifiers)
+    try:
+        monkey.gui.drag_on_surface(vertices, side, modifiers)
+    except FunctionError as error:  # another mesh came meanwhile
+        raise DriverError(str(error)) from error
     return f"{side} {vertices}"
 
 
 def _wheel(monkey: Monkey, chance: random.Random) -> str:
     modifiers = chance.choice((("shift",), ()))
     vertex = int(chance.choice(monkey.gui.session.mesh.vertex_ids))
-    monkey.gui.wheel(chance.uniform(-5, 5), vertex, chance.choice(("source", "target")), modifiers)
+    try:
+        monkey.gui.wheel(chance.uniform(-5, 5), vertex, chance.choice(("source", "target")), modifiers)
+    except FunctionError as error:
+        raise DriverError(str(error)) from error
     return ""
 
 
