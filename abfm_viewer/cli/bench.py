@@ -7,9 +7,9 @@ from pathlib import Path
 
 import abfm
 from abfm import TriangleMesh, load_mesh
-from abfm_viewer import automation
-from abfm_viewer.cli.exit_status import INTERRUPTED, UsageError
-from abfm_viewer.cli.interrupt import interrupted_by_sigterm
+from abfm_viewer import automation, signals
+from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.interrupt import Kept, raised_by_signals
 from abfm_viewer.cli.options import positive
 
 SUMMARY = "measure the solver against the paper's algorithm and plain L-BFGS, or how often it succeeds"
@@ -56,15 +56,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure and print."""
+    kept = Kept()
 
     def tell(line: str) -> None:
+        if kept.number is not None:
+            raise signals.EndedBySignal(kept.number)
         if not arguments.quiet:
             print(line, file=sys.stderr, flush=True)
 
     if arguments.success:
         meshes = _meshes(arguments, {} if arguments.only_given else abfm.benchmark.success.success_meshes())
         problems = {"seed": arguments.seed, "count": arguments.problems, "part": arguments.part}
-        with interrupted_by_sigterm():
+        with raised_by_signals() as kept:
             report = abfm.benchmark.success.run_success(meshes, tell, **problems)
         text = abfm.benchmark.success.format_success(report)
     elif arguments.arrival:
@@ -77,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
         report = abfm.benchmark.run(tell, seconds=arguments.seconds)
         text = abfm.benchmark.format_report(report)
     print(json.dumps(report, allow_nan=False) if arguments.json else text)
-    return INTERRUPTED if report.get("interrupted") else 0
+    return 0 if kept.number is None else signals.status(kept.number)
 
 
 def _meshes(arguments: argparse.Namespace, meshes: dict[str, TriangleMesh]) -> dict[str, TriangleMesh]:

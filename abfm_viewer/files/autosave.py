@@ -134,13 +134,9 @@ def recoverable(folder: StateFolder) -> list[Recovery]:
 
 
 def _make_room(path: Path) -> None:
-    """Rename what an earlier process with this one's number left, and remove halves that were being written."""
+    """Rename what an earlier process with this one's number left."""
     with suppress(OSError):
         path.replace(path.with_stem(f"{path.stem}-{path.stat().st_mtime_ns}"))
-    with suppress(OSError):
-        for half in path.parent.glob(f".{_PREFIX}*{_SUFFIX}"):
-            if time.time() - half.stat().st_mtime > _ABANDONED:
-                half.unlink()
 
 
 def _is_alive(process: int) -> bool:

@@ -6,9 +6,17 @@ from itertools import islice
 
 _MOST_COMPARED, _LONGEST_COMPARED = 1000, 60  # words, and letters of each, as comparing takes long
 
+LONGEST = 600  # characters of a message
+
 
 class AbfmError(ValueError):
-    """Base of every error raised for bad input; the command line prints it as one line and exits with 2."""
+    """Base of every error raised for bad input; the command line prints it as one line and exits with 2.
+
+    Its text is one line that can be printed, not too long, whatever names and values are in it.
+    """
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(one_line(str(message), LONGEST) if message else "")
 
 
 class MeshError(AbfmError):
