@@ -183,4 +183,4 @@ def _non_negative(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArra
         )
     if not rows[0].any():
         raise FunctionError(f"{name} is zero everywhere; optimal transport needs some mass to move")
-    return np.maximum(rows[0], 0.0)
+    return np.asarray(np.maximum(rows[0], 0.0))
