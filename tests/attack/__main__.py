@@ -69,7 +69,7 @@ def attack(chosen: list[str], seconds: float, seed: int, workers: int) -> dict[s
     longest = max(seconds / 12, 5.0)
 
     def work(worker: int, folder: Path) -> None:
-        following = {part: seed + worker * _SEEDS for part in chosen}
+        following = dict.fromkeys(chosen, seed + worker * _SEEDS)
         while (left := end - time.monotonic()) > 0:
             with lock:
                 part = min(chosen, key=lambda part: spent[part] / SHARES[part])

@@ -22,29 +22,29 @@ from tests.attack.specimens import MESH, Door
 _LONGEST = 400  # characters of an error, its path left out
 
 
-class BrokenPromise(Exception):
+class BrokenPromiseError(Exception):
     """What was opened is not what it should be, or the way in which it was refused."""
 
 
 def enter(door: Door, path: Path) -> None:
     """Open a file as users do.
 
-    An `AbfmError` is raised where the file is refused as it should be, a `BrokenPromise` where it came in though it
-    should not have, or was refused in several lines; anything else is raised by what was attacked.
+    An `AbfmError` is raised where the file is refused as it should be, a `BrokenPromiseError` where it came in though
+    it should not have, or was refused in several lines; anything else is raised by what was attacked.
     """
     try:
         _DOORS[door](path)
     except AbfmError as error:
         text = str(error)
         _hold(len(text.splitlines()) == 1, f"an error of {len(text.splitlines())} lines: {text[:300]!r}")
-        _hold(text.isprintable() or "\udc80" <= max(text), f"an error that cannot be printed: {text[:300]!r}")
+        _hold(text.isprintable() or max(text) >= "\udc80", f"an error that cannot be printed: {text[:300]!r}")
         _hold(len(text.replace(str(path), "")) <= _LONGEST, f"an error of {len(text)} characters: {text[:300]!r}...")
         raise
 
 
 def _hold(holds: bool | np.bool_, broken: str) -> None:
     if not holds:
-        raise BrokenPromise(broken)
+        raise BrokenPromiseError(broken)
 
 
 def _mesh(path: Path) -> None:
@@ -97,7 +97,9 @@ def _check_match(match: Match) -> None:
         _hold(values.shape == (V, C) and np.isfinite(values).all(), f"a result whose {name} has shape {values.shape}")
     _hold(match.velocity.ndim == 3 and match.velocity.shape[1:] == (F, 3), "a result with a field of a wrong shape")
     _hold(np.isfinite(match.velocity).all(), "a result with a field that is not finite")
-    _hold((match.weights >= 0).all() and (match.mask is None or (match.mask >= 0).all()), "a result of negative weights")
+    _hold(
+        (match.weights >= 0).all() and (match.mask is None or (match.mask >= 0).all()), "a result of negative weights"
+    )
     _hold(len(match.energy_history) == len(match.stages), "a result with a history of two lengths")
     _hold(0 <= match.mismatch < np.inf, f"a result with the mismatch {match.mismatch}")
     _hold(match.verdict.kind != "" and isinstance(match.stop_reason, str), "a result without a verdict")

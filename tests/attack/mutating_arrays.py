@@ -14,14 +14,62 @@ from tests.attack.mutating_trees import json_text
 
 _SHAPES = (
     *("()", "(0,)", "(1,)", "(42,)", "(42, 3)", "(3, 42)", "(42, 3, 1)", "(-1,)", "(4611686018427387904,)", "(2**62,)"),
-    *("(1000000000000, 1000000000000)", "(100000000000,)", "(42", "42", "(42.0,)", "(True,)", "[42]", "(42, 0)", "(0, 99999999999)"),
+    *(
+        "(1000000000000, 1000000000000)",
+        "(100000000000,)",
+        "(42",
+        "42",
+        "(42.0,)",
+        "(True,)",
+        "[42]",
+        "(42, 0)",
+        "(0, 99999999999)",
+    ),
     *("(1,) * 9", "(" + "1, " * 64 + ")", "(" * 300, "None", "'x'"),
 )
 _TYPES = (
-    *("'<f4'", "'>f8'", "'<f2'", "'<i4'", "'<i8'", "'<u8'", "'|b1'", "'|i1'", "'<c16'", "'|O'", "'<M8[s]'", "'|V8'", "'|S8'"),
-    *("'<U1'", "'<U1000000000'", "'<f16'", "'f'", "''", "'x'", "0", "None", "[('a', '<f8')]", "[('a', '|O')]", "'<f8,<f8'", "'(2,)<f8'"),
+    *(
+        "'<f4'",
+        "'>f8'",
+        "'<f2'",
+        "'<i4'",
+        "'<i8'",
+        "'<u8'",
+        "'|b1'",
+        "'|i1'",
+        "'<c16'",
+        "'|O'",
+        "'<M8[s]'",
+        "'|V8'",
+        "'|S8'",
+    ),
+    *(
+        "'<U1'",
+        "'<U1000000000'",
+        "'<f16'",
+        "'f'",
+        "''",
+        "'x'",
+        "0",
+        "None",
+        "[('a', '<f8')]",
+        "[('a', '|O')]",
+        "'<f8,<f8'",
+        "'(2,)<f8'",
+    ),
 )
-_NAMES = ("mesh/vertices.npy", "mesh/faces.npy", "velocity.npy", "x.npy", "x", "../x.npy", "/x.npy", "", "é.npy", "project.json")
+_NAMES = (
+    "mesh/vertices.npy",
+    "mesh/faces.npy",
+    "velocity.npy",
+    "x.npy",
+    "x",
+    "../x.npy",
+    "/x.npy",
+    "",
+    "é.npy",
+    "project.json",
+)
 _METHODS = (zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
 
 
@@ -52,7 +100,7 @@ def npy(random: Random, data: bytes) -> bytes:
     else:
         version = random.choice((b"\1\0", b"\2\0", b"\3\0", b"\x09\0"))
         length = random.choice((len(header), 0, 1, 65535, len(header) - 3))
-        return data[:6] + version + struct.pack(random.choice("<H <I".split()), length) + header.encode("latin-1") + body
+        return data[:6] + version + struct.pack(random.choice(("<H", "<I")), length) + header.encode("latin-1") + body
     if random.random() < 0.5:  # as NumPy writes it: a multiple of 64 bytes
         header = header.rstrip() + " " * (-(len(header.rstrip()) + 11) % 64) + "\n"
     return data[:8] + struct.pack("<H", len(header) & 0xFFFF) + header.encode("latin-1") + body
@@ -84,7 +132,11 @@ def members(random: Random, data: bytes) -> bytes:
         entries[index] = name, mutating.ANY[random.randrange(len(mutating.ANY))](random, content)
     else:
         inside: Mutation = json_text if name.endswith(".json") or random.random() < 0.2 else npy
-        target = next((k for k, (n, _) in enumerate(entries) if n.endswith(".json")), index) if inside is json_text else index
+        target = (
+            next((k for k, (n, _) in enumerate(entries) if n.endswith(".json")), index)
+            if inside is json_text
+            else index
+        )
         entries[target] = entries[target][0], inside(random, entries[target][1])
     return _zip(entries, method)
 
@@ -114,7 +166,9 @@ def directory(random: Random, data: bytes) -> bytes:
         if not places:
             continue
         field = random.choice(places) + random.randrange(4, {b"PK\1\2": 46, b"PK\3\4": 30, b"PK\5\6": 22}[mark], 2)
-        value = random.choice((0, 1, 8, 12, 14, 99, 0xFFFF, 0xFFFFFFFF, random.randrange(2**16), random.randrange(len(data))))
+        value = random.choice(
+            (0, 1, 8, 12, 14, 99, 0xFFFF, 0xFFFFFFFF, random.randrange(2**16), random.randrange(len(data)))
+        )
         width = random.choice((2, 4))
         data = data[:field] + (value & (256**width - 1)).to_bytes(width, "little") + data[field + width :]
     return data

@@ -6,14 +6,50 @@ import base64
 import json
 import re
 import struct
+from copy import deepcopy
 from random import Random
 from typing import Any
 
 from tests.attack.mutating import NUMBERS, WORDS
 
 _VALUES: tuple[Any, ...] = (
-    *(None, True, False, 0, 1, -1, 2, 0.5, -0.5, 10**8, 2**31, 2**53, 2**62, 2**63, 10**30, 10**400, 1e308, -1e308, 1e-308),
-    *(float("nan"), float("inf"), "", "x", "é☃", "\udc80", "\0", "x" * 1000, "a\nb", "1", "nan", "1e9", "../x", "/dev/zero"),
+    *(
+        None,
+        True,
+        False,
+        0,
+        1,
+        -1,
+        2,
+        0.5,
+        -0.5,
+        10**8,
+        2**31,
+        2**53,
+        2**62,
+        2**63,
+        10**30,
+        10**400,
+        1e308,
+        -1e308,
+        1e-308,
+    ),
+    *(
+        float("nan"),
+        float("inf"),
+        "",
+        "x",
+        "é☃",
+        "\udc80",
+        "\0",
+        "x" * 1000,
+        "a\nb",
+        "1",
+        "nan",
+        "1e9",
+        "../x",
+        "/dev/zero",
+    ),
     *([], [0], [1, 2, 3], [[]], ["x"], {}, {"x": 1}, {"": None}, [0] * 1000, [None, {}]),
 )
 _ATTRIBUTE = re.compile(rb'(\w+)="([^"]*)"')
@@ -43,18 +79,20 @@ def _changed(random: Random, tree: Any) -> Any:
     if not keys or random.random() < 0.12:
         if isinstance(tree, int | float) and random.random() < 0.4:
             return random.choice((tree + 1, -tree, tree * 1000, tree - 1, tree * 0.5 if abs(tree) < 1e300 else 0))
-        return random.choice(_VALUES)
+        return deepcopy(random.choice(_VALUES))
     key, act = random.choice(keys), random.random()
     if act < 0.75:
         tree[key] = _changed(random, tree[key])
     elif act < 0.83:
         del tree[key]
     elif act < 0.9:
-        tree[key] = tree[random.choice(keys)]
+        tree[key] = deepcopy(tree[random.choice(keys)])
     elif isinstance(tree, dict):
-        tree[random.choice(("x", "", "extras", "sparse", "uri", "mesh", "matrix", key + "x"))] = random.choice(_VALUES)
+        tree[random.choice(("x", "", "extras", "sparse", "uri", "mesh", "matrix", key + "x"))] = deepcopy(
+            random.choice(_VALUES)
+        )
     else:
-        tree.insert(key, random.choice((*_VALUES, tree[key])))
+        tree.insert(key, deepcopy(random.choice((*_VALUES, tree[key]))))
     return tree
 
 
@@ -82,7 +120,9 @@ def xml(random: Random, data: bytes) -> bytes:
     if not elements:
         return data
     found, other = random.choice(elements), random.choice(elements)
-    new = random.choice((b"", found[0] * 2, other[0], found[0][: len(found[0]) // 2], found[0].lower(), _recoded(found[0])))
+    new = random.choice(
+        (b"", found[0] * 2, other[0], found[0][: len(found[0]) // 2], found[0].lower(), _recoded(found[0]))
+    )
     return data[: found.start()] + new + data[found.end() :]
 
 

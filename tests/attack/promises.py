@@ -42,7 +42,9 @@ def write(tallies: dict[str, Tally]) -> None:
         total.fault_count += tally.fault_count
         total.seconds, total.megabytes = max(total.seconds, tally.seconds), max(total.megabytes, tally.megabytes)
         total.faults = [*map(tuple, total.faults), *tally.faults]
-    plain = {part: {name: value for name, value in vars(total).items() if name != "part"} for part, total in totals.items()}
+    plain = {
+        part: {name: value for name, value in vars(total).items() if name != "part"} for part, total in totals.items()
+    }
     TOTALS.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)
@@ -55,5 +57,10 @@ def _markdown(totals: dict[str, Tally]) -> str:
     lines = ["| " + " | ".join(row) + " |" for row in rows]
     faults = [fault for total in totals.values() for fault in total.faults]
     if faults:
-        lines += ["", "What was found on the way:", "", *(f"- `{command}`: {detail[:150]}" for command, detail in faults)]
+        lines += [
+            "",
+            "What was found on the way:",
+            "",
+            *(f"- `{command}`: {detail[:150]}" for command, detail in faults),
+        ]
     return "\n".join(lines)

@@ -8,8 +8,8 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from tests.attack.trial import Trial
@@ -20,15 +20,14 @@ _MANY = 10**6
 
 
 class Slice:
-    """The trials of a part from a seed on, as they end; the one under way when the time is over is waited for."""
+    """The trials of a part from a seed on, as they end; what goes on when the time is over is waited for."""
 
     def __init__(self, part: str, seed: int, seconds: float, folder: Path) -> None:
         self._part, self._seed, self._seconds, self._folder = part, seed, seconds, folder
 
     def __iter__(self) -> Iterator[Trial]:
-        end = time.monotonic() + self._seconds
         said = self._folder / f"{self._part}-{self._seed}.log"
-        words = ["--seed", str(self._seed), "--count", str(_MANY)]
+        words = ["--seed", str(self._seed), "--count", str(_MANY), "--seconds", str(self._seconds)]
         with said.open("w") as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", f"tests.attack.{self._part}", *words],
@@ -46,16 +45,14 @@ class Slice:
             while True:
                 line = lines.get(timeout=_PATIENCE)
                 if line is None:
-                    last = " ".join(said.read_text(errors="replace").strip().splitlines()[-1:])[:200]
-                    status = process.wait()
-                    yield Trial("the part itself", following, "fault", f"it ended with exit status {status}: {last}")
+                    if status := process.wait():
+                        last = " ".join(said.read_text(errors="replace").strip().splitlines()[-1:])[:200]
+                        yield Trial("the part itself", following, "fault", f"exit status {status}: {last}")
                     return
                 if line.startswith("{"):
                     trial = Trial.from_line(line)
                     following = trial.seed + 1
                     yield trial
-                if time.monotonic() > end:
-                    return
         except queue.Empty:
             yield Trial("the part itself", following, "fault", f"no answer within {_PATIENCE:g} s")
         finally:
@@ -70,9 +67,7 @@ def _read(process: subprocess.Popen[str], lines: queue.Queue[str | None]) -> Non
 
 
 def _end(process: subprocess.Popen[str]) -> None:
-    """End a part and all that it has started."""
-    try:
+    """End a part, should it still run, and what it has started."""
+    with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
-    except ProcessLookupError:
-        pass
     process.wait()

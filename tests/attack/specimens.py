@@ -167,7 +167,10 @@ def _projects() -> list[Specimen]:
     rich = Document(
         mesh=MESH,
         name="a ball",
-        channels=(Channel("file:x.npy + gaussian:vertex=7", "coordinate:y"), Channel("eigenfunction:2", "wks:energy=0.5", 0.5)),
+        channels=(
+            Channel("file:x.npy + gaussian:vertex=7", "coordinate:y"),
+            Channel("eigenfunction:2", "wks:energy=0.5", 0.5),
+        ),
         channel=1,
         parameters=found.parameters,
         mask="indicator:axis=x,above=0.0",

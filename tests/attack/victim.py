@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TextIO
 
 from abfm import AbfmError
-from tests.attack.doors import BrokenPromise, enter
+from tests.attack.doors import BrokenPromiseError, enter
 from tests.attack.specimens import Specimen
 from tests.attack.trial import Trial
 
@@ -113,7 +113,7 @@ def _place(log: str) -> str:
     """Where a stack that faulthandler wrote was in our own code, or the end of what was said."""
     frames = [line.strip() for line in log.splitlines() if "File " in line]
     own = [f for f in frames if "/core/abfm/" in f or "/abfm_viewer/" in f]
-    lines = own[:1] or frames[:1] or log.strip().splitlines()[-1:] or ["no stack"]
+    lines = own[:1] or log.strip().splitlines()[-1:] or ["no stack"]
     return lines[0].replace(str(ROOT) + os.sep, "")[:300]
 
 
@@ -147,7 +147,7 @@ def _attempt(files_of: Attacker, seed: int, folder: Path) -> Trial:
         outcome, detail = "ok", ""
     except AbfmError as error:
         outcome, detail = "refused", str(error)
-    except BrokenPromise as error:
+    except BrokenPromiseError as error:
         outcome, detail = "fault", str(error)
     except Exception as error:
         outcome, detail = "fault", _last_of_ours(error)
