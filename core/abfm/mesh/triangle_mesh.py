@@ -58,6 +58,8 @@ class TriangleMesh:
         Of several components keep the one with the largest area, with a message, instead of refusing the mesh.
     messages : iterable of str
         What was already done to the input, put before the messages of the checks.
+    numbers : tuple of (V,) array of int and int, optional
+        The vertex_ids, ascending, and the file_vertex_count of vertices from which others were left out already.
 
     Attributes
     ----------
@@ -107,8 +109,9 @@ class TriangleMesh:
         *,
         largest_component: bool = False,
         messages: Iterable[str] = (),
+        numbers: tuple[IntArray, int] | None = None,
     ) -> None:
-        draft, connectivity = check(vertices, faces, largest_component)
+        draft, connectivity = check(vertices, faces, largest_component, numbers)
         arrays = {name: getattr(draft, name) for name in ("vertices", "faces", "vertex_ids", "face_ids")}
         self.__dict__.update({name: _frozen(array) for name, array in (arrays | connectivity._asdict()).items()})
         self.__dict__.update(
