@@ -57,9 +57,11 @@ class Connectivity(NamedTuple):
     corner_fans: IntArray
 
 
-def check(vertices: ArrayLike, faces: ArrayLike, largest_component: bool) -> tuple[Draft, Connectivity]:
+def check(
+    vertices: ArrayLike, faces: ArrayLike, largest_component: bool, numbers: tuple[IntArray, int] | None = None
+) -> tuple[Draft, Connectivity]:
     """Refuse, repair or accept a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
-    draft = _drop_unreferenced(_draft(vertices, faces))
+    draft = _drop_unreferenced(_draft(vertices, faces, numbers))
     _refuse_unusable_coordinates(draft)
     draft = _one_component(draft, largest_component)
     _refuse_degenerate_faces(draft)
@@ -114,11 +116,12 @@ def flat_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
     return found
 
 
-def _draft(vertices: ArrayLike, faces: ArrayLike) -> Draft:
+def _draft(vertices: ArrayLike, faces: ArrayLike, numbers: tuple[IntArray, int] | None) -> Draft:
     """Copies of the input, if they are of the right shapes and types."""
     points = np.array(_number_array(vertices, "vertices", "(V, 3), coordinates as numbers"), dtype=np.float64)
     triangles = _face_array(faces, len(points))
-    return Draft(points, triangles, np.arange(len(points)), np.arange(len(triangles)), len(points))
+    vertex_ids, count = numbers or (np.arange(len(points)), len(points))
+    return Draft(points, triangles, vertex_ids, np.arange(len(triangles)), count)
 
 
 def _count(number: int | np.integer[Any], one: str, many: str) -> str:
@@ -167,12 +170,13 @@ def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
 
 def _drop_unreferenced(draft: Draft) -> Draft:
     kept = draft.without_unreferenced_vertices()
-    dropped = np.setdiff1d(draft.vertex_ids, kept.vertex_ids, assume_unique=True)
-    if len(dropped) == 0:
+    dropped = draft.input_vertex_count - len(kept.vertices)
+    if dropped == 0:
         return draft
+    gaps = np.flatnonzero(kept.vertex_ids != np.arange(len(kept.vertices)))
     return kept.noting(
-        f"{_count(len(dropped), 'vertex that no face uses was', 'vertices that no face uses were')} dropped "
-        f"(for example vertex {dropped[0]})"
+        f"{_count(dropped, 'vertex that no face uses was', 'vertices that no face uses were')} dropped "
+        f"(for example vertex {gaps[0] if len(gaps) else len(kept.vertices)})"
     )
 
 
