@@ -44,16 +44,22 @@ def gifti_bomb(dims: str) -> bytes:
 
 
 def overlapping_zip(path: Path, names: list[str], content: bytes) -> None:
-    """A zip whose members are all the same bytes of the file."""
+    """A zip each of whose members holds the next one, header and all: together much more than the file."""
+    found = []
+    for name in reversed(names):
+        member = zipfile.ZipInfo(name)
+        member.file_size = member.compress_size = len(content)
+        member.CRC = zlib.crc32(content)
+        content = member.FileHeader() + content
+        found.append((member, len(content)))
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr(zipfile.ZipInfo(names[0]), content)
-        [first] = archive.infolist()
-        for name in names[1:]:
-            other = zipfile.ZipInfo(name)
-            for attribute in ("header_offset", "compress_size", "file_size", "CRC"):
-                setattr(other, attribute, getattr(first, attribute))
-            archive.filelist.append(other)
-            archive.NameToInfo[name] = other
+        assert archive.fp is not None
+        archive.fp.write(content)
+        archive.start_dir = len(content)
+        for member, length in found:
+            member.header_offset = len(content) - length
+            archive.filelist.append(member)
+        archive.comment = b"written"
 
 
 def zipped(members: dict[str, bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
