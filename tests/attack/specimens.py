@@ -6,7 +6,7 @@ import base64
 import gzip
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -51,12 +51,13 @@ SPECS = (
 
 @dataclass(frozen=True)
 class Specimen:
-    """A file: its name, its bytes, the door, and files that it needs beside it."""
+    """A file: its name, its bytes, the door, and files that it needs beside it; or who puts something else there."""
 
     name: str
     door: Door
     content: bytes
     beside: Mapping[str, bytes] = field(default_factory=dict)
+    place: Callable[[Path], None] | None = None
 
 
 @cache
