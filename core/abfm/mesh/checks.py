@@ -105,13 +105,14 @@ def flat_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
     The height over the longest edge is at most 1e-12 of that edge, or what rounding does to the coordinates: 9e-16 of
     how far the face reaches from the origin. That is the same in every unit of length and after every rotation.
     """
-    twice = twice_areas(vertices, faces)
+    twice, distances = twice_areas(vertices, faces), np.linalg.norm(vertices, axis=1)
     found = np.empty(len(faces), dtype=bool)
     for start in range(0, len(faces), AT_A_TIME):
         some = slice(start, start + AT_A_TIME)
-        corners = vertices[faces[some]]
-        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-        reach = np.linalg.norm(corners, axis=2).max(axis=1)
+        a, b, c = faces[some].T
+        sides = [vertices[b] - vertices[a], vertices[c] - vertices[b], vertices[a] - vertices[c]]
+        longest = np.sqrt(np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in sides]))
+        reach = np.maximum.reduce([distances[a], distances[b], distances[c]])
         found[some] = ~(twice[some] > (FLATNESS * longest + ROUNDING * reach) * longest)
     return found
 
@@ -149,7 +150,7 @@ def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
 
 def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
     array = _number_array(faces, "faces", "(F, 3), vertex indices counted from 0 (split larger polygons)")
-    fractional = np.any(array != np.floor(array), axis=1)
+    fractional = np.any(array != np.floor(array), axis=1) if array.dtype.kind == "f" else np.zeros(0, dtype=bool)
     if fractional.any():
         face = np.argmax(fractional)
         raise MeshError(
@@ -249,10 +250,12 @@ def _refuse_faces(draft: Draft, bad: BoolArray, has: str, have: str, defect: str
 
 
 def _refuse_duplicate_faces(draft: Draft, face_edges: IntArray) -> None:
-    in_order = np.sort(face_edges, axis=1)
-    order = np.lexsort(in_order.T)
-    in_order = in_order[order]
-    again = np.append(False, (in_order[1:] == in_order[:-1]).all(axis=1))
+    a, b, c = face_edges.T
+    least, most = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    keys = least * (face_edges.max() + 1) + (a + b + c - least - most)  # two edges of a triangle tell its vertices
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
+    again = np.append(False, keys[1:] == keys[:-1])
     if again.any():
         position = np.argmax(again)
         first, second = np.sort(draft.face_ids[order[position - 1 : position + 1]])

@@ -92,7 +92,8 @@ def _wrong_fans(fans: FloatArray, sizes: IntArray) -> tuple[BoolArray, FloatArra
     cross = np.cross(fans[:, 1] - fans[:, 0], fans[:, 2] - fans[:, 0])
     normals = np.add.reduceat(cross, np.cumsum(sizes - 2) - (sizes - 2))
     lengths = np.linalg.norm(normals, axis=1)
-    longest = np.max([((fans[:, k] - fans[:, k - 1]) ** 2).sum(axis=1) for k in range(3)], axis=0)
+    sides = [fans[:, k] - fans[:, k - 1] for k in range(3)]
+    longest = np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in sides])
     away = np.einsum("fx,fx->f", cross, normals[owner]) <= _FLAT * longest * lengths[owner]
     sized = lengths > _FLAT * np.maximum.reduceat(longest, np.cumsum(sizes - 2) - (sizes - 2))
     return (np.bincount(owner, away, len(sizes)) > 0) & sized & (sizes > 3), normals
