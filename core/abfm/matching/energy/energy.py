@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.calculus.numbers import real_numbers
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import AdvectionError, ParameterError
 from abfm.flow.advection import Advection
@@ -126,7 +127,10 @@ class MatchingEnergy(Problem):
         momentum = self.step * np.stack([apply(v) for v in fields])
         regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(fields).ravel())
         try:
-            mismatch, advected, gradient = self._mismatch(fields, sigma, reach, target, tolerance)
+            with np.errstate(over="ignore", invalid="ignore"):  # an unstable flow ends in any numbers
+                mismatch, advected, gradient = self._mismatch(fields, sigma, reach, target, tolerance)
+            if not np.isfinite(mismatch):
+                raise AdvectionError("the mismatch overflows")
         except AdvectionError:
             nowhere = np.full(self.shape, np.nan)
             mismatch, advected, gradient = np.inf, np.full_like(self.source, np.nan), lambda: nowhere
@@ -234,7 +238,7 @@ def check_fields(velocity: ArrayLike, shape: tuple[int, int, int], name: str = "
     ParameterError
         If the shape is another one or a value is not finite.
     """
-    field = np.asarray(velocity, dtype=np.float64)
+    field = real_numbers(velocity, name, ParameterError)
     expected = (*shape[:2], 3)
     if field.shape == expected[1:] and expected[0] == 1:
         field = field[None]
