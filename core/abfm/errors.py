@@ -32,3 +32,19 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     """``" (did you mean ...?)"``, or nothing where no known word is near."""
     close = get_close_matches(word.strip().lower(), list(known), n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def one_line(what: object, most: int = 200) -> str:
+    """The text of an error, a path or anything else on one line of at most so many characters, the middle left out.
+
+    What cannot be printed becomes a question mark. An error of the operating system is what it says without its path;
+    an error that says nothing is named by its type.
+    """
+    text = (what.strerror if isinstance(what, OSError) else None) or str(what)
+    if isinstance(what, BaseException) and not text.strip():
+        text = type(what).__name__
+    if len(text) > 2 * most:  # of a text of any length, no more is looked at
+        text = f"{text[:most]} ... {text[-most:]}"
+    text = "".join(sign if sign.isprintable() else "?" for sign in " ".join(text.split()))
+    end = most // 4
+    return text if len(text) <= most else f"{text[: most - end - 3]}...{text[-end:]}"
