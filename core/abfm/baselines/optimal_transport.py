@@ -10,8 +10,10 @@ from scipy import sparse
 from scipy.optimize import brentq
 
 from abfm.calculus.channels import channels
+from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
-from abfm.errors import FunctionError, ParameterError
+from abfm.errors import FunctionError, ParameterError, one_line
+from abfm.matching.energy.problem import LARGEST, SMALLEST
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray
@@ -20,6 +22,7 @@ _ITERATIONS = 500
 _TOLERANCE = 1e-5  # L1 change of the interpolated density, whose mass is 1, from one iteration to the next
 _LEAST_HEAT = 1e-150  # squares and quotients of smaller densities underflow
 _SHARPEST = 64.0
+_NEGLIGIBLE = 0.01  # of the largest value: what a function may be below zero
 
 
 class HeatKernel:
@@ -79,7 +82,8 @@ def optimal_transport(
     Parameters
     ----------
     f, g : (V,) arrays
-        Not negative, with a positive integral each.
+        Not negative, with a positive integral each. Values below zero by at most 1% of the largest one, as rounding
+        and advection leave them, count as 0.
     times : float or (T,) array
         From 0 (f) to 1 (g).
     blur : float
@@ -96,16 +100,17 @@ def optimal_transport(
     Raises
     ------
     FunctionError
-        If a function has negative values or no mass, or does not fit the mesh.
+        If a function has values further below zero or no mass, or does not fit the mesh.
     ParameterError
         If a time, blur or steps is out of range, or heat does not reach across the mesh.
     """
-    moments = np.atleast_1d(np.asarray(times, dtype=np.float64))
+    moments = np.atleast_1d(real_numbers(times, "times", ParameterError))
     if moments.ndim != 1 or not ((moments >= 0) & (moments <= 1)).all():
-        raise ParameterError(f"times is {times!r}; expected a time from 0 to 1 or a list of them")
-    if not (np.isfinite(blur) and blur > 0 and steps >= 1 and int(steps) == steps):
+        raise ParameterError(f"times is {one_line(repr(times), 60)}; expected a time from 0 to 1 or a list of them")
+    if not (is_finite_number(blur) and blur > 0 and is_finite_number(steps) and steps >= 1 and int(steps) == steps):
         raise ParameterError(
-            f"blur is {blur!r}, steps is {steps!r}; expected a blur above 0 and a whole number of steps"
+            f"blur is {one_line(repr(blur), 60)}, steps is {one_line(repr(steps), 60)}; expected a blur above 0 and a "
+            "whole number of steps"
         )
     functions = [_non_negative(mesh, values, name) for values, name in ((f, "source f"), (g, "target g"))]
     heat = HeatKernel(mesh, blur, int(steps))
@@ -173,11 +178,16 @@ def _non_negative(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArra
     if len(rows) != 1:
         raise FunctionError(f"{name} has {len(rows)} channels; optimal transport takes one function (vertices,)")
     worst = int(rows[0].argmin())
-    if rows[0, worst] < 0:
+    if rows[0, worst] < -_NEGLIGIBLE * rows[0].max():
         raise FunctionError(
             f"{name} is negative at {np.count_nonzero(rows[0] < 0)} of {len(rows[0])} vertices, down to "
             f"{rows[0, worst]:g} at vertex {mesh.vertex_ids[worst]}; optimal transport moves mass, never negative"
         )
     if not rows[0].any():
         raise FunctionError(f"{name} is zero everywhere; optimal transport needs some mass to move")
-    return np.asarray(rows[0])
+    if not SMALLEST <= rows[0].max() <= LARGEST:
+        raise FunctionError(
+            f"{name} has values of up to {rows[0].max():.3g}, which over- or underflow; scale it to between "
+            f"{SMALLEST:g} and {LARGEST:g}"
+        )
+    return np.asarray(np.maximum(rows[0], 0))

@@ -20,6 +20,7 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from abfm.calculus.eigenbasis import eigenbasis
+from abfm.calculus.numbers import real_numbers
 from abfm.calculus.operators import averaging, field_mass, gradient, hodge_gradients, rotation, vertex_areas
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
@@ -78,7 +79,7 @@ class ReducedEnergy:
         alpha: float = 1.0,
         sigma: float = 0.1,
     ) -> None:
-        self.start, self.target = (np.asarray(C, dtype=np.float64) for C in (start, target))
+        self.start, self.target = (real_numbers(C, "a functional map", ParameterError) for C in (start, target))
         if self.start.ndim != 2 or self.start.shape != self.target.shape or 0 in self.start.shape:
             raise ParameterError(
                 f"functional maps have shapes {self.start.shape} and {self.target.shape}; expected two matrices alike"

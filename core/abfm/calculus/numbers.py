@@ -1,4 +1,4 @@
-"""Arrays of real numbers, of whatever a caller gives."""
+"""Real numbers, and arrays of them, of whatever a caller gives."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,3 +23,12 @@ def real_numbers(values: ArrayLike, name: str, error: type[AbfmError]) -> FloatA
         raise error(f"{name} has values of type {array.dtype}; expected real numbers")
     with np.errstate(over="ignore"):  # of longer floats
         return array.astype(np.float64, copy=False)
+
+
+def is_finite_number(value: object) -> bool:
+    """Whether it is one finite real number, of any type that NumPy knows."""
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError):
+        return False
+    return array.ndim == 0 and array.dtype.kind in "biuf" and bool(np.isfinite(array))

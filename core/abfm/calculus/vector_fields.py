@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.operators import Matrix, averaging, face_frames, gradient
-from abfm.errors import AdvectionError, ParameterError
+from abfm.errors import AdvectionError, ParameterError, one_line
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
 from abfm.types import FloatArray
@@ -22,7 +23,7 @@ def check_field(mesh: TriangleMesh, field: ArrayLike, name: str) -> FloatArray:
     ParameterError
         If it has another shape or values that are not finite.
     """
-    array = np.asarray(field, dtype=np.float64)
+    array = real_numbers(field, name, ParameterError)
     if array.shape != (len(mesh.faces), 3):
         raise ParameterError(f"{name} has shape {array.shape}; expected {(len(mesh.faces), 3)}, a vector per face")
     if not np.isfinite(array).all():
@@ -149,10 +150,12 @@ def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> Flo
     Raises
     ------
     ParameterError
-        If a field has another shape or values that are not finite.
+        If a field has another shape or values that are not finite, or the time is no finite number.
     AdvectionError
         If the flow is too long, or the carried field overflows.
     """
+    if not is_finite_number(t):
+        raise ParameterError(f"t is {one_line(repr(t), 60)}; expected a finite time")
     velocity, field = (to_frame(mesh, check_field(mesh, w, name)) for w, name in ((v, "v"), (u, "u")))
     carried = exponential_action(lie_bracket(mesh, velocity), field.ravel(), -t)
     if not np.isfinite(carried).all():

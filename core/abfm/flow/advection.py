@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.vector_fields import to_frame
-from abfm.errors import AdvectionError
+from abfm.errors import AdvectionError, one_line
 from abfm.flow.derivative_pattern import derivative_pattern
 from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Segment, Trajectory, Workspace
 from abfm.mesh import TriangleMesh
@@ -145,16 +146,16 @@ def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> F
     AdvectionError
         If the arrays do not fit the mesh or are not finite, or if the flow is too long or overflows.
     """
-    field, functions = np.asarray(velocity, dtype=np.float64), np.asarray(f, dtype=np.float64)
+    field, functions = real_numbers(velocity, "velocity", AdvectionError), real_numbers(f, "f", AdvectionError)
     if field.shape != (len(mesh.faces), 3):
         raise AdvectionError(f"velocity has shape {field.shape}; expected {(len(mesh.faces), 3)}, a vector per face")
     if functions.ndim not in (1, 2) or len(functions) not in (len(mesh.vertices), mesh.file_vertex_count):
         raise AdvectionError(f"f has shape {functions.shape}; expected ({len(mesh.vertices)},) or with channels")
     functions = mesh.restrict(functions)
-    if np.ndim(t) or not np.issubdtype(np.asarray(t).dtype, np.number):
-        raise AdvectionError(f"t is {t!r}; expected one time")
-    if not (np.isfinite(field).all() and np.isfinite(functions).all() and np.isfinite(t)):
-        raise AdvectionError("velocity, f and t must be finite")
+    if not is_finite_number(t):
+        raise AdvectionError(f"t is {one_line(repr(t), 60)}; expected one finite time")
+    if not (np.isfinite(field).all() and np.isfinite(functions).all()):
+        raise AdvectionError("velocity and f must be finite")
     flow = ExponentialFlow(mesh, to_frame(mesh, field), Workspace(len(mesh.vertices)))
     columns = np.ascontiguousarray(functions.reshape(len(functions), -1).T)
     carried = np.stack([flow.forward(column, float(t)).end for column in columns], axis=1)

@@ -6,8 +6,9 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.vector_fields import check_field
-from abfm.errors import ParameterError
+from abfm.errors import ParameterError, one_line
 from abfm.flow import tracing
 from abfm.flow.tracing import FaceFlow, face_flow
 from abfm.mesh import TriangleMesh
@@ -75,12 +76,12 @@ def flow_lines(
     """
     fields = fields_in_a_row(mesh, velocity)
     faces, barycentric = check_start(mesh, start)
-    if np.ndim(duration) or not np.isfinite(duration):
-        raise ParameterError(f"duration is {duration}; expected a finite time")
+    if not is_finite_number(duration):
+        raise ParameterError(f"duration is {one_line(repr(duration), 60)}; expected a finite time")
     if len(fields) > 1 and tau is None:
         raise ParameterError(f"velocity has {len(fields)} fields but tau is missing: say when the last one ends")
-    if tau is not None and not (np.isfinite(tau) and tau > 0):
-        raise ParameterError(f"tau is {tau}; expected a positive time")
+    if tau is not None and not (is_finite_number(tau) and tau > 0):
+        raise ParameterError(f"tau is {one_line(repr(tau), 60)}; expected a positive time")
     if duration < 0:
         fields = -fields[:1]
     changes = np.arange(1, len(fields)) * (tau or 0.0) / len(fields)
@@ -123,12 +124,11 @@ def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
     ParameterError
         If they have another shape or values that are not finite.
     """
-    array = np.asarray(velocity, dtype=np.float64)
-    if array.ndim == 2:
-        array = array[None]
+    given = real_numbers(velocity, "velocity", ParameterError)
+    array = given[None] if given.ndim == 2 else given
     if array.ndim != 3 or not len(array):
         expected = (len(mesh.faces), 3)
-        raise ParameterError(f"velocity has shape {np.shape(velocity)}; expected {expected}, or N of these in a row")
+        raise ParameterError(f"velocity has shape {given.shape}; expected {expected}, or N of these in a row")
     for field in array:
         check_field(mesh, field, "velocity")
     return array
@@ -142,7 +142,7 @@ def check_start(mesh: TriangleMesh, start: FacePoints) -> tuple[IntArray, FloatA
     ParameterError
         If they are not points of the mesh.
     """
-    faces, barycentric = np.asarray(start.faces), np.asarray(start.barycentric, dtype=np.float64)
+    faces, barycentric = np.asarray(start.faces), real_numbers(start.barycentric, "start", ParameterError)
     if faces.ndim != 1 or not np.issubdtype(faces.dtype, np.integer) or barycentric.shape != (len(faces), 3):
         raise ParameterError(
             f"start has faces {faces.shape} of {faces.dtype} and barycentric {barycentric.shape}; "

@@ -76,7 +76,8 @@ def _opposite_edges(mesh: TriangleMesh) -> FloatArray:
 
 def _at_vertices(mesh: TriangleMesh, of_corners: FloatArray) -> FloatArray:
     """Sum of what each corner (F, 3) has, (V,)."""
-    return np.bincount(mesh.faces.ravel(), of_corners.ravel(), minlength=len(mesh.vertices))
+    sums: FloatArray = np.bincount(mesh.faces.ravel(), of_corners.ravel(), len(mesh.vertices)).astype(np.float64)
+    return sums
 
 
 def _rounding(mesh: TriangleMesh) -> float:

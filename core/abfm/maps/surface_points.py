@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
+from abfm.calculus.numbers import real_numbers
 from abfm.calculus.operators import face_normals, hat_gradients
 from abfm.errors import AbfmError
 from abfm.mesh import TriangleMesh
@@ -171,7 +172,7 @@ def turned_over(mesh: TriangleMesh, corners: FloatArray) -> BoolArray:
 
 
 def _finite_points(points: ArrayLike) -> FloatArray:
-    given = np.asarray(points, dtype=np.float64)
+    given = real_numbers(points, "points", AbfmError)
     if given.ndim != 2 or given.shape[1] != 3:
         raise AbfmError(f"points have shape {given.shape}; expected (P, 3): give one row x, y, z per point")
     bad = np.flatnonzero(~np.isfinite(given).all(axis=1))

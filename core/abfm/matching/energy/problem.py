@@ -60,6 +60,12 @@ class Problem:
         self.areas = vertex_areas(mesh) if self.mask is None else vertex_areas(mesh) * self.mask
         self.function_size = max(self.deviation(self.source), self.deviation(self.target)) or 1.0
 
+    @property
+    def is_constant(self) -> bool:
+        """Whether source and target have one value each, up to rounding."""
+        norms = self.norm(self.source), self.norm(self.target)
+        return max(self.deviation(self.source), self.deviation(self.target)) <= CONSTANT * max(norms)
+
     def relative_mismatch(self, advected: FloatArray) -> float:
         """``||f_tau - g|| / ||g||`` in L2 over all channels (C, V), see the function of this name."""
         return relative_mismatch(self.mesh, advected, self.target, self.source, self.mask, self.weights)
