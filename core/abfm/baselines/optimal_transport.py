@@ -10,9 +10,9 @@ from scipy import sparse
 from scipy.optimize import brentq
 
 from abfm.calculus.channels import channels
-from abfm.calculus.numbers import is_finite_number, real_numbers
+from abfm.calculus.numbers import is_finite_number, is_whole_number, real_numbers
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
-from abfm.errors import FunctionError, ParameterError, one_line
+from abfm.errors import FunctionError, ParameterError, brief
 from abfm.matching.energy.problem import LARGEST, SMALLEST
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
@@ -22,6 +22,7 @@ _ITERATIONS = 500
 _TOLERANCE = 1e-5  # L1 change of the interpolated density, whose mass is 1, from one iteration to the next
 _LEAST_HEAT = 1e-150  # squares and quotients of smaller densities underflow
 _SHARPEST = 64.0
+_WIDEST, _MOST_STEPS = 1e3, 10_000
 _NEGLIGIBLE = 0.01  # of the largest value: what a function may be below zero
 
 
@@ -41,6 +42,11 @@ class HeatKernel:
     steps : int
         Implicit Euler steps.
 
+    Raises
+    ------
+    ParameterError
+        If a number is out of range.
+
     Attributes
     ----------
     areas : (V,) array
@@ -48,9 +54,14 @@ class HeatKernel:
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:
+        if not (is_finite_number(width) and 0 < width <= _WIDEST and is_whole_number(steps, 1, _MOST_STEPS)):
+            raise ParameterError(
+                f"blur is {brief(width)}, steps is {brief(steps)}; expected a blur above 0, at most {_WIDEST:g}, and a "
+                f"whole number of steps from 1 to {_MOST_STEPS}"
+            )
         unit = mesh.normalized()
         self.areas = vertex_areas(unit)
-        self._steps = steps
+        self._steps = int(steps)
         matrix = sparse.diags_array(self.areas) + 0.5 * width**2 / steps * _positive_laplacian(unit)
         self._solve = factor(sparse.csr_array(matrix))
 
@@ -106,14 +117,9 @@ def optimal_transport(
     """
     moments = np.atleast_1d(real_numbers(times, "times", ParameterError))
     if moments.ndim != 1 or not ((moments >= 0) & (moments <= 1)).all():
-        raise ParameterError(f"times is {one_line(repr(times), 60)}; expected a time from 0 to 1 or a list of them")
-    if not (is_finite_number(blur) and blur > 0 and is_finite_number(steps) and steps >= 1 and int(steps) == steps):
-        raise ParameterError(
-            f"blur is {one_line(repr(blur), 60)}, steps is {one_line(repr(steps), 60)}; expected a blur above 0 and a "
-            "whole number of steps"
-        )
+        raise ParameterError(f"times is {brief(times)}; expected a time from 0 to 1 or a list of them")
     functions = [_non_negative(mesh, values, name) for values, name in ((f, "source f"), (g, "target g"))]
-    heat = HeatKernel(mesh, blur, int(steps))
+    heat = HeatKernel(mesh, blur, steps)
     masses = [float(heat.areas @ values) for values in functions]
     densities = [values / mass for values, mass in zip(functions, masses, strict=True)]
     if min(heat(density).min() for density in densities) < _LEAST_HEAT:

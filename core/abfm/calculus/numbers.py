@@ -26,9 +26,17 @@ def real_numbers(values: ArrayLike, name: str, error: type[AbfmError]) -> FloatA
 
 
 def is_finite_number(value: object) -> bool:
-    """Whether it is one finite real number, of any type that NumPy knows."""
+    """Whether it is one finite real number, of any type of NumPy's but truth values."""
     try:
         array = np.asarray(value)
     except (ValueError, TypeError):
         return False
-    return array.ndim == 0 and array.dtype.kind in "biuf" and bool(np.isfinite(array))
+    return array.ndim == 0 and array.dtype.kind in "iuf" and bool(np.isfinite(array))
+
+
+def is_whole_number(value: object, least: int, most: int) -> bool:
+    """Whether it is one whole number between two, the ends included."""
+    if not is_finite_number(value):
+        return False
+    number = float(np.asarray(value))
+    return least <= number <= most and number == int(number)

@@ -6,7 +6,7 @@ from scipy import sparse
 
 from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.operators import Matrix, averaging, face_frames, gradient
-from abfm.errors import AdvectionError, ParameterError, one_line
+from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
 from abfm.types import FloatArray
@@ -155,7 +155,7 @@ def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> Flo
         If the flow is too long, or the carried field overflows.
     """
     if not is_finite_number(t):
-        raise ParameterError(f"t is {one_line(repr(t), 60)}; expected a finite time")
+        raise ParameterError(f"t is {brief(t)}; expected a finite time")
     velocity, field = (to_frame(mesh, check_field(mesh, w, name)) for w, name in ((v, "v"), (u, "u")))
     carried = exponential_action(lie_bracket(mesh, velocity), field.ravel(), -t)
     if not np.isfinite(carried).all():

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.vector_fields import to_frame
-from abfm.errors import AdvectionError, one_line
+from abfm.errors import AdvectionError, brief
 from abfm.flow.derivative_pattern import derivative_pattern
 from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Segment, Trajectory, Workspace
 from abfm.mesh import TriangleMesh
@@ -153,7 +153,7 @@ def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> F
         raise AdvectionError(f"f has shape {functions.shape}; expected ({len(mesh.vertices)},) or with channels")
     functions = mesh.restrict(functions)
     if not is_finite_number(t):
-        raise AdvectionError(f"t is {one_line(repr(t), 60)}; expected one finite time")
+        raise AdvectionError(f"t is {brief(t)}; expected one time, finite")
     if not (np.isfinite(field).all() and np.isfinite(functions).all()):
         raise AdvectionError("velocity and f must be finite")
     flow = ExponentialFlow(mesh, to_frame(mesh, field), Workspace(len(mesh.vertices)))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.numbers import is_finite_number
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
-from abfm.errors import ParameterError, one_line
+from abfm.errors import ParameterError, brief
 from abfm.flow.flow_lines import FacePoints, check_start, fields_in_a_row
 from abfm.flow.smooth_flow import SmoothFlow, smooth_flow, vector_at, walk_straight
 from abfm.maps.surface_points import SurfacePoints, vertex_points
@@ -76,7 +76,7 @@ def flow_map(
     faces, barycentric = check_start(mesh, given)
     barycentric = (1 - _INWARD) * barycentric + _INWARD / 3
     if not (is_finite_number(tau) and tau >= 0):
-        raise ParameterError(f"tau is {one_line(repr(tau), 60)}; expected a finite time that is not negative")
+        raise ParameterError(f"tau is {brief(tau)}; expected a finite time that is not negative")
     duration = (-tau if backwards else tau) / len(fields)
     unit = mesh.normalized()
     _check_work(mesh, fields, abs(duration))

@@ -162,7 +162,7 @@ class ExponentialFlow:
         self.values = self.pattern.values(v)
         bound = derivative_kernels.perron_bound(self.pattern.indptr, self.pattern.indices, self.values, 4)
         if not np.isfinite(bound):
-            raise AdvectionError("the field has values that are not finite: give one finite vector per face")
+            raise AdvectionError("the field is not finite, or too fast for numbers: give one finite vector per face")
         # Rounded up to a grid, so that the scheme, and with it the exactness of its derivative, is locally constant.
         self.rho = float(2.0 ** (np.ceil(64 * np.log2(max(bound, _SLOWEST))) / 64))
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from abfm.calculus.channels import channels
 from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.vector_fields import to_frame
-from abfm.errors import AdvectionError, ParameterError, one_line
+from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.flow.advection import Advection
 from abfm.flow.exponential import Workspace
 from abfm.flow.flow_lines import fields_in_a_row
@@ -44,10 +44,10 @@ class Flow:
 
     def __init__(self, mesh: TriangleMesh, velocity: ArrayLike, tau: float = 1.0, method: Method = "nonlinear") -> None:
         if not (is_finite_number(tau) and tau > 0):
-            raise ParameterError(f"tau is {one_line(repr(tau), 60)}; expected a positive time")
+            raise ParameterError(f"tau is {brief(tau)}; expected a positive time")
         if not isinstance(method, str) or method not in CHOICES["method"]:
             expected = " or ".join(map(repr, CHOICES["method"]))
-            raise ParameterError(f"method is {one_line(repr(method), 60)}; expected {expected}")
+            raise ParameterError(f"method is {brief(method)}; expected {expected}")
         self.mesh, self.tau, self.method = mesh, float(tau), method
         self.velocity = fields_in_a_row(mesh, velocity)
 
@@ -81,7 +81,7 @@ class Flow:
         """
         moments = real_numbers(times, "t", ParameterError)
         if moments.ndim != 1 or not np.isfinite(moments).all():
-            raise ParameterError(f"t is {one_line(repr(times), 60)}; expected a finite time or a list of them")
+            raise ParameterError(f"t is {brief(times)}; expected a finite time or a list of them")
         rows = channels(self.mesh, h, "h")
         workspace = _workspace(self.mesh)
         with workspace.lock:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.vector_fields import check_field
-from abfm.errors import ParameterError, one_line
+from abfm.errors import ParameterError, brief
 from abfm.flow import tracing
 from abfm.flow.tracing import FaceFlow, face_flow
 from abfm.mesh import TriangleMesh
@@ -77,11 +77,11 @@ def flow_lines(
     fields = fields_in_a_row(mesh, velocity)
     faces, barycentric = check_start(mesh, start)
     if not is_finite_number(duration):
-        raise ParameterError(f"duration is {one_line(repr(duration), 60)}; expected a finite time")
+        raise ParameterError(f"duration is {brief(duration)}; expected a finite time")
     if len(fields) > 1 and tau is None:
         raise ParameterError(f"velocity has {len(fields)} fields but tau is missing: say when the last one ends")
     if tau is not None and not (is_finite_number(tau) and tau > 0):
-        raise ParameterError(f"tau is {one_line(repr(tau), 60)}; expected a positive time")
+        raise ParameterError(f"tau is {brief(tau)}; expected a positive time")
     if duration < 0:
         fields = -fields[:1]
     changes = np.arange(1, len(fields)) * (tau or 0.0) / len(fields)
