@@ -1,12 +1,8 @@
 """`abfm-viewer`: the command that opens the window."""
 
-import atexit
-import os
 import sys
-from contextlib import suppress
 
-from abfm_viewer import window
-from abfm_viewer.cli.exit_status import exit_status
+from abfm_viewer import signals
 
 _DESCRIPTION = """\
 Open a window with a mesh, two functions on it, and their match.
@@ -20,25 +16,18 @@ Examples:
 
 def main(argv: list[str] | None = None) -> int:
     """Open the app and return the exit status when its window is closed; without words given it is the program's."""
-    if argv is not None:
-        return exit_status("abfm-viewer", lambda: _run(argv))
-    status: list[int] = []
-    atexit.register(_end_at_once, status)  # what is registered later comes before
-    status.append(exit_status("abfm-viewer", lambda: _run(sys.argv[1:])))
-    return status[0]
+    if argv is None:
+        signals.leave_on_signals("abfm-viewer")  # before anything else: loading takes time
+    from abfm_viewer.cli.exit_status import exit_status, program_status
 
-
-def _end_at_once(status: list[int]) -> None:
-    """End the process when all others have tidied up: taking the interpreter apart takes seconds on large meshes."""
-    if status:
-        for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError, ValueError, AttributeError):
-                stream.flush()
-        os._exit(status[0])
+    if argv is None:
+        return program_status("abfm-viewer", lambda: _run(sys.argv[1:]))
+    return exit_status("abfm-viewer", lambda: _run(argv))
 
 
 def _run(words: list[str]) -> int:
-    from abfm_viewer.cli.parser import Parser  # not before: Ctrl-C may come while modules load
+    from abfm_viewer import window
+    from abfm_viewer.cli.parser import Parser
 
     parser = Parser(prog="abfm-viewer", description=_DESCRIPTION)
     parser.add_argument(

@@ -18,6 +18,7 @@ from abfm import Parameters, TriangleMesh
 from abfm.assets import asset_path
 from abfm.benchmark.problem import sphere_problem
 from abfm.parameters import PAPER
+from abfm_viewer import signals
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import Backend
 from abfm_viewer.session.session import Session
@@ -124,7 +125,7 @@ def _launch(backend: Backend, repeats: int) -> dict[str, Any]:
 
 def _until_drawn(command: list[str]) -> float:
     start = time.perf_counter()
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process, signals.tidied(process.kill):
         assert process.stdout is not None
         line = process.stdout.readline()
         elapsed = time.perf_counter() - start

@@ -9,7 +9,6 @@ from abfm import Match, Parameters, load_mesh
 from abfm.assets import asset_path
 from abfm.functions import function
 from abfm_viewer import pictures
-from abfm_viewer.cli.exit_status import INTERRUPTED
 from abfm_viewer.cli.solving import solve
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
@@ -48,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check(path, [path.suffix])
     mesh = load_mesh(asset_path("human_A.off"))
     outcome = solve(mesh, function(mesh, SOURCE), function(mesh, TARGET), Parameters(), [result], arguments.quiet)
-    drawn, why_not = (False, "") if outcome.interrupted else _draw(outcome.match, *drawings)
+    drawn, why_not = (False, "") if outcome.signal is not None else _draw(outcome.match, *drawings)
     if why_not:
         print(f"note: no picture and no movie: {why_not}", file=sys.stderr)
     if arguments.json:
@@ -57,8 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps({"source": SOURCE, "target": TARGET, **outcome.to_dict(), **shown}))
     else:
         print(outcome.summary() + ("".join(f", {path}" for path in drawings) if drawn else ""))
-    if outcome.interrupted:
-        return INTERRUPTED
+    if outcome.signal is not None:
+        return outcome.status
     if outcome.match.mismatch > LARGEST_MISMATCH:
         print(f"abfm: the self-test failed: mismatch above {LARGEST_MISMATCH}", file=sys.stderr)
         return FAILED

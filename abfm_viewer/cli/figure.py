@@ -15,7 +15,6 @@ from abfm.io import write_atomically
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.progress import share_progress
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
@@ -72,15 +71,14 @@ def run(arguments: argparse.Namespace) -> int:
     if index is not None:
         outputs.check(index, [".html"])
     entries = []
-    with interrupted_by_sigterm():
-        for number in numbers:
-            entry = _compute(number, mesh, arguments)
-            _write(entry, arguments.out)
-            if not arguments.json:
-                _print(entry)
-            entries.append(entry)
-        if index is not None:
-            _write_text(index, pictures.page(entries))
+    for number in numbers:
+        entry = _compute(number, mesh, arguments)
+        _write(entry, arguments.out)
+        if not arguments.json:
+            _print(entry)
+        entries.append(entry)
+    if index is not None:
+        _write_text(index, pictures.page(entries))
     if arguments.json:
         print(json.dumps({"figures": [_described(entry) for entry in entries]}))
     elif index is not None:

@@ -1,41 +1,62 @@
-"""Signals: what Ctrl-C and termination do to a match and to a movie."""
+"""Signals that a command keeps for later: a match that goes on to its end with what it has."""
 
-import signal
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+import os
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from types import FrameType
 
 from abfm import Control
+from abfm_viewer import signals
+
+_TOGETHER = 0.1  # seconds: `timeout` and terminals may send a signal to a process and to its group
+
+
+@dataclass
+class Kept:
+    """The signal that came, if any."""
+
+    number: int | None = None
 
 
 @contextmanager
-def cancelled_by_signals(control: Control) -> Iterator[None]:
-    """Turn the first SIGINT or SIGTERM inside the block into a cancellation, so that the best result is kept.
+def cancelled_by_signals(control: Control) -> Iterator[Kept]:
+    """Turn the first signal inside the block into a cancellation, so that the best result is kept.
 
-    The second one leaves at once.
+    The second one leaves at once, unless it comes with the first.
     """
+    kept, came = Kept(), 0.0
 
     def stop(number: int, frame: FrameType | None) -> None:
-        handled.close()
-        control.cancel()
-        print("stopping with the best result so far; Ctrl-C again to leave at once", file=sys.stderr, flush=True)
+        nonlocal came
+        if kept.number is None:
+            kept.number, came = number, time.monotonic()
+            control.cancel()
+            with suppress(OSError):  # not print, which may just have been interrupted
+                os.write(2, b"stopping with the best result so far; Ctrl-C again to leave at once\n")
+        elif time.monotonic() - came > _TOGETHER:
+            handled.close()
+            os.kill(os.getpid(), number)
 
     with ExitStack() as handled:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            _handle(handled, number, stop)
-        yield
+        handled.enter_context(signals.taken_over(stop))
+        yield kept
 
 
 @contextmanager
-def interrupted_by_sigterm() -> Iterator[None]:
-    """Let SIGTERM do inside the block what Ctrl-C does, so that nothing half-written stays."""
+def raised_by_signals() -> Iterator[Kept]:
+    """Let the first signal inside the block raise `EndedBySignal`; the second one leaves at once.
+
+    Compiled code may swallow what is raised: look at what was kept where work can end as well.
+    """
+    kept = Kept()
+
+    def end(number: int, frame: FrameType | None) -> None:
+        handled.close()
+        kept.number = number
+        raise signals.EndedBySignal(number)
+
     with ExitStack() as handled:
-        _handle(handled, signal.SIGTERM, signal.default_int_handler)
-        yield
-
-
-def _handle(handled: ExitStack, number: signal.Signals, handler: Callable[[int, FrameType | None], None]) -> None:
-    """Handle a signal until the stack is closed."""
-    handled.callback(signal.signal, number, signal.getsignal(number))
-    signal.signal(number, handler)
+        handled.enter_context(signals.taken_over(end))
+        yield kept

@@ -26,8 +26,8 @@ Examples:
   abfm match spot.obj --channel coordinate:x file:x.npy 1 --channel coordinate:y file:y.npy 1 --out match.npz
 
 The exit status is 0 when source and target are matched or nearly so, 3 when the target was not reached or no flow can
-reach it, with what to try, 2 for bad input, and 130 when a signal ended the run; the best result is written in any case
-but that of bad input.
+reach it, with what to try, 2 for bad input, and 130 or 143 when Ctrl-C or SIGTERM ended the run; the best result is
+written in any case but that of bad input.
 
 A function (SPEC) is family:key=value,... and several may be added with +. Families:
   {", ".join(family.family for family in families())}
@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Match and write; 3 when the target was not reached, 130 when a signal stopped it."""
+    """Match and write; 3 when the target was not reached, 128 and its number when a signal stopped it."""
     for path in arguments.out:
         outputs.check(path, outputs.WRITERS)
     parameters = options.parameters(arguments)

@@ -4,6 +4,7 @@ On stderr, so that stdout stays for results.
 """
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -14,6 +15,8 @@ from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeE
 
 from abfm import Iteration
 from abfm.progress import Step, Tell, telling
+from abfm_viewer import signals
+from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.document.verdict_words import place
 
 Report = Callable[[Iteration], None]
@@ -96,13 +99,18 @@ def _counted(title: str) -> tuple[ProgressColumn, ...]:
 @contextmanager
 def _bar(columns: tuple[ProgressColumn, ...], total: float, **fields: Any) -> Iterator[Callable[..., None]]:
     """A bar, and what to call with its new state."""
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with signals.tidied(_take_away), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total, **fields)
 
         def update(**state: Any) -> None:
             bar.update(task, **state)
 
         yield update
+
+
+def _take_away() -> None:
+    """Clear the line of a bar that a signal ended, and show the cursor again."""
+    os.write(2, b"\r\x1b[2K\x1b[?25h")
 
 
 def _print_line(now: Iteration) -> None:
@@ -115,7 +123,13 @@ def _print_line(now: Iteration) -> None:
 def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[[int], None]]:
     """What to call with the number of frames that are done, of `count`; for a machine a line of JSON on stdout each."""
     if machine:
-        yield lambda frame: print(json.dumps({"frame": frame, "count": count}), flush=True)
+
+        def tell(frame: int) -> None:
+            print(json.dumps({"frame": frame, "count": count}), flush=True)
+            if getattr(sys.stdout, "problem", None):
+                raise UsageError("no movie: who asked for its progress has gone")
+
+        yield tell
     elif quiet:
         yield lambda frame: None
     elif sys.stderr.isatty():

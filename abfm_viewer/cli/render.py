@@ -12,7 +12,6 @@ from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.interrupt import interrupted_by_sigterm
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.document.fronts import best_front
@@ -78,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     movies.add_argument("--from", type=float, dest="start", metavar="T", help="first time (default: 0)")
     movies.add_argument("--to", type=float, dest="end", metavar="T", help="last time, at most 2 tau (default: tau)")
     movies.add_argument(
-        "--turntable", type=float, metavar="DEGREES", help="how far the surfaces turn meanwhile (default: 0)"
+        "--turntable", type=options.angle, metavar="DEGREES", help="how far the surfaces turn meanwhile (default: 0)"
     )
     parser.add_argument("--progress", action="store_true", help="print a line of JSON for every frame")
     parser.add_argument("--quiet", action="store_true", help="no progress")
@@ -91,14 +90,13 @@ def run(arguments: argparse.Namespace) -> int:
     of_project, is_movie = path.suffix == ".abfm", suffix in _MOVIES
     style = arguments.style or ("window" if of_project or is_movie else "sheet")
     _check_options(arguments, style, is_movie)
-    with interrupted_by_sigterm():
-        document, known = read_document(path)
-        document = _chosen(arguments, document)
-        if is_movie:
-            _movie(arguments, document, known)
-            return 0
-        picture = _sheet(arguments, document) if style == "sheet" else _picture(arguments, document, known)
-        outputs.write_picture(arguments.out, picture)
+    document, known = read_document(path)
+    document = _chosen(arguments, document)
+    if is_movie:
+        _movie(arguments, document, known)
+        return 0
+    picture = _sheet(arguments, document) if style == "sheet" else _picture(arguments, document, known)
+    outputs.write_picture(arguments.out, picture)
     print(f"wrote {arguments.out} ({picture.width} x {picture.height})")
     return 0
 

@@ -11,7 +11,8 @@ from typing import Any
 
 import abfm
 from abfm import Control, Match, TriangleMesh
-from abfm_viewer.cli.exit_status import INTERRUPTED, UNMATCHED
+from abfm_viewer import signals
+from abfm_viewer.cli.exit_status import UNMATCHED
 from abfm_viewer.cli.interrupt import cancelled_by_signals
 from abfm_viewer.cli.progress import progress
 from abfm_viewer.document import verdict_words
@@ -25,13 +26,13 @@ class Outcome:
     match: Match
     seconds: float
     outputs: Sequence[Path]
-    interrupted: bool
+    signal: int | None  # that came, also after the last iteration
 
     @property
     def status(self) -> int:
-        """Exit status: 130 when a signal came, also after the last iteration; 3 when the target was not reached."""
-        if self.interrupted:
-            return INTERRUPTED
+        """Exit status: 130 or the like when a signal came; 3 when the target was not reached."""
+        if self.signal is not None:
+            return signals.status(self.signal)
         return 0 if self.match.verdict.kind in ("matched", "nearly") else UNMATCHED
 
     def summary(self) -> str:
@@ -79,10 +80,9 @@ def solve(
     """Match with progress on stderr and write the result, also after a signal; `settings` go to `abfm.match`."""
     control = Control()
     start = time.perf_counter()
-    with cancelled_by_signals(control):
+    with cancelled_by_signals(control) as kept:
         with progress(parameters.iterations, quiet) as report:
             match = abfm.match(mesh, f, g, parameters, on_iteration=report, control=control, **settings)
         seconds = time.perf_counter() - start
-        for path in outs:
-            outputs.write(path, match)
-    return Outcome(match, seconds, outs, control.cancelled)
+        outputs.write_all(outs, match)
+    return Outcome(match, seconds, outs, kept.number)

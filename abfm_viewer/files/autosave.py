@@ -76,6 +76,11 @@ class Autosave:
             with suppress(OSError):
                 os.utime(self.path)  # the heartbeat that `recoverable` looks for
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether there is no copy, and none is being written."""
+        return not self._has_copy and self._future is None
+
     def take_over(self, recovery: Recovery) -> None:
         """Make what a crash left the copy of this process, until the next one is written."""
         with suppress(OSError):
@@ -134,13 +139,9 @@ def recoverable(folder: StateFolder) -> list[Recovery]:
 
 
 def _make_room(path: Path) -> None:
-    """Rename what an earlier process with this one's number left, and remove halves that were being written."""
+    """Rename what an earlier process with this one's number left."""
     with suppress(OSError):
         path.replace(path.with_stem(f"{path.stem}-{path.stat().st_mtime_ns}"))
-    with suppress(OSError):
-        for half in path.parent.glob(f".{_PREFIX}*{_SUFFIX}"):
-            if time.time() - half.stat().st_mtime > _ABANDONED:
-                half.unlink()
 
 
 def _is_alive(process: int) -> bool:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import os
+import secrets
 import tempfile
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from PIL import Image
@@ -24,14 +25,7 @@ def check(path: Path, suffixes: Collection[str]) -> None:
         raise ResultError(f"cannot write {path}: its name must end in {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise ResultError(f"cannot write {path}: there is no folder {path.parent}; make it first")
-    if path.is_dir():
-        raise ResultError(f"cannot write {path}: it is a folder; name a file")
-    if path.exists() and not os.access(path, os.W_OK):
-        raise ResultError(f"cannot write {path}: no permission; choose another place")
-    try:
-        tempfile.TemporaryFile(dir=path.parent).close()
-    except OSError as error:
-        raise ResultError(f"cannot write {path}: {error.strerror or error}; choose another place") from None
+    abfm.io.check_writable(path)
 
 
 WRITERS: dict[str, Callable[[Path, abfm.Match], None]] = {
@@ -45,6 +39,37 @@ WRITERS: dict[str, Callable[[Path, abfm.Match], None]] = {
 def write(path: Path, match: abfm.Match) -> None:
     """Write a match as the file's suffix says."""
     WRITERS[path.suffix](path, match)
+
+
+def write_all(paths: Sequence[Path], match: abfm.Match) -> None:
+    """Write a match to several files; where one cannot be written, the result is not lost.
+
+    Raises
+    ------
+    ResultError
+        If a file could not be written. All others are, and the result is in one of them or in another folder, which
+        the error names.
+    """
+    problem, kept = None, False
+    for path in paths:
+        try:
+            write(path, match)
+            kept = kept or path.suffix == ".npz"
+        except ResultError as error:
+            problem = problem or error
+    if problem is not None:
+        raise problem if kept else ResultError(f"{problem}; {_kept_elsewhere(match)}")
+
+
+def _kept_elsewhere(match: abfm.Match) -> str:
+    """Write a result where there is a place for it, and say where."""
+    folders = Path.cwd, Path.home, lambda: Path(tempfile.gettempdir())
+    for folder in folders:
+        with suppress(ResultError, OSError, RuntimeError):
+            place = folder() / f"abfm-{secrets.token_hex(4)}.npz"
+            match.save(place)
+            return f"the result is in {place}"
+    return "there was no other place for the result either"
 
 
 def write_picture(path: Path, picture: Image.Image) -> None:

@@ -14,7 +14,7 @@ from av.video.reformatter import ColorRange, Colorspace
 from numpy.typing import NDArray
 
 from abfm import ResultError
-from abfm.io import write_atomically
+from abfm.io import temporary_folder, write_atomically
 from abfm_viewer.files.outputs import FASTEST, SLOWEST
 
 Frame = NDArray[np.uint8]
@@ -90,8 +90,8 @@ def _write_mp4(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) 
 def _write_gif(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) -> None:
     """The palette needs all frames before the first can be written: they wait in a file, compressed without loss."""
     ticks, ticks_before = (math.floor(100 * number / rate + Fraction(1, 2)) for number in (count, count - 1))
-    with tempfile.TemporaryDirectory() as folder:
-        waiting = Path(folder, "frames.mkv")
+    with temporary_folder(Path(tempfile.gettempdir())) as folder:
+        waiting = folder / "frames.mkv"
         _encode(waiting, map(_picture, frames), rate, "matroska", "ffv1", "bgr0")
         pictures = _in_palette(waiting, _palette(waiting))
         _encode(path, pictures, rate, "gif", "gif", "pal8", {}, {"final_delay": str(ticks - ticks_before)})

@@ -8,8 +8,10 @@ import ctypes
 import os
 import sys
 import tempfile
+from pathlib import Path
 from typing import Literal
 
+from abfm.io import temporary_folder
 from abfm_viewer.appearance import colormaps, material
 from abfm_viewer.errors import DrawingError
 
@@ -64,7 +66,7 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
         ps.init("openGL_mock")  # polyscope fails once more when Python exits unless something is running
         reason = str(error).replace("[polyscope]", "").replace("[EXCEPTION]", "").replace("ERROR:", "").strip()
         raise DrawingError(f"OpenGL did not start ({reason}); check the screen and the graphics driver") from None
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder(Path(tempfile.gettempdir())) as folder:
         for name, image in colormaps.images().items():
             image.save(f"{folder}/{name}.png")
             ps.load_color_map(colormaps.loaded_name(name), f"{folder}/{name}.png")

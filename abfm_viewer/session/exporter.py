@@ -18,7 +18,7 @@ from pathlib import Path
 
 import abfm
 from abfm import AbfmError
-from abfm.io import write_atomically
+from abfm.io import temporary_folder, write_atomically
 from abfm.numerics.own_process import factoring_apart
 from abfm.progress import Step
 from abfm.types import FloatArray
@@ -141,15 +141,19 @@ class Exporter:
         """Draw a copy of the document in a process of its own, and put the file in its place when it is whole."""
         if self.movie.fps > (fastest := outputs.FASTEST.get(path.suffix, math.inf)):
             raise AbfmError(f"fps is {self.movie.fps:g}; a {path.suffix} file takes at most {fastest:g}")
-        with tempfile.TemporaryDirectory(prefix="abfm-export-") as name:
-            folder = Path(name)
+        with temporary_folder(Path(tempfile.gettempdir())) as folder:
             project, drawn, errors = folder / "export.abfm", folder / f"drawn{path.suffix}", folder / "errors.txt"
             save_project(project, replace(document, view=replace(document.view, color_bar=True)), known())
             command = [sys.executable, "-m", "abfm_viewer.cli", "render", str(project), "--out", str(drawn), *words]
-            environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), name)
+            environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
             with errors.open("w") as file:
                 self._process = subprocess.Popen(
-                    [*command, "--progress"], stdout=subprocess.PIPE, stderr=file, text=True, env=environment
+                    [*command, "--progress"],
+                    stdout=subprocess.PIPE,
+                    stderr=file,
+                    text=True,
+                    env=environment,
+                    process_group=0 if os.name == "posix" else None,  # Ctrl-C on a terminal is this process's business
                 )
             with self._process as process:
                 if self._cancelled:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import time
 import traceback
 from collections.abc import Callable
@@ -15,6 +14,7 @@ import polyscope.imgui as imgui
 from PIL import Image
 
 from abfm.io import write_atomically
+from abfm_viewer import signals
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
@@ -80,7 +80,8 @@ class Window:
         self.frames = 0
         self.errors: dict[str, str] = {}
         self._drawn: set[str] = set()
-        self.closing = self.interrupted = False
+        self.closing = False
+        self.interrupted: int | None = None  # the signal that came
         self.parts = areas(size, 0, 1)
         self._redraws = self._active = False
         self._panel_seconds = self._moved_at = self._last_redraw = 0.0
@@ -107,25 +108,22 @@ class Window:
     def run(self) -> None:
         """Draw frames until the window is closed.
 
-        Ctrl-C on the terminal and SIGTERM raise KeyboardInterrupt between two frames: inside one it would stop
-        polyscope for good.
+        A signal that ends programs raises `EndedBySignal`, a KeyboardInterrupt, between two frames: inside one it would
+        stop polyscope for good.
         """
-        signals = (signal.SIGINT, signal.SIGTERM)
-        before = [signal.signal(number, self._interrupt) for number in signals]
-        try:
-            self.frame()
-            self.session.solver.work_apart()
-            warm_up.start()
-            while not self.closing:
+        with signals.taken_over(self._interrupt):
+            try:
                 self.frame()
-                if ps.window_requests_close():
-                    self._once("closing", self.actions.quit.do)
-        finally:
-            self.close()
-            for number, handler in zip(signals, before, strict=True):
-                signal.signal(number, handler)
-        if self.interrupted:
-            raise KeyboardInterrupt
+                self.session.solver.work_apart()
+                warm_up.start()
+                while not self.closing:
+                    self.frame()
+                    if ps.window_requests_close():
+                        self._once("closing", self.actions.quit.do)
+            finally:
+                self.close()
+        if self.interrupted is not None:
+            raise signals.EndedBySignal(self.interrupted)
 
     def close(self) -> None:
         """End all threads, and draw nothing any more."""
@@ -134,7 +132,7 @@ class Window:
         ps.clear_configure_imgui_style_callback()  # a reference to this window would outlive Python itself
         self.files.close()
         if self.recoveries:
-            self.recoveries.close(keep_unsaved=self.interrupted)
+            self.recoveries.close(keep_unsaved=self.interrupted is not None)
         self.exporter.close()
         self.shown.close()
         self.session.close()
@@ -266,7 +264,7 @@ class Window:
         self.errors.pop(part, None)
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        self.closing = self.interrupted = True
+        self.closing, self.interrupted = True, number
 
     def _end(self) -> None:
         self.closing = True

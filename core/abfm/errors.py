@@ -2,10 +2,21 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from itertools import islice
+
+_MOST_COMPARED, _LONGEST_COMPARED = 1000, 60  # words, and letters of each, as comparing takes long
+
+LONGEST = 600  # characters of a message
 
 
 class AbfmError(ValueError):
-    """Base of every error raised for bad input; the command line prints it as one line and exits with 2."""
+    """Base of every error raised for bad input; the command line prints it as one line and exits with 2.
+
+    Its text is one line that can be printed, not too long, whatever names and values are in it.
+    """
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(one_line(str(message), LONGEST) if message else "")
 
 
 class MeshError(AbfmError):
@@ -30,7 +41,8 @@ class AdvectionError(AbfmError):
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """``" (did you mean ...?)"``, or nothing where no known word is near."""
-    close = get_close_matches(word.strip().lower(), list(known), n=1)
+    near = [name for name in islice(known, _MOST_COMPARED) if len(name) <= _LONGEST_COMPARED]
+    close = get_close_matches(word.strip().lower(), near, n=1) if len(word) <= _LONGEST_COMPARED else []
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 

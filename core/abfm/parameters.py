@@ -68,8 +68,10 @@ class Parameters:
     gradient: Literal["adjoint", "bracket"] = _parameter(
         "adjoint", "", "exact derivative of the discrete energy, or the paper's by brackets"
     )
-    substeps: int = _parameter(10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1)
-    quadrature: int = _parameter(10, "k", "intervals of the time integral in the bracket gradient", 1)
+    substeps: int = _parameter(
+        10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1, 10_000
+    )
+    quadrature: int = _parameter(10, "k", "intervals of the time integral in the bracket gradient", 1, 10_000)
     iterations: int = _parameter(500, "", "iterations at most, over all cooling stages together", 0)
     cooling_stages: int = _parameter(3, "*", "stages of sigma, the last one at its value; 1 for no cooling", 1, 1000)
     cooling_factor: float = _parameter(3.0, "*", "sigma is divided by this from stage to stage", 1, open=True)

@@ -1,9 +1,10 @@
 """The simplest interpolation: source fades out while target fades in, and nothing moves."""
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.errors import FunctionError, ParameterError, brief
+from abfm.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray
 
 _LONGEST = 1e100  # times tau
@@ -15,7 +16,7 @@ def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> Floa
     Raises
     ------
     FunctionError
-        If the functions are no arrays of real numbers of one shape.
+        If the functions are no arrays of finite numbers of one shape.
     ParameterError
         If a time is no finite number, or ``tau`` is not positive.
     """
@@ -24,5 +25,7 @@ def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> Floa
     source, target = real_numbers(f, "source f", FunctionError), real_numbers(g, "target g", FunctionError)
     if source.shape != target.shape:
         raise FunctionError(f"source and target have shapes {source.shape} and {target.shape}; expected them alike")
+    if not (np.isfinite(source).all() and np.isfinite(target).all()):
+        raise FunctionError("source or target has values that are not finite; expected finite ones")
     share = float(t) / float(tau)
     return (1 - share) * source + share * target

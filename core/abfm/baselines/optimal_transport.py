@@ -10,12 +10,12 @@ from scipy import sparse
 from scipy.optimize import brentq
 
 from abfm.calculus.channels import channels
-from abfm.calculus.numbers import is_finite_number, is_whole_number, real_numbers
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError, ParameterError, brief
 from abfm.matching.energy.problem import LARGEST, SMALLEST
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.real_numbers import is_finite_number, is_whole_number, real_numbers
 from abfm.types import FloatArray
 
 _ITERATIONS = 500

@@ -20,12 +20,12 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.calculus.numbers import real_numbers
 from abfm.calculus.operators import averaging, field_mass, gradient, hodge_gradients, rotation, vertex_areas
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 _MEMORY, _ITERATIONS = 30, 150  # pairs that L-BFGS keeps, and the most steps that it takes

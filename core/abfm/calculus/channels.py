@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.numbers import real_numbers
 from abfm.errors import FunctionError
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 _LITTLE = 0.01  # of the values, as their range

@@ -5,12 +5,12 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-from abfm.calculus.numbers import is_finite_number, is_whole_number
 from abfm.calculus.operators import Matrix, edge_lengths, face_areas, hodge_laplacian, rotation
 from abfm.calculus.vector_fields import check_field, lie_bracket, lie_bracket_of, to_ambient, to_frame
 from abfm.errors import MeshError, ParameterError, brief
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.real_numbers import is_finite_number, is_whole_number
 from abfm.types import FloatArray
 
 _HEAVIEST = 1e100
@@ -64,7 +64,7 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
     if weight is None:
         weight = float(np.sqrt(area) / edge_lengths(mesh).mean())
     if not (is_finite_number(weight) and 0 <= float(weight) <= _HEAVIEST):
-        raise ParameterError(f"weight is {brief(weight)}; expected a number from 0 to {_HEAVIEST:g}")
+        raise ParameterError(f"weight is {brief(weight)}; expected a number of at least 0 and at most {_HEAVIEST:g}")
     field, weight = field / speed, float(weight)
     root = np.sqrt(np.repeat(areas / area, 2))  # in units of it, the L2 norm is that of coefficients
     hodge = _scaled(hodge_laplacian(mesh), 1 / root, 1 / root)  # area * G_F^-1/2 (G_F Delta) G_F^-1/2

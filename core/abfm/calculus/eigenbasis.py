@@ -4,12 +4,12 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-from abfm.calculus.numbers import is_whole_number
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError, brief
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.cholesky import factor
 from abfm.progress import step
+from abfm.real_numbers import is_whole_number
 from abfm.types import FloatArray
 
 BLOCKS = (32, 64, *range(128, 1025, 128))

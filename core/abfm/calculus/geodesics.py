@@ -6,10 +6,10 @@ import numpy as np
 import potpourri3d
 from numpy.typing import ArrayLike
 
-from abfm.calculus.numbers import real_numbers
 from abfm.errors import FunctionError
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.progress import step
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 

@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.operators import Matrix, averaging, face_frames, gradient
 from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
+from abfm.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray
 
 _STEP_NORM = 4.0  # a Taylor step of this norm loses under two digits to cancellation
@@ -99,10 +99,14 @@ def lie_bracket_of(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> FloatArray
     Raises
     ------
     ParameterError
-        If a field has another shape or values that are not finite.
+        If a field has another shape or values that are not finite, or their bracket overflows.
     """
     first, second = (to_frame(mesh, check_field(mesh, field, name)) for field, name in ((v, "v"), (u, "u")))
-    return to_ambient(mesh, (lie_bracket(mesh, first) @ second.ravel()).reshape(-1, 2))
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = lie_bracket(mesh, first) @ second.ravel()
+    if not np.isfinite(found).all():
+        raise ParameterError("the bracket overflows: scale the fields down")
+    return to_ambient(mesh, found.reshape(-1, 2))
 
 
 def exponential_action(matrix: Matrix, x: FloatArray, t: float) -> FloatArray:
@@ -150,12 +154,12 @@ def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> Flo
     Raises
     ------
     ParameterError
-        If a field has another shape or values that are not finite, or the time is no finite number.
+        If a field has another shape or values that are not finite.
     AdvectionError
-        If the flow is too long, or the carried field overflows.
+        If the time is not finite, the flow is too long, or the carried field overflows.
     """
     if not is_finite_number(t):
-        raise ParameterError(f"t is {brief(t)}; expected a finite time")
+        raise AdvectionError(f"t is {brief(t)}; expected a finite time: shorten the time")
     velocity, field = (to_frame(mesh, check_field(mesh, w, name)) for w, name in ((v, "v"), (u, "u")))
     carried = exponential_action(lie_bracket(mesh, velocity), field.ravel(), -t)
     if not np.isfinite(carried).all():

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.vector_fields import to_frame
 from abfm.errors import AdvectionError, brief
 from abfm.flow.derivative_pattern import derivative_pattern
 from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Segment, Trajectory, Workspace
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray
 
 

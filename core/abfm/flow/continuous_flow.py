@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.numbers import is_finite_number
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.errors import ParameterError, brief
 from abfm.flow.flow_lines import FacePoints, check_start, fields_in_a_row
@@ -19,6 +18,7 @@ from abfm.flow.smooth_flow import SmoothFlow, smooth_flow, vector_at, walk_strai
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import kernel
+from abfm.real_numbers import is_finite_number
 from abfm.types import FloatArray, IndexArray, IntArray
 
 STEP = 0.5

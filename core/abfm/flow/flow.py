@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
-from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.vector_fields import to_frame
 from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.flow.advection import Advection
@@ -16,6 +15,7 @@ from abfm.flow.flow_lines import fields_in_a_row
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.parameters import CHOICES, Method
+from abfm.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray
 
 

@@ -6,12 +6,12 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.numbers import is_finite_number, real_numbers
 from abfm.calculus.vector_fields import check_field
 from abfm.errors import ParameterError, brief
 from abfm.flow import tracing
 from abfm.flow.tracing import FaceFlow, face_flow
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray, IntArray
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]

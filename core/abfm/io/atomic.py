@@ -1,13 +1,22 @@
 """Replace a file as a whole or not at all."""
 
 import os
-import secrets
 import shutil
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from abfm.errors import ResultError
+from abfm.io.temporary import temporary_file
+
+_KINDS = {
+    stat.S_ISDIR: "it is a folder",
+    stat.S_ISCHR: "it is a device",
+    stat.S_ISBLK: "it is a device",
+    stat.S_ISFIFO: "it is a pipe",
+    stat.S_ISSOCK: "it is a socket",
+}
 
 
 @contextmanager
@@ -21,28 +30,58 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     ResultError
-        If the operating system refuses to write.
+        If the operating system refuses to write, or the path is that of a folder, a device or a pipe.
     """
-    target = Path(os.path.realpath(path))
-    temporary = target.with_name(f".{target.stem}-{secrets.token_hex(6)}{target.suffix}")
     try:
-        if target.is_dir():
-            raise IsADirectoryError(None, "it is a folder")
-        temporary.touch(exist_ok=False)
-        yield temporary
-        with temporary.open("rb+") as written:
-            os.fsync(written.fileno())
-        if target.exists():
-            shutil.copymode(target, temporary)
-        temporary.replace(target)
-        _flush_folder(target.parent)
+        target = _target(path)
+        with temporary_file(target.parent, target.suffix) as temporary:
+            yield temporary
+            with temporary.open("rb+") as written:
+                os.fsync(written.fileno())
+            if target.exists():
+                shutil.copymode(target, temporary)
+            temporary.replace(target)
+            _flush_folder(target.parent)
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise ResultError(
-            f"cannot write {path}: {reason}; choose a place that exists, is writable and has space left"
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
+        raise _refusal(path, error) from error
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Refuse, before there is anything to write, a path that `write_atomically` would refuse.
+
+    Raises
+    ------
+    ResultError
+        As there, and if there is a file that may not be written.
+    """
+    try:
+        target = _target(path)
+        with temporary_file(target.parent, target.suffix):
+            pass
+        if target.exists() and not os.access(target, os.W_OK):
+            raise PermissionError(None, "no permission to replace it")
+    except OSError as error:
+        raise _refusal(path, error) from error
+
+
+def _target(path: str | os.PathLike[str]) -> Path:
+    """The file that a path means; OSError if it has no place for one."""
+    try:
+        target = Path(os.path.realpath(path))
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return target
+    except ValueError:
+        raise OSError(None, "its name has a zero byte") from None
+    for is_kind, reason in _KINDS.items():
+        if is_kind(mode):
+            raise OSError(None, f"{reason}, no place for a file")
+    return target
+
+
+def _refusal(path: str | os.PathLike[str], error: OSError) -> ResultError:
+    reason = error.strerror or str(error)
+    return ResultError(f"cannot write {path}: {reason}; choose a place that exists, is writable and has space left")
 
 
 def _flush_folder(folder: Path) -> None:

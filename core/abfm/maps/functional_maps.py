@@ -16,11 +16,11 @@ from scipy.spatial import cKDTree
 
 from abfm.calculus.channels import channels
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.calculus.numbers import real_numbers
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import ParameterError
 from abfm.maps.surface_points import SurfacePoints, pull_back, vertex_points
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
-from abfm.calculus.numbers import real_numbers
 from abfm.calculus.operators import face_normals, hat_gradients
 from abfm.errors import AbfmError
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import kernel
+from abfm.real_numbers import real_numbers
 from abfm.types import BoolArray, FloatArray, IndexArray, IntArray
 
 Vector: TypeAlias = tuple[float, float, float]

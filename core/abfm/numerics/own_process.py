@@ -8,10 +8,11 @@ frame. A pipe asks for it again every 64 KiB.
 import math
 import os
 import pickle
-import signal
+import select
 import socket
 import subprocess
 import sys
+import threading
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -20,6 +21,7 @@ from typing import IO, Any
 
 _LENGTH = 8  # bytes, of a message's length
 _SMALLEST = 15_000  # unknowns; cholespy factors fewer within a few frames of a window
+_running: "weakref.WeakSet[subprocess.Popen[bytes]]" = weakref.WeakSet()
 _factored_apart: ContextVar[float] = ContextVar("unknowns of linear systems that are factored apart", default=math.inf)
 
 
@@ -57,16 +59,23 @@ class OwnProcess:
 
     def __init__(self, module: str) -> None:
         command = [sys.executable, "-m", module]
+        # In a group of its own: Ctrl-C on a terminal, which goes to a whole group, is this end's business.
         if sys.platform == "win32":  # where a process cannot have a socket for its output
-            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            group = subprocess.CREATE_NEW_PROCESS_GROUP
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, creationflags=group
+            )
             assert self._process.stdout is not None
             self._read: Callable[[memoryview], int] = self._process.stdout.readinto
         else:
             answers, theirs = socket.socketpair()
             with theirs:
-                self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=theirs.fileno())
+                self._process = subprocess.Popen(
+                    command, stdin=subprocess.PIPE, stdout=theirs.fileno(), process_group=0
+                )
             self._read = lambda buffer: answers.recv_into(buffer, 0, socket.MSG_WAITALL)
         self._end = weakref.finalize(self, _end, self._process)
+        _running.add(self._process)
 
     def send(self, message: object) -> None:
         """Send one message.
@@ -100,13 +109,20 @@ class OwnProcess:
         self._end()
 
 
+def end_all() -> None:
+    """End all that run, at once: for a process that ends itself so."""
+    for process in list(_running):
+        process.kill()
+
+
 class Requests:
-    """The process's end: iterate over the requests and answer each. Ctrl-C is the other end's business."""
+    """The process's end: iterate over the requests and answer each; it ends when the other end is gone."""
 
     def __init__(self) -> None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
         self._requests, self._answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
         os.dup2(2, 1)  # what libraries print must not mix with the answers
+        if sys.platform != "win32":  # where only the next request or answer tells
+            threading.Thread(target=_end_without_the_other, args=(self._requests,), daemon=True).start()
 
     def __iter__(self) -> Iterator[Any]:
         while True:
@@ -117,7 +133,18 @@ class Requests:
 
     def answer(self, message: object) -> None:
         """Send the answer to the latest request."""
-        _send(self._answers, message)
+        try:
+            _send(self._answers, message)
+        except BrokenPipeError:  # the other end is gone
+            os._exit(0)
+
+
+def _end_without_the_other(requests: IO[bytes]) -> None:
+    """End this process, whatever it computes, when nobody can send requests any more."""
+    waiting = select.poll()
+    waiting.register(requests, 0)  # for the end alone, which is always told
+    waiting.poll()
+    os._exit(0)
 
 
 def _send(pipe: IO[bytes], message: object) -> None:

@@ -1,5 +1,16 @@
 """What comes in from files: plain, of a bounded size and as long as it says before anything is made of it."""
 
-from abfm.reading.door import LARGEST, inflated, open_plain, read_bytes
+from abfm.reading.door import LARGEST, inflated, most_inflated, open_plain, read_bytes
+from abfm.reading.gifti import GiftiArray, gifti_arrays
+from abfm.reading.npy import array_from
 
-__all__ = ["LARGEST", "inflated", "open_plain", "read_bytes"]
+__all__ = [
+    "LARGEST",
+    "GiftiArray",
+    "array_from",
+    "gifti_arrays",
+    "inflated",
+    "most_inflated",
+    "open_plain",
+    "read_bytes",
+]

@@ -1,4 +1,4 @@
-"""Whatever a Python user may give for functions, fields and numbers: taken for what it means, or refused in one line."""
+"""Whatever a Python user may give for functions, fields and numbers: taken for what it is, or refused in one line."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ OF_FIELDS: dict[str, Callable[[Any], Any]] = {
     "pushforward": lambda v: calculus.pushforward(MESH, v, V, 0.01),
     "lines": lambda v: flow.flow_lines(MESH, v, START, 0.1)[0].positions,
     "map": lambda v: flow_map(MESH, v, 0.5).positions,
-    "energy": lambda v: abfm.MatchingEnergy(MESH, F, G, PARAMETERS)(v)[1],
+    "energy": lambda v: abfm.MatchingEnergy(MESH, F, G, PARAMETERS)(v)[0],
 }
 NUMBERS: list[Any] = [
     *(None, "a", "1", 1j, {}, [[1, 2], [3]], "\n".join("abc" * 100), np.arange(1000.0), np.array([1.0]), True),

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from abfm.io.temporary import temporary_file
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Document
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
@@ -231,14 +232,16 @@ class TestRecovery:
         assert list(tmp_path.iterdir()) == []
         autosave.take_over(recovery)  # another window was faster
 
-    def test_halves_of_killed_processes_are_removed(self, tmp_path: Path) -> None:
-        old, new = tmp_path / ".autosave-1-0123456789ab.abfm", tmp_path / ".autosave-1-ba9876543210.abfm"
-        for path in (old, new):
-            path.touch()
-        age(old, 1000)
-        Autosave(StateFolder(tmp_path)).close()
-        assert list(tmp_path.iterdir()) == [new]
+    def test_halves_of_killed_processes_are_removed_by_the_next_copy(
+        self, autosave: Autosave, clock: Clock, tmp_path: Path
+    ) -> None:
+        with temporary_file(tmp_path) as half:
+            left = half.name
+        (tmp_path / left).touch()
         assert recoverable(StateFolder(tmp_path)) == []
+        clock.seconds = 21
+        offer(autosave, DOCUMENT)
+        assert list(tmp_path.iterdir()) == [autosave.path]
 
     def test_no_folder_no_copies(self, tmp_path: Path) -> None:
         assert recoverable(StateFolder(tmp_path / "none")) == []

@@ -26,7 +26,7 @@ def test_paths_that_cannot_be_written_are_refused(tmp_path, name, words):
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which nobody may write")
 def test_a_folder_that_takes_no_files_is_refused():
-    with pytest.raises(ResultError, match=r"cannot write /proc/self/result\.npz: .*; choose another place"):
+    with pytest.raises(ResultError, match=r"cannot write /proc/self/result\.npz: .*; choose a place that"):
         outputs.check(Path("/proc/self/result.npz"), [".npz"])
 
 

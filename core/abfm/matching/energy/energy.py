@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.numbers import real_numbers
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import AdvectionError, FunctionError, ParameterError
 from abfm.flow.advection import Advection
@@ -22,6 +21,7 @@ from abfm.matching.energy.terms import DataTerm, RegularityTerm, data_term, regu
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
 from abfm.parameters import Parameters
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 
@@ -93,6 +93,7 @@ class MatchingEnergy(Problem):
         self.shape = (parameters.segments, len(mesh.faces), 2)
         self.step = parameters.tau / parameters.segments
         self.vertex_count = len(mesh.vertices)  # values of a function that is advected, one a vertex or a cluster
+        self.listen: Callable[[], None] = lambda: None  # called within long gradients; what it raises ends them
         self._clustered = False
         self._workspace = Workspace(len(mesh.vertices))
         self._regularizers = {parameters.alpha: regularity_term(self.mesh, parameters, parameters.alpha)}
@@ -220,7 +221,7 @@ class MatchingEnergy(Problem):
         for j in reversed(range(p.segments)):
             part = flow.parts[j]
             assert isinstance(part, ExponentialFlow)
-            bracket = BracketGradient(self.mesh, fields[j], part, p.substeps, p.quadrature)
+            bracket = BracketGradient(self.mesh, fields[j], part, p.substeps, p.quadrature, self.listen)
             sources = sum(bracket.sources(starts[c][j], self.step, mu) for c, mu in enumerate(residuals))
             gradient[j] = bracket.gradient(np.asarray(sources), self.step)
             if j:

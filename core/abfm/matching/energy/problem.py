@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
-from abfm.calculus.numbers import real_numbers
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.errors import FunctionError, ParameterError
 from abfm.matching.schedule import MATCHED
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 SMALLEST, LARGEST = 1e-100, 1e100
@@ -122,7 +122,7 @@ def _norm(mesh: TriangleMesh, functions: FloatArray, mask: FloatArray | None, we
 
 
 def _weights(values: ArrayLike, count: int, name: str) -> FloatArray:
-    array = real_numbers(values, name, ParameterError)
+    array = real_numbers(values, name, ParameterError).copy()
     if array.shape != (count,):
         raise ParameterError(f"{name} has shape {array.shape}; expected ({count},)")
     if not np.isfinite(array).all() or (array < 0).any() or not array.any():

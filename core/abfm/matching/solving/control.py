@@ -36,10 +36,12 @@ class Control:
         """
         with self._lock:
             self.cancelled, self.brief = True, briefly
-            self._running.set()
+            if not self._running.is_set():
+                self._running.set()
 
     def wait(self) -> None:
         """Return when the solve may go on; raise `CancelledError` if it must not."""
-        self._running.wait()
+        if not self._running.is_set():  # a signal may cancel while this holds what `set` would wait for
+            self._running.wait()
         if self.cancelled:
             raise CancelledError

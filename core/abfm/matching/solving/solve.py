@@ -6,7 +6,6 @@ from itertools import pairwise, zip_longest
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.numbers import real_numbers
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import ParameterError
 from abfm.matching.energy.energy import Evaluation, MatchingEnergy, check_fields
@@ -17,6 +16,7 @@ from abfm.matching.solving.control import CancelledError, Control
 from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.levels import levels
 from abfm.matching.solving.record import Iteration, Record
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again

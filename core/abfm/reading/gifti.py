@@ -1,0 +1,158 @@
+"""The data arrays of GIFTI files, plain or compressed; what they say of their size is held against what there is.
+
+Format: https://www.nitrc.org/projects/gifti (version 1.0). Own code, as nibabel believes sizes, expands what is
+compressed without a bound, and hangs or throws anything on files that are no GIFTI.
+"""
+
+import base64
+import math
+import os
+import warnings
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abfm.reading.door import inflated, most_inflated, open_plain, read_bytes
+
+_TYPES = {f"NIFTI_TYPE_{name.upper()}": np.dtype(name) for name in ("uint8", "int8", "int16", "uint16", "int32")}
+_TYPES |= {f"NIFTI_TYPE_{name.upper()}": np.dtype(name) for name in ("uint32", "int64", "uint64", "float32", "float64")}
+_ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
+_LAYOUTS = {"RowMajorOrder": "C", "ColumnMajorOrder": "F"}
+_MOST_DIMENSIONS = 6
+
+
+class GiftiArray(NamedTuple):
+    """One data array: what it is meant for, such as ``NIFTI_INTENT_POINTSET``, and its values."""
+
+    intent: str
+    values: NDArray[Any]
+
+
+def gifti_arrays(path: str | os.PathLike[str]) -> list[GiftiArray]:
+    """All data arrays of a GIFTI file, in its order.
+
+    Raises
+    ------
+    OSError
+        If the file, or one that it names, cannot be read.
+    ValueError
+        If it is no GIFTI file, or an array is not as large as it says.
+    """
+    content = read_bytes(path)
+    most = most_inflated(len(content))
+    if content[:2] == b"\x1f\x8b":
+        content = inflated(content)
+    return _Reader(Path(path), most).read(content)
+
+
+class _Reader:
+    """Takes the data arrays from the events of an XML parser; all of them together may have so many bytes."""
+
+    def __init__(self, path: Path, most: int) -> None:
+        self._path, self._left = path, most
+        self._arrays: list[GiftiArray] = []
+        self._open: list[str] = []
+        self._attributes: dict[str, str] = {}
+        self._text: list[str] = []
+
+    def read(self, content: bytes) -> list[GiftiArray]:
+        parser = expat.ParserCreate()
+        parser.buffer_text = True
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        parser.CharacterDataHandler = self._characters
+        parser.EntityDeclHandler = self._entity
+        try:
+            parser.Parse(content, True)
+        except expat.ExpatError as error:
+            raise ValueError(f"it is no XML, or cut short: {error}") from error
+        return self._arrays
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        if not self._open and name != "GIFTI":
+            raise ValueError("it is XML, but not GIFTI")
+        self._open.append(name)
+        if name == "DataArray":
+            self._attributes = attributes
+        if name == "Data":
+            self._text.clear()
+
+    def _characters(self, text: str) -> None:
+        if self._open[-1] == "Data":
+            self._text.append(text)
+
+    def _end(self, name: str) -> None:
+        self._open.pop()
+        if name == "Data":
+            text = "".join(self._text)
+            self._text.clear()
+            self._arrays.append(GiftiArray(self._attributes.get("Intent", ""), self._values(text)))
+
+    def _entity(self, *_: object) -> None:
+        raise ValueError("it declares entities, which GIFTI has none of")
+
+    def _values(self, text: str) -> NDArray[Any]:
+        """The array that the attributes describe."""
+        given = self._attributes
+        kind = _one_of(_TYPES, given.get("DataType", ""), "DataType")
+        order = _one_of(_LAYOUTS, given.get("ArrayIndexingOrder", "RowMajorOrder"), "ArrayIndexingOrder")
+        stored = kind.newbyteorder(_one_of(_ORDERS, given.get("Endian", "LittleEndian"), "Endian"))
+        shape = _shape(given)
+        encoding = given.get("Encoding", "GZipBase64Binary")
+        size = math.prod(shape) * (8 if encoding == "ASCII" else kind.itemsize)
+        if size > self._left:
+            raise ValueError(f"an array of shape {shape} is more than a file of this size may hold")
+        self._left -= size
+        if encoding == "ASCII":
+            if text.strip().count("\n") + 1 == shape[0]:  # one row a line is one row a line, as others read it
+                order = "C"
+            return _numbers(text, kind, math.prod(shape)).reshape(shape, order=order)
+        if encoding == "ExternalFileBinary":
+            data = self._beside(size)
+        elif encoding in ("Base64Binary", "GZipBase64Binary"):
+            data = base64.b64decode(text)
+            if encoding == "GZipBase64Binary":
+                data = inflated(data, size)
+        else:
+            raise ValueError(f"an array has the Encoding {encoding[:40]!r}; expected Base64Binary or the like")
+        if len(data) != size:
+            raise ValueError(f"an array of shape {shape} has {len(data)} bytes; expected {size}")
+        return np.frombuffer(data, stored).reshape(shape, order=order).astype(kind)
+
+    def _beside(self, size: int) -> bytes:
+        """So many bytes of the file that the attributes name."""
+        name, offset = self._attributes.get("ExternalFileName", ""), self._attributes.get("ExternalFileOffset") or "0"
+        with open_plain(self._path.parent / name) as file:
+            file.seek(_whole(offset, "ExternalFileOffset"))
+            return file.read(size)
+
+
+def _one_of(known: dict[str, Any], word: str, name: str) -> Any:
+    if word not in known:
+        raise ValueError(f"an array has the {name} {word[:40]!r}; expected {', '.join(known)}")
+    return known[word]
+
+
+def _shape(given: dict[str, str]) -> tuple[int, ...]:
+    dimensions = _whole(given.get("Dimensionality", "0"), "Dimensionality")
+    if not 0 < dimensions <= _MOST_DIMENSIONS:
+        raise ValueError(f"an array has {dimensions} dimensions; expected 1 to {_MOST_DIMENSIONS}")
+    return tuple(_whole(given.get(f"Dim{k}", ""), f"Dim{k}") for k in range(dimensions))
+
+
+def _whole(text: str, name: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) <= 18):
+        raise ValueError(f"an array has the {name} {text[:40]!r}; expected a whole number, 0 or more")
+    return int(text)
+
+
+def _numbers(text: str, kind: np.dtype[Any], count: int) -> NDArray[Any]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # what is no number ends the reading with a warning
+        values = np.fromstring(text, dtype=kind, sep=" ")
+    if len(values) != count:
+        raise ValueError(f"an array of {count} numbers has {len(values)}")
+    return values
