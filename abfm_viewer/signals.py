@@ -14,12 +14,14 @@ starts, nothing can be done: Ctrl-C then gives Python's own end.
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
 NUMBERS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """Signals that end programs, of those that the system has."""
+_PATIENCE = 1.0  # seconds after which another signal ends the process without tidying up
 _tidying: list[Callable[[], object]] = []
 
 
@@ -38,10 +40,14 @@ def status(number: int) -> int:
 
 def leave_on_signals(program: str) -> None:
     """Begin to answer signals for a program of this name; one that whoever started it has it ignore stays ignored."""
+    began: list[float] = []
 
     def leave(number: int, frame: FrameType | None) -> None:
-        for each in NUMBERS:
-            signal.signal(each, _leave_at_once)
+        if began:  # another signal while this tidies up, which takes no time unless a disk does not answer
+            if time.monotonic() - began[0] > _PATIENCE:
+                os._exit(status(number))
+            return
+        began.append(time.monotonic())
         for tidy in reversed(_tidying):
             with suppress(Exception):
                 tidy()
@@ -54,10 +60,6 @@ def leave_on_signals(program: str) -> None:
     for number in NUMBERS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, leave)
-
-
-def _leave_at_once(number: int, frame: FrameType | None) -> None:
-    os._exit(status(number))
 
 
 @contextmanager

@@ -8,9 +8,9 @@ from pathlib import Path
 import abfm
 from abfm import TriangleMesh, load_mesh
 from abfm_viewer import automation, signals
+from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.interrupt import Kept, raised_by_signals
-from abfm_viewer.cli.options import positive
 
 SUMMARY = "measure the solver against the paper's algorithm and plain L-BFGS, or how often it succeeds"
 DESCRIPTION = """\
@@ -37,7 +37,7 @@ Examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "--seconds", type=positive, default=60.0, metavar="S", help="time for each baseline (default: 60)"
+        "--seconds", type=options.positive, default=60.0, metavar="S", help="time for each baseline (default: 60)"
     )
     parser.add_argument("--viewer", action="store_true", help="measure the window (off the screen where there is none)")
     parser.add_argument("--success", action="store_true", help="count on random problems how often matches succeed")
@@ -45,8 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("with --success")
     group.add_argument("--mesh", action="append", default=[], metavar="FILE", help="try this mesh too; may be repeated")
     group.add_argument("--only-given", action="store_true", help="leave out the bundled and generated meshes")
-    group.add_argument("--problems", type=_count, default=6, metavar="N", help="problems on each mesh (default: 6)")
-    group.add_argument("--seed", type=int, default=0, help="another number gives other problems (default: 0)")
+    group.add_argument(
+        "--problems", type=options.count, default=6, metavar="N", help="problems on each mesh (default: 6)"
+    )
+    group.add_argument("--seed", type=options.seed, default=0, help="another number gives other problems (default: 0)")
     group.add_argument(
         "--part", type=_part, default=(1, 1), metavar="K/N", help="only every N-th problem, from the K-th"
     )
@@ -80,7 +82,10 @@ def run(arguments: argparse.Namespace) -> int:
         report = abfm.benchmark.run(tell, seconds=arguments.seconds)
         text = abfm.benchmark.format_report(report)
     print(json.dumps(report, allow_nan=False) if arguments.json else text)
-    return 0 if kept.number is None else signals.status(kept.number)
+    if kept.number is not None:
+        print("abfm: interrupted; the report is of what was finished", file=sys.stderr)
+        return signals.status(kept.number)
+    return 0
 
 
 def _meshes(arguments: argparse.Namespace, meshes: dict[str, TriangleMesh]) -> dict[str, TriangleMesh]:
@@ -96,15 +101,9 @@ def _meshes(arguments: argparse.Namespace, meshes: dict[str, TriangleMesh]) -> d
     return found
 
 
-def _count(text: str) -> int:
-    if not (text.isdecimal() and int(text) > 0):
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number above 0")
-    return int(text)
-
-
 def _part(text: str) -> tuple[int, int]:
     """A part of a whole: ``1/2``."""
     k, slash, n = text.partition("/")
-    if not (slash and k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
+    if not (slash and options.count(k) <= options.count(n)):
         raise argparse.ArgumentTypeError(f"{text!r} is not a part such as 1/2")
     return int(k), int(n)

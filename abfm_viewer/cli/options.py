@@ -5,7 +5,10 @@ import sys
 from dataclasses import fields
 
 from abfm import Parameters, TriangleMesh, load_mesh
+from abfm.errors import one_line
 from abfm.parameters import CHOICES
+
+_DAY, _THOUSAND_TURNS, _MANY = 86400.0, 360000.0, 1_000_000
 
 
 def add_parameters(parser: argparse.ArgumentParser) -> None:
@@ -61,8 +64,30 @@ def size(text: str) -> tuple[int, int]:
 
 
 def positive(text: str) -> float:
-    """A finite number above 0."""
+    """A number above 0, of seconds or frames: a day at most."""
     value = float(text)
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
+    if not 0 < value <= _DAY:
+        raise argparse.ArgumentTypeError(f"{one_line(text, 40)} is not a number above 0 and at most {_DAY:g}")
     return value
+
+
+def angle(text: str) -> float:
+    """An angle in degrees: a thousand turns at most."""
+    value = float(text)
+    if not abs(value) <= _THOUSAND_TURNS:
+        raise argparse.ArgumentTypeError(f"{one_line(text, 40)} is not an angle up to {_THOUSAND_TURNS:g} degrees")
+    return value
+
+
+def seed(text: str) -> int:
+    """A whole number that is not negative."""
+    if not (text.isdecimal() and len(text) < 40):
+        raise argparse.ArgumentTypeError(f"{one_line(text, 40)} is not a whole number from 0 on")
+    return int(text)
+
+
+def count(text: str) -> int:
+    """A whole number above 0: a million at most."""
+    if not (text.isdecimal() and len(text) < 10 and 0 < int(text) <= _MANY):
+        raise argparse.ArgumentTypeError(f"{one_line(text, 40)} is not a whole number from 1 to {_MANY}")
+    return int(text)

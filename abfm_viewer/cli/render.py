@@ -77,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     movies.add_argument("--from", type=float, dest="start", metavar="T", help="first time (default: 0)")
     movies.add_argument("--to", type=float, dest="end", metavar="T", help="last time, at most 2 tau (default: tau)")
     movies.add_argument(
-        "--turntable", type=float, metavar="DEGREES", help="how far the surfaces turn meanwhile (default: 0)"
+        "--turntable", type=options.angle, metavar="DEGREES", help="how far the surfaces turn meanwhile (default: 0)"
     )
     parser.add_argument("--progress", action="store_true", help="print a line of JSON for every frame")
     parser.add_argument("--quiet", action="store_true", help="no progress")

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
+
+from abfm import ResultError
+from abfm.io.arrays import open_archive
 
 MEMBER = "origin.json"
 """Where a copy of unsaved work says what it is a copy of."""
@@ -42,12 +44,12 @@ class Origin:
 def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
     """What a copy of unsaved work is a copy of; None if of no file, or none that is still there."""
     try:
-        with zipfile.ZipFile(copy) as archive:
+        with open_archive(copy, "project", "") as archive:
             plain = json.loads(archive.read(MEMBER))
-        origin = Origin(Path(plain["path"]), int(plain["modified"]), int(plain["size"]))
-        return origin if origin.exists else None
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
+            origin = Origin(Path(plain["path"]), int(plain["modified"]), int(plain["size"]))
+    except ResultError:
         return None
+    return origin if origin.exists else None
 
 
 def _state(path: Path) -> tuple[int, int]:

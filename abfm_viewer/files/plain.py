@@ -1,9 +1,12 @@
 """Dataclasses as plain JSON values and back, checked by their type hints."""
 
 import math
+import reprlib
 import types
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from abfm.errors import one_line
 
 
 class PlainError(ValueError):
@@ -65,4 +68,5 @@ def _dataclass(hint: Any, value: Any, where: str, given: dict[str, Any]) -> Any:
 
 def _check(fits: bool, where: str, value: Any, expected: str) -> None:
     if not fits:
-        raise PlainError(f"{where} is {str(value)[:60]!r}; expected {expected}")
+        short = reprlib.repr(value) if isinstance(value, list | dict) else value
+        raise PlainError(f"{where} is {one_line(short, 60)!r}; expected {expected}")

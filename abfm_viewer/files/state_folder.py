@@ -10,8 +10,10 @@ import platformdirs
 
 from abfm import AbfmError
 from abfm.io import write_atomically
+from abfm.reading import read_bytes
 
 _MOST_RECENT = 10
+_LARGEST = 1 << 20  # bytes of a file of the folder
 VARIABLE = "ABFM_STATE_FOLDER"
 
 
@@ -57,8 +59,8 @@ class StateFolder:
 
     def _read(self, name: str, default: Any) -> Any:
         try:
-            return json.loads((self.path / name).read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
+            return json.loads(read_bytes(self.path / name, most=_LARGEST))
+        except (OSError, ValueError, RecursionError, MemoryError):
             return default
 
     def _write(self, name: str, value: Any) -> None:

@@ -2,6 +2,9 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from itertools import islice
+
+_MOST_COMPARED, _LONGEST_COMPARED = 1000, 60  # words, and letters of each, as comparing takes long
 
 LONGEST = 600  # characters of a message
 
@@ -38,7 +41,8 @@ class AdvectionError(AbfmError):
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """``" (did you mean ...?)"``, or nothing where no known word is near."""
-    close = get_close_matches(word.strip().lower(), list(known), n=1)
+    near = [name for name in islice(known, _MOST_COMPARED) if len(name) <= _LONGEST_COMPARED]
+    close = get_close_matches(word.strip().lower(), near, n=1) if len(word) <= _LONGEST_COMPARED else []
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 

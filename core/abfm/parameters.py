@@ -68,8 +68,10 @@ class Parameters:
     gradient: Literal["adjoint", "bracket"] = _parameter(
         "adjoint", "", "exact derivative of the discrete energy, or the paper's by brackets"
     )
-    substeps: int = _parameter(10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1)
-    quadrature: int = _parameter(10, "k", "intervals of the time integral in the bracket gradient", 1)
+    substeps: int = _parameter(
+        10, "n", "sub-steps of the bracket gradient (the adjoint is exact for any number)", 1, 10_000
+    )
+    quadrature: int = _parameter(10, "k", "intervals of the time integral in the bracket gradient", 1, 10_000)
     iterations: int = _parameter(500, "", "iterations at most, over all cooling stages together", 0)
     cooling_stages: int = _parameter(3, "*", "stages of sigma, the last one at its value; 1 for no cooling", 1, 1000)
     cooling_factor: float = _parameter(3.0, "*", "sigma is divided by this from stage to stage", 1, open=True)
@@ -91,7 +93,7 @@ class Parameters:
             if entry.name in CHOICES:
                 if value not in CHOICES[entry.name]:
                     expected = " or ".join(repr(choice) for choice in CHOICES[entry.name])
-                    raise ParameterError(f"{entry.name} is {value!r}; expected {expected}")
+                    raise ParameterError(f"{entry.name} is {_shown(value)}; expected {expected}")
             else:
                 object.__setattr__(self, entry.name, _checked_number(entry, value))
         if self.alpha > LARGEST_ALPHA:
@@ -138,7 +140,7 @@ class Parameters:
         known = {entry.name for entry in fields(cls)}
         unknown = sorted(set(values) - known)
         if unknown:
-            raise ParameterError(f"unknown parameter {unknown[0]!r}; expected one of {', '.join(sorted(known))}")
+            raise ParameterError(f"unknown parameter {_shown(unknown[0])}; expected one of {', '.join(sorted(known))}")
         return cls(**(values if PAPER.keys() & values.keys() else {**PAPER, **values}))
 
 

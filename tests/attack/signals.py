@@ -1,15 +1,12 @@
 """Signals at random moments of every command: one line, the status that shells know, whole files, nothing left behind.
 
-``python -m tests.attack.signals --seed S --count N`` prints a line of JSON for each; the exit status is 1 if one has a
-fault. A command first runs undisturbed, which says how long it lives; a signal comes between the moment when the
+A command first runs undisturbed, which says how long it lives; a signal comes between the moment when the
 program has taken its signals over (Python's own start is before that) and a little after that life. Linux only: what
 catches which signal, and which processes are left, is read from /proc.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import random
 import secrets
@@ -20,17 +17,19 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from abfm import AbfmError, load_match
+from abfm import AbfmError, Parameters, load_match, load_mesh, match
 from abfm.assets import asset_path
+from tests.attack.trial import Trial, run
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 MODES = ("process", "group", "twice")  # to the process alone, as a terminal does it, and a second one soon after
 PAIR = ("--source", "gaussian:vertex=10,width=0.2", "--target", "gaussian:vertex=40,width=0.2", "--quiet")
 ENDLESS = ("--iterations", "1000000", "--tolerance", "0", "--sigma", "1e-6")
 STOPPING, INTERRUPTED = "stopping with the best result so far; Ctrl-C again to leave at once", "interrupted"
+REPORTED = "abfm: interrupted; the report is of what was finished"
 _MAIN = "import sys; from abfm_viewer.{} import main; sys.exit(main())"
 _PATIENCE = 60.0  # seconds after which a process does not end
 
@@ -50,7 +49,7 @@ MOVIE = ("--size", "320x240", "--seconds", "0.3", "--quiet")
 COMMANDS = {
     "help": Command(("match", "--help")),
     "info": Command(("info", "MESH")),
-    "match": Command(("match", "MESH", *PAIR, *ENDLESS, "--out", "m.npz"), ("m.npz",), lasts=4.0),
+    "match": Command(("match", "MESH", *PAIR, *ENDLESS, "--out", "m.npz"), ("m.npz",), (3,), lasts=4.0),
     "short match": Command(
         ("match", "MESH", *PAIR, "--iterations", "3", "--out", "m.npz", "--out", "m.vtu"), ("m.npz", "m.vtu"), (3,)
     ),
@@ -91,26 +90,24 @@ class Attack:
     """
 
     def __init__(self, folder: Path, random: random.Random) -> None:
-        self._folder, self._random = folder, random
+        self._folder, self.random = folder, random
         self._mesh, self._result = str(asset_path("eight.off")), folder / "result.npz"
         self._lives: dict[str, float] = {}
-        words = ("match", "MESH", *PAIR, "--iterations", "3", "--out", str(self._result))
-        process, _ = self._start(Command(words), folder)
-        _, errors = process.communicate(timeout=_PATIENCE)
-        if not self._result.exists():
-            raise RuntimeError(f"there is no result to begin with: {errors}")
+        mesh = load_mesh(self._mesh)
+        x, y, _ = mesh.vertices.T
+        match(mesh, x, y, Parameters(iterations=2, levels=1)).save(self._result)
 
     def one(self, name: str) -> Outcome:
         """Send one signal to a command, and look at what comes of it."""
         command = COMMANDS[name]
         if name not in self._lives:
             self._lives[name] = command.lasts or self._life(command)
-        number, mode = self._random.choice(SIGNALS), self._random.choice(MODES)
-        outcome = Outcome(name, number.name, mode, 1.02 * self._lives[name] * self._random.random())
+        number, mode = self.random.choice(SIGNALS), self.random.choice(MODES)
+        outcome = Outcome(name, number.name, mode, 1.02 * self._lives[name] * self.random.random())
         with tempfile.TemporaryDirectory(dir=self._folder) as place:
             folder = Path(place)
             process, token = self._start(command, folder)
-            pause = self._random.choice([0.0, 0.01, 0.3])
+            pause = self.random.choice([0.0, 0.01, 0.3])
             was_there = self._send(process, number, mode, outcome.after, pause)
             try:
                 _, errors = process.communicate(timeout=_PATIENCE)
@@ -172,7 +169,7 @@ class Attack:
         if not (ended_by_itself or (was_there and status == 128 + number)):
             outcome.faults.append(f"status {status}")
         program = "abfm-viewer" if command.module == "app" else "abfm"
-        expected = [f"{program}: {INTERRUPTED}", STOPPING]
+        expected = [f"{program}: {INTERRUPTED}", STOPPING, REPORTED]
         if not ended_by_itself and ((not lines and outcome.mode != "twice") or set(lines) - set(expected)):
             outcome.faults.append(f"stderr: {errors[-300:]!r}")
 
@@ -232,22 +229,19 @@ def _with_token(token: str) -> Iterator[str]:
                 pass
 
 
-def main() -> int:
+def main() -> None:
     """Send signals, a line of JSON each."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--count", type=int, default=100)
-    parser.add_argument("--command", action="append", choices=list(COMMANDS))
-    arguments = parser.parse_args()
-    chosen, faulty = random.Random(arguments.seed), 0
     with tempfile.TemporaryDirectory() as folder:
-        attack = Attack(Path(folder), chosen)
-        for index in range(arguments.count):
-            outcome = attack.one(chosen.choice(arguments.command or list(COMMANDS)))
-            faulty += bool(outcome.faults)
-            print(json.dumps({"seed": arguments.seed, "index": index, **asdict(outcome)}), flush=True)
-    return int(faulty > 0)
+        attack = Attack(Path(folder), random.Random())
+
+        def attempt(seed: int) -> Trial:
+            chosen = attack.random = random.Random(seed)
+            outcome = attack.one(chosen.choice(list(COMMANDS)))
+            kind = f"{outcome.command}, {outcome.signal} {outcome.mode} after {outcome.after:.3f} s"
+            return Trial(kind, seed, "fault" if outcome.faults else "ok", "; ".join(outcome.faults))
+
+        run(attempt, __doc__)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -2,13 +2,14 @@
 
 A part is a module ``tests.attack.PART`` that runs as ``python -m tests.attack.PART --seed S --count N``: it makes the
 trials of the seeds S to S + N - 1, each given by its seed alone, and prints the line of each as soon as it has ended.
-So ``--seed S --count 1`` repeats one exactly.
+So ``--seed S --count 1`` repeats one exactly. With ``--seconds T`` it begins none later than that.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Literal
@@ -47,6 +48,10 @@ def run(attempt: Callable[[int], Trial], about: str) -> None:
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--seed", type=int, default=0, help="of the first trial")
     parser.add_argument("--count", type=int, default=1, help="of trials, each with the next seed")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="after which no trial begins")
     asked = parser.parse_args()
+    end = time.monotonic() + asked.seconds
     for seed in range(asked.seed, asked.seed + asked.count):
+        if time.monotonic() > end:
+            break
         print(attempt(seed).to_line(), flush=True)

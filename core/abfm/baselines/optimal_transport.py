@@ -11,15 +11,17 @@ from scipy.optimize import brentq
 
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
-from abfm.errors import FunctionError, ParameterError
+from abfm.errors import FunctionError, ParameterError, one_line
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 _ITERATIONS = 500
 _TOLERANCE = 1e-5  # L1 change of the interpolated density, whose mass is 1, from one iteration to the next
 _LEAST_HEAT = 1e-150  # squares and quotients of smaller densities underflow
 _SHARPEST = 64.0
+_NEGLIGIBLE = 0.01  # of the largest value: dips that count as 0
 
 
 class HeatKernel:
@@ -79,7 +81,8 @@ def optimal_transport(
     Parameters
     ----------
     f, g : (V,) arrays
-        Not negative, with a positive integral each.
+        Not negative, with a positive integral each; dips of a hundredth of the largest value, as approximations have
+        them, count as 0.
     times : float or (T,) array
         From 0 (f) to 1 (g).
     blur : float
@@ -96,13 +99,13 @@ def optimal_transport(
     Raises
     ------
     FunctionError
-        If a function has negative values or no mass, or does not fit the mesh.
+        If a function has lower values than that or no mass, or does not fit the mesh.
     ParameterError
         If a time, blur or steps is out of range, or heat does not reach across the mesh.
     """
-    moments = np.atleast_1d(np.asarray(times, dtype=np.float64))
+    moments = np.atleast_1d(real_numbers(times, "times"))
     if moments.ndim != 1 or not ((moments >= 0) & (moments <= 1)).all():
-        raise ParameterError(f"times is {times!r}; expected a time from 0 to 1 or a list of them")
+        raise ParameterError(f"times is {one_line(times, 60)}; expected a time from 0 to 1 or a list of them")
     if not (np.isfinite(blur) and blur > 0 and steps >= 1 and int(steps) == steps):
         raise ParameterError(
             f"blur is {blur!r}, steps is {steps!r}; expected a blur above 0 and a whole number of steps"
@@ -173,11 +176,11 @@ def _non_negative(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArra
     if len(rows) != 1:
         raise FunctionError(f"{name} has {len(rows)} channels; optimal transport takes one function (vertices,)")
     worst = int(rows[0].argmin())
-    if rows[0, worst] < 0:
+    if -rows[0, worst] > max(_NEGLIGIBLE * rows[0].max(), 0.0):
         raise FunctionError(
             f"{name} is negative at {np.count_nonzero(rows[0] < 0)} of {len(rows[0])} vertices, down to "
             f"{rows[0, worst]:g} at vertex {mesh.vertex_ids[worst]}; optimal transport moves mass, never negative"
         )
     if not rows[0].any():
         raise FunctionError(f"{name} is zero everywhere; optimal transport needs some mass to move")
-    return np.asarray(rows[0])
+    return np.asarray(np.maximum(rows[0], 0.0))

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from abfm.errors import FunctionError
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 
@@ -16,12 +17,10 @@ def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
     FunctionError
         If the length is not the number of vertices (of the file or of the mesh) or a value is not finite.
     """
-    array = np.asarray(values)
-    if array.dtype.kind not in "biuf":
-        raise FunctionError(f"{name} has values of type {array.dtype}; expected real numbers")
+    array = real_numbers(values, name, FunctionError)
     if array.ndim not in (1, 2) or array.size == 0:
         raise FunctionError(f"{name} has shape {array.shape}; expected (vertices,) or (vertices, channels)")
-    array = mesh.restrict(array).astype(np.float64)
+    array = mesh.restrict(array).copy()
     bad = np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))
     if len(bad):
         raise FunctionError(f"{name} has {len(bad)} vertices with values that are not finite, the first at {bad[0]}")

@@ -8,6 +8,7 @@ from abfm.calculus.operators import Matrix, averaging, face_frames, gradient
 from abfm.errors import AdvectionError, ParameterError
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 _STEP_NORM = 4.0  # a Taylor step of this norm loses under two digits to cancellation
@@ -22,7 +23,7 @@ def check_field(mesh: TriangleMesh, field: ArrayLike, name: str) -> FloatArray:
     ParameterError
         If it has another shape or values that are not finite.
     """
-    array = np.asarray(field, dtype=np.float64)
+    array = real_numbers(field, name)
     if array.shape != (len(mesh.faces), 3):
         raise ParameterError(f"{name} has shape {array.shape}; expected {(len(mesh.faces), 3)}, a vector per face")
     if not np.isfinite(array).all():

@@ -10,6 +10,7 @@ from abfm.errors import AdvectionError
 from abfm.flow.derivative_pattern import derivative_pattern
 from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Segment, Trajectory, Workspace
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 
@@ -145,7 +146,7 @@ def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> F
     AdvectionError
         If the arrays do not fit the mesh or are not finite, or if the flow is too long or overflows.
     """
-    field, functions = np.asarray(velocity, dtype=np.float64), np.asarray(f, dtype=np.float64)
+    field, functions = real_numbers(velocity, "velocity", AdvectionError), real_numbers(f, "f", AdvectionError)
     if field.shape != (len(mesh.faces), 3):
         raise AdvectionError(f"velocity has shape {field.shape}; expected {(len(mesh.faces), 3)}, a vector per face")
     if functions.ndim not in (1, 2) or len(functions) not in (len(mesh.vertices), mesh.file_vertex_count):

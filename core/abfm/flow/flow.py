@@ -8,13 +8,14 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
 from abfm.calculus.vector_fields import to_frame
-from abfm.errors import AdvectionError, ParameterError
+from abfm.errors import AdvectionError, ParameterError, one_line
 from abfm.flow.advection import Advection
 from abfm.flow.exponential import Workspace
 from abfm.flow.flow_lines import fields_in_a_row
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.parameters import CHOICES, Method
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 
@@ -65,7 +66,8 @@ class Flow:
         AdvectionError
             If the flow overflows or is too long.
         """
-        return self.span(h, t) if np.ndim(t) else self.span(h, np.atleast_1d(t))[0]
+        times = real_numbers(t, "t")
+        return self.span(h, times) if times.ndim else self.span(h, times[None])[0]
 
     def advect(self, f: ArrayLike, t: ArrayLike | None = None) -> FloatArray:
         """As `push`, to the end time where none is given."""
@@ -76,9 +78,9 @@ class Flow:
 
         Raises what `push` does.
         """
-        moments = np.asarray(times, dtype=np.float64)
+        moments = real_numbers(times, "t")
         if moments.ndim != 1 or not np.isfinite(moments).all():
-            raise ParameterError(f"t is {times!r}; expected a finite time or a list of them")
+            raise ParameterError(f"t is {one_line(times, 60)}; expected a finite time or a list of them")
         rows = channels(self.mesh, h, "h")
         workspace = _workspace(self.mesh)
         with workspace.lock:

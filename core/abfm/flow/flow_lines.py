@@ -11,6 +11,7 @@ from abfm.errors import ParameterError
 from abfm.flow import tracing
 from abfm.flow.tracing import FaceFlow, face_flow
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray, IntArray
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]
@@ -123,12 +124,12 @@ def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
     ParameterError
         If they have another shape or values that are not finite.
     """
-    array = np.asarray(velocity, dtype=np.float64)
+    array = real_numbers(velocity, "velocity")
     if array.ndim == 2:
         array = array[None]
     if array.ndim != 3 or not len(array):
         expected = (len(mesh.faces), 3)
-        raise ParameterError(f"velocity has shape {np.shape(velocity)}; expected {expected}, or N of these in a row")
+        raise ParameterError(f"velocity has shape {array.shape}; expected {expected}, or N of these in a row")
     for field in array:
         check_field(mesh, field, "velocity")
     return array
@@ -142,7 +143,7 @@ def check_start(mesh: TriangleMesh, start: FacePoints) -> tuple[IntArray, FloatA
     ParameterError
         If they are not points of the mesh.
     """
-    faces, barycentric = np.asarray(start.faces), np.asarray(start.barycentric, dtype=np.float64)
+    faces, barycentric = np.asarray(start.faces), real_numbers(start.barycentric, "barycentric")
     if faces.ndim != 1 or not np.issubdtype(faces.dtype, np.integer) or barycentric.shape != (len(faces), 3):
         raise ParameterError(
             f"start has faces {faces.shape} of {faces.dtype} and barycentric {barycentric.shape}; "

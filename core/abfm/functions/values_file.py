@@ -1,15 +1,17 @@
 """Functions read from a file: one value per vertex of the mesh file."""
 
 import csv
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
-from abfm.errors import FunctionError, did_you_mean
+from abfm.errors import FunctionError, did_you_mean, one_line
 from abfm.functions.family import WORD, Family, file_name, parameter, shown
 from abfm.mesh import TriangleMesh
+from abfm.reading import array_from, gifti_arrays, read_bytes
 from abfm.types import FloatArray
 
 SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".vts")
@@ -54,11 +56,11 @@ def read_column(path: str, column: str | None = None) -> FloatArray:
         return table[:, 0]
     if column in names:
         return table[:, names.index(column)]
-    if column is not None and column.isdecimal() and int(column) < count:
+    if column is not None and len(column) < 10 and column.isdecimal() and int(column) < count:
         return table[:, int(column)]
-    available = f"column=0 to {count - 1}" + (f" or one of {', '.join(names[:8])}" if names else "")
+    listed = f" or one of {', '.join(one_line(name, 30) for name in names[:8])}" if names else ""
     asked = "" if column is None else f", none called {shown(column)}{did_you_mean(column, names)}"
-    raise FunctionError(f"file {shown(path)} has {count} columns{asked}; choose {available}")
+    raise FunctionError(f"file {shown(path)} has {count} columns{asked}; choose column=0 to {count - 1}{listed}")
 
 
 def read_table(path: str) -> tuple[list[str], FloatArray]:
@@ -66,7 +68,7 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
 
     .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers separated by commas,
     semicolons, tabs or blanks, with or without a line of names on top; empty lines and lines starting with ``#`` are
-    skipped. .gii is GIFTI, whose data arrays are the columns; it needs nibabel (``pip install 'abfm[gifti]'``).
+    skipped. .gii is GIFTI, whose data arrays are the columns.
 
     Raises
     ------
@@ -78,12 +80,11 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
         raise FunctionError(f"file {shown(path)}: the name must end in {', '.join(SUFFIXES)}")
     read = {".npy": _read_npy, ".gii": _read_gifti, ".gii.gz": _read_gifti}.get(suffix, _read_text)
     try:
-        return read(Path(path).expanduser())
-    except (OSError, RuntimeError) as error:  # RuntimeError: no home folder for ~name
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise FunctionError(f"file {shown(path)} cannot be read: {reason}") from error
-    except (ValueError, MemoryError) as error:
-        raise FunctionError(f"file {shown(path)} is not a table of numbers: {' '.join(str(error).split())}") from error
+        return read(Path(os.path.expanduser(path)))
+    except OSError as error:
+        raise FunctionError(f"file {shown(path)} cannot be read: {one_line(error)}") from error
+    except Exception as error:  # whatever a broken file makes of the readers
+        raise FunctionError(f"file {shown(path)} is not a table of numbers: {one_line(error)}") from error
 
 
 def _as_table(values: np.ndarray) -> FloatArray:
@@ -93,30 +94,19 @@ def _as_table(values: np.ndarray) -> FloatArray:
 
 
 def _read_npy(path: Path) -> tuple[list[str], FloatArray]:
-    with path.open("rb") as file:
-        return [], _as_table(np.lib.format.read_array(file, allow_pickle=False))
+    return [], _as_table(array_from(read_bytes(path)))
 
 
 def _read_gifti(path: Path) -> tuple[list[str], FloatArray]:
-    try:
-        from nibabel import load
-        from nibabel.gifti.gifti import GiftiImage
-    except ImportError as error:
-        raise FunctionError("GIFTI files need nibabel: pip install 'abfm[gifti]'") from error
-    try:
-        image = load(path)
-        columns = [array.data for array in image.darrays] if isinstance(image, GiftiImage) else []
-    except OSError:
-        raise
-    except Exception as error:  # whatever a broken file makes of the XML, base64 and zlib readers
-        raise ValueError(error) from error
+    columns = [array.values for array in gifti_arrays(path)]
     if not columns:
         raise ValueError("it holds no data array")
     return [], _as_table(np.column_stack(columns))
 
 
 def _read_text(path: Path) -> tuple[list[str], FloatArray]:
-    lines = [line for line in path.read_text("utf-8-sig").splitlines() if line.strip() and not line.startswith("#")]
+    text = read_bytes(path).decode("utf-8-sig")
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if not lines:
         raise ValueError("it is empty")
     delimiter = next((sign for sign in ";,\t" if sign in lines[0]), None)
@@ -124,7 +114,7 @@ def _read_text(path: Path) -> tuple[list[str], FloatArray]:
     names = [] if all(map(_is_number, first)) else [name.strip() for name in first]
     rows = lines[1:] if names else lines
     if not rows:
-        raise ValueError(f"it has only the line {lines[0]!r}")
+        raise ValueError(f"it has only the line {shown(lines[0])}")
     table = np.loadtxt(rows, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
     return names, table
 

@@ -58,12 +58,10 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
 def _local_vertices(mesh: TriangleMesh, path: str, numbers: FloatArray) -> IntArray:
     """Numbers of vertices as the mesh file counts them, from 0 or 1, as the mesh's own, in the same shape."""
     count = mesh.file_vertex_count
-    local = np.full(count + 1, -1)
-    local[mesh.vertex_ids] = np.arange(len(mesh.vertices))
     readings = []
     for first in (0, 1):
-        is_number = (numbers == np.floor(numbers)) & (numbers >= first) & (numbers < count + first)
-        readings.append(local[np.where(is_number, numbers - first, count).astype(np.int64)])
+        nearest = np.searchsorted(mesh.vertex_ids, numbers - first).clip(max=len(mesh.vertices) - 1)
+        readings.append(np.where(mesh.vertex_ids[nearest] == numbers - first, nearest, -1))
     fitting = [reading for reading in readings if (reading >= 0).all()]
     if not fitting:
         wrong = readings[0] < 0

@@ -1,30 +1,32 @@
-"""Arrays in a zip, as result files and projects hold them: each checked when written and when read."""
+"""Arrays in a zip, as result files and projects hold them: each checked when written, and when it is asked for."""
 
 import io
 import math
 import os
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.errors import ResultError
+from abfm.errors import ResultError, one_line
+from abfm.reading import LARGEST, array_from, most_inflated, open_plain
 
 FORMAT_VERSION = 1
 """Of result files and of projects."""
 
 
 class Entry(NamedTuple):
-    """What an array must be; a word in its shape stands for a size that all arrays agree on."""
+    """What an array must be; a word in its shape stands for a size that all arrays agree on, low and high bound it."""
 
     kind: str
     shape: tuple[str | int, ...]
     required: bool = True
     may_be_empty: bool = False
+    low: float = -math.inf
+    high: float = math.inf
 
 
 KINDS: dict[str, tuple[str, Any]] = {
@@ -33,11 +35,61 @@ KINDS: dict[str, tuple[str, Any]] = {
     "boolean": ("b", np.bool_),
     "text": ("U", np.str_),
 }
-_DAMAGE = (ValueError, EOFError, KeyError, RuntimeError, OverflowError, MemoryError, zipfile.BadZipFile, zlib.error)
+_MOST_TOLD, _LONGEST_TEXT = 400, 10_000  # characters
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that can be read in bounded steps
+
+
+class Archive(Mapping[str, NDArray[Any]]):
+    """A zip open for reading: its arrays by name, each read when it is asked for.
+
+    All that is read of it together has no more bytes than it can hold, also where members overlap or are compressed.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._zip = zipfile.ZipFile(file)
+        self._left = most_inflated(file.seek(0, io.SEEK_END))
+        self._names = {name.removesuffix(".npy") for name in self._zip.namelist() if name.endswith(".npy")}
+        self.packed = [member.filename for member in self._zip.infolist() if member.compress_type]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self._names:
+            raise KeyError(f"it lacks {name}")
+        try:
+            return array_from(self.read(f"{name}.npy"))
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+
+    def read(self, name: str, most: int = LARGEST) -> bytes:
+        """The bytes of a member, so many at most.
+
+        Raises
+        ------
+        ValueError, zipfile.BadZipFile, or anything else that damage makes of the zip's reader
+            If there is none, or it is damaged, too large, or with what was read before more than the zip can hold.
+        """
+        member = self._zip.getinfo(name)
+        if member.file_size > most:
+            raise ValueError(f"{name} has {member.file_size} bytes; expected at most {most}")
+        self._left -= member.file_size
+        if self._left < 0:
+            raise ValueError(f"its members up to {name} have more bytes than a zip of this size can hold")
+        if member.compress_type not in _METHODS:
+            raise ValueError(f"{name} is compressed by a method other than deflate")
+        with self._zip.open(member) as file:
+            return file.read(member.file_size + 1)
 
 
 @contextmanager
-def open_archive(path: str | os.PathLike[str], what: str, cure: str) -> Iterator[zipfile.ZipFile]:
+def open_archive(path: str | os.PathLike[str], what: str, cure: str) -> Iterator[Archive]:
     """A zip to read from.
 
     Raises
@@ -46,16 +98,16 @@ def open_archive(path: str | os.PathLike[str], what: str, cure: str) -> Iterator
         For all that goes wrong while it is open, in one line: the path, what the file should be, and what to do.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            yield archive
+        with open_plain(path) as file:
+            yield Archive(file)
     except ResultError as error:
-        raise ResultError(f"{path}: {error}") from error
+        raise ResultError(f"{one_line(path)}: {one_line(error, _MOST_TOLD)}") from error
     except OSError as error:
-        reason = error.strerror or error
-        raise ResultError(f"cannot read {path}: {reason}; check the path and its permissions") from error
-    except _DAMAGE as error:
-        reason = " ".join(str(error).split())
-        raise ResultError(f"{path}: no {what} of abfm, or damaged or cut short ({reason}); {cure}") from error
+        reason = f"{one_line(error)}; check the path and its permissions"
+        raise ResultError(f"cannot read {one_line(path)}: {reason}") from error
+    except Exception as error:  # damage makes anything of the readers of zips, of JSON and of what they hold
+        told = one_line(error, _MOST_TOLD)
+        raise ResultError(f"{one_line(path)}: no {what} of abfm, or damaged or cut short ({told}); {cure}") from error
 
 
 def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
@@ -69,7 +121,7 @@ def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
         If it is no version.
     """
     if type(version) is not int or version < 1:
-        raise ValueError(f"format_version is {version!r}; expected a number from 1 to {newest}")
+        raise ValueError(f"format_version is {one_line(repr(version), 60)}; expected a number from 1 to {newest}")
     if version > newest:
         raise ResultError(f"written in format {version}, and this abfm reads up to {newest}; upgrade abfm")
 
@@ -79,18 +131,6 @@ def write_arrays(archive: zipfile.ZipFile, arrays: Mapping[str, NDArray[Any]]) -
     for name, array in arrays.items():
         with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as file:
             np.save(file, array, allow_pickle=False)
-
-
-def read_arrays(archive: zipfile.ZipFile) -> dict[str, NDArray[Any]]:
-    """All that `write_arrays` wrote.
-
-    Raises
-    ------
-    ValueError, zipfile.BadZipFile, OSError
-        If an array is damaged, holds Python objects, or not as much as it says.
-    """
-    names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
-    return {name: _read(archive, name) for name in names}
 
 
 def check_arrays(
@@ -130,19 +170,13 @@ def _checked(name: str, array: NDArray[Any], entry: Entry, sizes: dict[str, int]
     sizes |= {word: given for word, given in zip(entry.shape, array.shape, strict=True) if isinstance(word, str)}
     if entry.kind == "real" and not np.isfinite(array).all():
         raise ValueError(f"{name} has values that are not finite")
+    if (entry.low > -math.inf or entry.high < math.inf) and array.size:
+        smallest, largest = array.min(), array.max()
+        if smallest < entry.low or largest > entry.high:
+            wrong = smallest if smallest < entry.low else largest
+            raise ValueError(f"{name} has the value {wrong:g}; expected {entry.low:g} to {entry.high:g}")
+    if entry.kind == "integer" and array.dtype.kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
+        raise ValueError(f"{name} has values beyond those of 64 bits with a sign")
+    if entry.kind == "text" and not all(len(text) <= _LONGEST_TEXT and text.isprintable() for text in array.flat):
+        raise ValueError(f"{name} has more than {_LONGEST_TEXT} characters, or some that cannot be shown")
     return array.astype(dtype, order="C", copy=False)
-
-
-def _read(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    file = io.BytesIO(archive.read(f"{name}.npy"))
-    try:
-        np.lib.format.read_magic(file)
-        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from error
-    if dtype.hasobject:
-        raise ValueError(f"{name} has type {dtype}; expected no Python objects")
-    if file.tell() + math.prod(shape) * dtype.itemsize != len(file.getbuffer()):
-        raise ValueError(f"{name} has another size than its shape {shape} says")
-    file.seek(0)
-    return np.lib.format.read_array(file, allow_pickle=False)

@@ -14,6 +14,7 @@ from pyevtk.vtk import VtkTriangle
 from abfm.errors import ResultError
 from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import real_numbers
 
 Data = Mapping[str, ArrayLike]
 
@@ -112,7 +113,7 @@ def _columns(data: Data, count: int, taken: Sequence[str] = (), vectors: bool = 
     """The data as float64 columns (count,); with ``vectors``, arrays of three columns stay together as tuples."""
     columns: dict[str, Any] = {}
     for name, given in data.items():
-        values = np.asarray(given, dtype=np.float64)
+        values = real_numbers(given, f"data {name!r}", ResultError)
         if values.ndim not in (1, 2) or len(values) != count or values.size == 0:
             raise ResultError(f"data {name!r} has shape {values.shape}; expected ({count},) or ({count}, C)")
         split = np.ascontiguousarray(values.reshape(count, -1).T)

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.errors import ResultError
-from abfm.io.arrays import FORMAT_VERSION, Entry, check_arrays, check_version, open_archive, read_arrays, write_arrays
+from abfm.errors import ResultError, one_line
+from abfm.io.arrays import FORMAT_VERSION, Entry, check_arrays, check_version, open_archive, write_arrays
 from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
 
 MEND = "match again and save, or take another copy of the file"
-_MOST_DROPPED = 10_000_000  # vertices of the mesh file that no face uses: opening makes room for them again
+_MOST_DROPPED = 10_000_000  # vertices of the mesh file that no face uses: maps to its vertices have a line for each
 
 MESH_ENTRIES = {
     "vertices": Entry("real", ("V", 3)),
     "faces": Entry("integer", ("F", 3)),
     "vertex_ids": Entry("integer", ("V",)),
-    "file_vertex_count": Entry("integer", ()),
+    "file_vertex_count": Entry("integer", (), low=1),
 }
 MATCH_ENTRIES = {
     "source": Entry("real", ("V", "C")),
@@ -29,17 +29,19 @@ MATCH_ENTRIES = {
     "advected": Entry("real", ("V", "C")),
     "velocity": Entry("real", ("N", "F", 3)),
     "energy_history": Entry("real", ("I", 3)),
-    "stages": Entry("integer", ("I",)),
-    "mismatch": Entry("real", ()),
+    "stages": Entry("integer", ("I",), low=0),
+    "mismatch": Entry("real", (), low=0),
     "stop_reason": Entry("text", ()),
     "parameters": Entry("text", ()),
     "channels_given": Entry("boolean", ()),  # False: f and g were (V,), and come back so
-    "mask": Entry("real", ("V",), required=False),
-    "verified_mismatch": Entry("real", (), required=False),
-    "folded": Entry("real", (), required=False),
+    "mask": Entry("real", ("V",), required=False, low=0),
+    "verified_mismatch": Entry("real", (), required=False, low=0),
+    "folded": Entry("real", (), required=False, low=0, high=1),
     "verdict": Entry("text", (3,), required=False),
     "remedies": Entry("text", (), required=False),
-    "weights": Entry("real", ("C",)),  # the last one is required: damage to a zip's directory can hide the last entry
+    "weights": Entry(
+        "real", ("C",), low=0
+    ),  # the last one is required: damage to a zip's directory can hide the last entry
 }
 ENTRIES = MESH_ENTRIES | MATCH_ENTRIES
 
@@ -60,7 +62,7 @@ def save_arrays(path: str | os.PathLike[str], arrays: Mapping[str, Any]) -> None
     try:
         checked = _checked(arrays)
     except ValueError as error:
-        raise ResultError(f"{path} not written: {error}; {MEND}") from error
+        raise ResultError(f"{one_line(path)} not written: {one_line(error, 400)}; {MEND}") from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         write_arrays(archive, {"format_version": np.array(FORMAT_VERSION), **checked})
 
@@ -77,9 +79,9 @@ def load_arrays(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
         shape or kind, or holds values that make no sense.
     """
     with open_archive(path, "result file", MEND) as archive:
-        arrays = read_arrays(archive)
-        check_version(arrays["format_version"].tolist() if "format_version" in arrays else None)
-        return _checked(arrays)
+        version = archive.get("format_version")
+        check_version(version.item() if version is not None and version.ndim == 0 else version)
+        return _checked(archive)
 
 
 def _checked(arrays: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
@@ -106,9 +108,7 @@ def mesh_of(arrays: Mapping[str, NDArray[Any]]) -> TriangleMesh:
     ids, faces, count = arrays["vertex_ids"], arrays["faces"], int(arrays["file_vertex_count"])
     if count - len(ids) > _MOST_DROPPED:
         raise ValueError(f"the mesh file had {count} vertices, and {len(ids)} are used")
-    placed = np.full((count, 3), np.nan)
-    placed[ids] = arrays["vertices"]
-    mesh = TriangleMesh(placed, ids[faces])
+    mesh = TriangleMesh(arrays["vertices"], faces, numbers=(ids, count))
     if not (np.array_equal(mesh.vertex_ids, ids) and np.array_equal(mesh.faces, faces)):
         raise ValueError(f"the mesh needs repairs: {' '.join(mesh.messages)}")
     return mesh
@@ -120,6 +120,9 @@ def _check_indices(arrays: Mapping[str, NDArray[Any]]) -> None:
             raise ValueError(f"{name} has an index outside 0 to {limit - 1}")
     if (np.diff(arrays["vertex_ids"]) <= 0).any():
         raise ValueError("vertex_ids do not ascend")
+    unused = np.count_nonzero(np.bincount(arrays["faces"].ravel(), minlength=len(arrays["vertices"])) == 0)
+    if unused:
+        raise ValueError(f"the mesh needs repairs: {unused} of its {len(arrays['vertices'])} vertices are in no face")
 
 
 def _check_parameters(text: str) -> None:
@@ -131,4 +134,4 @@ def _check_parameters(text: str) -> None:
         raise ValueError("parameters are not one flat JSON object")
     tau = parameters.get("tau")
     if not isinstance(tau, float) or not np.isfinite(tau):
-        raise ValueError(f"parameters give tau = {tau!r}; expected a finite number")
+        raise ValueError(f"parameters give tau = {one_line(repr(tau), 60)}; expected a finite number")

@@ -20,6 +20,7 @@ from abfm.calculus.operators import vertex_areas
 from abfm.errors import ParameterError
 from abfm.maps.surface_points import SurfacePoints, pull_back, vertex_points
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 
@@ -134,7 +135,7 @@ def zoom_out(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, k: int, s
 
 
 def _check(C: ArrayLike) -> FloatArray:
-    matrix = np.asarray(C, dtype=np.float64)
+    matrix = real_numbers(C, "the functional map")
     if matrix.ndim != 2 or 0 in matrix.shape or not np.isfinite(matrix).all():
         raise ParameterError(
             f"the functional map has shape {matrix.shape} or values that are not finite; expected a finite matrix "

@@ -16,6 +16,7 @@ from abfm.calculus.operators import face_normals, hat_gradients
 from abfm.errors import AbfmError
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import kernel
+from abfm.real_numbers import real_numbers
 from abfm.types import BoolArray, FloatArray, IndexArray, IntArray
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -171,7 +172,7 @@ def turned_over(mesh: TriangleMesh, corners: FloatArray) -> BoolArray:
 
 
 def _finite_points(points: ArrayLike) -> FloatArray:
-    given = np.asarray(points, dtype=np.float64)
+    given = real_numbers(points, "points", AbfmError)
     if given.ndim != 2 or given.shape[1] != 3:
         raise AbfmError(f"points have shape {given.shape}; expected (P, 3): give one row x, y, z per point")
     bad = np.flatnonzero(~np.isfinite(given).all(axis=1))

@@ -11,7 +11,7 @@ from typing import Any, get_args
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.errors import ResultError
+from abfm.errors import ResultError, one_line
 from abfm.flow.flow import Flow
 from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, load_arrays, mesh_arrays, mesh_of, save_arrays
 from abfm.maps.functional_maps import spectral_coefficients
@@ -211,8 +211,8 @@ def load_match(path: str | os.PathLike[str]) -> Match:
         remedies = _remedies(str(arrays.pop("remedies", "[]")))
         verdict = _verdict(arrays["verdict"], remedies) if "verdict" in arrays else None
         return match_of(mesh, arrays, parameters, verdict)
-    except ValueError as error:
-        raise ResultError(f"{path}: {error}") from error
+    except Exception as error:  # what stands in for a text, a number or a list may do anything
+        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}") from error
 
 
 def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:
@@ -224,7 +224,14 @@ def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:
 
 def _remedies(text: str) -> tuple[Remedy, ...]:
     """What `match_arrays` wrote; files from before there were remedies have none."""
+    remedies = json.loads(text)
     try:
-        return tuple(Remedy(**remedy) for remedy in json.loads(text))
+        found = tuple(Remedy(**remedy) for remedy in remedies)
     except TypeError as error:
-        raise ValueError(f"the remedies are {text[:60]!r}: {error}") from error
+        raise ValueError(f"the remedies are {one_line(text, 60)!r}: {error}") from error
+    kinds = {"label": str, "words": str, "parameters": dict, "goes_on": bool}
+    for remedy in found:
+        for name, kind in kinds.items():
+            if not isinstance(getattr(remedy, name), kind):
+                raise ValueError(f"the {name} of a remedy is no {kind.__name__}")
+    return found

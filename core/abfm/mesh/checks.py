@@ -54,11 +54,14 @@ class Connectivity(NamedTuple):
     corner_fans: IntArray
 
 
-def check(vertices: ArrayLike, faces: ArrayLike, largest_component: bool) -> tuple[Draft, Connectivity]:
+def check(
+    vertices: ArrayLike, faces: ArrayLike, largest_component: bool, numbers: tuple[IntArray, int] | None = None
+) -> tuple[Draft, Connectivity]:
     """Refuse, repair or accept a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
     points = np.array(_number_array(vertices, "vertices", "(V, 3), coordinates as numbers"), dtype=np.float64)
     triangles = _face_array(faces, len(points))
-    draft = Draft(points, triangles, np.arange(len(points)), np.arange(len(triangles)), len(points))
+    vertex_ids, count = numbers or (np.arange(len(points)), len(points))
+    draft = Draft(points, triangles, vertex_ids, np.arange(len(triangles)), count)
     draft = _drop_unreferenced(draft)
     _refuse_unusable_coordinates(draft)
     draft = _one_component(draft, largest_component)
@@ -135,12 +138,13 @@ def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
 
 def _drop_unreferenced(draft: Draft) -> Draft:
     kept = draft.without_unreferenced_vertices()
-    dropped = np.setdiff1d(draft.vertex_ids, kept.vertex_ids, assume_unique=True)
-    if len(dropped) == 0:
+    dropped = draft.input_vertex_count - len(kept.vertices)
+    if dropped == 0:
         return draft
+    gaps = np.flatnonzero(kept.vertex_ids != np.arange(len(kept.vertices)))
     return kept.noting(
-        f"{_count(len(dropped), 'vertex that no face uses was', 'vertices that no face uses were')} dropped "
-        f"(for example vertex {dropped[0]})"
+        f"{_count(dropped, 'vertex that no face uses was', 'vertices that no face uses were')} dropped "
+        f"(for example vertex {gaps[0] if len(gaps) else len(kept.vertices)})"
     )
 
 

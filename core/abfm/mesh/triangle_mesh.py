@@ -29,9 +29,11 @@ def per_mesh(
     @wraps(build)
     def cached(mesh: TriangleMesh, /, *others: Others.args, **named: Others.kwargs) -> Result:
         key = (build.__module__, build.__qualname__, *others, *named.items())
-        if key not in mesh.cache:  # another thread may build it meanwhile: there is only one
-            mesh.cache.setdefault(key, build(mesh, *others, **named))
-        found: Result = mesh.cache[key]
+        found: Result
+        try:
+            found = mesh.cache[key]
+        except KeyError:  # another thread may build it meanwhile: there is only one
+            found = mesh.cache.setdefault(key, build(mesh, *others, **named))
         return found
 
     return cached
@@ -56,6 +58,8 @@ class TriangleMesh:
         Of several components keep the one with the largest area, with a message, instead of refusing the mesh.
     messages : iterable of str
         What was already done to the input, put before the messages of the checks.
+    numbers : tuple of (V,) array of int and int, optional
+        The vertex_ids, ascending, and the file_vertex_count of vertices from which others were left out already.
 
     Attributes
     ----------
@@ -78,7 +82,7 @@ class TriangleMesh:
     corner_fans : (F, 3) array of int
         The vertex of each corner if pinched vertices were cut apart.
     cache : dict
-        What :func:`per_mesh` keeps.
+        What :func:`per_mesh` keeps; it may be cleared at any time, and what is asked for again is made again.
 
     Raises
     ------
@@ -105,8 +109,9 @@ class TriangleMesh:
         *,
         largest_component: bool = False,
         messages: Iterable[str] = (),
+        numbers: tuple[IntArray, int] | None = None,
     ) -> None:
-        draft, connectivity = check(vertices, faces, largest_component)
+        draft, connectivity = check(vertices, faces, largest_component, numbers)
         arrays = {name: getattr(draft, name) for name in ("vertices", "faces", "vertex_ids", "face_ids")}
         self.__dict__.update({name: _frozen(array) for name, array in (arrays | connectivity._asdict()).items()})
         self.__dict__.update(

@@ -6,15 +6,18 @@ before it looks whether so much follows.
 
 import math
 import re
+import sys
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abfm.errors import one_line
+
 _MAGIC = b"\x93NUMPY"
 _LENGTHS = {1: 2, 2: 4, 3: 4}  # bytes of the header's length, by the format's version
 _MOST_DIMENSIONS = 32
-_ENTRY = re.compile(r"""\s*(['"])(\w+)\1\s*:\s*(?:(['"])([^'"\\]*)\3|(True|False)|\(([\d\s,L]*)\))\s*(?:,\s*|$)""")
+_ENTRY = re.compile(r"""\s*(['"])(\w+)\1\s*:\s*(?:(['"])([^'"\\]*)\3|(True|False)|\(([^()]*)\))\s*(?:,\s*|$)""")
 _TYPE = re.compile(r"[<>=|]?([biufcSU]\d{1,9}|[?O])")
 
 
@@ -31,11 +34,14 @@ def array_from(data: bytes) -> NDArray[Any]:
     size = math.prod(shape) * dtype.itemsize
     if start + size != len(data):
         raise ValueError(
-            f"an array of type {dtype} and shape {_short(shape)} has {size} bytes, and {len(data) - start} follow"
+            f"its size is not what its header says: {len(data) - start} bytes follow, and {dtype} of shape "
+            f"{one_line(shape, 60)} have {size}"
         )
     array = np.frombuffer(data, dtype, math.prod(shape), start)
     if dtype.kind == "b" and (array.view(np.uint8) > 1).any():
         raise ValueError("a boolean is neither 0 nor 1")
+    if dtype.kind == "U" and (array.view(np.dtype("u4").newbyteorder(dtype.byteorder)) > sys.maxunicode).any():
+        raise ValueError("a letter is none of Unicode's")
     return array.reshape(shape, order="F" if header.get("fortran_order") == "True" else "C").copy(order="K")
 
 
@@ -67,7 +73,7 @@ def _dtype(header: dict[str, str]) -> np.dtype[Any]:
     if dtype is None or dtype.itemsize == 0:
         raise ValueError(f"its type is {text[:40]!r}; expected numbers, such as '<f8'")
     if dtype.hasobject:
-        raise ValueError("it holds Python objects; expected numbers")
+        raise ValueError(f"it has type {dtype}; expected no Python objects")
     return dtype
 
 
@@ -76,9 +82,5 @@ def _shape(header: dict[str, str]) -> tuple[int, ...]:
     if words[-1] == "":  # (3,) has a comma more than numbers, () has none
         words.pop()
     if len(words) > _MOST_DIMENSIONS or not all(word.isdigit() and len(word) <= 18 for word in words):
-        raise ValueError(f"its shape is ({header['shape'][:40]}); expected whole numbers, 0 or more")
+        raise ValueError(f"its shape ({header['shape'][:40]}) is no size; expected whole numbers, 0 or more")
     return tuple(map(int, words))
-
-
-def _short(shape: tuple[int, ...]) -> str:
-    return str(shape)[:60]

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import face_areas
 from abfm.calculus.vector_fields import check_field, to_ambient, to_frame
-from abfm.errors import ParameterError
+from abfm.errors import ParameterError, one_line
 from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import real_numbers
 from abfm.streaks import streamlines
 from abfm.streaks.texels import Canvas, FloatImage, fill_gaps, fill_margins
 from abfm.streaks.texture_atlas import TextureAtlas, texture_atlas
@@ -78,9 +79,9 @@ def line_integral_convolution(
     """
     field = check_field(mesh, velocity, "velocity")
     field = to_ambient(mesh, to_frame(mesh, field / (np.abs(field).max() or 1.0)))
-    phases = np.asarray(0.0 if phase is None else phase, dtype=np.float64)
+    phases = real_numbers(0.0 if phase is None else phase, "phase")
     if phases.ndim > 1 or not phases.size or not np.isfinite(phases).all():
-        raise ParameterError(f"phase is {phase!r}; expected a finite number or a list of them")
+        raise ParameterError(f"phase is {one_line(phase, 60)}; expected a finite number or a list of them")
     for name, value in (("length", length), ("width", width)):
         if not 0 < value <= 1:
             raise ParameterError(f"{name} is {value}; expected more than 0 and at most 1")

@@ -159,6 +159,14 @@ def test_the_order_of_the_vertices_does_not_matter():
     assert_allclose(found, optimal_transport(SPHERE, f, g, 0.4)[vertices], rtol=1e-6)
 
 
+def test_what_is_negative_by_rounding_counts_as_nothing():
+    f = bump(P)
+    dips = np.where(f < 1e-3, -1e-3, f)
+    assert_allclose(
+        optimal_transport(SPHERE, dips, bump(Q), 0.5), optimal_transport(SPHERE, np.maximum(dips, 0), bump(Q), 0.5)
+    )
+
+
 def test_a_number_of_times_gives_a_function_and_a_list_of_them_a_list():
     f, g = bump(P), bump(Q)
     one = optimal_transport(SPHERE, f, g, 0.5)

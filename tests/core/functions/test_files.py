@@ -140,7 +140,7 @@ def test_wrong_map_entries_are_counted_with_an_example(tmp_path: Path, bad: floa
         ("a.gii", b"<GIFTI", "not a table of numbers"),
         ("a.gii", b"", "not a table of numbers"),
         ("a.gii.gz", b"\x1f\x8b\x08\x00", "not a table of numbers"),
-        ("b.gii.gz", b"plain", "cannot be read"),
+        ("b.gii.gz", b"plain", "it is no XML, or cut short"),
         ("a.xyz", b"1", "must end in .npy, .csv, .txt, .gii"),
     ],
 )

@@ -94,7 +94,7 @@ def test_help_of_match_names_every_parameter_and_example(capsys):
         (["match", EIGHT, "--source", "gausian:vertex=1", *PAIR[2:], "--out", "m.npz"], "did you mean 'gaussian'?"),
         (["match", EIGHT, "--source", "gaussian:vertex=999", *PAIR[2:], "--out", "m.npz"], "315"),
         (["bench", "--seconds", "0"], "above 0"),
-        (["bench", "--success", "--problems", "0"], "above 0"),
+        (["bench", "--success", "--problems", "0"], "a whole number from 1 to 1000000"),
         (["bench", "--success", "--part", "3/2"], "not a part such as 1/2"),
         (["bench", "--success", "--only-given"], "needs a --mesh"),
         (["render", "none.npz", "--out", "a.png"], "none.npz"),

@@ -1,5 +1,7 @@
 """The paper's gradient of the advected function, through the Lie bracket (Eq. 9 and its n-step form in section 7)."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from abfm.calculus.operators import Matrix
@@ -23,12 +25,20 @@ class BracketGradient:
         That of ``v``.
     substeps, quadrature : int
         ``n`` and ``k``.
+    listen : callable
+        Called between steps; what it raises ends them.
     """
 
     def __init__(
-        self, mesh: TriangleMesh, v: FloatArray, flow: ExponentialFlow, substeps: int, quadrature: int
+        self,
+        mesh: TriangleMesh,
+        v: FloatArray,
+        flow: ExponentialFlow,
+        substeps: int,
+        quadrature: int,
+        listen: Callable[[], None],
     ) -> None:
-        self.mesh, self.flow = mesh, flow
+        self.mesh, self.flow, self._listen = mesh, flow, listen
         self.substeps, self.quadrature = substeps, quadrature
         self.bracket = Matrix(lie_bracket(mesh, v).T.tocsr())
 
@@ -37,10 +47,12 @@ class BracketGradient:
         dt = t / self.substeps
         states = [f]
         for _ in range(self.substeps - 1):
+            self._listen()
             states.append(self.flow.forward(states[-1], dt).end)
         backward = self.flow.transposed()
         total = np.zeros(2 * len(self.mesh.faces))
         for index, state in enumerate(reversed(states)):
+            self._listen()
             if index or self.substeps == 1:  # Eq. 9 has a factor that the n-step form lacks
                 mu = backward.forward(mu, dt).end
             total += dual_directional_derivative(self.mesh, state).T @ mu
@@ -51,6 +63,7 @@ class BracketGradient:
         dt = t / self.substeps
         total = term = sources
         for _ in range(self.quadrature):
+            self._listen()
             term = exponential_action(self.bracket, term, dt / self.quadrature)
             total = total + term
         return (-dt / (self.quadrature + 1) * total).reshape(-1, 2)

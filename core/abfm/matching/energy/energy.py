@@ -21,6 +21,7 @@ from abfm.matching.energy.terms import DataTerm, RegularityTerm, data_term, regu
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
 from abfm.parameters import Parameters
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 
@@ -92,6 +93,7 @@ class MatchingEnergy(Problem):
         self.shape = (parameters.segments, len(mesh.faces), 2)
         self.step = parameters.tau / parameters.segments
         self.vertex_count = len(mesh.vertices)  # values of a function that is advected, one a vertex or a cluster
+        self.listen: Callable[[], None] = lambda: None  # called within long gradients; what it raises ends them
         self._clustered = False
         self._workspace = Workspace(len(mesh.vertices))
         self._regularizers = {parameters.alpha: regularity_term(self.mesh, parameters, parameters.alpha)}
@@ -205,7 +207,7 @@ class MatchingEnergy(Problem):
         for j in reversed(range(p.segments)):
             part = flow.parts[j]
             assert isinstance(part, ExponentialFlow)
-            bracket = BracketGradient(self.mesh, fields[j], part, p.substeps, p.quadrature)
+            bracket = BracketGradient(self.mesh, fields[j], part, p.substeps, p.quadrature, self.listen)
             sources = sum(bracket.sources(starts[c][j], self.step, mu) for c, mu in enumerate(residuals))
             gradient[j] = bracket.gradient(np.asarray(sources), self.step)
             if j:
@@ -234,7 +236,7 @@ def check_fields(velocity: ArrayLike, shape: tuple[int, int, int], name: str = "
     ParameterError
         If the shape is another one or a value is not finite.
     """
-    field = np.asarray(velocity, dtype=np.float64)
+    field = real_numbers(velocity, name)
     expected = (*shape[:2], 3)
     if field.shape == expected[1:] and expected[0] == 1:
         field = field[None]

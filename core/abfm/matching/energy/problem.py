@@ -7,6 +7,7 @@ from abfm.calculus.channels import channels
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.errors import FunctionError, ParameterError
 from abfm.mesh import TriangleMesh
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 
@@ -42,7 +43,7 @@ class Problem:
             raise FunctionError(f"source has {count} and target {len(self.target)} channels; give as many of each")
         self.mask: FloatArray | None = None
         if mask is not None:
-            of_vertices = np.asarray(mask)
+            of_vertices = real_numbers(mask, "mask")
             if of_vertices.shape == (mesh.file_vertex_count,):
                 of_vertices = mesh.restrict(of_vertices)
             self.mask = _weights(of_vertices, len(mesh.vertices), "mask")
@@ -89,7 +90,7 @@ def _norm(mesh: TriangleMesh, functions: FloatArray, mask: FloatArray | None, we
 
 
 def _weights(values: ArrayLike, count: int, name: str) -> FloatArray:
-    array = np.asarray(values, dtype=np.float64)
+    array = real_numbers(values, name).copy()
     if array.shape != (count,):
         raise ParameterError(f"{name} has shape {array.shape}; expected ({count},)")
     if not np.isfinite(array).all() or (array < 0).any() or not array.any():

@@ -176,6 +176,7 @@ class Descent:
     def _search(self, stage: Stage, target: FloatArray | None) -> LBFGS[Evaluation]:
         p, energy = self._parameters, self.levels[stage.level].energy
         regularizer = energy.regularizer(stage.alpha)
+        energy.listen = self.wait
 
         def evaluate(x: FloatArray) -> Evaluation:
             if self._record.evaluations:

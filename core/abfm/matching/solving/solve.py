@@ -16,6 +16,7 @@ from abfm.matching.solving.control import CancelledError, Control
 from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.levels import levels
 from abfm.matching.solving.record import Iteration, Record
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
@@ -222,8 +223,9 @@ def _start_fields(energy: MatchingEnergy, start: ArrayLike) -> FloatArray:
 
     Those of M segments are averaged over, or repeated in, the N of the energy's parameters.
     """
-    count = max(len(np.asarray(start)), 1) if np.ndim(start) == 3 else 1
-    fields = check_fields(start, (count, *energy.shape[1:]), "start") / energy.length_scale
+    given = real_numbers(start, "start")
+    count = max(len(given), 1) if given.ndim == 3 else 1
+    fields = check_fields(given, (count, *energy.shape[1:]), "start") / energy.length_scale
     return to_frame(energy.mesh, np.tensordot(_averages(count, energy.parameters.segments), fields, 1))
 
 

@@ -1,0 +1,212 @@
+"""A process that opens one attacking file after the other, and what came of each; and who watches over it.
+
+The process has bounded memory and, for each file, bounded time; it is started again when it dies.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import os
+import resource
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import TextIO
+
+from abfm import AbfmError
+from tests.attack.doors import BrokenPromiseError, enter
+from tests.attack.specimens import Specimen
+from tests.attack.trial import Trial
+
+SECONDS, MEGABYTES = 10, 1000
+"""The most CPU time that a file may take, and the most memory by which the process may grow, for files up to:"""
+LARGEST = 10 << 20
+_ADDRESS_SPACE = 3 << 30
+_PATIENCE = 120.0  # seconds by the clock, for what waits without computing
+ROOT = Path(__file__).parents[2]
+Attacker = Callable[[int], tuple[Specimen, str]]
+"""The file of a seed, and what kind of attack it is."""
+
+
+class Victim:
+    """Tries the files of an attacker, named ``module:function``; what is a fault is kept in a folder."""
+
+    def __init__(self, part: str, attacker: str, keep: Path | None = None) -> None:
+        self._part, self._attacker, self._keep = part, attacker, keep
+        self._process: subprocess.Popen[str] | None = None
+        self._folder = Path(tempfile.mkdtemp(prefix="abfm-attack-"))
+
+    def __enter__(self) -> Victim:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def attempt(self, seed: int) -> Trial:
+        """What comes of the file of a seed."""
+        if self._process is None or self._process.poll() is not None:
+            self._start()
+        process = self._process
+        assert process is not None
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(f"{seed}\n")
+        process.stdin.flush()
+        ready, _, _ = select.select([process.stdout], [], [], _PATIENCE)
+        line = process.stdout.readline() if ready else ""
+        trial = Trial.from_line(line) if line else self._died(seed, bool(ready))
+        if trial.outcome == "fault":
+            self._keep_files(seed)
+            if trial.megabytes > MEGABYTES:  # so that the next one's memory can be told
+                self._end()
+        return trial
+
+    def _start(self) -> None:
+        command = [sys.executable, "-m", "tests.attack.victim", self._attacker, str(self._folder)]
+        with (self._folder / "log").open("w") as log:
+            self._process = subprocess.Popen(
+                command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True
+            )
+
+    def _died(self, seed: int, has_ended: bool) -> Trial:
+        assert self._process is not None
+        if has_ended:
+            status = self._process.wait()
+            name = signal.Signals(-status).name if status < 0 else f"exit status {status}"
+            why = f"more than {SECONDS} s of CPU time" if status == -signal.SIGPROF else f"the process died: {name}"
+        else:
+            why = f"nothing within {_PATIENCE:g} s by the clock"
+        self._end()
+        log = (self._folder / "log").read_text(errors="replace")
+        if not (self._folder / "kind").exists():
+            raise RuntimeError(f"the process that is attacked did not begin: {log}")
+        return Trial((self._folder / "kind").read_text(), seed, "fault", f"{why}: {_place(log)}", SECONDS)
+
+    def _end(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+            self._process = None
+
+    def _keep_files(self, seed: int) -> None:
+        if self._keep is not None:
+            place = self._keep / f"{self._part}-{seed}"
+            shutil.rmtree(place, ignore_errors=True)
+            shutil.copytree(self._folder / "files", place, symlinks=True, ignore=_what_is_no_file)
+
+
+def _what_is_no_file(folder: str, names: list[str]) -> list[str]:
+    return [name for name in names if not (path := Path(folder, name)).is_file() or path.stat().st_size > 64 << 20]
+
+
+def _place(log: str) -> str:
+    """Where a stack that faulthandler wrote was in our own code, or the end of what was said."""
+    frames = [line.strip() for line in log.splitlines() if "File " in line]
+    own = [f for f in frames if "/core/abfm/" in f or "/abfm_viewer/" in f]
+    lines = own[:1] or log.strip().splitlines()[-1:] or ["no stack"]
+    return lines[0].replace(str(ROOT) + os.sep, "")[:300]
+
+
+def main(attacker: str, folder: Path) -> None:
+    """The process: reads seeds, a line each, and answers a line of a `Trial` each."""
+    module, _, name = attacker.partition(":")
+    files_of: Attacker = getattr(import_module(module), name)
+    stacks = os.fdopen(os.dup(2), "w")  # stays where it is while what is said is listened to
+    faulthandler.enable(stacks)
+    faulthandler.register(signal.SIGPROF, stacks, chain=True)
+    answers = os.fdopen(os.dup(1), "w")
+    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
+    for line in sys.stdin:
+        print(_attempt(files_of, int(line), folder).to_line(), file=answers, flush=True)
+
+
+def _attempt(files_of: Attacker, seed: int, folder: Path) -> Trial:
+    specimen, kind = files_of(seed)
+    (folder / "kind").write_text(kind)
+    files = folder / "files"
+    shutil.rmtree(files, ignore_errors=True)
+    files.mkdir()
+    path = files / specimen.name
+    for name, content in {specimen.name: specimen.content, **specimen.beside}.items():
+        (files / name).write_bytes(content)
+    if specimen.place is not None:
+        specimen.place(path)
+    size = path.stat().st_size if path.is_file() else 0
+    memory, begin = _megabytes(), time.process_time()
+    said: list[str] = []
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    try:
+        with _listening(said):
+            enter(specimen.door, path)
+        outcome, detail = "ok", ""
+    except AbfmError as error:
+        outcome, detail = "refused", str(error)
+    except BrokenPromiseError as error:
+        outcome, detail = "fault", str(error)
+    except Exception as error:
+        outcome, detail = "fault", _last_of_ours(error)
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    seconds, grown = time.process_time() - begin, _megabytes() - memory
+    if outcome != "fault" and said:
+        outcome, detail = "fault", f"it said: {said[0][:300]!r}"
+    if outcome != "fault" and grown > MEGABYTES and size <= LARGEST:
+        outcome, detail = "fault", f"{grown:.0f} MB of memory; then: {detail}"
+    return Trial(kind, seed, outcome, detail.replace(str(files) + os.sep, ""), round(seconds, 3), round(grown, 1))
+
+
+def _last_of_ours(error: Exception) -> str:
+    """An exception that should not have come out: its text, and where it left our own code."""
+    own = [
+        f"{Path(frame.filename).relative_to(ROOT)}:{frame.lineno}"
+        for frame in traceback.extract_tb(error.__traceback__)
+        if Path(frame.filename).is_relative_to(ROOT) and "/tests/" not in frame.filename
+    ]
+    text = " ".join(str(error).split())[:160]
+    return f"{type(error).__name__}: {text} ({own[-1] if own else 'outside of abfm'})"
+
+
+@contextlib.contextmanager
+def _listening(said: list[str]) -> Iterator[None]:
+    """Take down what is written to stdout and stderr, by C libraries too, and warnings."""
+    with tempfile.TemporaryFile("w+") as heard, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        with _redirected(1, heard), _redirected(2, heard):
+            try:
+                yield
+            finally:
+                heard.flush()
+        heard.seek(0)
+        said += [*filter(None, [heard.read()]), *(f"{w.category.__name__}: {w.message}" for w in caught)]
+
+
+@contextlib.contextmanager
+def _redirected(descriptor: int, heard: TextIO) -> Iterator[None]:
+    saved = os.dup(descriptor)
+    os.dup2(heard.fileno(), descriptor)
+    try:
+        yield
+    finally:
+        (sys.stdout if descriptor == 1 else sys.stderr).flush()
+        os.dup2(saved, descriptor)
+        os.close(saved)
+
+
+def _megabytes() -> float:
+    """The most memory that this process has ever had."""
+    size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return size / (1e6 if sys.platform == "darwin" else 1e3)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], Path(sys.argv[2]))
