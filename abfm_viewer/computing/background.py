@@ -4,9 +4,10 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Generic, TypeVar
 
-from abfm import AbfmError
+from abfm import AbfmError, errors
 from abfm.numerics.own_process import factoring_apart
 from abfm.progress import Step, telling
 from abfm_viewer.computing.memo import same
@@ -16,7 +17,7 @@ Value = TypeVar("Value")
 
 def one_line(error: BaseException) -> str:
     """An error as a line for the window; one that is not about the input says what kind it is."""
-    text = " ".join(str(error).split())
+    text = errors.one_line(str(error), errors.LONGEST)
     if isinstance(error, AbfmError | OSError):
         return text
     if isinstance(error, MemoryError):
@@ -27,21 +28,25 @@ def one_line(error: BaseException) -> str:
 class Latest(Generic[Value]):
     """Computes in a thread of its own what was asked for last; requests that came before and did not start are dropped.
 
-    Keys are compared by `same`: arrays in them by identity. If `at_once`, it computes in the caller's thread instead,
-    as pictures off the screen need, which wait for no frame. The latest `value` was computed for `key`; `error` says in
-    one line why the last request failed.
+    Keys are compared by `same`: arrays in them by identity; None is no key. If `at_once`, it computes in the caller's
+    thread instead, as pictures off the screen need, which wait for no frame. The latest `value` was computed for `key`;
+    `error` says in one line why that failed.
+
+    At any time one key is wanted, at most one waits to be computed, one is running, one is finished. As long as it is
+    not retired, what is wanted waits, runs or is finished; what waits is what is wanted; and nothing takes the place of
+    what is finished while that is wanted.
     """
 
     def __init__(self, name: str, at_once: bool = False) -> None:
-        self.key: object = None
+        self.key: object = None  # finished, with its value or error
         self.value: Value | None = None
         self.error = ""
         self.step: Step | None = None  # of the job under way, if it tells any; may be read at any time
         self._name = name
         self._at_once = at_once
         self._wanted: object = None
+        self._job: Callable[[], Value] | None = None  # computes what is wanted, if that waits
         self._running: object = None
-        self._job: Callable[[], Value] | None = None
         self._condition = threading.Condition()
         self._thread: threading.Thread | None = None
         self._closed = False
@@ -49,7 +54,8 @@ class Latest(Generic[Value]):
     @property
     def busy(self) -> bool:
         """Whether what was asked for last is still to come."""
-        return self._wanted is not None and not same(self._wanted, self.key)
+        with self._condition:
+            return self._job is not None or (self._running is not None and same(self._running, self._wanted))
 
     @property
     def is_at_work(self) -> bool:
@@ -69,11 +75,14 @@ class Latest(Generic[Value]):
             if same(key, self.key):
                 self._job = None
                 return self.value
-            if is_new and not self._at_once and not self._closed:
-                self._job = None if same(key, self._running) else compute
-                self._start()
-        if not self._at_once:
-            return None
+            if self._closed:
+                return None
+            if not self._at_once:
+                if is_new:
+                    self._job = None if same(key, self._running) else compute
+                if self._job is not None:
+                    self._start()
+                return None
         self._compute(key, compute)
         return self.value
 
@@ -98,8 +107,9 @@ class Latest(Generic[Value]):
 
     def _start(self) -> None:
         if self._thread is None:
-            self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
-            self._thread.start()
+            thread = threading.Thread(target=self._work, name=self._name, daemon=True)
+            thread.start()  # raises where the machine has no more of them: the next request tries again
+            self._thread = thread
         self._condition.notify()
 
     @factoring_apart()
@@ -121,14 +131,18 @@ class Latest(Generic[Value]):
         try:
             with telling(self._tell):
                 value = job()
-        except Exception as problem:
-            if not isinstance(problem, AbfmError | MemoryError):
-                traceback.print_exc()
+        except BaseException as problem:  # also what is no Exception: a thread that ended would answer nobody
             error = one_line(problem)
-        with self._condition:
-            self._running = None
-            if self.busy:  # else what is there already was asked for again meanwhile
-                self.key, self.value, self.error = key, value, error
+            if self._at_once and not isinstance(problem, Exception):
+                raise
+            if not isinstance(problem, AbfmError | MemoryError):
+                with suppress(OSError, ValueError):  # where the terminal is gone
+                    traceback.print_exc()
+        finally:
+            with self._condition:
+                self._running = None
+                if not same(self._wanted, self.key):  # else what is there already was asked for again meanwhile
+                    self.key, self.value, self.error = key, value, error
 
     def _tell(self, step: Step | None) -> None:
         self.step = step

@@ -1,8 +1,10 @@
 """Values of functions on the mesh, computed off the frame loop and kept."""
 
+from __future__ import annotations
+
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,7 +32,7 @@ class Functions:
     """Evaluates specs on one mesh, term by term, so that dragging one of several Gaussians costs one Gaussian.
 
     Of terms from a project file the values (V,) are `known`: what came from other files needs these files no longer. If
-    `at_once`, `ask` waits for what it asks for.
+    `at_once`, `ask` waits for what it asks for. Once it `has_computed` something, there may be a thread and a process.
     """
 
     def __init__(
@@ -39,13 +41,25 @@ class Functions:
         self.mesh = mesh
         self.known = dict(known or {})
         self.evaluator = Evaluator(mesh)
+        self._at_once = at_once
         self._cache: OrderedDict[str, FloatArray] = OrderedDict()
         self._lock = threading.RLock()
         self._latest: Latest[Evaluated] = Latest("functions", at_once)
+        self._asked: tuple[str, ...] = ()
+        self._waits = False  # whether what was asked for last was not there
+        self.has_computed = False
 
     @property
     def busy(self) -> bool:
-        return self._latest.busy
+        return self._waits and self._latest.busy
+
+    def at_rest(self, is_kept: Callable[[str], bool]) -> Functions:
+        """Others, without a thread and a process, with the values that were asked for last and those that are kept."""
+        cached = self._cache.copy()  # without the lock, as another thread may evaluate for long
+        known = self.known | {spec: values for spec, values in cached.items() if is_kept(spec)}
+        others = Functions(self.mesh, known, self._at_once)
+        others._cache.update((spec, cached[spec]) for spec in self._asked if spec in cached)
+        return others
 
     @property
     def step(self) -> Step | None:
@@ -55,7 +69,8 @@ class Functions:
     def ask(self, specs: tuple[str, ...]) -> Evaluated | None:
         """Values of all specs; None while they are being computed."""
         cached = {spec: values for spec in specs if (values := self._cache.get(spec)) is not None}
-        if len(cached) == len(specs):
+        self._asked, self._waits = specs, len(cached) < len(specs)
+        if not self._waits:
             return Evaluated(cached)
         return self._latest.ask(specs, lambda: self._evaluate_all(specs))
 
@@ -65,6 +80,7 @@ class Functions:
             if spec in self._cache:
                 self._cache.move_to_end(spec)
                 return self._cache[spec]
+            self.has_computed = True
             if spec in self.known:
                 values = self.known[spec]
             else:
@@ -91,6 +107,10 @@ class Functions:
         """Compute nothing more, and do not wait for what is under way; its process ends."""
         self._latest.retire()
         self.evaluator.close()
+
+    def let_go(self) -> None:
+        """Take no more requests; the thread and the process end when nobody evaluates with them any more."""
+        self._latest.retire()
 
     def _evaluate_all(self, specs: tuple[str, ...]) -> Evaluated:
         found = Evaluated()

@@ -27,7 +27,8 @@ class Evaluator:
         self._mesh = mesh
         self._apart = len(mesh.vertices) >= OWN_PROCESS_FROM if own_process is None else own_process
         self._process: OwnProcess | None = None
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # of who waits for an answer
+        self._starting = threading.Lock()
         self._closed = False
 
     def values(self, spec: str) -> FloatArray:
@@ -39,9 +40,11 @@ class Evaluator:
         return source, target
 
     def close(self) -> None:
-        self._closed = True
-        if self._process is not None:
-            self._process.close()
+        """End the process at once; who waits for its answer is told."""
+        with self._starting:
+            self._closed = True
+            if self._process is not None:
+                self._process.close()
 
     def _answer(self, spec: str | None) -> Any:
         """What `_compute` says, here or in the other process."""
@@ -57,16 +60,20 @@ class Evaluator:
             except (OSError, ProcessEndedError) as error:
                 self._process = None
                 raise FunctionError("the process that computes functions has ended; try again") from error
+            except BaseException:  # the process ends: its answer would be taken for the next one
+                self._process = None
+                raise
         if isinstance(answer, Exception):
             raise answer
         return answer
 
     def _start(self) -> OwnProcess:
-        if self._closed:
-            raise ProcessEndedError
-        self._process = OwnProcess("abfm_viewer.computing.evaluator")
-        self._process.send(self._mesh)
-        return self._process
+        with self._starting:
+            if self._closed:
+                raise ProcessEndedError
+            process = self._process = OwnProcess("abfm_viewer.computing.evaluator")
+        process.send(self._mesh)
+        return process
 
 
 def _compute(mesh: TriangleMesh, spec: str | None) -> Any:

@@ -2,9 +2,15 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from abfm import TriangleMesh
 from abfm_viewer.document.document import Document
 
 LONGEST = 200
+"""Steps."""
+LARGEST = 500_000_000
+"""Bytes of the meshes and results to which undo leads, besides those of the latest step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +26,9 @@ class Step:
 class History:
     """Every change is a step; changes in a row with the same merge key (a drag, a scrub) are one.
 
+    There are at most `LONGEST` steps to take back, and fewer where these hold meshes and results of more than `LARGEST`
+    bytes: then the oldest go.
+
     How the surfaces are seen goes back only with a step that changed it: what the mouse turned meanwhile stays.
     """
 
@@ -28,6 +37,11 @@ class History:
         self.moves = 0  # what the user did: changes, undo and redo
         self._past: list[Step] = []
         self._future: list[Step] = []
+
+    @property
+    def meshes(self) -> set[TriangleMesh]:
+        """Those of the present state and of all that undo and redo lead to."""
+        return {self.document.mesh, *(step.document.mesh for step in (*self._past, *self._future))}
 
     @property
     def undo_label(self) -> str:
@@ -53,7 +67,7 @@ class History:
         """Go on to another state."""
         if not (merge and self._past and self._past[-1].merge == merge):
             self._past.append(Step(self.document, label, merge, _look_differs(self.document, document)))
-            del self._past[:-LONGEST]
+            del self._past[: -self._kept_steps()]
         self._future.clear()
         self.document = document
         self.moves += 1
@@ -71,6 +85,17 @@ class History:
         """Go forward one step, if there is one."""
         self._move(self._future, self._past)
 
+    def _kept_steps(self) -> int:
+        """How many steps can be taken back: the latest one always, and the others as far as there is room for them."""
+        counted, room = {id(self.document.mesh), id(self.document.result)}, LARGEST
+        for count, step in enumerate(reversed(self._past)):
+            mesh, result = step.document.mesh, step.document.result
+            room -= sum(_bytes(held) for held in (mesh, result) if held is not None and id(held) not in counted)
+            counted |= {id(mesh), id(result)}
+            if count == LONGEST or (count and room < 0):
+                return count
+        return len(self._past)
+
     def _move(self, taken: list[Step], left: list[Step]) -> None:
         if taken:
             step, now = taken.pop(), self.document
@@ -80,6 +105,11 @@ class History:
                 seen = replace(step.document.view, look=now.view.look, large=now.view.large)
                 self.document = replace(step.document, view=seen)
             self.moves += 1
+
+
+def _bytes(held: object) -> int:
+    """What the arrays of a mesh or a result take."""
+    return sum(array.nbytes for array in vars(held).values() if isinstance(array, np.ndarray))
 
 
 def _look_differs(before: Document, after: Document) -> bool:

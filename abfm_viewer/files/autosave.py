@@ -76,6 +76,11 @@ class Autosave:
             with suppress(OSError):
                 os.utime(self.path)  # the heartbeat that `recoverable` looks for
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether there is no copy, and none is being written."""
+        return not self._has_copy and self._future is None
+
     def take_over(self, recovery: Recovery) -> None:
         """Make what a crash left the copy of this process, until the next one is written."""
         with suppress(OSError):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from abfm import TriangleMesh
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.origin import Origin
@@ -41,6 +43,10 @@ class Kept:
     def found(self, document: Document) -> None:
         """A result was found that is in no file."""
         self._left[document.mesh] = document
+
+    def forget_all_but(self, meshes: Collection[TriangleMesh]) -> None:
+        """Forget the files of meshes that the history holds no more, unless something of them is unsaved."""
+        self._states = {mesh: state for mesh, state in self._states.items() if mesh in meshes or mesh in self._left}
 
     def leave(self, document: Document) -> None:
         """Another mesh takes a document's place."""

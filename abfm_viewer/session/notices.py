@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import takewhile
 
 _SECONDS_OF_NOTICE, _SECONDS_OF_ERROR = 6.0, 12.0
-_LONGEST_LOG = 1000
+_LONGEST_LOG, _MOST_CARDS = 1000, 50
 WaysOut = Mapping[str, Callable[[], None]]
 """What can be done about a problem: labels of buttons, and what they do."""
 
@@ -41,7 +41,8 @@ class Entry:
 class Notices:
     """At most one notice, the `latest`, for as long as it takes to read it; an empty one where there is none.
 
-    Errors are `cards`, too, the latest first. The `log` has everything, the oldest first.
+    Errors are `cards`, too, the latest first; of so many that nobody reads them the oldest go. The `log` has everything
+    of late, the oldest first.
     """
 
     def __init__(self) -> None:
@@ -60,7 +61,7 @@ class Notices:
         if text and is_error:
             new = Card(text, about, remedies or {})
             known = tuple(new if card.text == text else card for card in self.cards)
-            self.cards = known if is_known else (new, *known)
+            self.cards = (known if is_known else (new, *known))[:_MOST_CARDS]
         self.latest = Notice(text, is_error)
         self._said_at, self._moves = time.perf_counter(), moves
 

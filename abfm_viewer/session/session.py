@@ -13,6 +13,7 @@ from abfm.progress import Step, said
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Evaluated, Functions
+from abfm_viewer.computing.memo import same
 from abfm_viewer.computing.problem import Problem
 from abfm_viewer.computing.solver import Solver
 from abfm_viewer.document.document import Channel, Document, Side
@@ -21,6 +22,7 @@ from abfm_viewer.files.origin import Origin
 from abfm_viewer.session.after_match import AfterMatch
 from abfm_viewer.session.housekeeping import RUN, Housekeeping
 from abfm_viewer.session.kept import Kept
+from abfm_viewer.session.mesh_functions import MeshFunctions
 from abfm_viewer.session.notices import WaysOut
 from abfm_viewer.session.obstacle import obstacle
 from abfm_viewer.session.outdated import Outdated
@@ -47,7 +49,8 @@ class Session(Housekeeping):
         self.after_match = AfterMatch()
         self.dragging = False
         self.bare_since: float | None = None
-        self._functions: dict[TriangleMesh, Functions] = {}
+        self._functions = MeshFunctions(at_once)
+        self._minded: tuple[object, ...] = ()
         self._evaluated = Evaluated()
         self._evaluated_by: Functions | None = None
         self._defaults: Latest[tuple[str, str]] = self._jobs.latest("default functions")
@@ -100,7 +103,7 @@ class Session(Housekeeping):
         self.solver.cancel()
         self._kept.leave(self.document)
         self.player.playing = False
-        self._functions[document.mesh] = Functions(document.mesh, known, self.at_once)
+        self._functions.add(document.mesh, known)
         self.history.change(document, f"open {origin.path.name if origin else document.name}")
         self._kept.keep(document, origin) if saved else self._kept.recover(document.mesh, origin)
 
@@ -119,9 +122,7 @@ class Session(Housekeeping):
 
     def functions_of(self, mesh: TriangleMesh) -> Functions:
         """Values of functions on a mesh of the history."""
-        if mesh not in self._functions:
-            self._functions[mesh] = Functions(mesh, at_once=self.at_once)
-        return self._functions[mesh]
+        return self._functions.of(mesh)
 
     @property
     def problem(self) -> Problem:
@@ -228,6 +229,17 @@ class Session(Housekeeping):
         if self.player.playing:
             self.amend(time=self.player.advance(self.time, elapsed, self.parameters.tau, self.end))
         self._collect()
+        self._keep_what_is_needed()
+
+    def _keep_what_is_needed(self) -> None:
+        """Keep of other meshes only what undo, unsaved work and a run that is ending still need."""
+        run = self.solver.problem.mesh if self.solver.running and self.solver.problem else None
+        now = (self.mesh, run, self.history.moves)
+        if not same(now, self._minded):
+            self._minded = now
+            at_work = {mesh for mesh in (self.mesh, run) if mesh is not None}
+            self._kept.forget_all_but(in_history := self.history.meshes)
+            self._functions.keep(at_work, at_work | in_history | {left.mesh for left in self.unsaved_documents})
 
     def _find_defaults(self) -> None:
         if self.channels:
@@ -280,6 +292,5 @@ class Session(Housekeeping):
     def close(self) -> None:
         """End all threads and processes; what is under way is not waited for long."""
         self.solver.close()
-        for functions in self._functions.values():
-            functions.retire()
+        self._functions.close()
         self._jobs.close()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 from abfm import MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
@@ -56,7 +57,7 @@ class SessionFiles:
         self._ask = ask
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="save")
         self._writing: list[_Writing] = []
-        self._samples: dict[TriangleMesh, str] = {}
+        self._samples: WeakKeyDictionary[TriangleMesh, str] = WeakKeyDictionary()
         self.waiting: Waiting | None = None  # for the end of a run
         self.ways_out: dict[str, Callable[[], None]] = {}
 

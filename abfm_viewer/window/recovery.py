@@ -1,5 +1,6 @@
 """Unsaved work: copies of this launch's, and those of launches that ended badly."""
 
+import itertools
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -37,6 +38,7 @@ class Recoveries:
         self._files = files
         self._dialogs = dialogs
         self._autosaves: dict[TriangleMesh, Autosave] = {}
+        self._numbers = itertools.count()
         self._recoveries: list[Recovery] | None = None
         self._reading: tuple[Load, Recovery] | None = None
         self._asks_later = False  # when what took the place of reading a copy is there
@@ -60,6 +62,8 @@ class Recoveries:
             else:
                 content = partial(_content, document or session.document, functions)
                 autosave.offer(document, content, document is not None, origin)
+                if document is None and mesh is not session.mesh and autosave.is_idle:
+                    self._autosaves.pop(mesh).close()
         self._tell()
 
     def close(self, keep_unsaved: bool) -> None:
@@ -74,7 +78,7 @@ class Recoveries:
 
     def _autosave(self, mesh: TriangleMesh) -> Autosave:
         if mesh not in self._autosaves:
-            self._autosaves[mesh] = Autosave(self._state, number=len(self._autosaves))
+            self._autosaves[mesh] = Autosave(self._state, number=next(self._numbers))
         return self._autosaves[mesh]
 
     def _tell(self) -> None:

@@ -93,7 +93,7 @@ class Parameters:
             if entry.name in CHOICES:
                 if value not in CHOICES[entry.name]:
                     expected = " or ".join(repr(choice) for choice in CHOICES[entry.name])
-                    raise ParameterError(f"{entry.name} is {value!r}; expected {expected}")
+                    raise ParameterError(f"{entry.name} is {_shown(value)}; expected {expected}")
             else:
                 object.__setattr__(self, entry.name, _checked_number(entry, value))
         if self.alpha > LARGEST_ALPHA:
@@ -140,7 +140,7 @@ class Parameters:
         known = {entry.name for entry in fields(cls)}
         unknown = sorted(set(values) - known)
         if unknown:
-            raise ParameterError(f"unknown parameter {unknown[0]!r}; expected one of {', '.join(sorted(known))}")
+            raise ParameterError(f"unknown parameter {_shown(unknown[0])}; expected one of {', '.join(sorted(known))}")
         return cls(**(values if PAPER.keys() & values.keys() else {**PAPER, **values}))
 
 

@@ -1,8 +1,7 @@
 """Killed while saving: the old file or the new one is there, whole, and nothing else once somebody writes again.
 
-``python -m tests.attack.kills --seed S --count N`` prints a line of JSON for each (see `trial`). What is saved is
-prepared once; for every kill the process forks a child that saves it over and over, and kills that at a random moment.
-POSIX only.
+What is saved is prepared once; for every kill the process forks a child that saves it over and over, and kills
+that at a random moment. POSIX only.
 """
 
 from __future__ import annotations
@@ -173,7 +172,7 @@ def main() -> None:
         def attempt(seed: int) -> Trial:
             chosen = attack.random = random.Random(seed)
             outcome = attack.one(chosen.choice(list(attack.savings)))
-            kind = f"{outcome.what}, {outcome.left} left" if outcome.left else outcome.what
+            kind = f"{outcome.what} after {outcome.after:.3f} s"
             return Trial(kind, seed, "fault" if outcome.faults else "ok", "; ".join(outcome.faults))
 
         run(attempt, __doc__)

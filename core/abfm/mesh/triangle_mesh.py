@@ -29,9 +29,11 @@ def per_mesh(
     @wraps(build)
     def cached(mesh: TriangleMesh, /, *others: Others.args, **named: Others.kwargs) -> Result:
         key = (build.__module__, build.__qualname__, *others, *named.items())
-        if key not in mesh.cache:  # another thread may build it meanwhile: there is only one
-            mesh.cache.setdefault(key, build(mesh, *others, **named))
-        found: Result = mesh.cache[key]
+        found: Result
+        try:
+            found = mesh.cache[key]
+        except KeyError:  # another thread may build it meanwhile: there is only one
+            found = mesh.cache.setdefault(key, build(mesh, *others, **named))
         return found
 
     return cached
@@ -80,7 +82,7 @@ class TriangleMesh:
     corner_fans : (F, 3) array of int
         The vertex of each corner if pinched vertices were cut apart.
     cache : dict
-        What :func:`per_mesh` keeps.
+        What :func:`per_mesh` keeps; it may be cleared at any time, and what is asked for again is made again.
 
     Raises
     ------

@@ -197,7 +197,7 @@ def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
         of_first = of_first or steps
 
     monkeypatch.setattr(ExponentialFlow, "forward", counted)
-    parameters = Parameters(gradient="bracket", substeps=500, levels=1, iterations=3)
+    parameters = abfm.Parameters(gradient="bracket", substeps=500, levels=1, iterations=3)
     match = abfm.match(SPHERE, *pair(SPHERE), parameters, on_iteration=first, control=control)
     assert match.stop_reason == "cancelled"
     assert steps < of_first + 300

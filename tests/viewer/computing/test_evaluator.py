@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 from abfm import FunctionError, TriangleMesh, function
+from abfm.numerics.own_process import OwnProcess
+from abfm.progress import Step, telling
+from abfm_viewer.computing import evaluator as evaluator_module
 from abfm_viewer.computing.evaluator import Evaluator
 from tests.shapes import icosphere
 
@@ -61,3 +66,69 @@ def test_a_closed_evaluator_starts_nothing() -> None:
 def test_large_meshes_get_a_process() -> None:
     assert not Evaluator(SPHERE)._apart
     assert Evaluator(icosphere(6))._apart
+
+
+def test_an_answer_that_was_not_waited_for_is_not_taken_for_the_next_one() -> None:
+    evaluator = Evaluator(SPARSE, own_process=True)
+
+    class GivenUpError(BaseException):
+        pass
+
+    def give_up(step: Step | None) -> None:
+        if step is not None:
+            raise GivenUpError
+
+    with pytest.raises(GivenUpError), telling(give_up):
+        evaluator.values("geodesic:vertex=0")  # it tells that it factors
+    np.testing.assert_array_equal(evaluator.values("coordinate:x"), SPARSE.vertices[:, 0])
+    evaluator.close()
+
+
+@pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGTERM])
+def test_who_waits_is_told_when_the_process_is_killed(signal_number: int) -> None:
+    evaluator = Evaluator(SPARSE, own_process=True)
+    evaluator.values("coordinate:x")
+    assert evaluator._process is not None
+    inner = evaluator._process._process
+    inner.send_signal(signal.SIGSTOP)  # in the middle of an answer
+    told: list[str] = []
+
+    def ask() -> None:
+        try:
+            evaluator.values("geodesic:vertex=0")
+        except FunctionError as error:
+            told.append(str(error))
+
+    waiting = threading.Thread(target=ask)
+    waiting.start()
+    inner.send_signal(signal_number)
+    inner.send_signal(signal.SIGCONT)
+    waiting.join(30)
+    assert told == ["the process that computes functions has ended; try again"]
+
+
+def test_closing_while_the_process_starts_ends_it_and_tells_who_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    evaluator, told = Evaluator(SPARSE, own_process=True), []
+    send, begun = evaluator_module.OwnProcess.send, threading.Event()
+
+    def send_slowly(process: OwnProcess, message: object) -> None:
+        begun.set()
+        closed.wait(30)
+        send(process, message)
+
+    closed = threading.Event()
+    monkeypatch.setattr(evaluator_module.OwnProcess, "send", send_slowly)
+
+    def ask() -> None:
+        try:
+            evaluator.values("coordinate:x")
+        except FunctionError as error:
+            told.append(str(error))
+
+    waiting = threading.Thread(target=ask)
+    waiting.start()
+    assert begun.wait(30)
+    evaluator.close()
+    closed.set()
+    waiting.join(30)
+    assert told == ["the process that computes functions has ended; try again"]
