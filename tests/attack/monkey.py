@@ -212,7 +212,7 @@ class Monkey:
             if session.history.moves == moves:
                 self.found.fault(f"undo of {label!r} did nothing: {session.notice.text}")
                 return
-        if differing := _differing(start, session.document):
+        if differing := differences(start, session.document):
             self.found.fault(f"undo left other {', '.join(differing)}")
 
     def _save_all(self) -> None:
@@ -250,7 +250,7 @@ class Monkey:
             traceback.print_exc, threading.excepthook = print_exc, hook
 
 
-def _differing(one: Document, other: Document) -> list[str]:
+def differences(one: Document, other: Document) -> list[str]:
     """What two documents differ in; how surfaces are turned and the time that plays are not steps of undo."""
     seen = {"look": None, "large": "", "front": None}
     one, other = (replace(each, view=replace(each.view, **seen), time=0.0) for each in (one, other))
