@@ -1,22 +1,19 @@
 """Killed while saving: the old file or the new one is there, whole, and nothing else once somebody writes again.
 
-``python -m tests.attack.kills --seed S --count N`` prints a line of JSON for each; the exit status is 1 if one has a
-fault. What is saved is prepared once; for every kill the process forks a child that saves it over and over, and kills
+What is saved is prepared once; for every kill the process forks a child that saves it over and over, and kills
 that at a random moment. POSIX only.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import random
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +27,7 @@ from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.pictures import write_movie
 from abfm_viewer.session.opening import document_of_result
+from tests.attack.trial import Trial, run
 from tests.shapes import icosphere
 
 _LONGEST = 0.03  # seconds that a child saves
@@ -58,7 +56,7 @@ class Attack:
     """Kills processes that save in a folder."""
 
     def __init__(self, folder: Path, random: random.Random) -> None:
-        self._folder, self._random = folder, random
+        self._folder, self.random = folder, random
         self._matches = [_match(version) for version in range(2)]
         self._documents = [document_of_result(match, folder / "m.npz")[0] for match in self._matches]
         self.savings = {
@@ -75,7 +73,7 @@ class Attack:
 
     def one(self, what: str) -> Outcome:
         """Kill a process that saves this, and look at what is left."""
-        saving, outcome = self.savings[what], Outcome(what, _LONGEST * self._random.random())
+        saving, outcome = self.savings[what], Outcome(what, _LONGEST * self.random.random())
         with tempfile.TemporaryDirectory(dir=self._folder) as place:
             tempfile.tempdir = place
             path = Path(place, f"recent{saving.suffix}" if what == "recent" else f"saved{saving.suffix}")
@@ -166,21 +164,19 @@ def _frames(path: Path) -> int:
         return sum(1 for _ in movie.decode(video=0))
 
 
-def main() -> int:
+def main() -> None:
     """Kill, a line of JSON each."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--count", type=int, default=100)
-    arguments = parser.parse_args()
-    chosen, faulty = random.Random(arguments.seed), 0
     with tempfile.TemporaryDirectory() as folder:
-        attack = Attack(Path(folder), chosen)
-        for index in range(arguments.count):
+        attack = Attack(Path(folder), random.Random())
+
+        def attempt(seed: int) -> Trial:
+            chosen = attack.random = random.Random(seed)
             outcome = attack.one(chosen.choice(list(attack.savings)))
-            faulty += bool(outcome.faults)
-            print(json.dumps({"seed": arguments.seed, "index": index, **asdict(outcome)}), flush=True)
-    return int(faulty > 0)
+            kind = f"{outcome.what} after {outcome.after:.3f} s"
+            return Trial(kind, seed, "fault" if outcome.faults else "ok", "; ".join(outcome.faults))
+
+        run(attempt, __doc__)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
