@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Generic, TypeVar
 
-from abfm import AbfmError
+from abfm import AbfmError, errors
 from abfm.numerics.own_process import factoring_apart
 from abfm.progress import Step, telling
 from abfm_viewer.computing.memo import same
@@ -17,7 +17,7 @@ Value = TypeVar("Value")
 
 def one_line(error: BaseException) -> str:
     """An error as a line for the window; one that is not about the input says what kind it is."""
-    text = " ".join(str(error).split())
+    text = errors.one_line(str(error), errors.LONGEST)
     if isinstance(error, AbfmError | OSError):
         return text
     if isinstance(error, MemoryError):

@@ -18,6 +18,7 @@ import numpy as np
 
 import abfm
 from abfm import Parameters, ResultError, TriangleMesh
+from abfm.errors import one_line
 from abfm.io import write_atomically
 from abfm.io.arrays import Entry, check_arrays, check_version, open_archive, write_arrays
 from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, mesh_arrays, mesh_of
@@ -29,6 +30,7 @@ from abfm_viewer.files.plain import from_plain, to_plain
 from abfm_viewer.files.project_checks import check
 
 _FORMAT = 2  # versions that had one camera for all surfaces wrote 1, and read no later ones
+_LARGEST_HEADER = 2 << 20  # bytes of `project.json`
 _MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
 _RUN = {"stages": Entry("integer", ("n",), may_be_empty=True), "energies": Entry("real", ("n", 3), may_be_empty=True)}
 _COURSE = _RUN | {"vertices": Entry("integer", ("n",)), "reaches": Entry("real", ("n",))}
@@ -81,11 +83,13 @@ def save_project(
     }
     arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
     try:
+        text = json.dumps({"format_version": _FORMAT, **content}, indent=1)
+        if len(text) > _LARGEST_HEADER:
+            raise ValueError(f"it has {len(text)} bytes besides its arrays, and at most {_LARGEST_HEADER} can be read")
         _document(content, arrays, document.mesh)
     except ValueError as error:
-        raise ResultError(f"{path} not written: {error}") from error
+        raise ResultError(f"{one_line(path)} not written: {one_line(error, 400)}") from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        text = json.dumps({"format_version": _FORMAT, **content}, indent=1)
         archive.writestr(zipfile.ZipInfo("project.json"), text)
         if origin is not None:
             archive.writestr(zipfile.ZipInfo(MEMBER), origin.to_json())
@@ -105,7 +109,7 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
             raise ResultError("a result file, not a project; open it as a result, under a name that ends in .npz")
         if archive.packed:
             raise ValueError(f"{archive.packed[0]} is compressed; expected a zip without compression")
-        content = json.loads(archive.read("project.json"))
+        content = json.loads(archive.read("project.json", _LARGEST_HEADER))
         check_version(content.pop("format_version", None) if isinstance(content, dict) else None, _FORMAT)
         return _document(content, archive)
 

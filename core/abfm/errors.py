@@ -60,3 +60,11 @@ def one_line(what: object, most: int = 200) -> str:
     text = "".join(sign if sign.isprintable() else "?" for sign in " ".join(text.split()))
     end = most // 4
     return text if len(text) <= most else f"{text[: most - end - 3]}...{text[-end:]}"
+
+
+def brief(value: object) -> str:
+    """A value that was given, as an error shows it: on one line of at most 60 characters."""
+    try:
+        return one_line(repr(value), 60)
+    except ValueError:  # Python's own limit
+        return "a number of very many digits"

@@ -6,7 +6,7 @@ import math
 from dataclasses import Field, asdict, dataclass, field, fields
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from abfm.errors import ParameterError
+from abfm.errors import ParameterError, brief
 
 Method = Literal["nonlinear", "linearised"]
 
@@ -91,9 +91,9 @@ class Parameters:
         for entry in fields(self):
             value = getattr(self, entry.name)
             if entry.name in CHOICES:
-                if value not in CHOICES[entry.name]:
+                if not isinstance(value, str) or value not in CHOICES[entry.name]:
                     expected = " or ".join(repr(choice) for choice in CHOICES[entry.name])
-                    raise ParameterError(f"{entry.name} is {value!r}; expected {expected}")
+                    raise ParameterError(f"{entry.name} is {brief(value)}; expected {expected}")
             else:
                 object.__setattr__(self, entry.name, _checked_number(entry, value))
         if self.alpha > LARGEST_ALPHA:
@@ -140,7 +140,7 @@ class Parameters:
         known = {entry.name for entry in fields(cls)}
         unknown = sorted(set(values) - known)
         if unknown:
-            raise ParameterError(f"unknown parameter {unknown[0]!r}; expected one of {', '.join(sorted(known))}")
+            raise ParameterError(f"unknown parameter {brief(unknown[0])}; expected one of {', '.join(sorted(known))}")
         return cls(**(values if PAPER.keys() & values.keys() else {**PAPER, **values}))
 
 
@@ -161,15 +161,9 @@ def _checked_number(entry: Field[Any], value: Any) -> float:
     except (TypeError, ValueError, OverflowError):
         fits = False
     if not fits:
-        raise ParameterError(f"{name} is {_shown(value)}; expected {kind} {bound}")
+        raise ParameterError(f"{name} is {brief(value)}; expected {kind} {bound}")
     if (whole or maximum < MANY) and value > maximum:
-        raise ParameterError(f"{name} is {_shown(value)}; expected {kind} {bound} and at most {maximum}")
+        raise ParameterError(f"{name} is {brief(value)}; expected {kind} {bound} and at most {maximum}")
     if not whole and value != 0 and not SMALLEST <= value <= _LARGEST:
-        raise ParameterError(f"{name} is {_shown(value)}; expected a number between {SMALLEST:g} and {_LARGEST:g}")
+        raise ParameterError(f"{name} is {brief(value)}; expected a number between {SMALLEST:g} and {_LARGEST:g}")
     return int(value) if whole else float(value)
-
-
-def _shown(value: Any) -> str:
-    """A value for a message: 300 digits are no help."""
-    text = repr(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -1,4 +1,4 @@
-"""Arrays that users give: numbers, or an error that says what is wrong with them."""
+"""Numbers and arrays that users give, or an error that says what is wrong with them."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,7 +8,7 @@ from abfm.types import FloatArray
 
 
 def real_numbers(values: ArrayLike, name: str, error: type[AbfmError] = ParameterError) -> FloatArray:
-    """Whatever NumPy takes for an array of real numbers, as float64; it may hold infinities and NaN.
+    """Whatever NumPy takes for an array of real numbers, as float64, row after row; it may hold infinities and NaN.
 
     Raises
     ------
@@ -25,4 +25,21 @@ def real_numbers(values: ArrayLike, name: str, error: type[AbfmError] = Paramete
     if np.ma.is_masked(values):
         raise error(f"{name} has values that are masked; expected real numbers")
     with np.errstate(over="ignore"):  # numbers of more digits may be larger
-        return array.astype(np.float64, copy=False)
+        return array.astype(np.float64, order="C", copy=False)
+
+
+def is_finite_number(value: object) -> bool:
+    """Whether it is one finite real number, of any type of NumPy's but truth values."""
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError):
+        return False
+    return array.ndim == 0 and array.dtype.kind in "iuf" and bool(np.isfinite(array))
+
+
+def is_whole_number(value: object, least: int, most: int) -> bool:
+    """Whether it is one whole number between two, the ends included."""
+    if not is_finite_number(value):
+        return False
+    number = float(np.asarray(value))
+    return least <= number <= most and number == int(number)

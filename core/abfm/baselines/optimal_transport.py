@@ -11,17 +11,19 @@ from scipy.optimize import brentq
 
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
-from abfm.errors import FunctionError, ParameterError, one_line
+from abfm.errors import FunctionError, ParameterError, brief
+from abfm.matching.energy.problem import LARGEST, SMALLEST
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
-from abfm.real_numbers import real_numbers
+from abfm.real_numbers import is_finite_number, is_whole_number, real_numbers
 from abfm.types import FloatArray
 
 _ITERATIONS = 500
 _TOLERANCE = 1e-5  # L1 change of the interpolated density, whose mass is 1, from one iteration to the next
 _LEAST_HEAT = 1e-150  # squares and quotients of smaller densities underflow
 _SHARPEST = 64.0
-_NEGLIGIBLE = 0.01  # of the largest value: dips that count as 0
+_WIDEST, _MOST_STEPS = 1e3, 10_000
+_NEGLIGIBLE = 0.01  # of the largest value: what a function may be below zero
 
 
 class HeatKernel:
@@ -40,6 +42,11 @@ class HeatKernel:
     steps : int
         Implicit Euler steps.
 
+    Raises
+    ------
+    ParameterError
+        If a number is out of range.
+
     Attributes
     ----------
     areas : (V,) array
@@ -47,9 +54,14 @@ class HeatKernel:
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:
+        if not (is_finite_number(width) and 0 < width <= _WIDEST and is_whole_number(steps, 1, _MOST_STEPS)):
+            raise ParameterError(
+                f"blur is {brief(width)}, steps is {brief(steps)}; expected a blur above 0, at most {_WIDEST:g}, and a "
+                f"whole number of steps from 1 to {_MOST_STEPS}"
+            )
         unit = mesh.normalized()
         self.areas = vertex_areas(unit)
-        self._steps = steps
+        self._steps = int(steps)
         matrix = sparse.diags_array(self.areas) + 0.5 * width**2 / steps * _positive_laplacian(unit)
         self._solve = factor(sparse.csr_array(matrix))
 
@@ -81,8 +93,8 @@ def optimal_transport(
     Parameters
     ----------
     f, g : (V,) arrays
-        Not negative, with a positive integral each; dips of a hundredth of the largest value, as approximations have
-        them, count as 0.
+        Not negative, with a positive integral each. Values below zero by at most 1% of the largest one, as rounding
+        and advection leave them, count as 0.
     times : float or (T,) array
         From 0 (f) to 1 (g).
     blur : float
@@ -99,19 +111,15 @@ def optimal_transport(
     Raises
     ------
     FunctionError
-        If a function has lower values than that or no mass, or does not fit the mesh.
+        If a function has values further below zero or no mass, or does not fit the mesh.
     ParameterError
         If a time, blur or steps is out of range, or heat does not reach across the mesh.
     """
-    moments = np.atleast_1d(real_numbers(times, "times"))
+    moments = np.atleast_1d(real_numbers(times, "times", ParameterError))
     if moments.ndim != 1 or not ((moments >= 0) & (moments <= 1)).all():
-        raise ParameterError(f"times is {one_line(times, 60)}; expected a time from 0 to 1 or a list of them")
-    if not (np.isfinite(blur) and blur > 0 and steps >= 1 and int(steps) == steps):
-        raise ParameterError(
-            f"blur is {blur!r}, steps is {steps!r}; expected a blur above 0 and a whole number of steps"
-        )
+        raise ParameterError(f"times is {brief(times)}; expected a time from 0 to 1 or a list of them")
     functions = [_non_negative(mesh, values, name) for values, name in ((f, "source f"), (g, "target g"))]
-    heat = HeatKernel(mesh, blur, int(steps))
+    heat = HeatKernel(mesh, blur, steps)
     masses = [float(heat.areas @ values) for values in functions]
     densities = [values / mass for values, mass in zip(functions, masses, strict=True)]
     if min(heat(density).min() for density in densities) < _LEAST_HEAT:
@@ -176,11 +184,16 @@ def _non_negative(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArra
     if len(rows) != 1:
         raise FunctionError(f"{name} has {len(rows)} channels; optimal transport takes one function (vertices,)")
     worst = int(rows[0].argmin())
-    if -rows[0, worst] > max(_NEGLIGIBLE * rows[0].max(), 0.0):
+    if rows[0, worst] < -_NEGLIGIBLE * rows[0].max():
         raise FunctionError(
             f"{name} is negative at {np.count_nonzero(rows[0] < 0)} of {len(rows[0])} vertices, down to "
             f"{rows[0, worst]:g} at vertex {mesh.vertex_ids[worst]}; optimal transport moves mass, never negative"
         )
     if not rows[0].any():
         raise FunctionError(f"{name} is zero everywhere; optimal transport needs some mass to move")
-    return np.asarray(np.maximum(rows[0], 0.0))
+    if not SMALLEST <= rows[0].max() <= LARGEST:
+        raise FunctionError(
+            f"{name} has values of up to {rows[0].max():.3g}, which over- or underflow; scale it to between "
+            f"{SMALLEST:g} and {LARGEST:g}"
+        )
+    return np.asarray(np.maximum(rows[0], 0))

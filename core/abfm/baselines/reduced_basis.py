@@ -25,6 +25,7 @@ from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 _MEMORY, _ITERATIONS = 30, 150  # pairs that L-BFGS keeps, and the most steps that it takes
@@ -78,7 +79,7 @@ class ReducedEnergy:
         alpha: float = 1.0,
         sigma: float = 0.1,
     ) -> None:
-        self.start, self.target = (np.asarray(C, dtype=np.float64) for C in (start, target))
+        self.start, self.target = (real_numbers(C, "a functional map", ParameterError) for C in (start, target))
         if self.start.ndim != 2 or self.start.shape != self.target.shape or 0 in self.start.shape:
             raise ParameterError(
                 f"functional maps have shapes {self.start.shape} and {self.target.shape}; expected two matrices alike"

@@ -7,10 +7,13 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from abfm.calculus.operators import Matrix, edge_lengths, face_areas, hodge_laplacian, rotation
 from abfm.calculus.vector_fields import check_field, lie_bracket, lie_bracket_of, to_ambient, to_frame
-from abfm.errors import MeshError, ParameterError
+from abfm.errors import MeshError, ParameterError, brief
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
+from abfm.real_numbers import is_finite_number, is_whole_number
 from abfm.types import FloatArray
+
+_HEAVIEST = 1e100
 
 
 def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: float | None = None) -> FloatArray:
@@ -51,21 +54,23 @@ def commuting_fields(mesh: TriangleMesh, v: ArrayLike, count: int = 1, weight: f
     field = to_frame(mesh, check_field(mesh, v, "v"))
     areas = face_areas(mesh)
     area = float(areas.sum())
-    speed = float(np.sqrt(areas @ (field**2).sum(axis=1) / area))
+    with np.errstate(over="ignore"):
+        speed = float(np.sqrt(areas @ (field**2).sum(axis=1) / area))
     if not 0 < speed < np.inf:
         raise ParameterError("v is zero, or overflows when squared: every field commutes with none; give a field")
-    if not 1 <= count <= len(areas):
-        raise ParameterError(f"{count} commuting fields asked for; on {len(areas)} faces it can be 1 to {len(areas)}")
+    most = len(areas)
+    if not is_whole_number(count, 1, most):
+        raise ParameterError(f"{brief(count)} commuting fields asked for; on {most} faces it can be 1 to {most}")
     if weight is None:
         weight = float(np.sqrt(area) / edge_lengths(mesh).mean())
-    if not 0 <= weight < np.inf:
-        raise ParameterError(f"weight is {weight}; expected a number of at least 0")
-    field = field / speed
+    if not (is_finite_number(weight) and 0 <= float(weight) <= _HEAVIEST):
+        raise ParameterError(f"weight is {brief(weight)}; expected a number of at least 0 and at most {_HEAVIEST:g}")
+    field, weight = field / speed, float(weight)
     root = np.sqrt(np.repeat(areas / area, 2))  # in units of it, the L2 norm is that of coefficients
     hodge = _scaled(hodge_laplacian(mesh), 1 / root, 1 / root)  # area * G_F^-1/2 (G_F Delta) G_F^-1/2
     bracket = np.sqrt(area) * _scaled(lie_bracket(mesh, field), root, 1 / root)
-    found = _lowest(Matrix(hodge + weight * (bracket.T @ bracket)), root * field.ravel(), count)
-    fields = (found.T / root).reshape(count, *field.shape)
+    found = _lowest(Matrix(hodge + weight * (bracket.T @ bracket)), root * field.ravel(), int(count))
+    fields = (found.T / root).reshape(-1, *field.shape)
     usual = (rotation(mesh) @ field.ravel()).reshape(field.shape) + field * (field**2).sum(axis=1)[:, None]
     fields[np.einsum("f,nfk,fk->n", areas, fields, usual) < 0] *= -1
     return to_ambient(mesh, speed * fields)

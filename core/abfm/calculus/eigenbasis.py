@@ -5,10 +5,11 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
-from abfm.errors import FunctionError
+from abfm.errors import FunctionError, brief
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.cholesky import factor
 from abfm.progress import step
+from abfm.real_numbers import is_whole_number
 from abfm.types import FloatArray
 
 BLOCKS = (32, 64, *range(128, 1025, 128))
@@ -33,8 +34,9 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
     """
     count = len(mesh.vertices)
     most = min(count, BLOCKS[-1])
-    if not 1 <= k <= most:
-        raise FunctionError(f"{k} eigenfunctions asked for; on a mesh of {count} vertices it can be 1 to {most}")
+    if not is_whole_number(k, 1, most):
+        raise FunctionError(f"{brief(k)} eigenfunctions asked for; on a mesh of {count} vertices it can be 1 to {most}")
+    k = int(k)
     values, functions = _block(mesh, min(next(block for block in BLOCKS if block >= k), count))
     return values[:k], functions[:, :k]
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from abfm.errors import FunctionError
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.progress import step
+from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 
@@ -34,20 +35,19 @@ def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
     Crane, Weischedel, Wardetzky: Geodesics in Heat, ACM TOG 32(5), 2013, Algorithm 1.
     Sharp, Crane: A Laplacian for Nonmanifold Triangle Meshes, SGP 2020.
     """
-    given = np.atleast_1d(sources)
+    given = np.atleast_1d(real_numbers(sources, "sources", FunctionError)).ravel()
     wrong = given[~np.isin(given, np.arange(len(mesh.vertices)))]  # 3.0, as files have it, is a vertex, too
     if wrong.size or not given.size:
-        raise FunctionError(
-            f"sources are {wrong[0] if wrong.size else 'missing'}; expected vertices 0 to {len(mesh.vertices) - 1}"
-        )
+        found = f"{wrong[0]:g}" if wrong.size else "missing"
+        raise FunctionError(f"sources are {found}; expected vertices 0 to {len(mesh.vertices) - 1}")
     try:
         solver = _heat_solver(mesh.normalized())
-        found = [(source, solver.compute_distance(source)) for source in given.astype(int).tolist()]
+        ways = [(source, solver.compute_distance(source)) for source in given.astype(int).tolist()]
     except RuntimeError as error:
         raise FunctionError(
             f"no geodesic distance on this mesh: {error}; for a gaussian try metric=euclidean"
         ) from error
-    nearest = np.min([np.maximum(distance - distance[source], 0) for source, distance in found], axis=0)
+    nearest = np.min([np.maximum(distance - distance[source], 0) for source, distance in ways], axis=0)
     return np.asarray(mesh.length_scale * nearest)
 
 

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import Matrix, field_mass, hodge_gradients
 from abfm.calculus.vector_fields import check_field, to_ambient, to_frame
+from abfm.errors import ParameterError
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.topology import connected
 from abfm.numerics.cholesky import factor
@@ -45,6 +46,8 @@ def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, Float
     field = to_frame(mesh, check_field(mesh, v, "v")).ravel()
     gradient, rotated = (project(field) for project in _projections(mesh))
     parts = (gradient, rotated, field - gradient - rotated)
+    if not np.isfinite(parts[2]).all():
+        raise ParameterError("the parts of v overflow: scale it down")
     curl_free, divergence_free, harmonic = (to_ambient(mesh, part.reshape(-1, 2)) for part in parts)
     return curl_free, divergence_free, harmonic
 

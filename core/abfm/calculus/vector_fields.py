@@ -5,10 +5,10 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from abfm.calculus.operators import Matrix, averaging, face_frames, gradient
-from abfm.errors import AdvectionError, ParameterError
+from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
-from abfm.real_numbers import real_numbers
+from abfm.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray
 
 _STEP_NORM = 4.0  # a Taylor step of this norm loses under two digits to cancellation
@@ -23,7 +23,7 @@ def check_field(mesh: TriangleMesh, field: ArrayLike, name: str) -> FloatArray:
     ParameterError
         If it has another shape or values that are not finite.
     """
-    array = real_numbers(field, name)
+    array = real_numbers(field, name, ParameterError)
     if array.shape != (len(mesh.faces), 3):
         raise ParameterError(f"{name} has shape {array.shape}; expected {(len(mesh.faces), 3)}, a vector per face")
     if not np.isfinite(array).all():
@@ -99,10 +99,14 @@ def lie_bracket_of(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> FloatArray
     Raises
     ------
     ParameterError
-        If a field has another shape or values that are not finite.
+        If a field has another shape or values that are not finite, or their bracket overflows.
     """
     first, second = (to_frame(mesh, check_field(mesh, field, name)) for field, name in ((v, "v"), (u, "u")))
-    return to_ambient(mesh, (lie_bracket(mesh, first) @ second.ravel()).reshape(-1, 2))
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = lie_bracket(mesh, first) @ second.ravel()
+    if not np.isfinite(found).all():
+        raise ParameterError("the bracket overflows: scale the fields down")
+    return to_ambient(mesh, found.reshape(-1, 2))
 
 
 def exponential_action(matrix: Matrix, x: FloatArray, t: float) -> FloatArray:
@@ -152,8 +156,10 @@ def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> Flo
     ParameterError
         If a field has another shape or values that are not finite.
     AdvectionError
-        If the flow is too long, or the carried field overflows.
+        If the time is not finite, the flow is too long, or the carried field overflows.
     """
+    if not is_finite_number(t):
+        raise AdvectionError(f"t is {brief(t)}; expected a finite time: shorten the time")
     velocity, field = (to_frame(mesh, check_field(mesh, w, name)) for w, name in ((v, "v"), (u, "u")))
     carried = exponential_action(lie_bracket(mesh, velocity), field.ravel(), -t)
     if not np.isfinite(carried).all():

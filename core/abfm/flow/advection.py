@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.vector_fields import to_frame
-from abfm.errors import AdvectionError
+from abfm.errors import AdvectionError, brief
 from abfm.flow.derivative_pattern import derivative_pattern
 from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Segment, Trajectory, Workspace
 from abfm.mesh import TriangleMesh
-from abfm.real_numbers import real_numbers
+from abfm.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray
 
 
@@ -152,10 +152,10 @@ def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> F
     if functions.ndim not in (1, 2) or len(functions) not in (len(mesh.vertices), mesh.file_vertex_count):
         raise AdvectionError(f"f has shape {functions.shape}; expected ({len(mesh.vertices)},) or with channels")
     functions = mesh.restrict(functions)
-    if np.ndim(t) or not np.issubdtype(np.asarray(t).dtype, np.number):
-        raise AdvectionError(f"t is {t!r}; expected one time")
-    if not (np.isfinite(field).all() and np.isfinite(functions).all() and np.isfinite(t)):
-        raise AdvectionError("velocity, f and t must be finite")
+    if not is_finite_number(t):
+        raise AdvectionError(f"t is {brief(t)}; expected one time, finite")
+    if not (np.isfinite(field).all() and np.isfinite(functions).all()):
+        raise AdvectionError("velocity and f must be finite")
     flow = ExponentialFlow(mesh, to_frame(mesh, field), Workspace(len(mesh.vertices)))
     columns = np.ascontiguousarray(functions.reshape(len(functions), -1).T)
     carried = np.stack([flow.forward(column, float(t)).end for column in columns], axis=1)

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
-from abfm.errors import ParameterError
+from abfm.errors import ParameterError, brief
 from abfm.flow.flow_lines import FacePoints, check_start, fields_in_a_row
 from abfm.flow.smooth_flow import SmoothFlow, smooth_flow, vector_at, walk_straight
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import kernel
+from abfm.real_numbers import is_finite_number
 from abfm.types import FloatArray, IndexArray, IntArray
 
 STEP = 0.5
@@ -74,8 +75,8 @@ def flow_map(
     given = vertex_points(mesh, np.arange(len(mesh.vertices))) if start is None else start
     faces, barycentric = check_start(mesh, given)
     barycentric = (1 - _INWARD) * barycentric + _INWARD / 3
-    if not (np.ndim(tau) == 0 and np.isfinite(tau) and tau >= 0):
-        raise ParameterError(f"tau is {tau!r}; expected a finite time that is not negative")
+    if not (is_finite_number(tau) and tau >= 0):
+        raise ParameterError(f"tau is {brief(tau)}; expected a finite time that is not negative")
     duration = (-tau if backwards else tau) / len(fields)
     unit = mesh.normalized()
     _check_work(mesh, fields, abs(duration))

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import jv
 
+from abfm.calculus.channels import constant_part
 from abfm.errors import AdvectionError
 from abfm.flow import derivative_kernels, series_kernels
 from abfm.flow.derivative_pattern import clustered_pattern, derivative_pattern
@@ -121,11 +122,15 @@ class Segment:
 
 @dataclass
 class Trajectory:
-    """What the adjoint of an advection needs: segments of time ``step`` each, and the final function."""
+    """What the adjoint of an advection needs: segments of time ``step`` each, and the final function.
+
+    It ends with a ``constant`` that the segments are without.
+    """
 
     step: float
     segments: list[Segment]
     end: FloatArray
+    constant: float = 0.0
 
 
 class ExponentialFlow:
@@ -157,7 +162,7 @@ class ExponentialFlow:
         self.values = self.pattern.values(v)
         bound = derivative_kernels.perron_bound(self.pattern.indptr, self.pattern.indices, self.values, 4)
         if not np.isfinite(bound):
-            raise AdvectionError("the field has values that are not finite: give one finite vector per face")
+            raise AdvectionError("the field is not finite, or too fast for numbers: give one finite vector per face")
         # Rounded up to a grid, so that the scheme, and with it the exactness of its derivative, is locally constant.
         self.rho = float(2.0 ** (np.ceil(64 * np.log2(max(bound, _SLOWEST))) / 64))
 
@@ -179,10 +184,13 @@ class ExponentialFlow:
                 "shorten the time or slow the field"
             )
         count = max(1, int(np.ceil(x / self.workspace.longest_segment)))
-        kept = self.workspace.used
+        kept, constant = self.workspace.used, constant_part(f)  # which no flow changes
+        f = f - constant if constant else f
         while (trajectory := self._attempt(f, t / count, count, keep)) is None:
             self.workspace.used = kept
             count *= 2
+        trajectory.constant = constant
+        trajectory.end = trajectory.end + constant if constant else trajectory.end
         return trajectory
 
     def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
@@ -278,5 +286,5 @@ class ExponentialFlow:
                 local = np.abs(times[inside] - index * step) * self.rho
                 series = 2 * jv(np.arange(segment.count), local[:, None])
                 series[:, 0] /= 2
-                out[inside] = (series @ terms[: segment.count])[:, self.pattern.rank]
+                out[inside] = (series @ terms[: segment.count])[:, self.pattern.rank] + trajectory.constant
         return out

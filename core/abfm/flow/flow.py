@@ -8,14 +8,14 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
 from abfm.calculus.vector_fields import to_frame
-from abfm.errors import AdvectionError, ParameterError, one_line
+from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.flow.advection import Advection
 from abfm.flow.exponential import Workspace
 from abfm.flow.flow_lines import fields_in_a_row
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.parameters import CHOICES, Method
-from abfm.real_numbers import real_numbers
+from abfm.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray
 
 
@@ -43,10 +43,11 @@ class Flow:
     """
 
     def __init__(self, mesh: TriangleMesh, velocity: ArrayLike, tau: float = 1.0, method: Method = "nonlinear") -> None:
-        if not (np.ndim(tau) == 0 and np.isfinite(tau) and tau > 0):
-            raise ParameterError(f"tau is {tau!r}; expected a positive time")
-        if method not in CHOICES["method"]:
-            raise ParameterError(f"method is {method!r}; expected {' or '.join(map(repr, CHOICES['method']))}")
+        if not (is_finite_number(tau) and tau > 0):
+            raise ParameterError(f"tau is {brief(tau)}; expected a positive time")
+        if not isinstance(method, str) or method not in CHOICES["method"]:
+            expected = " or ".join(map(repr, CHOICES["method"]))
+            raise ParameterError(f"method is {brief(method)}; expected {expected}")
         self.mesh, self.tau, self.method = mesh, float(tau), method
         self.velocity = fields_in_a_row(mesh, velocity)
 
@@ -66,7 +67,7 @@ class Flow:
         AdvectionError
             If the flow overflows or is too long.
         """
-        times = real_numbers(t, "t")
+        times = real_numbers(t, "t", ParameterError)
         return self.span(h, times) if times.ndim else self.span(h, times[None])[0]
 
     def advect(self, f: ArrayLike, t: ArrayLike | None = None) -> FloatArray:
@@ -78,9 +79,9 @@ class Flow:
 
         Raises what `push` does.
         """
-        moments = real_numbers(times, "t")
+        moments = real_numbers(times, "t", ParameterError)
         if moments.ndim != 1 or not np.isfinite(moments).all():
-            raise ParameterError(f"t is {one_line(times, 60)}; expected a finite time or a list of them")
+            raise ParameterError(f"t is {brief(times)}; expected a finite time or a list of them")
         rows = channels(self.mesh, h, "h")
         workspace = _workspace(self.mesh)
         with workspace.lock:

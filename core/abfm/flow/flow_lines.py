@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.vector_fields import check_field
-from abfm.errors import ParameterError
+from abfm.errors import ParameterError, brief
 from abfm.flow import tracing
 from abfm.flow.tracing import FaceFlow, face_flow
 from abfm.mesh import TriangleMesh
-from abfm.real_numbers import real_numbers
+from abfm.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray, IntArray
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]
@@ -76,12 +76,12 @@ def flow_lines(
     """
     fields = fields_in_a_row(mesh, velocity)
     faces, barycentric = check_start(mesh, start)
-    if np.ndim(duration) or not np.isfinite(duration):
-        raise ParameterError(f"duration is {duration}; expected a finite time")
+    if not is_finite_number(duration):
+        raise ParameterError(f"duration is {brief(duration)}; expected a finite time")
     if len(fields) > 1 and tau is None:
         raise ParameterError(f"velocity has {len(fields)} fields but tau is missing: say when the last one ends")
-    if tau is not None and not (np.isfinite(tau) and tau > 0):
-        raise ParameterError(f"tau is {tau}; expected a positive time")
+    if tau is not None and not (is_finite_number(tau) and tau > 0):
+        raise ParameterError(f"tau is {brief(tau)}; expected a positive time")
     if duration < 0:
         fields = -fields[:1]
     changes = np.arange(1, len(fields)) * (tau or 0.0) / len(fields)
@@ -124,12 +124,11 @@ def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
     ParameterError
         If they have another shape or values that are not finite.
     """
-    array = real_numbers(velocity, "velocity")
-    if array.ndim == 2:
-        array = array[None]
+    given = real_numbers(velocity, "velocity", ParameterError)
+    array = given[None] if given.ndim == 2 else given
     if array.ndim != 3 or not len(array):
         expected = (len(mesh.faces), 3)
-        raise ParameterError(f"velocity has shape {array.shape}; expected {expected}, or N of these in a row")
+        raise ParameterError(f"velocity has shape {given.shape}; expected {expected}, or N of these in a row")
     for field in array:
         check_field(mesh, field, "velocity")
     return array
@@ -143,7 +142,7 @@ def check_start(mesh: TriangleMesh, start: FacePoints) -> tuple[IntArray, FloatA
     ParameterError
         If they are not points of the mesh.
     """
-    faces, barycentric = np.asarray(start.faces), real_numbers(start.barycentric, "barycentric")
+    faces, barycentric = np.asarray(start.faces), real_numbers(start.barycentric, "start", ParameterError)
     if faces.ndim != 1 or not np.issubdtype(faces.dtype, np.integer) or barycentric.shape != (len(faces), 3):
         raise ParameterError(
             f"start has faces {faces.shape} of {faces.dtype} and barycentric {barycentric.shape}; "

@@ -54,8 +54,9 @@ def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
     coefficients = to_frame(mesh, field)
     corners = mesh.vertices[mesh.faces]
     edges = np.einsum("fcx,fkx->fck", np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1), face_frames(mesh))
-    rates = np.einsum("fck,fk->fc", hat_gradients(mesh), coefficients)
-    along = np.einsum("fck,fk->fc", edges, coefficients) / (edges**2).sum(axis=2)
+    with np.errstate(over="ignore", invalid="ignore"):
+        rates = np.einsum("fck,fk->fc", hat_gradients(mesh), coefficients)
+        along = np.einsum("fck,fk->fc", edges, coefficients) / (edges**2).sum(axis=2)
     if not (np.abs(rates).max() < _FASTEST and np.abs(along).max() < _FASTEST):
         raise ParameterError(f"velocity crosses a face in less than {1 / _FASTEST} units of time: scale it down")
     return FaceFlow(rates, along, face_areas(mesh), opposite_slots(mesh))

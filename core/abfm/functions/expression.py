@@ -16,7 +16,7 @@ from simpleeval import (
     SimpleEval,
 )
 
-from abfm.errors import FunctionError, did_you_mean
+from abfm.errors import FunctionError, did_you_mean, one_line
 from abfm.functions.family import Family, Kind, parameter, shown
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
@@ -142,7 +142,7 @@ def _parse(formula: str) -> ast.expr:
 
 def _number(node: ast.Constant) -> np.float64:
     if not isinstance(node.value, int | float) or isinstance(node.value, bool):
-        raise InvalidExpression(f"{node.value!r} is not a real number")
+        raise InvalidExpression(f"{one_line(repr(node.value), 60)} is not a real number")
     return np.float64(node.value)  # not int: 9**9**9 ends at once, as infinity
 
 

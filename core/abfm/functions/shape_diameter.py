@@ -12,11 +12,13 @@ from abfm.errors import FunctionError
 from abfm.functions.curvature import vertex_normals
 from abfm.functions.family import Family
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.types import FloatArray
+from abfm.types import FloatArray, IntArray
 
 RAYS = 30
 HALF_ANGLE = np.pi / 3
 SIDE = 1e4  # igl overlooks triangles below a fixed size: cast rays on the mesh scaled to an area of SIDE^2
+UPRIGHT = 1e-6  # cosine: faces at a right angle to the vertex's normal count on either side of rounding
+ALIKE = 1e-6  # of a length: edges that differ less are equally long
 START = 1e-6 * SIDE  # where rays start, so that they do not meet the faces at their vertex
 CHUNK = 512  # vertices per call of igl, which keeps the GIL: about 20 ms
 
@@ -41,8 +43,9 @@ def shape_diameter(mesh: TriangleMesh) -> FloatArray:
     As published: 30 rays in a cone of 120 degrees about the inward normal; hits on a face whose normal is within 90
     degrees of the vertex's are dropped; of the rest, the lengths within one standard deviation of their median are
     averaged with weights inverse to the angle from the axis. Here the rays are a fixed spiral, even in solid angle and
-    turned to the longest edge at the vertex, so the result is reproducible and moves with the mesh. Vertices from which
-    no ray counts take the mean of their neighbours. Not smoothed, no logarithm. On a sphere of radius R it is 1.72 R.
+    turned to the longest edge at the vertex, or to each of several that are equally long, so the result is reproducible
+    and moves with the mesh. Vertices from which no ray counts take the mean of their neighbours. Not smoothed, no
+    logarithm. On a sphere of radius R it is 1.72 R.
 
     Raises
     ------
@@ -54,25 +57,29 @@ def shape_diameter(mesh: TriangleMesh) -> FloatArray:
     Shapira, Shamir, Cohen-Or: Consistent Mesh Partitioning and Skeletonisation Using the Shape Diameter Function, The
     Visual Computer 24, 2008, section 3.
     """
+    normals, unit = vertex_normals(mesh), mesh.length_scale / SIDE
+    origins, frames = _frames(mesh, normals)
     angles, cone = _cone()
-    normals = vertex_normals(mesh)
-    frames = _frames(mesh, normals)
-    vertices = mesh.vertices * (SIDE / mesh.length_scale)
+    vertices = mesh.vertices / unit
     tree = igl.AABB()
     tree.init(vertices, mesh.faces)
-    diameter = np.empty(len(normals))
-    for start in range(0, len(normals), CHUNK):
+    lengths = np.empty((len(origins), RAYS))
+    for start in range(0, len(origins), CHUNK):
         part = slice(start, start + CHUNK)
-        rays = np.einsum("rk,vkx->vrx", cone, frames[part])
-        origins = vertices[part, None] + START * rays
-        hit, length, _ = tree.intersect_ray_first(vertices, mesh.faces, origins.reshape(-1, 3), rays.reshape(-1, 3))
+        rays = np.einsum("rk,nkx->nrx", cone, frames[part])
+        starts = vertices[origins[part], None] + START * rays
+        hit, length, _ = tree.intersect_ray_first(vertices, mesh.faces, starts.reshape(-1, 3), rays.reshape(-1, 3))
         hit, length = hit.reshape(-1, RAYS), length.reshape(-1, RAYS) + START
-        is_false = (hit < 0) | (np.einsum("vrx,vx->vr", face_normals(mesh)[hit], normals[part]) > 0)
-        diameter[part] = _robust_mean(np.where(is_false, np.nan, length), 1 / angles)
+        sides = np.einsum("nrx,nx->nr", face_normals(mesh)[hit], normals[origins[part]])
+        lengths[part] = np.where((hit < 0) | (sides > UPRIGHT), np.nan, length)
+    diameter, turns = np.empty(len(normals)), np.bincount(origins)
+    for count in np.unique(turns):
+        rows = lengths[turns[origins] == count].reshape(-1, count * RAYS)
+        diameter[turns == count] = _robust_mean(rows, np.tile(1 / angles, count))
     known = np.isfinite(diameter)
     if not known.any():
         raise FunctionError("shape-diameter: no ray meets an opposite side: is the surface flat, or its faces inward?")
-    return extend(mesh, diameter * (mesh.length_scale / SIDE), known)
+    return extend(mesh, diameter * unit, known)
 
 
 def _cone() -> tuple[FloatArray, FloatArray]:
@@ -83,16 +90,23 @@ def _cone() -> tuple[FloatArray, FloatArray]:
     return np.arccos(cosine), np.stack([sine * np.cos(turn), sine * np.sin(turn), cosine], axis=1)
 
 
-def _frames(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
-    """Orthonormal frame at each vertex, (V, 3, 3): first axis along its longest edge, last axis inward."""
-    vectors = mesh.vertices[mesh.edges[:, 1]] - mesh.vertices[mesh.edges[:, 0]]
-    longest_last = np.argsort(np.linalg.norm(vectors, axis=1), kind="stable")
-    outgoing = np.stack([vectors, -vectors], axis=1)[longest_last].reshape(-1, 3)
-    along = np.empty_like(normals)
-    along[mesh.edges[longest_last].ravel()] = outgoing  # of repeated indices the last one stays
-    second = np.cross(along, normals)
+def _frames(mesh: TriangleMesh, normals: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Vertices (n,), in order, with orthonormal frames (n, 3, 3): first axis along an edge, last axis inward.
+
+    Every vertex has one for its longest edge, or for each of those that are equally long.
+    """
+    one, other = mesh.edges.T
+    owners, ends = np.r_[one, other], np.r_[other, one]
+    along = mesh.vertices[ends] - mesh.vertices[owners]
+    lengths, longest = np.linalg.norm(along, axis=1), np.zeros(len(normals))
+    np.maximum.at(longest, owners, lengths)
+    kept = np.flatnonzero(lengths >= (1 - ALIKE) * longest[owners])
+    kept = kept[np.argsort(owners[kept], kind="stable")]
+    owners, along = owners[kept], along[kept]
+    inward = -normals[owners]
+    second = np.cross(inward, along)
     second /= np.maximum(np.linalg.norm(second, axis=1, keepdims=True), np.finfo(float).tiny)
-    return np.stack([np.cross(normals, second), second, -normals], axis=1)
+    return owners, np.stack([np.cross(second, inward), second, inward], axis=1)
 
 
 def _robust_mean(lengths: FloatArray, weights: FloatArray) -> FloatArray:

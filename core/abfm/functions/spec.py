@@ -21,7 +21,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from abfm.errors import FunctionError, did_you_mean
+from abfm.errors import FunctionError, brief, did_you_mean
 from abfm.functions.coordinate import Coordinate
 from abfm.functions.curvature import Curvature
 from abfm.functions.eigenfunction import Eigenfunction
@@ -122,7 +122,7 @@ def function(mesh: TriangleMesh, spec: str | Spec) -> FloatArray:
     """
     tree = parse(spec) if isinstance(spec, str) else spec
     if not isinstance(tree, Spec):
-        raise FunctionError(f"function is {spec!r}; expected a text such as 'gaussian:vertex=12', or what parse gives")
+        raise FunctionError(f"function is {brief(spec)}; expected a text such as 'gaussian:vertex=12', or a parsed one")
     with np.errstate(over="ignore", invalid="ignore"):
         values = np.array(tree.evaluate(mesh), dtype=np.float64, order="C")
     bad = np.flatnonzero(~np.isfinite(values))

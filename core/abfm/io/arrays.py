@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import ResultError, one_line
-from abfm.reading import array_from, most_inflated, open_plain
+from abfm.reading import LARGEST, array_from, most_inflated, open_plain
 
 FORMAT_VERSION = 1
 """Of result files and of projects."""
@@ -68,15 +68,17 @@ class Archive(Mapping[str, NDArray[Any]]):
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
 
-    def read(self, name: str) -> bytes:
-        """The bytes of a member.
+    def read(self, name: str, most: int = LARGEST) -> bytes:
+        """The bytes of a member, so many at most.
 
         Raises
         ------
         ValueError, zipfile.BadZipFile, or anything else that damage makes of the zip's reader
-            If there is none, or it is damaged, or with what was read before larger than the zip can hold.
+            If there is none, or it is damaged, too large, or with what was read before more than the zip can hold.
         """
         member = self._zip.getinfo(name)
+        if member.file_size > most:
+            raise ValueError(f"{name} has {member.file_size} bytes; expected at most {most}")
         self._left -= member.file_size
         if self._left < 0:
             raise ValueError(f"its members up to {name} have more bytes than a zip of this size can hold")

@@ -62,7 +62,7 @@ def save_arrays(path: str | os.PathLike[str], arrays: Mapping[str, Any]) -> None
     try:
         checked = _checked(arrays)
     except ValueError as error:
-        raise ResultError(f"{path} not written: {error}; {MEND}") from error
+        raise ResultError(f"{one_line(path)} not written: {one_line(error, 400)}; {MEND}") from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         write_arrays(archive, {"format_version": np.array(FORMAT_VERSION), **checked})
 

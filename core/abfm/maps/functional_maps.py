@@ -135,7 +135,7 @@ def zoom_out(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, k: int, s
 
 
 def _check(C: ArrayLike) -> FloatArray:
-    matrix = real_numbers(C, "the functional map")
+    matrix = real_numbers(C, "the functional map", ParameterError)
     if matrix.ndim != 2 or 0 in matrix.shape or not np.isfinite(matrix).all():
         raise ParameterError(
             f"the functional map has shape {matrix.shape} or values that are not finite; expected a finite matrix "

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.vector_fields import to_ambient
-from abfm.errors import ParameterError
+from abfm.errors import ParameterError, brief
 from abfm.matching.energy.energy import MatchingEnergy
 from abfm.matching.judging.verdict import Outcome, advice
 from abfm.matching.judging.verification import look
@@ -65,7 +65,7 @@ def match(
         If the functions, parameters, mask, weights or start do not fit.
     """
     if not isinstance(parameters, Parameters | None):
-        raise ParameterError(f"parameters is {parameters!r}; expected abfm.Parameters(...)")
+        raise ParameterError(f"parameters is {brief(parameters)}; expected abfm.Parameters(...)")
     energy = MatchingEnergy(mesh, f, g, parameters or Parameters(), mask, weights)
     control = control or Control()
     solver = Solver(energy, on_iteration, control)

@@ -95,7 +95,7 @@ class LBFGS(Generic[Point]):
         if self.precondition and state.pairs:
             first = min(1.0, 2 * state.length / full)
         elif not state.pairs and not self.precondition:
-            first = min(1.0, 1.0 / float(np.abs(direction).sum()))
+            first = min(1.0, 1.0 / float(np.sqrt(-slope)))  # of length 1, whatever frames the unknowns are in
         origin = Trial(0.0, state.point.energy, slope, state.point)
         trial = strong_wolfe(
             lambda length: self.evaluate(state.x + length * direction),

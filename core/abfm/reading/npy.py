@@ -6,6 +6,7 @@ before it looks whether so much follows.
 
 import math
 import re
+import sys
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,8 @@ def array_from(data: bytes) -> NDArray[Any]:
     array = np.frombuffer(data, dtype, math.prod(shape), start)
     if dtype.kind == "b" and (array.view(np.uint8) > 1).any():
         raise ValueError("a boolean is neither 0 nor 1")
+    if dtype.kind == "U" and (array.view(np.dtype("u4").newbyteorder(dtype.byteorder)) > sys.maxunicode).any():
+        raise ValueError("a letter is none of Unicode's")
     return array.reshape(shape, order="F" if header.get("fortran_order") == "True" else "C").copy(order="K")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.errors import AdvectionError, ParameterError
+from abfm.errors import AdvectionError, FunctionError, ParameterError
 from abfm.flow.advection import Advection
 from abfm.flow.derivative_pattern import clustered_pattern
 from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Workspace
@@ -125,10 +125,14 @@ class MatchingEnergy(Problem):
         advection, and the gradient is that of the truncated sum.
         """
         apply = self.regularizer(alpha).apply
-        momentum = self.step * np.stack([apply(v) for v in fields])
+        with np.errstate(over="ignore", invalid="ignore"):
+            momentum = self.step * np.stack([apply(v) for v in fields])
         regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(fields).ravel())
         try:
-            mismatch, advected, gradient = self._mismatch(fields, sigma, reach, target, tolerance)
+            with np.errstate(over="ignore", invalid="ignore"):  # an unstable flow ends in any numbers
+                mismatch, advected, gradient = self._mismatch(fields, sigma, reach, target, tolerance)
+            if not np.isfinite(mismatch):
+                raise AdvectionError("the mismatch overflows")
         except AdvectionError:
             nowhere = np.full(self.shape, np.nan)
             mismatch, advected, gradient = np.inf, np.full_like(self.source, np.nan), lambda: nowhere
@@ -143,6 +147,16 @@ class MatchingEnergy(Problem):
     def sigma(self, sigma: float) -> float:
         """The sigma of the energy, in the functions' unit, for one as the parameters give it."""
         return sigma * self.function_size if self.parameters.sigma_unit == "relative" else sigma
+
+    def _weight(self, channel: int, sigma: float) -> float:
+        scale = float(self.sigma(sigma))
+        try:
+            return float(self.weights[channel]) / scale**2
+        except (OverflowError, ZeroDivisionError):
+            raise FunctionError(
+                f"sigma in the functions' unit is {scale:.3g}, whose square over- or underflows; scale the functions, "
+                "mask, weights or sigma to usual sizes"
+            ) from None
 
     def clustered(self) -> MatchingEnergy:
         """The same energy for functions that have one value on each cluster of vertices, see `abfm.flow.clusters`."""
@@ -186,7 +200,7 @@ class MatchingEnergy(Problem):
             advected[c] = trajectories[c][-1].end
             if not np.isfinite(advected[c]).all():
                 raise AdvectionError("the advected function overflows")
-            weight = self.weights[c] / self.sigma(sigma) ** 2
+            weight = self._weight(c, sigma)
             value, residuals[c] = value_and_residual(advected[c], target[c], weight)
             mismatch += value
 
@@ -221,8 +235,8 @@ class MatchingEnergy(Problem):
 
     def advected(self, fields: FloatArray) -> FloatArray:
         """The source (C, V) carried by frame coefficients (N, F, 2); not finite where the flow overflows."""
-        flow = self.flow(fields)
         try:
+            flow = self.flow(fields)
             return np.stack([flow.forward(f)[-1].end for f in self.source])
         except AdvectionError:
             return np.full_like(self.source, np.nan)
@@ -236,7 +250,7 @@ def check_fields(velocity: ArrayLike, shape: tuple[int, int, int], name: str = "
     ParameterError
         If the shape is another one or a value is not finite.
     """
-    field = real_numbers(velocity, name)
+    field = real_numbers(velocity, name, ParameterError)
     expected = (*shape[:2], 3)
     if field.shape == expected[1:] and expected[0] == 1:
         field = field[None]

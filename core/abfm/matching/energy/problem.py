@@ -6,9 +6,16 @@ from numpy.typing import ArrayLike
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.errors import FunctionError, ParameterError
+from abfm.matching.schedule import MATCHED
 from abfm.mesh import TriangleMesh
 from abfm.real_numbers import real_numbers
 from abfm.types import FloatArray
+
+SMALLEST, LARGEST = 1e-100, 1e100
+"""Of functions, as their largest value: squares of such sizes neither underflow nor overflow."""
+_LIGHTEST, _HEAVIEST = 1e-30, 1e30  # the same of masks and weights
+CONSTANT = 1e-9
+"""A function is constant whose deviation from its mean is no larger than this share of its norm."""
 
 
 class Problem:
@@ -23,9 +30,10 @@ class Problem:
     Raises
     ------
     FunctionError
-        If a function does not fit the mesh, or they have not as many channels.
+        If a function does not fit the mesh, they have not as many channels, or values so large or so small that
+        squares over- or underflow.
     ParameterError
-        If mask or weights do not fit, a value is negative or not finite, or all are zero.
+        If mask or weights do not fit, a value is negative or not finite, or all are zero or beyond 1e-30 to 1e30.
     """
 
     def __init__(
@@ -43,16 +51,23 @@ class Problem:
             raise FunctionError(f"source has {count} and target {len(self.target)} channels; give as many of each")
         self.mask: FloatArray | None = None
         if mask is not None:
-            of_vertices = real_numbers(mask, "mask")
+            of_vertices = real_numbers(mask, "mask", ParameterError)
             if of_vertices.shape == (mesh.file_vertex_count,):
                 of_vertices = mesh.restrict(of_vertices)
             self.mask = _weights(of_vertices, len(mesh.vertices), "mask")
         self.weights = np.ones(count) if weights is None else _weights(weights, count, "weights")
+        _refuse_extremes(self.source, self.target, self.weights)
         self.areas = vertex_areas(mesh) if self.mask is None else vertex_areas(mesh) * self.mask
         self.function_size = max(self.deviation(self.source), self.deviation(self.target)) or 1.0
 
+    @property
+    def is_constant(self) -> bool:
+        """Whether source and target have one value each, up to rounding."""
+        norms = self.norm(self.source), self.norm(self.target)
+        return max(self.deviation(self.source), self.deviation(self.target)) <= CONSTANT * max(norms)
+
     def relative_mismatch(self, advected: FloatArray) -> float:
-        """``||f_tau - g|| / ||g||`` in L2 over all channels (C, V), with mask and weights; ``||f||``, or 1, for 0."""
+        """``||f_tau - g|| / ||g||`` in L2 over all channels (C, V), see the function of this name."""
         return relative_mismatch(self.mesh, advected, self.target, self.source, self.mask, self.weights)
 
     def norm(self, functions: FloatArray) -> float:
@@ -61,12 +76,11 @@ class Problem:
 
     def deviation(self, functions: FloatArray) -> float:
         """Norm of channels (C, V) less the mean of each, by the mask."""
-        return float(np.sqrt(self.covariance(functions, functions)))
+        return _deviation(self.areas, functions, self.weights)
 
     def covariance(self, one: FloatArray, other: FloatArray) -> float:
         """L2 product over channels (C, V) less the mean of each, with mask and weights."""
-        apart = one - (one @ self.areas / self.areas.sum())[:, None]
-        return float(self.weights @ ((apart * (other - (other @ self.areas / self.areas.sum())[:, None])) @ self.areas))
+        return _covariance(self.areas, one, other, self.weights)
 
 
 def relative_mismatch(
@@ -79,20 +93,52 @@ def relative_mismatch(
 ) -> float:
     """``||found - target|| / ||target||`` in L2 over all channels (C, V), with mask (V,) and weights (C,).
 
-    Relative to the source where the target is 0.
+    Relative to the source where the target is 0. Functions that are mostly a constant would always be matched: where
+    both deviate from their means by less than `MATCHED` of that norm the larger deviation takes its place, unless both
+    are constants.
     """
     scale = _norm(mesh, target, mask, weights) or _norm(mesh, source, mask, weights) or 1.0
+    areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
+    deviation = max(_deviation(areas, source, weights), _deviation(areas, target, weights))
+    if CONSTANT * scale < deviation < MATCHED * scale:
+        scale = deviation
     return _norm(mesh, found - target, mask, weights) / scale
 
 
+def _deviation(areas: FloatArray, functions: FloatArray, weights: FloatArray) -> float:
+    """Norm of channels (C, V) less the mean of each."""
+    return float(np.sqrt(_covariance(areas, functions, functions, weights)))
+
+
+def _covariance(areas: FloatArray, one: FloatArray, other: FloatArray, weights: FloatArray) -> float:
+    apart = one - (one @ areas / areas.sum())[:, None]
+    return float(weights @ ((apart * (other - (other @ areas / areas.sum())[:, None])) @ areas))
+
+
 def _norm(mesh: TriangleMesh, functions: FloatArray, mask: FloatArray | None, weights: FloatArray) -> float:
-    return l2_norm(mesh, (np.sqrt(weights)[:, None] * functions).T, mask)
+    """Infinite for functions that a flow without bounds has made."""
+    with np.errstate(over="ignore"):
+        return l2_norm(mesh, (np.sqrt(weights)[:, None] * functions).T, mask)
 
 
 def _weights(values: ArrayLike, count: int, name: str) -> FloatArray:
-    array = real_numbers(values, name).copy()
+    array = real_numbers(values, name, ParameterError).copy()
     if array.shape != (count,):
         raise ParameterError(f"{name} has shape {array.shape}; expected ({count},)")
     if not np.isfinite(array).all() or (array < 0).any() or not array.any():
         raise ParameterError(f"{name} must be finite, not negative, and not zero everywhere")
+    if not _LIGHTEST <= array.max() <= _HEAVIEST:
+        raise ParameterError(
+            f"{name} is {array.max():.3g} at most; expected a largest value between {_LIGHTEST:g} and {_HEAVIEST:g}"
+        )
     return array
+
+
+def _refuse_extremes(source: FloatArray, target: FloatArray, weights: FloatArray) -> None:
+    sizes = np.maximum(np.abs(source).max(axis=1), np.abs(target).max(axis=1))
+    largest, counting = float(sizes.max()), float(sizes[weights > 0].max())
+    if largest > LARGEST or 0 < counting < SMALLEST:
+        raise FunctionError(
+            f"source and target have values of up to {largest if largest > LARGEST else counting:.3g}, whose squares "
+            f"over- or underflow; scale both by the same factor, to between {SMALLEST:g} and {LARGEST:g}"
+        )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-from abfm.matching.energy.problem import Problem
+from abfm.matching.energy.problem import CONSTANT, Problem
 from abfm.matching.judging import solvability
 from abfm.matching.judging.peaks import Extrema
 from abfm.matching.judging.remedies import Remedies, Remedy
@@ -137,6 +137,8 @@ class _Case:
         is_matched = self.by_size_alone == "matched"
         if is_matched and self.first > MATCHED and not self.known and self.different_peaks:
             return self._of_peaks("nearly")
+        if is_matched and self.problem.is_constant:
+            return self._verdict("matched", f"both are constant, up to {CONSTANT:g} of their values", "")
         if is_matched:
             advised = f"do not trust its point map, where {self._folds()}" if self.outcome.folded > FOLDED else ""
             return self._verdict("matched", "", advised)

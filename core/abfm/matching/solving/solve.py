@@ -21,6 +21,7 @@ from abfm.types import FloatArray
 
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
 _MORE = 0.2  # mismatch on the mesh itself, beyond that on the coarsest, up to which meshes between are left out
+_UNSTABLE = 10.0  # times the source's values beyond which no descent begins: a flow keeps them
 _ASTRAY = 3.0  # times the mismatch of no flow at all beyond which the way is not looked for from a given start
 _UNKNOWN = Confirmation(np.inf, np.inf, np.inf)
 
@@ -56,12 +57,18 @@ class Solver:
 
     def _is_lost(self, fields: FloatArray) -> bool:
         """Whether a start is so far from the target that the way there must be looked for."""
-        if not self.energy.parameters.reach:
-            return False
-        advected = self.energy.advected(fields)
+        advected, source = self.energy.advected(fields), self.energy.source
         if not np.isfinite(advected).all():
             raise ParameterError("start: the flow of these fields overflows; start from slower ones or from none")
-        return self.energy.relative_mismatch(advected) > _LOST
+        if self.energy.parameters.reach:
+            return self.energy.relative_mismatch(advected) > _LOST
+        largest, grown = float(np.abs(source).max()), float(np.abs(advected).max())
+        if grown > _UNSTABLE * largest:
+            raise ParameterError(
+                f"start: the discrete flow of these fields is unstable, as it makes values of up to {grown:.3g} of "
+                f"those of up to {largest:.3g}; start from slower fields or from none"
+            )
+        return False
 
     def _find(self, fields: FloatArray | None) -> FloatArray:
         """Fields on the coarsest mesh that lead at least near the target, or the best that were found."""
@@ -223,7 +230,7 @@ def _start_fields(energy: MatchingEnergy, start: ArrayLike) -> FloatArray:
 
     Those of M segments are averaged over, or repeated in, the N of the energy's parameters.
     """
-    given = real_numbers(start, "start")
+    given = real_numbers(start, "start", ParameterError)
     count = max(len(given), 1) if given.ndim == 3 else 1
     fields = check_fields(given, (count, *energy.shape[1:]), "start") / energy.length_scale
     return to_frame(energy.mesh, np.tensordot(_averages(count, energy.parameters.segments), fields, 1))

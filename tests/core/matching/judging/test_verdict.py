@@ -80,13 +80,26 @@ def test_of_functions_that_flows_can_carry_the_kind_is_the_worse_the_more_is_con
 
 
 def test_functions_that_are_alike_are_matched_from_the_start():
-    nearly_flat = 1 + 1e-3 * SPHERE.vertices[:, 0]
-    flat = np.ones_like(nearly_flat)
-    for f, g in itertools.product((nearly_flat, flat), repeat=2):
-        assert judged(abfm.match(SPHERE, f, g, Parameters(iterations=2))).kind == "matched"
+    flat = np.ones(len(SPHERE.vertices))
+    noise = 1 + 1e-10 * SPHERE.vertices[:, 0]
+    for f, g in itertools.product((noise, flat), repeat=2):
+        verdict = judged(abfm.match(SPHERE, f, g, Parameters(iterations=2)))
+        assert verdict.kind == "matched"
+        assert verdict.cause.startswith("both are constant")
     assert judged(abfm.match(SPHERE, at(0), at(0), Parameters(iterations=2))) == Verdict(
         "matched", "the mismatch stayed at 0", ""
     )
+
+
+def test_functions_are_judged_by_what_varies_however_small_beside_a_constant():
+    f, g = at(0, 0.2), at(30, 0.2)
+    flat = np.ones_like(f)
+    for size in (1e-2, 1e-5, 1e-8):
+        still = judged(abfm.match(SPHERE, 1 + size * f, 1 + size * g, Parameters(iterations=0)))
+        assert still.kind == "not reached"
+        matched = abfm.match(SPHERE, 1 + size * f, 1 + size * g)
+        assert (matched.verdict.kind, matched.mismatch < 0.05) == ("matched", True)
+        assert judged(abfm.match(SPHERE, 1 + size * f, flat, Parameters(iterations=2))).kind == "impossible"
 
 
 def test_values_that_the_source_lacks_are_impossible_whatever_the_discrete_flow_shows():

@@ -1,0 +1,92 @@
+"""Meshes moved, scaled and renumbered, with what is on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from hypothesis import Phase, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
+from tests.shapes import icosphere, square, torus
+
+
+def potato(subdivisions: int) -> TriangleMesh:
+    """A closed surface without any symmetry."""
+    sphere = icosphere(subdivisions)
+    x, y, z = sphere.vertices.T
+    radius = 1 + 0.3 * np.sin(2 * x + 0.4) * np.cos(3 * y - 1) + 0.2 * z * x + 0.15 * y
+    return TriangleMesh(sphere.vertices * radius[:, None] * [1, 1.3, 0.8], sphere.faces)
+
+
+def face(subdivisions: int) -> TriangleMesh:
+    """A closed surface with one mirror plane, x = 0."""
+    sphere = icosphere(subdivisions)
+    x, y, z = sphere.vertices.T
+    return TriangleMesh(sphere.vertices * (1 + 0.3 * z + 0.2 * y * z - 0.2 * x**2)[:, None], sphere.faces)
+
+
+MESHES = {"potato": potato(2), "torus": torus(14, 9), "square": square(6)}
+
+
+def examples(count: int) -> settings:
+    """So many cases, the same in every run; none is made simpler, which may take hundreds of matches."""
+    return settings(max_examples=count, phases=(Phase.explicit, Phase.generate), derandomize=True)
+
+
+@dataclass(frozen=True)
+class Move:
+    """A rotation, a scaling, a translation in sqrt(area), and new numbers of vertices, faces and corners."""
+
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    scale: float = 1.0
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    seed: int | None = None  # of the numbers; None keeps them
+
+    @property
+    def rotation(self) -> FloatArray:
+        return Rotation.from_rotvec(self.turn).as_matrix()
+
+    def places(self, mesh: TriangleMesh, points: FloatArray) -> FloatArray:
+        """Points in space (..., 3)."""
+        return self.scale * (points @ self.rotation.T + mesh.length_scale * np.asarray(self.shift))
+
+    def numbers(self, mesh: TriangleMesh) -> tuple[IntArray, IntArray]:
+        """The old number of each new vertex and of each new face."""
+        if self.seed is None:
+            return np.arange(len(mesh.vertices)), np.arange(len(mesh.faces))
+        rng = np.random.default_rng(self.seed)
+        return rng.permutation(len(mesh.vertices)), rng.permutation(len(mesh.faces))
+
+    def mesh(self, mesh: TriangleMesh) -> TriangleMesh:
+        vertices, faces = self.numbers(mesh)
+        corners = np.arange(3)[None] * np.ones((len(faces), 1), dtype=int)
+        if self.seed is not None:
+            corners = (corners + np.random.default_rng(self.seed).integers(3, size=len(faces))[:, None]) % 3
+        corners = np.take_along_axis(mesh.faces[faces], corners, axis=1)
+        return TriangleMesh(self.places(mesh, mesh.vertices[vertices]), np.argsort(vertices)[corners])
+
+    def function(self, mesh: TriangleMesh, f: FloatArray, power: int = 0) -> FloatArray:
+        """A function on vertices (V, ...), in a unit of length to some power."""
+        return self.scale**power * f[self.numbers(mesh)[0]]
+
+    def on_faces(self, mesh: TriangleMesh, f: FloatArray, power: int = 0) -> FloatArray:
+        """A value per face (F,)."""
+        return self.scale**power * f[self.numbers(mesh)[1]]
+
+    def field(self, mesh: TriangleMesh, v: FloatArray, power: int = 1) -> FloatArray:
+        """A vector per face (F, 3)."""
+        return self.scale**power * (v @ self.rotation.T)[self.numbers(mesh)[1]]
+
+
+_ANGLES = st.floats(-3, 3)
+MOVES = st.builds(
+    Move,
+    turn=st.tuples(_ANGLES, _ANGLES, _ANGLES),
+    scale=st.floats(-6, 6).map(lambda exponent: 10.0**exponent),
+    shift=st.tuples(*[st.floats(-5, 5)] * 3),
+    seed=st.none() | st.integers(0, 1000),
+)

@@ -1,0 +1,172 @@
+"""Functions and parameters at the ends of what they may be: a right result or a named reason, and no warning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import abfm
+from abfm.matching.energy.problem import LARGEST, SMALLEST
+from abfm.parameters import CHOICES, LARGEST_ALPHA, MANY, PAPER, Parameters
+from tests.core.fields import bump
+from tests.core.invariance.moves import MESHES, examples
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+MESH = MESHES["potato"]
+F, G = bump(MESH, MESH.vertices[3], 0.3), bump(MESH, MESH.vertices[20], 0.3)
+FLAT = np.zeros(len(MESH.vertices))
+POINTS = np.eye(len(MESH.vertices))
+COURSES: list[dict[str, Any]] = [
+    {},
+    {"method": "linearised"},
+    {"preconditioner": "none"},
+    {"gradient": "bracket"},
+    {**PAPER, "sigma": 0.1},
+]
+
+
+def matched(f: Any, g: Any, start: Any = None, **changes: Any) -> abfm.Match:
+    match = abfm.match(MESH, f, g, Parameters(**{"iterations": 4, **changes}), start=start)
+    for values in (match.velocity, match.advected, match.energy_history):
+        assert np.isfinite(values).all()
+    assert np.isfinite(match.mismatch)
+    assert match.verdict.reason
+    return match
+
+
+def outcome_of(call: Callable[[], abfm.Match]) -> str:
+    """The mismatch, or why there is none."""
+    try:
+        return str(call().mismatch)
+    except abfm.AbfmError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("course", COURSES, ids=str)
+def test_alike_constant_or_far_apart(course: dict[str, Any]) -> None:
+    for f in (F, FLAT, FLAT + 3, -0.0 * F):
+        match = matched(f, f, **course)
+        assert (match.mismatch, match.verdict.kind, match.velocity.any()) == (0, "matched", False)
+    assert "the source is constant" in matched(FLAT, G, **course).verdict.reason
+    assert "the target is constant" in matched(F, FLAT + 1, **course).verdict.reason
+    assert matched(FLAT + 1, FLAT + 2, **course).verdict.kind == "impossible"
+    assert matched(-F, F, **course).verdict.kind == "impossible"
+    assert matched(POINTS[3], POINTS[80], **course).verdict.kind in ("not reached", "nearly", "matched")
+
+
+@examples(5)
+@given(exponent=st.floats(-6, 6), course=st.sampled_from(COURSES[:2]))
+def test_a_constant_added_to_both_changes_no_field(exponent: float, course: dict[str, Any]) -> None:
+    """Up to the rounding ``eps |c|`` of the functions, of size 1, which each iteration lets grow.
+
+    When a stage is close enough is a share of ``||g||``, so that stages of a fixed length are compared.
+    """
+    shift = np.copysign(10 ** abs(exponent), exponent)
+    plain, raised = (matched(F + c, G + c, balance=0, stage_iterations=1, **course) for c in (0, shift))
+    tolerance = 1e-6 + 1e-8 * abs(shift)
+    assert np.abs(raised.velocity - plain.velocity).max() <= tolerance * np.abs(plain.velocity).max()
+    assert np.abs(raised.advected - shift - plain.advected).max() <= tolerance
+
+
+@examples(6)
+@given(exponent=st.integers(-300, 300), course=st.sampled_from(COURSES[:4]))
+def test_the_unit_of_functions_does_not_matter(exponent: int, course: dict[str, Any]) -> None:
+    """With a relative sigma, to the last bit for powers of two."""
+    expected = matched(F, G, **course)
+    match = matched(2.0**exponent * F, 2.0**exponent * G, **course)
+    assert np.array_equal(match.velocity, expected.velocity)
+    assert np.array_equal(match.energy_history, expected.energy_history)
+    assert (match.mismatch, match.verified_mismatch) == (expected.mismatch, expected.verified_mismatch)
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e12, 2 * SMALLEST, LARGEST / 2])
+def test_any_unit_does_up_to_rounding(size: float) -> None:
+    match, expected = matched(size * F, size * G), matched(F, G)
+    assert np.abs(match.velocity - expected.velocity).max() < 1e-9 * np.abs(expected.velocity).max()
+
+
+@pytest.mark.parametrize("unit", ["relative", "absolute"])
+@pytest.mark.parametrize("size", [5e-324, 1e-300, 1e-162, 1e-101, 1e101, 1e200, 1e300, 1.7e308])
+def test_functions_whose_squares_leave_the_numbers_are_refused(size: float, unit: str) -> None:
+    for call in (matched, lambda f, g, **_: abfm.verify(MESH, f, g, np.zeros((len(MESH.faces), 3)), 1.0)):
+        with pytest.raises(abfm.FunctionError, match="over- or underflow; scale both"):
+            call(size * F, size * G, sigma_unit=unit)
+
+
+@pytest.mark.parametrize("reach", [0.0, 1.0])
+@pytest.mark.parametrize("speed", [10.0, 100.0, 1e4, 1e8, 1e200, 1e308])
+def test_a_start_that_is_too_fast_is_refused_or_left(speed: float, reach: float) -> None:
+    start = speed * np.random.default_rng(0).normal(size=(len(MESH.faces), 3)).clip(-1, 1)
+    outcome = outcome_of(lambda: matched(F, G, start=start, reach=reach))
+    assert outcome.startswith("start: the ") or float(outcome) < 2
+
+
+def ends() -> list[tuple[str, Any]]:
+    """Every parameter at the ends of its range."""
+    found: list[tuple[str, Any]] = []
+    for entry in fields(Parameters):
+        if entry.name in CHOICES:
+            found += [(entry.name, choice) for choice in CHOICES[entry.name]]
+            continue
+        least, most = entry.metadata["minimum"], entry.metadata["maximum"]
+        if entry.type == "int":
+            found += [(entry.name, least), (entry.name, most)]
+        else:
+            low = [] if entry.metadata["open"] else [least]
+            high = LARGEST_ALPHA if entry.name == "alpha" else 1e30 if most == MANY else most
+            found += [(entry.name, value) for value in (*low, max(1e-30, 1.000001 * least), high)]
+    return found
+
+
+@pytest.mark.parametrize(("name", "value"), ends(), ids=str)
+def test_every_parameter_at_its_bounds(name: str, value: Any) -> None:
+    bounded = {"gradient": "adjoint"} if name in ("substeps", "quadrature", "segments") else {}
+    if (name, value) == ("segments", 1000):
+        value = Parameters(segments=1000).segments // 50  # flow lines of all of them take seconds
+    outcome = outcome_of(lambda: matched(F, G, **{"iterations": 2, **bounded, name: value}))
+    assert name in outcome or float(outcome) < 2
+
+
+@pytest.mark.parametrize(("name", "value"), ends(), ids=str)
+def test_beyond_its_bounds_no_parameter_is_taken(name: str, value: Any) -> None:
+    if name in CHOICES:
+        wrong: list[Any] = [value + "s", None, 1, ["hodge"], np.arange(1000), "\n" * 100]
+    else:
+        entry = next(entry for entry in fields(Parameters) if entry.name == name)
+        least, most = entry.metadata["minimum"], entry.metadata["maximum"]
+        wrong = [-1e-9 if least == 0 else least - 1, np.nan, np.inf, 10**400, -(10**400), 10**5000, "1", None, 1j, [1]]
+        wrong += [most + 1] if entry.type == "int" or most < MANY else [1e31]
+        wrong += [1.5] if entry.type == "int" else [1e-31]
+    for refused in wrong:
+        with pytest.raises(abfm.ParameterError) as error:
+            Parameters(**{name: refused})
+        assert name in str(error.value)
+        assert len(str(error.value)) < 250
+        assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("unit", ["relative", "absolute"])
+@pytest.mark.parametrize("weight", [1e-30, 1e30])
+@pytest.mark.parametrize("size", [SMALLEST, LARGEST])
+@pytest.mark.parametrize("sigma", [1e-30, 1e30])
+def test_ends_of_all_units_together(sigma: float, size: float, weight: float, unit: Any) -> None:
+    f, g = (0.99 * size * h / F.max() if size == LARGEST else 2 * size * h for h in (F, G))
+    p = Parameters(iterations=2, sigma=sigma, sigma_unit=unit)
+    mask = np.full(len(FLAT), weight)
+    outcome = outcome_of(lambda: abfm.match(MESH, f, g, p, weights=[weight], mask=mask))
+    assert "scale" in outcome or 0 < float(outcome) < 2
+
+
+@pytest.mark.parametrize("name", ["mask", "weights"])
+def test_masks_and_weights_of_no_usual_size_are_refused(name: str) -> None:
+    count = len(FLAT) if name == "mask" else 1
+    for value in (1e-31, 1e31, 5e-324, 1e308):
+        with pytest.raises(abfm.ParameterError, match=f"{name} is .* at most"):
+            abfm.match(MESH, F, G, **{name: np.full(count, value)})

@@ -1,0 +1,212 @@
+"""What does not depend on where a mesh is, in which unit, and in which order its parts are numbered.
+
+Every tolerance is a fraction of the largest value. Coordinates carry the rounding ``eps X`` of the farthest vertex at
+X, which here is at most 10 sqrt(area), over edges of 0.05 sqrt(area) and more: 5e-14 in what is made of differences.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import abfm
+from abfm.baselines import HeatKernel, optimal_transport
+from abfm.calculus import (
+    cotangent_laplacian,
+    curl,
+    divergence,
+    edge_lengths,
+    eigenbasis,
+    face_areas,
+    geodesic_distance,
+    gradient,
+    helmholtz_hodge,
+    hodge_laplacian,
+    lie_bracket_of,
+    pushforward,
+    to_ambient,
+    to_frame,
+    vertex_areas,
+)
+from abfm.flow import flow_lines
+from abfm.flow.continuous_flow import flow_map
+from abfm.functions import families
+from abfm.mesh import TriangleMesh
+from tests.core.fields import bump, wavy_field
+from tests.core.invariance.moves import MESHES, MOVES, Move, examples, face
+from tests.shapes import disc, icosphere, open_cylinder, square
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+ROUNDING = 1e-11  # of sums and quotients of differences of coordinates
+SOLVES = 1e-9  # of linear systems, whose condition is below 1e4 on these meshes
+FLOW_LINES = 2e-2  # of flow lines from vertices if numbers change: each has the error of the face that it begins in
+SPECTRAL = 1e-7  # of eigenfunctions: rounding over gaps between eigenvalues
+BY_NAME = st.sampled_from(sorted(MESHES))
+
+
+def assert_alike(found, expected, tolerance):
+    assert np.shape(found) == np.shape(expected)
+    assert np.isfinite(found).all()
+    assert np.abs(found - expected).max() <= tolerance * np.abs(expected).max() + 1e-300
+
+
+@examples(12)
+@given(name=BY_NAME, move=MOVES)
+def test_operators_and_fields(name: str, move: Move) -> None:
+    mesh, other = MESHES[name], move.mesh(MESHES[name])
+    f = np.sin(3 * mesh.vertices[:, 0] / mesh.length_scale) + mesh.vertices[:, 1] / mesh.length_scale
+    h, v, u = move.function(mesh, f), wavy_field(mesh, 1), wavy_field(mesh, 2)
+    w, q = move.field(mesh, v), move.field(mesh, u)
+    assert_alike(vertex_areas(other), move.function(mesh, vertex_areas(mesh), 2), ROUNDING)
+    assert_alike(face_areas(other), move.on_faces(mesh, face_areas(mesh), 2), ROUNDING)
+    assert_alike(np.sort(edge_lengths(other)), move.scale * np.sort(edge_lengths(mesh)), ROUNDING)
+    slopes = [to_ambient(m, (gradient(m) @ x).reshape(-1, 2)) for m, x in ((mesh, f), (other, h))]
+    assert_alike(slopes[1], move.field(mesh, slopes[0], -1), ROUNDING)
+    for operator in (divergence, curl):
+        values = [operator(m) @ to_frame(m, x).ravel() for m, x in ((mesh, v), (other, w))]
+        assert_alike(values[1], move.function(mesh, values[0]), ROUNDING)
+    bent = [cotangent_laplacian(m) @ x for m, x in ((mesh, f), (other, h))]
+    assert_alike(bent[1], move.function(mesh, bent[0]), ROUNDING)
+    hodge = [
+        to_ambient(m, (hodge_laplacian(m) @ to_frame(m, x).ravel()).reshape(-1, 2)) for m, x in ((mesh, v), (other, w))
+    ]
+    assert_alike(hodge[1], move.field(mesh, hodge[0]), ROUNDING)
+    assert_alike(lie_bracket_of(other, w, q), move.field(mesh, lie_bracket_of(mesh, v, u)), ROUNDING)
+    for part, expected in zip(helmholtz_hodge(other, w), helmholtz_hodge(mesh, v), strict=True):
+        whole = np.abs(move.field(mesh, v)).max()  # parts may be rounding
+        assert np.abs(part - move.field(mesh, expected)).max() <= SOLVES * whole
+    assert_alike(pushforward(other, w, q, 0.1), move.field(mesh, pushforward(mesh, v, u, 0.1)), SOLVES)
+
+
+@examples(8)
+@given(name=BY_NAME, move=MOVES)
+def test_flows(name: str, move: Move) -> None:
+    mesh, other = MESHES[name], move.mesh(MESHES[name])
+    f, v = bump(mesh, mesh.vertices[3], 0.3), 0.2 * wavy_field(mesh, 1)
+    h, w = move.function(mesh, f), move.field(mesh, v)
+    for method in ("nonlinear", "linearised"):
+        carried = abfm.Flow(mesh, v, 1.0, method).push(f, [0.5, 1.0, -0.7])
+        assert_alike(
+            abfm.Flow(other, w, 1.0, method).push(h, [0.5, 1.0, -0.7]), carried[:, move.numbers(mesh)[0]], SOLVES
+        )
+    assert_alike(abfm.advect(other, w, h, 0.3), move.function(mesh, abfm.advect(mesh, v, f, 0.3)), SOLVES)
+    size, tolerance = mesh.length_scale * move.scale, SOLVES if move.seed is None else FLOW_LINES
+    found, expected = (flow_map(m, x, 1.0).positions for m, x in ((other, w), (mesh, v)))
+    assert np.abs(found - move.places(mesh, expected)[move.numbers(mesh)[0]]).max() <= tolerance * size
+    witnesses = [abfm.verify(m, x, x, y, 1.0) for m, x, y in ((mesh, f, v), (other, h, w))]
+    for which in ("flow_lines", "subdivided", "resolution", "folded", "overturned"):
+        one, other_one = (getattr(each, which) for each in witnesses)
+        assert other_one == pytest.approx(one, rel=tolerance if which == "flow_lines" else SOLVES, abs=SOLVES)
+    middle = abfm.maps.SurfacePoints(np.array([5]), np.full((1, 3), 1 / 3), np.zeros((1, 3)), np.zeros(1))
+    there = replace(middle, faces=np.flatnonzero(move.numbers(mesh)[1] == 5))
+    ends = [flow_lines(m, x, at, 1.0)[0].positions[-1] for m, x, at in ((mesh, v, middle), (other, w, there))]
+    assert np.linalg.norm(ends[1] - move.places(mesh, ends[0])) <= SOLVES * size
+
+
+@examples(6)
+@given(name=BY_NAME, move=MOVES)
+def test_distances_heat_and_eigenfunctions(name: str, move: Move) -> None:
+    mesh, other = MESHES[name], move.mesh(MESHES[name])
+    old = move.numbers(mesh)[0]
+    place = int(np.flatnonzero(old == 7)[0])
+    assert_alike(geodesic_distance(other, place), move.function(mesh, geodesic_distance(mesh, 7), 1), SPECTRAL)
+    f, g = bump(mesh, mesh.vertices[3], 0.3), bump(mesh, mesh.vertices[30], 0.3)
+    heated = [HeatKernel(m, 0.2, 4)(x) for m, x in ((mesh, f), (other, move.function(mesh, f)))]
+    assert_alike(heated[1], move.function(mesh, heated[0]), SOLVES)
+    moved = optimal_transport(other, move.function(mesh, f), move.function(mesh, g), 0.4)
+    assert_alike(moved, move.function(mesh, optimal_transport(mesh, f, g, 0.4)), 1e-4)  # where its iteration stops
+    values, functions = eigenbasis(mesh, 12)
+    again, others = eigenbasis(other, 12)
+    assert_alike(again, values / move.scale**2, SPECTRAL)
+    apart = np.diff(values) > 1e-3 * values[-1]
+    for k in np.flatnonzero(np.append(True, apart) & np.append(apart, False)):
+        sign = np.sign(others[:, k] @ move.function(mesh, functions[:, k]))
+        skewed = abs(vertex_areas(mesh) @ functions[:, k] ** 3) > 1e-3 * (
+            vertex_areas(mesh) @ abs(functions[:, k]) ** 3
+        )
+        assert sign > 0 or not skewed
+        assert_alike(sign * others[:, k], move.function(mesh, functions[:, k], -1), 1e-5)
+
+
+@given(move=MOVES)
+@examples(3)
+def test_eigenspaces_of_several_dimensions(move: Move) -> None:
+    """The first three eigenfunctions of a sphere are any; the function that they span with their squares is not."""
+    mesh = icosphere(2)
+    spanned = [(eigenbasis(m, 4)[1][:, 1:] ** 2).sum(axis=1) for m in (mesh, move.mesh(mesh))]
+    assert_alike(spanned[1], move.function(mesh, spanned[0], -2), SPECTRAL)
+
+
+POWERS = {
+    "gaussian:vertex={a},width=0.2": (0, SPECTRAL),
+    "gaussian:vertex={a},metric=euclidean": (0, ROUNDING),
+    "eigenfunction:4": (0, SPECTRAL),
+    "hks": (0, SPECTRAL),
+    "wks": (0, SPECTRAL),
+    "curvature:gaussian": (-2, ROUNDING),
+    "curvature:mean": (-1, ROUNDING),
+    "geodesic:vertex={a},{b}": (1, SPECTRAL),
+    "shape-diameter": (1, ROUNDING),
+    "indicator:vertex={a},radius=0.2": (0, 0.0),
+    "permuted:mirror(geodesic:vertex={a})": (1, SPECTRAL),
+}
+FACE = face(1)
+IN_SPACE = {"coordinate", "expression", "file"}  # follow the axes of space, or rows of a file
+
+
+def test_every_family_is_moved() -> None:
+    assert {spec.partition(":")[0] for spec in POWERS} | IN_SPACE == {family.family for family in families()}
+
+
+@pytest.mark.parametrize("spec", POWERS)
+@examples(4)
+@given(move=MOVES)
+def test_functions(spec: str, move: Move) -> None:
+    mesh = FACE if "permuted" in spec else MESHES["potato"]
+    power, tolerance = POWERS[spec]
+    a, b = (int(np.flatnonzero(move.numbers(mesh)[0] == vertex)[0]) for vertex in (12, 31))
+    found = abfm.function(move.mesh(mesh), spec.format(a=a, b=b))
+    assert_alike(found, move.function(mesh, abfm.function(mesh, spec.format(a=12, b=31)), power), tolerance)
+
+
+@pytest.mark.parametrize("mesh", [square(6), disc(4), open_cylinder(12, 4)], ids=["square", "disc", "cylinder"])
+@examples(8)
+@given(move=MOVES, far=st.sampled_from([1.0, 1e3, 1e6]))
+def test_what_is_flat_up_to_rounding_has_no_curvature(mesh: TriangleMesh, move: Move, far: float) -> None:
+    """However far from the origin, whose distance sets the rounding of the coordinates."""
+    shift = tuple(far * x for x in move.shift)
+    other = Move(move.turn, move.scale, shift, move.seed).mesh(mesh)
+    assert not abfm.function(other, "curvature:gaussian").any()
+    is_flat = np.ptp(mesh.vertices[:, 2]) == 0
+    assert is_flat == (not abfm.function(other, "curvature:mean").any())
+
+
+@pytest.mark.parametrize("mesh", [icosphere(1), icosphere(2), MESHES["torus"], open_cylinder(12, 4)])
+@examples(4)
+@given(move=MOVES)
+def test_shape_diameter_where_edges_are_equally_long(mesh: TriangleMesh, move: Move) -> None:
+    found, expected = (abfm.function(m, "shape-diameter") for m in (move.mesh(mesh), mesh))
+    assert_alike(found, move.function(mesh, expected, 1), SOLVES)
+
+
+@pytest.mark.parametrize("changes", [{}, {"preconditioner": "none"}, {"method": "linearised"}], ids=str)
+@examples(3)
+@given(name=BY_NAME, move=MOVES)
+def test_matches(changes: dict[str, str], name: str, move: Move) -> None:
+    """Rounding grows from iteration to iteration: so few are compared."""
+    mesh, other = MESHES[name], move.mesh(MESHES[name])
+    f, g = bump(mesh, mesh.vertices[3], 0.3), bump(mesh, mesh.vertices[20], 0.3)
+    parameters = abfm.Parameters(iterations=4, **changes)
+    expected = abfm.match(mesh, f, g, parameters)
+    found = abfm.match(other, move.function(mesh, f), move.function(mesh, g), parameters)
+    balanced, lines = (SOLVES, SOLVES) if move.seed is None else (2 * FLOW_LINES, FLOW_LINES)
+    assert_alike(found.velocity[0], move.field(mesh, expected.velocity[0]), balanced)
+    assert_alike(found.energy_history, expected.energy_history, balanced)
+    assert found.mismatch == pytest.approx(expected.mismatch, rel=balanced)
+    assert found.verified_mismatch == pytest.approx(expected.verified_mismatch, rel=lines)
+    assert found.verdict.kind == expected.verdict.kind

@@ -1,0 +1,205 @@
+"""Result files that lie: about sizes, in zips that overlap or are compressed, and in values that make no sense."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from abfm import Match, Parameters, ResultError, TriangleMesh, load_match, match
+from abfm.io import load_arrays
+from abfm.io.arrays import open_archive
+from tests.core.reading.hostile import bomb, npy_of, one_byte_changed, overlapping_zip, zipped
+from tests.shapes import icosphere
+
+WHOLE = icosphere(0)
+SPHERE = TriangleMesh(np.insert(WHOLE.vertices, 5, 9.0, axis=0), WHOLE.faces + (WHOLE.faces >= 5))
+"""No face uses vertex 5 of its file."""
+X, Y, Z = SPHERE.vertices.T
+V, F = len(SPHERE.vertices), len(SPHERE.faces)
+
+
+@pytest.fixture(scope="module")
+def result() -> Match:
+    return match(SPHERE, X, Y, Parameters(iterations=2, levels=1), mask=np.ones(V))
+
+
+@pytest.fixture
+def saved(tmp_path: Path, result: Match) -> Path:
+    result.save(tmp_path / "m.npz")
+    return tmp_path / "m.npz"
+
+
+def members(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def put(path: Path, **arrays: Any) -> None:
+    """Write a result anew with other arrays; bytes are put as they are."""
+    content = members(path)
+    for name, array in arrays.items():
+        if isinstance(array, bytes):
+            content[f"{name}.npy"] = array
+            continue
+        with zipfile.ZipFile(path, "w") as archive, archive.open("a", "w") as file:
+            np.save(file, array)
+        content[f"{name}.npy"] = members(path)["a"]
+    path.write_bytes(zipped(content))
+
+
+def error_line(path: Path) -> str:
+    with pytest.raises(ResultError) as caught:
+        load_match(path)
+    message = str(caught.value)
+    assert message.isprintable()
+    assert len(message) <= 600
+    assert str(path) in message
+    return message
+
+
+def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved: Path) -> None:
+    content = members(saved)
+    for name in ("velocity.npy", "stop_reason.npy"):
+        whole = content[name]
+        for changed in one_byte_changed(whole, 128):
+            saved.write_bytes(zipped(content | {name: changed}))
+            try:
+                loaded = load_match(saved)
+            except ResultError as error:
+                outcome = str(error)
+                assert outcome.isprintable()
+            else:
+                assert loaded.velocity.shape == (1, F, 3)
+
+
+@pytest.mark.parametrize("shape", ["(6442450944,)", "(1, 9999999999, 3)", "(999999999999999999, 0, 3)"])
+def test_shapes_are_held_against_sizes(saved: Path, shape: str) -> None:
+    put(saved, velocity=npy_of(shape, data=bytes(8)))
+    assert "velocity" in error_line(saved)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"mask": -np.ones(V)}, "mask has the value -1; expected 0 to inf"),
+        ({"weights": np.array([-0.5])}, "weights has the value -0.5"),
+        ({"mismatch": np.array(-1.0)}, "mismatch has the value -1"),
+        ({"verified_mismatch": np.array(-1.0)}, "verified_mismatch has the value -1"),
+        ({"folded": np.array(1.5)}, "folded has the value 1.5; expected 0 to 1"),
+        ({"folded": np.array(np.nan)}, "folded has values that are not finite"),
+        ({"stages": np.full(3, -1)}, "stages has"),
+        ({"file_vertex_count": np.array(10**8)}, f"the mesh file had 100000000 vertices, and {V} are used"),
+        ({"file_vertex_count": np.array(4 * 10**18)}, "the mesh file had 4000000000000000000 vertices"),
+        ({"file_vertex_count": np.array(2**63, dtype=np.uint64)}, "beyond those of 64 bits"),
+        ({"format_version": np.zeros((100, 100))}, "format_version is array"),
+        ({"format_version": np.array("x\n" * 5000)}, "format_version is 'x"),
+        ({"format_version": np.array([1])}, "format_version is array"),
+        ({"velocity": np.array("x\n" * 5000)}, "velocity has type"),
+        ({"stop_reason": np.array("a\nb")}, "some that cannot be shown"),
+        ({"stop_reason": np.array("\x1b[31m")}, "some that cannot be shown"),
+        ({"stop_reason": np.array("a" * 10_001)}, "more than 10000 characters"),
+        ({"parameters": np.array("[" * 9000)}, "recursion"),
+        ({"parameters": np.array('{"tau": 1, "method": "' + "x" * 5000 + '"}')}, "method is 'xxx"),
+        ({"parameters": np.array('{"tau": 1, "' + "x" * 5000 + '": 1}')}, "unknown parameter 'xxx"),
+        ({"parameters": np.array('{"tau": 1, "alpha": ' + "1" * 5000 + "}")}, "limit"),
+        ({"parameters": np.array('{"tau": 1, "alpha": Infinity}')}, "alpha is inf"),
+        ({"parameters": np.array('{"tau": 1, "alpha": [[[[]]]]}')}, "alpha is [[[[]]]]"),
+        ({"parameters": np.array('{"tau": 1, "method": []}')}, "method is []"),
+        ({"remedies": np.array("[" * 9000)}, "recursion"),
+        ({"remedies": np.array("5")}, "the remedies are '5'"),
+        ({"remedies": np.array('{"a": 1}')}, "the remedies are"),
+        ({"remedies": np.array('[{"label": [], "words": ""}]')}, "the label of a remedy is no str"),
+        ({"remedies": np.array('[{"label": "", "words": "", "parameters": 3}]')}, "the remedies are"),
+        ({"verdict": np.array(["pink", "", ""])}, "the verdict is 'pink'"),
+        ({"verdict": np.full((3,), "\ud800").astype("<U1")}, "cannot be shown"),
+        ({"verdict": npy_of("(3,)", "<U1", b"\xff" * 12)}, "verdict"),
+        ({"channels_given": npy_of("()", "|b1", b"\x02")}, "neither 0 nor 1"),
+    ],
+)
+def test_values_that_make_no_sense_are_named(saved: Path, changes: dict[str, Any], words: str) -> None:
+    put(saved, **changes)
+    assert words in error_line(saved)
+
+
+def test_a_vertex_that_no_face_uses_is_refused(saved: Path) -> None:
+    arrays = load_arrays(saved)
+    kept = ~(arrays["faces"] == V - 1).any(axis=1)
+    put(saved, faces=arrays["faces"][kept], velocity=arrays["velocity"][:, kept])
+    assert f"1 of its {V} vertices are in no face" in error_line(saved)
+    with pytest.raises(ResultError, match="in no face"):
+        load_arrays(saved)
+
+
+def test_vertices_that_the_mesh_file_had_besides_need_no_room(saved: Path, result: Match) -> None:
+    assert load_match(saved).mesh.messages == SPHERE.messages
+    put(saved, file_vertex_count=np.array(V + 9_999_999))
+    code = (
+        "import resource, sys, abfm; before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "mesh = abfm.load_match(sys.argv[1]).mesh; print(mesh.file_vertex_count, *mesh.messages)\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, saved], capture_output=True, text=True, check=True)
+    assert done.stdout == (
+        f"{V + 9_999_999} 9999999 vertices that no face uses were dropped (for example vertex 5)\nTrue\n"
+    )
+
+
+def test_members_that_are_not_listed_are_not_read(saved: Path) -> None:
+    content = members(saved)
+    saved.write_bytes(zipped(content | {"unknown.npy": b"no array"}))
+    assert load_match(saved).mismatch >= 0
+    zeros = npy_of("(100000000,)", "|u1", bytes(100_000_000))
+    saved.write_bytes(zipped(content | {"unknown.npy": zeros}, zipfile.ZIP_DEFLATED))
+    assert load_match(saved).mismatch >= 0
+
+
+def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved: Path, tmp_path: Path) -> None:
+    content = members(saved)
+    data = npy_of("(2, 40000000)", "|u1") + bytes(80_000_000)
+    saved.write_bytes(zipped(content | {"source.npy": data}, zipfile.ZIP_DEFLATED))
+    assert "more bytes than a zip of this size can hold" in error_line(saved)
+    saved.write_bytes(zipped(content | {"source.npy": bytes(1000)}, zipfile.ZIP_LZMA))
+    assert "a method other than deflate" in error_line(saved)
+    overlapping_zip(tmp_path / "overlap.npz", [f"{number}.npy" for number in range(30)], bytes(4_000_000))
+    with open_archive(tmp_path / "overlap.npz", "result", "") as archive:
+        assert len(archive.read("0.npy")) > 4_000_000
+        assert len(archive.read("1.npy")) > 4_000_000
+    with (
+        pytest.raises(ResultError, match="more bytes than a zip of this size can hold"),
+        open_archive(tmp_path / "overlap.npz", "result", "") as archive,
+    ):
+        assert all(archive.read(f"{number}.npy") for number in range(30))
+
+
+def test_a_zip_that_lies_about_a_size_is_refused(saved: Path) -> None:
+    content = members(saved)
+    packed = bomb(64 << 20)
+    whole = zipped(content | {"mask.npy": packed})
+    for size in (1 << 40, 100, len(packed) - 1):
+        for width in (4, 8):
+            lie = whole.replace(len(packed).to_bytes(width, "little"), (size % 256**width).to_bytes(width, "little"))
+            saved.write_bytes(lie)
+            error_line(saved)
+
+
+def test_devices_and_pipes_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.npz")
+    (tmp_path / "zero.npz").symlink_to("/dev/zero")
+    (tmp_path / "random.npz").symlink_to("/dev/urandom")
+    assert "it is a pipe, not a file" in error_line(tmp_path / "pipe.npz")
+    assert "it is a device, not a file" in error_line(tmp_path / "zero.npz")
+    assert "it is a device, not a file" in error_line(tmp_path / "random.npz")
+
+
+def test_names_that_cannot_be_printed_are_told_in_one_line(tmp_path: Path) -> None:
+    for name in ("a\nb.npz", "\x1b[31m.npz", "\u202e.npz", "x" * 200 + ".npz"):
+        (tmp_path / name).write_bytes(b"no zip")
+        with pytest.raises(ResultError) as caught:
+            load_match(tmp_path / name)
+        assert str(caught.value).isprintable()
+        assert "no result file of abfm" in str(caught.value)

@@ -1,0 +1,79 @@
+"""Makers of files that lie: headers, compressed data and archives which say that they hold more than there is."""
+
+import base64
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+BIG = 1 << 30
+
+
+def npy(header: str, data: bytes = b"", version: int = 1) -> bytes:
+    """An array file with a header of our own."""
+    content = header.ljust(117).encode() + b"\n"
+    return (
+        b"\x93NUMPY" + bytes([version, 0]) + len(content).to_bytes(2 if version == 1 else 4, "little") + content + data
+    )
+
+
+def npy_of(shape: str, descr: str = "<f8", data: bytes = b"") -> bytes:
+    """An array file whose header gives a shape and a type."""
+    return npy(f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}", data)
+
+
+def gifti(text: str, dims: str = 'Dimensionality="1" Dim0="3"', encoding: str = "ASCII", more: str = "") -> bytes:
+    """A GIFTI file of one array of 32 bit floats."""
+    return (
+        '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray Intent="NIFTI_INTENT_SHAPE" '
+        f'DataType="NIFTI_TYPE_FLOAT32" ArrayIndexingOrder="RowMajorOrder" {dims} Encoding="{encoding}" '
+        f'Endian="LittleEndian" {more}><Data>{text}</Data></DataArray></GIFTI>'
+    ).encode()
+
+
+def bomb(size: int = BIG) -> bytes:
+    """So many zeros in a thousandth of their size, by zlib."""
+    packer, zeros = zlib.compressobj(1), bytes(1 << 20)
+    return b"".join(packer.compress(zeros) for _ in range(size >> 20)) + packer.flush()
+
+
+def gifti_bomb(dims: str) -> bytes:
+    """A GIFTI file with a bomb for its values."""
+    return gifti(base64.b64encode(bomb()).decode(), dims, "GZipBase64Binary")
+
+
+def overlapping_zip(path: Path, names: list[str], content: bytes) -> None:
+    """A zip each of whose members holds the next one, header and all: together much more than the file."""
+    found = []
+    for name in reversed(names):
+        member = zipfile.ZipInfo(name)
+        member.file_size = member.compress_size = len(content)
+        member.CRC = zlib.crc32(content)
+        content = member.FileHeader() + content
+        found.append((member, len(content)))
+    with zipfile.ZipFile(path, "w") as archive:
+        assert archive.fp is not None
+        archive.fp.write(content)
+        archive.start_dir = len(content)
+        for member, length in found:
+            member.header_offset = len(content) - length
+            archive.filelist.append(member)
+        archive.comment = b"written"
+
+
+def zipped(members: dict[str, bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
+    """A zip of some members."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", compression) as archive:
+        for name, data in members.items():
+            archive.writestr(zipfile.ZipInfo(name), data, compression)
+    return content.getvalue()
+
+
+def one_byte_changed(content: bytes, end: int | None = None) -> Iterator[bytes]:
+    """The content with one of its bytes changed, up to an end."""
+    for position in range(len(content) if end is None else end):
+        changed = bytearray(content)
+        changed[position] ^= (0x01, 0x20, 0x80)[position % 3]
+        yield bytes(changed)

@@ -1,0 +1,179 @@
+"""Projects and what else the app keeps, as files that lie, wait or bite."""
+
+import io
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from abfm import Match, Parameters, ResultError, match
+from abfm_viewer.document.document import Document, Point
+from abfm_viewer.files.autosave import recoverable
+from abfm_viewer.files.origin import MEMBER, Origin, load_origin
+from abfm_viewer.files.project import load_project, save_project
+from abfm_viewer.files.state_folder import StateFolder
+from tests.core.reading.hostile import npy_of, one_byte_changed, overlapping_zip, zipped
+from tests.shapes import icosphere
+
+SPHERE = icosphere(0)
+X, Y, Z = SPHERE.vertices.T
+V, F = len(SPHERE.vertices), len(SPHERE.faces)
+
+
+@pytest.fixture(scope="module")
+def result() -> Match:
+    return match(SPHERE, X, Y, Parameters(iterations=2, levels=1), mask=np.ones(V))
+
+
+@pytest.fixture
+def saved(tmp_path: Path, result: Match) -> Path:
+    save_project(tmp_path / "p.abfm", Document(SPHERE, "sphere", result=result), {})
+    return tmp_path / "p.abfm"
+
+
+def members(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def npy(array: Any) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def error_line(path: Path) -> str:
+    with pytest.raises(ResultError) as caught:
+        load_project(path)
+    message = str(caught.value)
+    assert message.isprintable()
+    assert len(message) <= 600
+    return message
+
+
+def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved: Path) -> None:
+    content = members(saved)
+    for changed in one_byte_changed(content["result/velocity.npy"], 128):
+        saved.write_bytes(zipped(content | {"result/velocity.npy": changed}))
+        try:
+            document, _ = load_project(saved)
+        except ResultError as error:
+            outcome = str(error)
+            assert outcome.isprintable()
+        else:
+            assert document.result is not None
+            assert document.result.velocity.shape == (1, F, 3)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        ({"result/mask": npy(-np.ones(V))}, "result/mask has the value -1; expected 0 to inf"),
+        ({"result/weights": npy(np.array([-1.0]))}, "result/weights has the value -1"),
+        ({"result/velocity": npy_of("(1, 6442450944, 3)", data=bytes(8))}, "result/velocity"),
+        ({"mesh/faces": npy(SPHERE.faces[~(SPHERE.faces == 3).any(axis=1)])}, "in no face"),
+    ],
+)
+def test_arrays_that_make_no_sense_are_named(saved: Path, arrays: dict[str, bytes], words: str) -> None:
+    content = members(saved)
+    saved.write_bytes(zipped(content | {f"{name}.npy": data for name, data in arrays.items()}))
+    assert words in error_line(saved)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda c: c.update(file_vertex_count=10**8), f"the mesh file had 100000000 vertices, and {V} are used"),
+        (lambda c: c.update(file_vertex_count=4 * 10**18), "the mesh file had 4000000000000000000 vertices"),
+        (lambda c: c.update(file_vertex_count=10**30), "vertices, and"),
+        (lambda c: c.update(file_vertex_count=-1), "vertex_ids has an index outside"),
+        (lambda c: c.update(format_version=[[0] * 100] * 100), "format_version is [[0, 0"),
+        (lambda c: c.update({"x\n" * 5000: 1}), "project is"),
+        (lambda c: c["document"].update(side="x\n" * 5000), "project.document.side is 'x x"),
+        (lambda c: c["document"].update(time=10**4000), "too large"),
+        (lambda c: c["document"].update(bump=-(10**4000)), "bump is -1000"),
+        (lambda c: c["document"].update(channels=[{"source": "\x1b" * 9999, "target": "hks"}]), "expected a family"),
+        (lambda c: c["document"].update(channels=[{"source": "x" * 99_999, "target": "hks"}]), "at most 10000"),
+        (lambda c: c["document"]["parameters"].update({"x\n" * 5000: 1}), "project.document.parameters is"),
+        (lambda c: c["result"].update(mismatch=-1), "result/mismatch has the value -1"),
+        (lambda c: c["result"].update(folded=2), "result/folded has the value 2; expected 0 to 1"),
+        (lambda c: c["result"].update(stop_reason="a\nb"), "some that cannot be shown"),
+        (lambda c: c["result"].update(mismatch=[[1]] * 1000), "result/mismatch has shape (1000, 1)"),
+        (lambda c: c["result"].update(mismatch=[[1], []]), "damaged"),
+        (lambda c: c["result"].update(mismatch={"a": 1}), "result/mismatch has type object"),
+        (lambda c: c.update(known=["\n" * 5000]), "known/0"),
+    ],
+)
+def test_headers_that_make_no_sense_are_told_in_one_line(
+    saved: Path, change: Callable[[dict[str, Any]], object], words: str
+) -> None:
+    content = members(saved)
+    header = json.loads(content["project.json"])
+    change(header)
+    saved.write_bytes(zipped(content | {"project.json": json.dumps(header).encode()}))
+    assert words in error_line(saved)
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"a":' * 100_000, "1" * 100_000, "NaN", "-Infinity", '"' + "x" * 100_000, '"\\ud800"']
+)
+def test_json_that_is_no_header_is_refused(saved: Path, text: str) -> None:
+    saved.write_bytes(zipped(members(saved) | {"project.json": text.encode()}))
+    assert "no project of abfm, or damaged" in error_line(saved)
+
+
+def test_what_is_not_an_array_is_small(saved: Path) -> None:
+    content = members(saved)
+    saved.write_bytes(zipped(content | {"project.json": content["project.json"] + b" " * (2 << 20)}))
+    assert "project.json has" in error_line(saved)
+    many = replace(Document(SPHERE, "many"), points=(Point(0, (1.0, 0.0, 0.0)),) * 30_000)
+    with pytest.raises(ResultError, match=r"not written: it has \d+ bytes besides its arrays"):
+        save_project(saved, many, {})
+
+
+def test_only_members_that_belong_to_a_project_are_read(saved: Path) -> None:
+    saved.write_bytes(zipped(members(saved) | {"unknown.npy": b"no array", "runs/7/stages.npy": b"none"}))
+    assert load_project(saved)[0].name == "sphere"
+
+
+def test_devices_pipes_and_overlapping_zips_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.abfm")
+    (tmp_path / "zero.abfm").symlink_to("/dev/zero")
+    assert "it is a pipe" in error_line(tmp_path / "pipe.abfm")
+    assert "it is a device" in error_line(tmp_path / "zero.abfm")
+    overlapping_zip(tmp_path / "a.abfm", ["project.json", "mesh/faces.npy"], b"{}")
+    assert "damaged" in error_line(tmp_path / "a.abfm")
+    for name in ("pipe.abfm", "zero.abfm", "a.abfm"):
+        assert load_origin(tmp_path / name) is None
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"path": "/", "modified": 1e999, "size": 0}', "1" * 5000, '"\\ud800"']
+)
+def test_copies_of_unsaved_work_may_say_anything_of_their_origin(tmp_path: Path, text: str) -> None:
+    save_project(tmp_path / "p.abfm", Document(SPHERE, "sphere"), {}, Origin.of(tmp_path / "q.abfm"))
+    content = members(tmp_path / "p.abfm")
+    (tmp_path / "p.abfm").write_bytes(zipped(content | {MEMBER: text.encode()}))
+    assert load_origin(tmp_path / "p.abfm") is None
+    assert load_project(tmp_path / "p.abfm")[0].name == "sphere"
+
+
+def test_a_state_folder_of_pipes_and_devices_is_empty(tmp_path: Path) -> None:
+    folder = StateFolder(tmp_path)
+    os.mkfifo(tmp_path / "recent.json")
+    (tmp_path / "preferences.json").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "autosave-1-left.abfm")
+    assert folder.recent() == []
+    assert folder.preferences() == {}
+    [copy] = recoverable(folder)
+    assert load_origin(copy.path) is None
+    assert "it is a pipe" in error_line(copy.path)
+    (tmp_path / "recent.json").unlink()
+    (tmp_path / "recent.json").write_text("[" + '"a",' * 300_000 + '"a"]')
+    assert folder.recent() == []
