@@ -41,8 +41,11 @@ Attacker = Callable[[int], tuple[Specimen, str]]
 class Victim:
     """Tries the files of an attacker, named ``module:function``; what is a fault is kept in a folder."""
 
-    def __init__(self, part: str, attacker: str, keep: Path, seconds: int = SECONDS) -> None:
-        self._part, self._attacker, self._keep, self._seconds = part, attacker, keep, seconds
+    def __init__(
+        self, part: str, attacker: str, keep: Path, seconds: int = SECONDS, megabytes: int = MEGABYTES
+    ) -> None:
+        self._part, self._attacker, self._keep = part, attacker, keep
+        self._seconds, self._megabytes = seconds, megabytes
         self._process: subprocess.Popen[str] | None = None
         self._folder = Path(tempfile.mkdtemp(prefix="abfm-attack-"))
 
@@ -68,12 +71,13 @@ class Victim:
         trial = Trial.from_line(line) if line else self._died(seed, bool(ready))
         if trial.outcome == "fault":
             self._keep_files(seed)
-            if trial.megabytes > MEGABYTES:  # so that the next one's memory can be told
+            if trial.megabytes > self._megabytes:  # so that the next one's memory can be told
                 self._end()
         return trial
 
     def _start(self) -> None:
-        command = [sys.executable, "-m", "tests.attack.victim", self._attacker, str(self._folder), str(self._seconds)]
+        command = [sys.executable, "-m", "tests.attack.victim", self._attacker, str(self._folder)]
+        command += [str(self._seconds), str(self._megabytes)]
         with (self._folder / "log").open("w") as log:
             self._process = subprocess.Popen(
                 command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True
@@ -119,7 +123,7 @@ def _place(log: str) -> str:
     return lines[0].replace(str(ROOT) + os.sep, "")[:300]
 
 
-def main(attacker: str, folder: Path, seconds: int) -> None:
+def main(attacker: str, folder: Path, seconds: int, megabytes: int) -> None:
     """The process: reads seeds, a line each, and answers a line of a `Trial` each."""
     module, _, name = attacker.partition(":")
     files_of: Attacker = getattr(import_module(module), name)
@@ -129,10 +133,10 @@ def main(attacker: str, folder: Path, seconds: int) -> None:
     answers = os.fdopen(os.dup(1), "w")
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
     for line in sys.stdin:
-        print(_attempt(files_of, int(line), folder, seconds).to_line(), file=answers, flush=True)
+        print(_attempt(files_of, int(line), folder, seconds, megabytes).to_line(), file=answers, flush=True)
 
 
-def _attempt(files_of: Attacker, seed: int, folder: Path, limit: int) -> Trial:
+def _attempt(files_of: Attacker, seed: int, folder: Path, most_seconds: int, most_megabytes: int) -> Trial:
     (folder / "kind").write_text("the attack itself")
     specimen, kind = files_of(seed)
     (folder / "kind").write_text(kind)
@@ -147,7 +151,7 @@ def _attempt(files_of: Attacker, seed: int, folder: Path, limit: int) -> Trial:
     size = path.stat().st_size if path.is_file() else 0
     memory, begin = _megabytes(), time.process_time()
     said: list[str] = []
-    signal.setitimer(signal.ITIMER_PROF, limit)
+    signal.setitimer(signal.ITIMER_PROF, most_seconds)
     try:
         with _listening(said):
             enter(specimen.door, path)
@@ -162,7 +166,7 @@ def _attempt(files_of: Attacker, seed: int, folder: Path, limit: int) -> Trial:
     seconds, grown = time.process_time() - begin, _megabytes() - memory
     if outcome != "fault" and said:
         outcome, detail = "fault", f"it said: {said[0][:300]!r}"
-    if outcome != "fault" and grown > MEGABYTES and size <= LARGEST:
+    if outcome != "fault" and grown > most_megabytes and size <= LARGEST:
         outcome, detail = "fault", f"{grown:.0f} MB of memory; then: {detail}"
     return Trial(kind, seed, outcome, detail.replace(str(files) + os.sep, ""), round(seconds, 3), round(grown, 1))
 
@@ -211,4 +215,4 @@ def _megabytes() -> float:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]))
+    main(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))
