@@ -137,6 +137,25 @@ def test_run_opens_the_app_or_without_a_screen_the_demo(house, tmp_path, screen,
     assert (done.returncode, done.stdout) == (0, expected)
 
 
+def test_run_installs_and_tests_the_oldest_versions_on_request(house):
+    """The environment's Python tells what it was asked for, and which versions held then."""
+    programs = house / ".venv-oldest" / "bin"
+    programs.mkdir(parents=True)
+    program(programs / "python", 'echo "${PIP_CONSTRAINT:+held: }$*"')
+    done = subprocess.run(
+        [house / "run", "test", "--oldest", "tests/some.py"], capture_output=True, text=True, check=True
+    )
+    versions = programs.parent / "oldest.txt"
+    asked = [line for line in done.stdout.splitlines() if "-c" not in line.split()]
+    install, compiled, editable, tests = asked
+    assert install.endswith("install uv")
+    assert compiled.startswith("held: -m uv pip compile --quiet --no-header --resolution=lowest-direct --extra=gifti")
+    assert f"--output-file={versions} {house / 'pyproject.toml'}" in compiled
+    assert editable.startswith("held: -m pip")
+    assert editable.endswith(f"--editable {house}[test]")
+    assert tests == "held: -m pytest --numprocesses=auto --dist=worksteal tests/some.py"
+
+
 def test_run_test_reports_every_check_that_failed(house):
     """The copy has neither code nor settings for import-linter: some checks fail, and all of them run."""
     (house / "pyproject.toml").write_text("[tool.mypy]\nfiles = ['missing']\n")

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Match, draw and judge."""
-    arguments.out.mkdir(parents=True, exist_ok=True)
+    outputs.make_folder(arguments.out)
     result, *drawings = (arguments.out / f"demo.{suffix}" for suffix in ("npz", "png", "mp4"))
     for path in (result, *drawings):
         outputs.check(path, [path.suffix])

@@ -59,11 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"there is no figure {arguments.figure!r}; expected {every}")
     numbers = figures if arguments.figure == "all" else (int(arguments.figure),)
     mesh = options.mesh(arguments) if arguments.mesh else None
-    try:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        problem = f"cannot make the folder {arguments.out}: {error.strerror or error}"
-        raise UsageError(f"{problem}; choose another") from None
+    outputs.make_folder(arguments.out)
     for number in numbers:
         for suffix in (".png", ".json"):
             outputs.check(arguments.out / f"figure-{number}{suffix}", [suffix])

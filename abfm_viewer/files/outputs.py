@@ -12,6 +12,7 @@ from PIL import Image
 
 import abfm
 from abfm import ResultError
+from abfm.errors import one_line
 from abfm.io import write_atomically
 from abfm.types import FloatArray
 
@@ -26,6 +27,14 @@ def check(path: Path, suffixes: Collection[str]) -> None:
     if not path.parent.is_dir():
         raise ResultError(f"cannot write {path}: there is no folder {path.parent}; make it first")
     abfm.io.check_writable(path)
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder for output unless it is there; a `ResultError` says why that cannot be."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise ResultError(f"cannot make the folder {path}: {one_line(error)}; choose another") from None
 
 
 WRITERS: dict[str, Callable[[Path, abfm.Match], None]] = {

@@ -9,6 +9,7 @@ from typing import Literal
 
 import av
 import numpy as np
+from av.codec.codec import UnknownCodecError
 from av.filter import Graph
 from av.video.reformatter import ColorRange, Colorspace
 from numpy.typing import NDArray
@@ -59,6 +60,8 @@ def write_movie(
         except av.FFmpegError as error:
             reason = error.strerror or error
             raise ResultError(f"cannot write {path}: {reason}; choose another place or a smaller size") from error
+        except UnknownCodecError as error:
+            raise ResultError(f"cannot write {path}: FFmpeg here has no {error}; install av by pip") from error
 
 
 def _checked(frames: Iterable[Frame], count: int, on_frame: Callable[[int], None] | None) -> Iterator[Frame]:

@@ -100,7 +100,7 @@ def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
     apart = ends[:, 0] != ends[:, 1]
     edges, found = np.unique(ends[apart], axis=0, return_inverse=True)
     edge_of = np.full(len(ends), -1)
-    edge_of[apart] = found
+    edge_of[apart] = found.reshape(-1)  # NumPy 2.0 gives a column
     return _pattern(mesh, clusters, edges, edge_of[mesh.face_edges])
 
 

@@ -8,13 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from abfm.errors import MeshError
+from abfm.errors import MeshError, one_line
 from abfm.mesh.orientation import faces_to_flip
 from abfm.mesh.topology import corner_fans, edge_slots, edges_of_faces, pinched_vertices, vertex_components
 from abfm.types import BoolArray, FloatArray, IntArray
 
 SMALLEST, LARGEST = 1e-60, 1e60  # squared areas of such sizes neither underflow nor overflow
 FLATNESS = 1e-12  # height over longest edge at which a face has no usable gradient
+ROUNDING = 4 * np.finfo(np.float64).eps  # height over distance from the origin at which it is a matter of rounding
+FAR = 1e7  # distance from the origin over width, from which on rounding takes more than 2e-9 of the width
+AT_A_TIME = 1 << 18  # faces whose corners are looked at together, as all of them may not fit into memory
 CLEANING = "in MeshLab for example with Filters > Cleaning and Repairing"
 
 
@@ -58,14 +61,12 @@ def check(
     vertices: ArrayLike, faces: ArrayLike, largest_component: bool, numbers: tuple[IntArray, int] | None = None
 ) -> tuple[Draft, Connectivity]:
     """Refuse, repair or accept a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
-    points = np.array(_number_array(vertices, "vertices", "(V, 3), coordinates as numbers"), dtype=np.float64)
-    triangles = _face_array(faces, len(points))
-    vertex_ids, count = numbers or (np.arange(len(points)), len(points))
-    draft = Draft(points, triangles, vertex_ids, np.arange(len(triangles)), count)
-    draft = _drop_unreferenced(draft)
+    draft = _drop_unreferenced(_draft(vertices, faces, numbers))
     _refuse_unusable_coordinates(draft)
     draft = _one_component(draft, largest_component)
     _refuse_degenerate_faces(draft)
+    draft = _note_distance(draft)
+    _refuse_more_faces_than_edges_allow(draft)
     edges, face_edges = edges_of_faces(draft.faces, len(draft.vertices))
     _refuse_duplicate_faces(draft, face_edges)
     _refuse_non_manifold_edges(draft, edges, face_edges)
@@ -91,8 +92,37 @@ def check(
 
 def twice_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Twice the area of every face, (F,)."""
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    found = np.empty(len(faces))
+    for start in range(0, len(faces), AT_A_TIME):
+        a, b, c = np.moveaxis(vertices[faces[start : start + AT_A_TIME]], 1, 0)
+        found[start : start + AT_A_TIME] = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return found
+
+
+def flat_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
+    """Faces (F,) so flat that gradients on them would be noise: what counts as a face without area.
+
+    The height over the longest edge is at most 1e-12 of that edge, or what rounding does to the coordinates: 9e-16 of
+    how far the face reaches from the origin. That is the same in every unit of length and after every rotation.
+    """
+    twice, distances = twice_areas(vertices, faces), np.linalg.norm(vertices, axis=1)
+    found = np.empty(len(faces), dtype=bool)
+    for start in range(0, len(faces), AT_A_TIME):
+        some = slice(start, start + AT_A_TIME)
+        a, b, c = faces[some].T
+        sides = [vertices[b] - vertices[a], vertices[c] - vertices[b], vertices[a] - vertices[c]]
+        longest = np.sqrt(np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in sides]))
+        reach = np.maximum.reduce([distances[a], distances[b], distances[c]])
+        found[some] = ~(twice[some] > (FLATNESS * longest + ROUNDING * reach) * longest)
+    return found
+
+
+def _draft(vertices: ArrayLike, faces: ArrayLike, numbers: tuple[IntArray, int] | None) -> Draft:
+    """Copies of the input, if they are of the right shapes and types."""
+    points = np.array(_number_array(vertices, "vertices", "(V, 3), coordinates as numbers"), dtype=np.float64)
+    triangles = _face_array(faces, len(points))
+    vertex_ids, count = numbers or (np.arange(len(points)), len(points))
+    return Draft(points, triangles, vertex_ids, np.arange(len(triangles)), count)
 
 
 def _count(number: int | np.integer[Any], one: str, many: str) -> str:
@@ -112,13 +142,15 @@ def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
     if array.size == 0:
         raise MeshError(f"the mesh has no {name}: a surface of vertices and triangles is needed (not a point cloud)")
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iuf":
-        raise MeshError(f"{name} has shape {array.shape} and type {array.dtype}: give an array of shape {meaning}")
+        raise MeshError(
+            f"{name} has shape {array.shape} and type {one_line(array.dtype, 40)}: give an array of shape {meaning}"
+        )
     return array
 
 
 def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
     array = _number_array(faces, "faces", "(F, 3), vertex indices counted from 0 (split larger polygons)")
-    fractional = np.any(array != np.floor(array), axis=1)
+    fractional = np.any(array != np.floor(array), axis=1) if array.dtype.kind == "f" else np.zeros(0, dtype=bool)
     if fractional.any():
         face = np.argmax(fractional)
         raise MeshError(
@@ -128,9 +160,10 @@ def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
     outside = (array < 0) | (array >= vertex_count)
     if outside.any():
         face, corner = np.argwhere(outside)[0]
+        named = one_line(f"{array[face, corner]:.0f}", 40)
         raise MeshError(
             f"{_count(outside.any(axis=1).sum(), 'face names', 'faces name')} a vertex that does not exist (face "
-            f"{face}, counting from 0, names vertex {array[face, corner]:.0f} of {vertex_count} numbered from 0): "
+            f"{face}, counting from 0, names vertex {named} of {vertex_count} numbered from 0): "
             "correct the indices, or complete the vertices"
         )
     return array.astype(np.int64)
@@ -166,6 +199,18 @@ def _refuse_unusable_coordinates(draft: Draft) -> None:
         )
 
 
+def _note_distance(draft: Draft) -> Draft:
+    """Say where coordinates are so large that they leave few digits to the shape itself."""
+    reach, low, high = np.abs(draft.vertices).max(), draft.vertices.min(axis=0), draft.vertices.max(axis=0)
+    ratio = reach / (high - low).max()
+    if ratio < FAR:
+        return draft
+    return draft.noting(
+        f"warning: the surface lies {ratio:.1g} times its width from the origin, where rounding moves its vertices by "
+        f"{np.finfo(np.float64).eps * ratio:.0g} of its width: move it to the origin in the program that made it"
+    )
+
+
 def _one_component(draft: Draft, largest_component: bool) -> Draft:
     component = vertex_components(draft.faces, len(draft.vertices))[draft.faces[:, 0]]
     count = component.max() + 1
@@ -191,11 +236,8 @@ def _one_component(draft: Draft, largest_component: bool) -> Draft:
 def _refuse_degenerate_faces(draft: Draft) -> None:
     a, b, c = draft.faces.T
     _refuse_faces(draft, (a == b) | (b == c) | (c == a), "uses", "use", "a vertex twice", "remove")
-    corners = draft.vertices[draft.faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    rounding = 4 * np.finfo(np.float64).eps * np.abs(corners).max(axis=(1, 2))
-    flat = twice_areas(draft.vertices, draft.faces) <= (FLATNESS * longest + rounding) * longest
-    _refuse_faces(draft, flat, "has", "have", "no area", "remove or collapse")
+    flat = flat_faces(draft.vertices, draft.faces)
+    _refuse_faces(draft, flat, "has", "have", "no area, up to rounding", "remove or collapse")
 
 
 def _refuse_faces(draft: Draft, bad: BoolArray, has: str, have: str, defect: str, remedy: str) -> None:
@@ -208,15 +250,28 @@ def _refuse_faces(draft: Draft, bad: BoolArray, has: str, have: str, defect: str
 
 
 def _refuse_duplicate_faces(draft: Draft, face_edges: IntArray) -> None:
-    order = np.lexsort(np.sort(face_edges, axis=1).T)
-    in_order = np.sort(face_edges, axis=1)[order]
-    again = np.append(False, (in_order[1:] == in_order[:-1]).all(axis=1))
+    a, b, c = face_edges.T
+    least, most = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    keys = least * (face_edges.max() + 1) + (a + b + c - least - most)  # two edges of a triangle tell its vertices
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
+    again = np.append(False, keys[1:] == keys[:-1])
     if again.any():
         position = np.argmax(again)
         first, second = np.sort(draft.face_ids[order[position - 1 : position + 1]])
         raise MeshError(
             f"{_count(again.sum(), 'face repeats', 'faces repeat')} the vertices of another (faces {first} and "
             f"{second}, counting from 0: vertices {draft.corners(order[position])}): remove the copies, {CLEANING}"
+        )
+
+
+def _refuse_more_faces_than_edges_allow(draft: Draft) -> None:
+    """What no surface has is refused before its edges, which may be many more than its vertices, are looked for."""
+    vertices, faces = len(draft.vertices), len(draft.faces)
+    if 3 * faces > vertices * (vertices - 1):
+        raise MeshError(
+            f"{faces} faces on {vertices} vertices have more sides than there are pairs of vertices, twice each: "
+            f"faces repeat or edges have more than two faces; remove the extra ones, {CLEANING}"
         )
 
 

@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-from abfm.errors import MeshError
+from abfm.errors import MeshError, one_line
 from abfm.mesh.readers.contents import FileContents
 from abfm.mesh.readers.gifti import read_gifti
 from abfm.mesh.readers.gltf import read_gltf
@@ -15,7 +15,9 @@ from abfm.mesh.readers.ply import read_ply
 from abfm.mesh.readers.stl import read_stl
 from abfm.mesh.triangle_mesh import TriangleMesh
 from abfm.progress import step
+from abfm.reading import open_plain
 
+_LONGEST_NAME = 300
 READERS: dict[str, Callable[[Path], FileContents]] = {
     ".obj": read_obj,
     ".off": read_off,
@@ -52,36 +54,36 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
         If there is no such file, it cannot be read, or its mesh cannot be used; one line that begins with the
         file's name.
     """
-    file = Path(path)
+    file, name = Path(path), one_line(path, _LONGEST_NAME)
     ending = next((ending for ending in READERS if file.name.lower().endswith(ending)), None)
     if ending is None:
-        raise MeshError(f"{path}: the format is not known from the name's ending; known are {', '.join(READERS)}")
+        raise MeshError(f"{name}: the format is not known from the name's ending; known are {', '.join(READERS)}")
     try:
         vertices, faces, messages = _read(file, ending)
         return TriangleMesh(vertices, faces, largest_component=largest_component, messages=messages)
+    except MemoryError as error:
+        raise MeshError(f"{name}: the mesh does not fit into memory: close other programs, or coarsen it") from error
     except MeshError as error:
-        raise MeshError(f"{path}: {error}") from error
+        raise MeshError(f"{name}: {error}") from error
 
 
 def _read(file: Path, ending: str) -> FileContents:
-    """Contents of the file, or a MeshError: readers, other people's among them, may raise anything on a bad file."""
+    """Contents of the file, or a MeshError: readers may raise anything on a bad file."""
     try:
-        with warnings.catch_warnings():
+        with open_plain(file) as opened:
+            size = opened.seek(0, os.SEEK_END)
+        if size == 0:
+            raise ValueError("the file is empty")
+        with step(f"reading {ending}", size), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            size = file.stat().st_size
-            if size == 0:
-                raise ValueError("the file is empty")
-            with step(f"reading {ending}", size):
-                return READERS[ending](file)
+            return READERS[ending](file)
+    except MemoryError:
+        raise
     except FileNotFoundError as error:
-        missing = f"a file that it names is missing: {_reason(error)}" if file.exists() else "there is no such file"
-        raise MeshError(missing) from error
+        missing = f"a file that it names is missing: {one_line(error.filename)}"
+        raise MeshError(missing if os.path.exists(file) else "there is no such file") from error
     except IsADirectoryError as error:
-        raise MeshError("this is a folder, not a mesh file") from error
+        folder = "this is a folder, not a mesh file"
+        raise MeshError(folder if file.is_dir() else "a file that it names is a folder: correct the name") from error
     except Exception as error:
-        raise MeshError(f"cannot be read as {ending}: {_reason(error)}") from error
-
-
-def _reason(error: Exception) -> str:
-    """First line of what an error says, or its type."""
-    return next(iter(str(error).splitlines()), type(error).__name__)
+        raise MeshError(f"cannot be read as {ending}: {one_line(error)}") from error

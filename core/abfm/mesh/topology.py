@@ -10,10 +10,17 @@ from abfm.types import BoolArray, IntArray
 
 def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
     """Edges (E, 2) as vertex pairs, smaller index first, sorted; and the edge opposite each corner, (F, 3)."""
-    start, end = faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]
-    keys = np.minimum(start, end) * vertex_count + np.maximum(start, end)
-    unique, inverse = np.unique(keys, return_inverse=True)
-    return np.stack(np.divmod(unique, vertex_count), axis=1), inverse.reshape(-1, 3)
+    keys = np.empty((len(faces), 3), dtype=np.int64)
+    for corner in range(3):
+        start, end = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
+        keys[:, corner] = np.minimum(start, end) * vertex_count + np.maximum(start, end)
+    keys = keys.ravel()
+    order = np.argsort(keys)
+    keys = keys[order]
+    first = np.append(True, keys[1:] != keys[:-1])
+    face_edges = np.empty_like(order)
+    face_edges[order] = np.cumsum(first) - 1
+    return np.stack(np.divmod(keys[first], vertex_count), axis=1), face_edges.reshape(-1, 3)
 
 
 def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:

@@ -98,6 +98,6 @@ def _check(status: os.stat_result, most: int) -> None:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(status.st_mode):
         kind = _OTHER.get(stat.S_IFMT(status.st_mode), "something else")
-        raise OSError(errno.EINVAL, f"it is {kind}, not a file; copy what it gives to a file")
+        raise OSError(errno.EINVAL, f"it is {kind}, not a file as is expected")
     if status.st_size > most:
         raise OSError(errno.EFBIG, f"it has {status.st_size} bytes, and at most {most} are read")

@@ -13,6 +13,7 @@ import abfm
 from abfm.assets import asset_path
 from abfm.calculus.operators import face_normals, l2_norm
 from abfm.calculus.vector_fields import directional_derivative, to_frame
+from abfm.flow.exponential import ExponentialFlow
 from abfm.parameters import PAPER
 from tests.core.fields import bump, wavy_field
 from tests.shapes import hemisphere, icosphere, torus
@@ -177,6 +178,29 @@ def test_cancel_keeps_the_best_so_far():
     whole = []
     abfm.match(SPHERE, f, g, on_iteration=whole.append)
     assert np.array_equal(match.velocity, whole[5].velocity)
+
+
+def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
+    """One with 10,000 sub-steps takes seconds: no more of them are made than the few until the next look."""
+    control, steps, of_first = abfm.Control(), 0, 0
+    forward = ExponentialFlow.forward
+
+    def counted(*words):
+        nonlocal steps
+        steps += 1
+        if of_first and steps == of_first + 100:
+            control.cancel()
+        return forward(*words)
+
+    def first(item):
+        nonlocal of_first
+        of_first = of_first or steps
+
+    monkeypatch.setattr(ExponentialFlow, "forward", counted)
+    parameters = abfm.Parameters(gradient="bracket", substeps=500, levels=1, iterations=3)
+    match = abfm.match(SPHERE, *pair(SPHERE), parameters, on_iteration=first, control=control)
+    assert match.stop_reason == "cancelled"
+    assert steps < of_first + 300
 
 
 def test_cancelled_before_it_began_gives_the_start():

@@ -80,24 +80,25 @@ def test_missing_file_and_folder(tmp_path):
     (tmp_path / "folder.obj").mkdir()
     with pytest.raises(MeshError, match=r"folder\.obj: this is a folder"):
         load_mesh(str(tmp_path / "folder.obj"))
-    with pytest.raises(MeshError, match="cannot be read"):
+    with pytest.raises(MeshError, match=r"bad\?name\.obj: there is no such file"):
         load_mesh("bad\0name.obj")
 
 
 def test_gltf_without_its_buffer_names_it(tmp_path):
     files = trimesh.Scene([trimesh.creation.box()]).export(file_type="gltf")
     path = write(tmp_path, "a.gltf", files["model.gltf"])
-    with pytest.raises(MeshError, match=r"a\.gltf: a file that it names is missing: .*gltf_buffer_0\.bin"):
+    with pytest.raises(MeshError, match=r"a\.gltf: a file that it names is missing: .*gltf_buffer_[01]\.bin"):
         load_mesh(path)
     for name in files:
         write(tmp_path, name, files[name])
     assert load_mesh(path).is_closed
 
 
-def test_gifti_without_nibabel_says_what_to_install(tmp_path, monkeypatch):
+def test_gifti_needs_no_further_package(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "nibabel", None)
-    with pytest.raises(MeshError, match=r"pip install abfm\[gifti\]"):
-        load_mesh(write(tmp_path, "a.gii", b"anything"))
+    content, _ = WRITERS["a.surf.gii"]
+    sphere = icosphere(0)
+    assert load_mesh(write(tmp_path, "a.gii", content(sphere.vertices, sphere.faces))).is_closed
 
 
 ENDINGS = ["obj", "off", "ply", "stl", "glb", "gltf", "gii", "gii.gz"]

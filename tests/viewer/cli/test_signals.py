@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -102,6 +104,95 @@ def test_a_signal_ends_a_movie_and_leaves_the_older_file(number, result: Path, t
     assert errors == "abfm: interrupted\n"
     assert movie.read_text() == "older"
     assert [path.name for path in tmp_path.iterdir()] == ["m.mp4"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(("module", "program"), [("cli", "abfm"), ("app", "abfm-viewer")])
+def test_a_signal_inside_an_import_ends_the_program_at_once(module, program, number):
+    """Where compiled code would swallow what is raised, nothing is raised."""
+    script = (
+        "import os, sys\n"
+        "class Signal:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'numpy':\n"
+        f"            try: os.kill(os.getpid(), {int(number)}); sum(range(10**6))\n"
+        "            except BaseException: os._exit(1)\n"
+        "sys.meta_path.insert(0, Signal())\n"
+        "sys.argv = ['abfm', 'info']\n"
+        f"from abfm_viewer.{module} import main; sys.exit(main())"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (128 + number, f"{program}: interrupted\n")
+
+
+LEAVING = """
+import os, signal, sys, tempfile
+from pathlib import Path
+from abfm.io import temporary_folder, write_atomically
+from abfm_viewer.cli.exit_status import program_status
+from abfm_viewer.signals import leave_on_signals, tidied
+
+def run():
+    with write_atomically("m.npz"), temporary_folder(Path.cwd()) as folder, tidied(tidy):
+        (folder / "frame").touch()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+def tidy():
+    os.kill(os.getpid(), signal.SIGINT)  # another one meanwhile
+    sum(range(10**6))
+
+leave_on_signals("abfm")
+print("before", end="")
+sys.exit(program_status("abfm", run))
+"""
+
+
+def test_what_is_in_use_is_removed_also_when_another_signal_comes_meanwhile(tmp_path):
+    (tmp_path / "m.npz").write_text("old")
+    done = subprocess.run(
+        [sys.executable, "-c", LEAVING],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (143, "before", "abfm: interrupted\n")
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"m.npz": "old"}
+
+
+def test_a_signal_that_is_to_be_ignored_stays_ignored():
+    script = (
+        "import os, signal; from abfm_viewer.signals import leave_on_signals, taken_over\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+        "leave_on_signals('abfm')\n"
+        "with taken_over(print): os.kill(os.getpid(), signal.SIGHUP)\n"
+        "os.kill(os.getpid(), signal.SIGHUP)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="looks at processes through /proc")
+def test_a_helper_process_ends_with_the_one_that_started_it():
+    """A kill leaves that no time to end its helpers; one that computes looks whether anybody still waits."""
+    script = (
+        "import os; from abfm.numerics.own_process import OwnProcess\n"
+        "process = OwnProcess('abfm.numerics.cholesky')\n"
+        "print(process._process.pid, os.getpgid(process._process.pid) != os.getpgid(0), flush=True)\n"
+        "os.kill(os.getpid(), 9)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, check=False)
+    helper, is_apart = done.stdout.split()
+    assert is_apart == "True"  # Ctrl-C on a terminal goes to a whole group
+    for _ in range(600):
+        try:
+            if ") Z " in Path(f"/proc/{helper}/stat").read_text():
+                return
+        except OSError:
+            return
+        time.sleep(0.1)
+    pytest.fail("the helper lives on")
 
 
 def test_a_reader_that_has_enough_is_no_error():

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import pytest
 
-from abfm import ResultError
+import abfm
+from abfm import ResultError, load_match
 from abfm_viewer.files import outputs
+from tests.shapes import icosphere
 
 
 @pytest.mark.parametrize(
@@ -28,6 +31,38 @@ def test_paths_that_cannot_be_written_are_refused(tmp_path, name, words):
 def test_a_folder_that_takes_no_files_is_refused():
     with pytest.raises(ResultError, match=r"cannot write /proc/self/result\.npz: .*; choose a place that"):
         outputs.check(Path("/proc/self/result.npz"), [".npz"])
+
+
+@pytest.fixture(scope="module")
+def match():
+    mesh = icosphere(1)
+    x, y, _ = mesh.vertices.T
+    return abfm.match(mesh, x, y, abfm.Parameters(iterations=1, levels=1))
+
+
+@pytest.mark.parametrize("names", [["gone/m.npz"], ["gone/m.npz", "m.vtu"], ["m.csv", "gone/m.ply"]])
+def test_a_result_whose_place_has_gone_is_written_elsewhere(names, match, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ResultError, match=r"cannot write .*gone.*; the result is in .*\.npz$") as told:
+        outputs.write_all([tmp_path / name for name in names], match)
+    kept = Path(str(told.value).rpartition("the result is in ")[2])
+    assert load_match(kept).mismatch == match.mismatch
+    assert {path.name for path in tmp_path.iterdir()} == {name for name in names if "/" not in name} | {kept.name}
+
+
+def test_where_another_file_holds_the_result_nothing_is_written_elsewhere(match, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ResultError, match=r"cannot write .*gone.* space left$"):
+        outputs.write_all([tmp_path / "gone" / "m.vtu", tmp_path / "m.npz"], match)
+    assert [path.name for path in tmp_path.iterdir()] == ["m.npz"]
+
+
+def test_a_result_without_any_place_is_told(match, tmp_path, monkeypatch):
+    monkeypatch.setattr(Path, "home", lambda: tmp_path / "none")
+    monkeypatch.setattr(Path, "cwd", lambda: tmp_path / "none")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
+    with pytest.raises(ResultError, match="no other place for the result either"):
+        outputs.write_all([tmp_path / "gone" / "m.npz"], match)
 
 
 def test_nothing_is_left_by_the_check(tmp_path):

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+import tempfile
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import av
 import numpy as np
 import pytest
+from av.codec.codec import UnknownCodecError
 
 from abfm import ResultError
 from abfm_viewer.appearance.colormaps import table
@@ -117,6 +121,58 @@ def test_what_is_raised_on_the_way_leaves_the_older_file(suffix, error, tmp_path
         write_movie(path, frames(9), 25, 9, cancel)
     with pytest.raises(error):
         write_movie(path, broken(), 25, 9)
+    assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"old"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize(
+    ("what", "error", "message"),
+    [
+        ("add_stream", UnknownCodecError("libx264"), "FFmpeg here has no libx264"),
+        ("mux", av.error.ExternalError(1, "Generic error in an external library"), "Generic error in an external"),
+        ("mux", av.error.OSError(28, "No space left on device"), "No space left on device"),
+        ("close", av.error.OSError(5, "Input/output error"), "Input/output error"),
+    ],
+)
+def test_an_encoder_that_fails_is_one_line_and_leaves_the_older_file(
+    suffix, what, error, message, tmp_path, monkeypatch
+):
+    def failing_open(*words, **options):
+        container = open_container(*words, **options)
+        if "w" not in words:
+            return container
+        failing = MagicMock(wraps=container)
+        failing.__enter__.return_value, failing.__exit__.side_effect = failing, lambda *_: failing.close()
+        setattr(failing, what, MagicMock(side_effect=error))
+        return failing
+
+    open_container = av.open
+    monkeypatch.setattr(av, "open", failing_open)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    path = tmp_path / f"old{suffix}"
+    path.write_bytes(b"old")
+    with pytest.raises(ResultError, match=message) as raised:
+        write_movie(path, frames(3), 25, 3)
+    assert "\n" not in str(raised.value)
+    assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"old"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of a process")
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("size", [10, 2000])
+def test_a_full_disk_leaves_the_older_movie(suffix, size, tmp_path, monkeypatch):
+    import resource
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    path = tmp_path / f"old{suffix}"
+    path.write_bytes(b"old")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        with pytest.raises(ResultError, match="File too large"):
+            write_movie(path, frames(9), 25, 9)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"old"]
 
 

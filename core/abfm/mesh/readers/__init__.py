@@ -1,4 +1,5 @@
 """One reader per file format: a path in, vertices and triangles as the file has them out.
 
-They are our own, but for glTF and GIFTI, because they keep the file's vertex numbers and refuse files that are cut off.
+They are our own because they keep the file's vertex numbers, refuse files that are cut off, and take no more memory and
+time than the length of the file allows.
 """

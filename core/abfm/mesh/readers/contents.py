@@ -1,5 +1,6 @@
 """What every reader returns, and what the formats make necessary to get there."""
 
+from array import array
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -16,36 +17,67 @@ class FileContents(NamedTuple):
     messages: tuple[str, ...] = ()
 
 
-def coordinates(rows: Sequence[Sequence[str]]) -> FloatArray:
-    """Vertices (V, 3) from the words of their lines.
+class PointList:
+    """Vertices as a text file gives them one by one; 24 bytes each."""
 
-    Raises
-    ------
-    ValueError
-        If a line has fewer than three words, or one is no number.
-    """
-    short = next((row for row, words in enumerate(rows) if len(words) < 3), None)
-    if short is not None:
-        raise ValueError(f"vertex {short}, counting from 0, has {len(rows[short])} coordinates instead of 3")
-    return np.array([words[:3] for words in rows], dtype=np.float64)
+    def __init__(self) -> None:
+        self._numbers = array("d")
+
+    def __len__(self) -> int:
+        return len(self._numbers) // 3
+
+    def append(self, words: Sequence[str]) -> None:
+        """Add a vertex from the words of its line.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than three, or one is no number.
+        """
+        if len(words) < 3:
+            raise ValueError(f"vertex {len(self)}, counting from 0, has {len(words)} coordinates instead of 3")
+        self._numbers.extend([float(word) for word in words[:3]])
+
+    def array(self) -> FloatArray:
+        """All of them, (V, 3)."""
+        return np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 3)
 
 
-def split_polygons(vertices: FloatArray, polygons: Sequence[Sequence[int]]) -> FileContents:
-    """Contents with every polygon of more than three corners split into a fan around its first corner.
+class PolygonList:
+    """Faces as a text file gives them one by one; 8 bytes for each and for each of its corners."""
 
-    Raises
-    ------
-    ValueError
-        If a polygon has fewer than three corners.
-    """
-    sizes = np.array([len(polygon) for polygon in polygons])
-    if np.all(sizes == 3):
-        return FileContents(vertices, np.array(polygons, dtype=np.int64).reshape(-1, 3))
-    if sizes.min() < 3:
-        raise ValueError(f"face {np.argmin(sizes)}, counting from 0, has {sizes.min()} corners instead of 3 or more")
-    triangles = [(polygon[0], polygon[k], polygon[k + 1]) for polygon in polygons for k in range(1, len(polygon) - 1)]
-    message = f"polygons with more than three corners were split into triangles: {np.sum(sizes > 3)}"
-    return FileContents(vertices, np.array(triangles, dtype=np.int64), (message,))
+    def __init__(self) -> None:
+        self._sizes, self._corners = array("q"), array("q")
+
+    def append(self, corners: Sequence[int]) -> None:
+        """Add a face from the indices of its vertices.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than three, or one has more digits than any file has vertices.
+        """
+        if len(corners) < 3:
+            raise few_corners(len(self._sizes), len(corners))
+        try:
+            self._corners.extend(corners)
+        except OverflowError:
+            raise ValueError(f"face {len(self._sizes)}, counting from 0, names a vertex beyond all numbers") from None
+        self._sizes.append(len(corners))
+
+    def arrays(self) -> tuple[IntArray, IntArray]:
+        """Number of corners of every face, (P,), and the corners of all, one face after the other."""
+        return np.frombuffer(self._sizes, dtype=np.int64), np.frombuffer(self._corners, dtype=np.int64)
+
+
+def few_corners(face: int, count: int) -> ValueError:
+    """What is said of a face with fewer than three corners."""
+    return ValueError(f"face {face}, counting from 0, has {count} corners instead of 3 or more")
+
+
+def text(data: bytes) -> str:
+    """The text of a file, whose lines end with line feeds; signs that cannot be read are replaced."""
+    return data.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def merge_by_position(vertices: FloatArray, faces: IntArray) -> FileContents:

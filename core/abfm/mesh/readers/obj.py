@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
-from abfm.mesh.readers.contents import FileContents, coordinates, split_polygons
+from abfm.mesh.readers.contents import FileContents, PointList, PolygonList, text
+from abfm.mesh.readers.polygons import split_polygons
+from abfm.reading import read_bytes
 
 
 def read_obj(path: Path) -> FileContents:
@@ -13,16 +15,14 @@ def read_obj(path: Path) -> FileContents:
     ValueError
         Saying what is wrong with the text.
     """
-    text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\\\n", " ")
-    rows: list[list[str]] = []
-    polygons: list[list[int]] = []
-    for line in text.splitlines():
+    points, polygons = PointList(), PolygonList()
+    for line in text(read_bytes(path)).replace("\\\n", " ").splitlines():
         keyword, *words = line.partition("#")[0].split() or [""]
         if keyword == "v":
-            rows.append(words)
+            points.append(words)
         elif keyword == "f":
-            polygons.append([_vertex(word, len(rows)) for word in words])
-    return split_polygons(coordinates(rows), polygons)
+            polygons.append([_vertex(word, len(points)) for word in words])
+    return split_polygons(points.array(), *polygons.arrays())
 
 
 def _vertex(word: str, count: int) -> int:

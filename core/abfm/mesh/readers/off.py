@@ -1,9 +1,12 @@
 """Object File Format: OFF and its relatives with colours, normals or texture coordinates (COFF, NOFF, STOFF)."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
-from abfm.mesh.readers.contents import FileContents, coordinates, split_polygons
+from abfm.mesh.readers.contents import FileContents, PointList, PolygonList, text
+from abfm.mesh.readers.polygons import split_polygons
+from abfm.reading import read_bytes
 
 HEADER = re.compile(r"(?:ST)?C?N?OFF\b", re.IGNORECASE)
 
@@ -16,22 +19,41 @@ def read_off(path: Path) -> FileContents:
     ValueError
         Saying what is wrong with the text.
     """
-    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    rows = [words for line in lines if (words := line.partition("#")[0].split())]
-    if not rows or not HEADER.fullmatch(rows[0][0]):
+    rows = _rows(text(read_bytes(path)))
+    first = next(rows, [""])
+    if not HEADER.fullmatch(first[0]):
         raise ValueError("the first line is not OFF, COFF, NOFF or STOFF")
-    rows[0] = rows[0][1:]
-    rows = rows if rows[0] else rows[1:]
-    if not rows or len(rows[0]) < 2:
+    counts = first[1:] or next(rows, [])
+    if len(counts) < 2:
         raise ValueError("the numbers of vertices and faces are missing")
-    vertex_count, face_count = int(rows[0][0]), int(rows[0][1])
-    if min(vertex_count, face_count) < 0 or len(rows) < 1 + vertex_count + face_count:
+    vertex_count, face_count = int(counts[0]), int(counts[1])
+    if min(vertex_count, face_count) < 0:
+        raise ValueError(f"{vertex_count} vertices and {face_count} faces are announced: give their numbers")
+    points, polygons, lines = PointList(), PolygonList(), 0
+    try:
+        while lines < vertex_count + face_count:
+            words = next(rows)
+            lines += 1
+            if lines <= vertex_count:
+                points.append(words)
+            else:
+                polygons.append(_polygon(words))
+    except (StopIteration, ValueError) as error:
+        lines += sum(1 for _ in rows)
+        if lines >= vertex_count + face_count:
+            raise
         raise ValueError(
-            f"{vertex_count} vertices and {face_count} faces are announced, but {len(rows) - 1} lines follow: "
+            f"{vertex_count} vertices and {face_count} faces are announced, but {lines} lines follow: "
             "the file is cut off"
-        )
-    polygons = [_polygon(words) for words in rows[1 + vertex_count : 1 + vertex_count + face_count]]
-    return split_polygons(coordinates(rows[1 : 1 + vertex_count]), polygons)
+        ) from error
+    return split_polygons(points.array(), *polygons.arrays())
+
+
+def _rows(content: str) -> Iterator[list[str]]:
+    """Words of the lines that have any."""
+    for line in content.splitlines():
+        if words := line.partition("#")[0].split():
+            yield words
 
 
 def _polygon(words: list[str]) -> list[int]:

@@ -5,11 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from abfm.mesh.readers.contents import FileContents, coordinates, merge_by_position
+from abfm.mesh.readers.contents import FileContents, PointList, merge_by_position
+from abfm.reading import read_bytes
 
 HEADER_LENGTH = 84  # bytes: 80 of comment, then the number of triangles
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
-VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE | re.MULTILINE)
+VERTEX = re.compile(  # possessive, and blanks before it on its own line alone: the time grows with the file's length
+    rb"^[^\S\n]*+vertex\s++(\S++)\s++(\S++)\s++(\S++)", re.IGNORECASE | re.MULTILINE
+)
 
 
 def read_stl(path: Path) -> FileContents:
@@ -20,12 +23,15 @@ def read_stl(path: Path) -> FileContents:
     ValueError
         If the file is cut off or not STL.
     """
-    data = path.read_bytes()
+    data = read_bytes(path)
     count = int.from_bytes(data[HEADER_LENGTH - 4 : HEADER_LENGTH], "little")
     if len(data) == HEADER_LENGTH + count * TRIANGLE.itemsize:
         corners = np.frombuffer(data, TRIANGLE, count, HEADER_LENGTH)["corners"].reshape(-1, 3).astype(np.float64)
     elif data.lstrip()[:5].lower() == b"solid" and b"endsolid" in data.lower():
-        corners = coordinates([[word.decode("ascii", "replace") for word in words] for words in VERTEX.findall(data)])
+        points = PointList()
+        for found in VERTEX.finditer(data):
+            points.append([word.decode("ascii", "replace") for word in found.groups()])
+        corners = points.array()
     else:
         raise ValueError("it is neither a complete text file nor as long as its binary header says: it may be cut off")
     if len(corners) % 3:
