@@ -18,6 +18,7 @@ Tone = Literal["good", "ink", "failure"]
 
 _OTHERWISE = {  # of matches that did not come to their end
     "cancelled": "it was cancelled, and the best field so far was kept",
+    "out of memory": "memory ran out, and the best field so far was kept",
     "given": "nothing was solved: Play shows its flow, Match looks for a field of its own",
 }
 _ENDED = {  # of those that are matched, or nearly, without another cause

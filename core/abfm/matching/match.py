@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError, brief
 from abfm.matching.energy.energy import MatchingEnergy
-from abfm.matching.judging.verdict import Outcome, advice
+from abfm.matching.judging.verdict import OUT_OF_MEMORY, Outcome, advice
 from abfm.matching.judging.verification import look
 from abfm.matching.result import Match
 from abfm.matching.solving.control import CancelledError, Control
@@ -63,6 +63,8 @@ def match(
     ------
     AbfmError
         If the functions, parameters, mask, weights or start do not fit.
+    MemoryError
+        If memory runs out before there is a field; later, the best one so far is returned.
     """
     if not isinstance(parameters, Parameters | None):
         raise ParameterError(f"parameters is {brief(parameters)}; expected abfm.Parameters(...)")
@@ -78,7 +80,7 @@ def match(
         count = len(energy.mesh.vertices)
         with step("checking by flow lines", count):
             verified, folded = look(energy, to_ambient(energy.mesh, fields), energy.parameters.tau, between)
-    except (ParameterError, CancelledError):  # too fast for walks, or no time for them
+    except (ParameterError, CancelledError, MemoryError):  # too fast for walks, or no time or memory for them
         verified, folded = np.nan, np.nan
     last = np.array(solver.stage_of) == solver.stage_of[-1]
     energies = np.array(solver.history)[last, 0]
@@ -87,7 +89,7 @@ def match(
         Outcome(advected, mismatch, reason, verified, folded, energies=energies, unmatched=solver.unmatched),
         energy.parameters,
     )
-    if reason != "cancelled" and verdict.kind in ("impossible", "not reached"):
+    if reason not in ("cancelled", OUT_OF_MEMORY) and verdict.kind in ("impossible", "not reached"):
         reason = verdict.kind
     return Match(
         mesh=mesh,

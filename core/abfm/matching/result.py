@@ -49,8 +49,8 @@ class Match:
     folded : float
         Share of the faces, 0 to 1, that this flow folds (`Verification.folded`); NaN if unknown.
     stop_reason : str
-        "converged", "iteration limit" or "cancelled"; "impossible" or "not reached" where the verdict says so; "given"
-        where the field was not sought (that of an experiment).
+        "converged", "iteration limit", "cancelled" or "out of memory"; "impossible" or "not reached" where the verdict
+        says so; "given" where the field was not sought (that of an experiment).
     verdict : Verdict
         What the match came to, why, and what to try.
     mask : (V,) array or None

@@ -139,3 +139,21 @@ def test_slopes_are_asked_for_only_where_the_value_is_low_enough():
     assert len(tried) == 3  # the parabola through 0 and 2.5 has its bottom at 1
     assert found.length == pytest.approx(1.0)
     assert asked == [found.value]
+
+
+def test_a_plain_search_does_not_depend_on_the_frame_of_its_unknowns():
+    rotation = np.linalg.qr(np.random.default_rng(0).normal(size=(8, 8)))[0]
+    bend = np.logspace(0, 3, 8)
+
+    def quadratic(x):
+        return Point(float(0.5 * bend @ (x - 1) ** 2), bend * (x - 1))
+
+    def turned(x):
+        point = quadratic(rotation.T @ x)
+        return Point(point.energy, rotation @ point.gradient)
+
+    one, other = LBFGS(quadratic), LBFGS(turned)
+    state, same = one.init(np.zeros(8)), other.init(np.zeros(8))
+    for _ in range(5):
+        state, same = one.step(state), other.step(same)
+        assert rotation @ state.x == pytest.approx(same.x, abs=1e-9)

@@ -38,7 +38,10 @@ FOLDED = 0.1
 
 _RECENT, _FALLING = 10, 0.01  # an energy still falls that has fallen by this share within so many iterations
 
-_EARLY = ("iteration limit", "cancelled")
+OUT_OF_MEMORY = "out of memory"
+"""Why a match stopped that kept the best field that it had found when memory ran out."""
+_BROKEN_OFF = ("cancelled", OUT_OF_MEMORY)
+_EARLY = ("iteration limit", *_BROKEN_OFF)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +50,7 @@ class Outcome:
 
     advected: FloatArray  # source carried to tau, (C, V)
     mismatch: float  # ``||f_tau - g|| / ||g||`` of the discrete flow
-    stop_reason: str  # "converged", "iteration limit", "line search failed" or "cancelled"
+    stop_reason: str  # "converged", "iteration limit", "line search failed", "cancelled" or "out of memory"
     verified: float = math.nan  # mismatch where flow lines carry the source; NaN if unknown
     folded: float = math.nan  # share of the faces, 0 to 1, that the flow's map turns over; NaN if unknown
     energies: FloatArray | None = None  # (n,), of the last stage's iterates; None counts as still falling
@@ -156,7 +159,7 @@ class _Case:
         outcome, remedies = self.outcome, self.remedies
         if self.squeezed:
             return self._of_squeezing()
-        if outcome.stop_reason == "cancelled":
+        if outcome.stop_reason in _BROKEN_OFF:
             return self._of_an_early_end("not reached")
         if solvability.stood_still(self.problem, outcome.advected) and not self._hardly_began():
             why = "the source hardly moved, as moving costs more smoothness than it gains"
@@ -191,7 +194,7 @@ class _Case:
         return self._verdict(kind, why, "smooth the function that has more of them, or expect a match in part")
 
     def _of_an_early_end(self, kind: Kind) -> Verdict:
-        if self.outcome.stop_reason == "cancelled":
+        if self.outcome.stop_reason in _BROKEN_OFF:
             return self._verdict(kind, self._early_end(), "", self.remedies.go_on())
         return self._verdict(kind, f"{self._early_end()}, still falling", "", *self._more_iterations())
 
@@ -235,7 +238,7 @@ class _Case:
         energies, reason = self.outcome.energies, self.outcome.stop_reason
         if reason not in _EARLY or self.squeezed:
             return False
-        if reason == "cancelled":
+        if reason in _BROKEN_OFF:
             return True
         if energies is None or len(energies) <= _RECENT:
             return True
@@ -248,6 +251,8 @@ class _Case:
     def _early_end(self) -> str:
         if self.outcome.stop_reason == "cancelled":
             return "it was cancelled"
+        if self.outcome.stop_reason == OUT_OF_MEMORY:
+            return "memory ran out, and the best field so far was kept"
         return f"it stopped after the {self.parameters.iterations} iterations it was given"
 
     def _truer(self, or_smoother: bool = False) -> list[Remedy]:

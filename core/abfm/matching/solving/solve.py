@@ -10,6 +10,7 @@ from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import ParameterError
 from abfm.matching.energy.energy import Evaluation, MatchingEnergy, check_fields
 from abfm.matching.judging.confirmation import Best, Confirmation, confirmation, is_resolved, is_walked
+from abfm.matching.judging.verdict import OUT_OF_MEMORY
 from abfm.matching.schedule import MATCHED, REACHED, Stage, finish, gradual, search
 from abfm.matching.solving.calming import calmed
 from abfm.matching.solving.control import CancelledError, Control
@@ -53,6 +54,10 @@ class Solver:
                 self._finish(self._find(fields), warm=False)
         except CancelledError:
             return (*self._on_the_mesh(), "cancelled")
+        except MemoryError:
+            if not self.history:
+                raise
+            return (*self._on_the_mesh(), OUT_OF_MEMORY)
         return (*self._on_the_mesh(), descent.reason)
 
     def _is_lost(self, fields: FloatArray) -> bool:

@@ -1,0 +1,76 @@
+"""Memory that runs out at some moment of a match: one line, or the best field so far, and never a crash.
+
+The command runs twice in a process of its own, which may then have some megabytes more than after the first time.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from abfm.assets import asset_path
+from tests.attack.trial import Trial, run
+
+MESHES = ("human_A.off", "eight.off", "human_fine_A.off")
+COURSES = ([], ["--method", "linearised", "--segments", "5"], ["--gradient", "bracket"], ["--levels", "2"])
+_PATIENCE = 300  # seconds
+_MOST = 1500  # megabytes: more than a match of these meshes takes
+
+_CHILD = """
+import contextlib, io, resource, sys
+from abfm_viewer.cli import main
+words = sys.argv[2:]
+with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):  # all is loaded once
+    main([*words, "--iterations", "1"])
+size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, 2 * (size + int(float(sys.argv[1]) * 2**20),))
+sys.exit(main(words))
+"""
+
+
+def attempt(seed: int) -> Trial:
+    """A match with a random limit."""
+    rng = random.Random(seed)
+    mesh, course = rng.choice(MESHES), rng.choice(COURSES)
+    megabytes = _MOST ** rng.random()
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "m.npz"
+        words = ["match", str(asset_path(mesh)), "--source", "gaussian:vertex=7,width=0.1", "--target"]
+        words += ["gaussian:vertex=40,width=0.1", "--iterations", "15", "--out", str(out), *course]
+        child = subprocess.run(
+            [sys.executable, "-c", _CHILD, str(megabytes), *words],
+            capture_output=True,
+            text=True,
+            timeout=_PATIENCE,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+            check=False,
+        )
+        kind = f"{mesh}/{' '.join(course) or 'default'}/{megabytes:.0f} MB"
+        wrong = fault(child.returncode, child.stderr, out)
+        left = [path.name for path in Path(folder).iterdir() if path != out]
+    wrong = wrong or (f"left {left[0]}" if left else "")
+    outcome = "fault" if wrong else "refused" if child.returncode == 2 else "ok"
+    return Trial(kind, seed, outcome, wrong)
+
+
+def fault(code: int, errors: str, out: Path) -> str:
+    """What is wrong with how a command ended; empty if nothing is."""
+    last = errors.strip().splitlines()[-1:] or [""]
+    if code not in (0, 2, 3):
+        return f"exit {code}: {last[0][:200]}"
+    if "Traceback" in errors:
+        return f"traceback: {last[0][:200]}"
+    if code == 2:
+        return "" if len(last[0]) > 10 else "no word of why"
+    with np.load(out) as result:
+        return "" if np.isfinite(result["velocity"]).all() else "a field that is not finite"
+
+
+if __name__ == "__main__":
+    run(attempt, __doc__ or "")
