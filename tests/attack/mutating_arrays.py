@@ -89,7 +89,7 @@ def npy(random: Random, data: bytes) -> bytes:
     elif act == 2:
         header = header.replace("False", random.choice(("True", "1", "None", "'x'")))
     elif act == 3:
-        place = random.randrange(len(header))
+        place = random.randrange(len(header) or 1)
         header = header[:place] + chr(random.randrange(256)) + header[place + random.randrange(2) :]
     elif act == 4:
         header = header.replace("'shape'", random.choice(("'shape ", "'x'", "'descr'", "shape")))
@@ -167,7 +167,7 @@ def directory(random: Random, data: bytes) -> bytes:
             continue
         field = random.choice(places) + random.randrange(4, {b"PK\1\2": 46, b"PK\3\4": 30, b"PK\5\6": 22}[mark], 2)
         value = random.choice(
-            (0, 1, 8, 12, 14, 99, 0xFFFF, 0xFFFFFFFF, random.randrange(2**16), random.randrange(len(data)))
+            (0, 1, 8, 12, 14, 99, 0xFFFF, 0xFFFFFFFF, random.randrange(2**16), random.randrange(len(data) or 1))
         )
         width = random.choice((2, 4))
         data = data[:field] + (value & (256**width - 1)).to_bytes(width, "little") + data[field + width :]
