@@ -16,9 +16,11 @@ def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArr
         sides[:, corner] = np.minimum(start, end) * vertex_count + np.maximum(start, end)
     order = np.argsort(sides, axis=None)
     keys = sides.ravel()[order]
+    del sides  # of millions of faces these fill much memory
     first = np.append(True, keys[1:] != keys[:-1])
     face_edges = np.empty_like(order)
     face_edges[order] = np.cumsum(first) - 1
+    del order
     return np.stack(np.divmod(keys[first], vertex_count), axis=1), face_edges.reshape(-1, 3)
 
 
