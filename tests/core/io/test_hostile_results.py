@@ -167,7 +167,7 @@ def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved: Path, tmp_path: Pat
     assert "a method other than deflate" in error_line(saved)
     overlapping_zip(tmp_path / "overlap.npz", [f"{number}.npy" for number in range(30)], bytes(4_000_000))
     with (  # newer versions of Python refuse overlapping members themselves
-        pytest.raises(ResultError, match="more bytes than a zip of this size can hold|Overlapped entries"),
+        pytest.raises(ResultError, match=r"more bytes than a zip of this size can hold|Overlapped entries"),
         open_archive(tmp_path / "overlap.npz", "result", "") as archive,
     ):
         assert all(archive.read(f"{number}.npy") for number in range(30))
