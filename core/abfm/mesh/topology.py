@@ -10,7 +10,7 @@ from abfm.types import BoolArray, IntArray
 
 def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
     """Edges (E, 2) as vertex pairs, smaller index first, sorted; and the edge opposite each corner, (F, 3)."""
-    keys = np.empty((len(faces), 3), dtype=np.int64)
+    keys: IntArray = np.empty((len(faces), 3), dtype=np.int64)
     for corner in range(3):
         start, end = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
         keys[:, corner] = np.minimum(start, end) * vertex_count + np.maximum(start, end)
