@@ -1,5 +1,6 @@
 """The process that `match_apart` speaks with: one thread matches, this one listens."""
 
+import gc
 import os
 import threading
 import traceback
@@ -96,6 +97,7 @@ class _Matching:
                         traceback.print_exc()
                 case ("match", number, problem, given):
                     self._match(mesh, number, problem, given)
+                    gc.collect()  # its workspace is in a cycle of few objects, for which Python looks late
 
     def _match(self, mesh: TriangleMesh, number: int, problem: tuple[Any, ...], given: dict[str, Any]) -> None:
         pace, names = PicturePace(), numbers()

@@ -169,7 +169,8 @@ class Solver:
         left = (self._result, self.run, self.problem)
         self.state = State.FAILED if self._error else State.ENDED
         self.reason = self._error or (self._result.stop_reason if self._result else "cancelled")
-        self.snapshot = self.step = None
+        self.snapshot = self.step = self._result = None
+        self._keeper = Keeper(0)
         return left
 
     def unfinished(self, snapshot: Snapshot, functions: Functions) -> tuple[abfm.Match, Run | None]:

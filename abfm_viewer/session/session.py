@@ -270,6 +270,7 @@ class Session(Housekeeping):
         self._notices.mend(RUN)
         failed, replaced = self.solver.failed, problem.mesh is not self.mesh
         document = self._run_began if replaced else self.document
+        self._run_began = self.document
         runs = document.runs if run is None else (*document.runs, run)
         if match is not None:
             self._kept.found(replace(document, result=match, runs=runs))

@@ -212,7 +212,7 @@ class Monkey:
             if session.history.moves == moves:
                 self.found.fault(f"undo of {label!r} did nothing: {session.notice.text}")
                 return
-        if differing := _differing(start, session.document):
+        if differing := differences(start, session.document):
             self.found.fault(f"undo left other {', '.join(differing)}")
 
     def _save_all(self) -> None:
@@ -250,7 +250,7 @@ class Monkey:
             traceback.print_exc, threading.excepthook = print_exc, hook
 
 
-def _differing(one: Document, other: Document) -> list[str]:
+def differences(one: Document, other: Document) -> list[str]:
     """What two documents differ in; how surfaces are turned and the time that plays are not steps of undo."""
     seen = {"look": None, "large": "", "front": None}
     one, other = (replace(each, view=replace(each.view, **seen), time=0.0) for each in (one, other))
@@ -470,12 +470,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first sequence")
     parser.add_argument("--count", type=int, default=1, help="of sequences, each with the next seed")
     parser.add_argument("--minutes", type=float, default=0.0, help="so long at least, with further seeds")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="after which no sequence begins")
     parser.add_argument("--apart", action="store_true", help="match and evaluate in processes")
     asked = parser.parse_args()
     resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
     began, seed = time.monotonic(), asked.seed
     with Monkey(asked.apart) as monkey:
         while seed < asked.seed + asked.count or time.monotonic() - began < 60 * asked.minutes:
+            if time.monotonic() - began > asked.seconds:
+                break
             trial = monkey.sequence(seed)
             print(trial.to_line(), flush=True)
             if (seed - asked.seed) % 50 == 49:

@@ -89,7 +89,7 @@ def npy(random: Random, data: bytes) -> bytes:
     elif act == 2:
         header = header.replace("False", random.choice(("True", "1", "None", "'x'")))
     elif act == 3:
-        place = random.randrange(len(header))
+        place = random.randrange(len(header) or 1)
         header = header[:place] + chr(random.randrange(256)) + header[place + random.randrange(2) :]
     elif act == 4:
         header = header.replace("'shape'", random.choice(("'shape ", "'x'", "'descr'", "shape")))
@@ -100,7 +100,13 @@ def npy(random: Random, data: bytes) -> bytes:
     else:
         version = random.choice((b"\1\0", b"\2\0", b"\3\0", b"\x09\0"))
         length = random.choice((len(header), 0, 1, 65535, len(header) - 3))
-        return data[:6] + version + struct.pack(random.choice(("<H", "<I")), length) + header.encode("latin-1") + body
+        return (
+            data[:6]
+            + version
+            + struct.pack(random.choice(("<H", "<I")), max(length, 0) & 0xFFFF)
+            + header.encode("latin-1")
+            + body
+        )
     if random.random() < 0.5:  # as NumPy writes it: a multiple of 64 bytes
         header = header.rstrip() + " " * (-(len(header.rstrip()) + 11) % 64) + "\n"
     return data[:8] + struct.pack("<H", len(header) & 0xFFFF) + header.encode("latin-1") + body
@@ -167,7 +173,7 @@ def directory(random: Random, data: bytes) -> bytes:
             continue
         field = random.choice(places) + random.randrange(4, {b"PK\1\2": 46, b"PK\3\4": 30, b"PK\5\6": 22}[mark], 2)
         value = random.choice(
-            (0, 1, 8, 12, 14, 99, 0xFFFF, 0xFFFFFFFF, random.randrange(2**16), random.randrange(len(data)))
+            (0, 1, 8, 12, 14, 99, 0xFFFF, 0xFFFFFFFF, random.randrange(2**16), random.randrange(len(data) or 1))
         )
         width = random.choice((2, 4))
         data = data[:field] + (value & (256**width - 1)).to_bytes(width, "little") + data[field + width :]

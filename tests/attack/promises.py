@@ -41,7 +41,7 @@ def write(tallies: dict[str, Tally]) -> None:
         total.refused += tally.refused
         total.fault_count += tally.fault_count
         total.seconds, total.megabytes = max(total.seconds, tally.seconds), max(total.megabytes, tally.megabytes)
-        total.faults = [*map(tuple, total.faults), *tally.faults]
+        total.faults = list(dict.fromkeys([*map(tuple, total.faults), *tally.faults]))
     plain = {
         part: {name: value for name, value in vars(total).items() if name != "part"} for part, total in totals.items()
     }

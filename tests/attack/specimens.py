@@ -34,17 +34,17 @@ X, Y = MESH.vertices[:, 0].copy(), MESH.vertices[:, 1].copy()
 
 SPECS = (
     "gaussian:vertex=17,width=0.35",
-    "gaussian:vertex=17,width=0.35,height=-2.5 + 0.5*gaussian:vertex=3",
-    "coordinate:x + expression:x**2*sin(3*y) - sqrt(abs(z))",
+    "gaussian:vertex=17,width=0.35,height=-2.5 + gaussian:x=0.5,y=1,z=-1",
+    "coordinate:x + (expression:x**2*sin(3*y) - sqrt(abs(z))) + shape-diameter",
     "eigenfunction:3",
     "geodesic:vertex=4",
     "indicator:axis=x,above=0.25",
     "curvature:mean",
     "wks:energy=0.5",
     "hks:time=0.5",
-    "permuted:mirror(coordinate:y)",
+    "permuted:mirror(coordinate:y + coordinate:z)",
     'file:"a, (b).csv",column=depth',
-    "1e-3*coordinate:z + -2*coordinate:x",
+    "indicator:vertex=3,radius=0.5",
 )
 """Functions as text; no file, but what users type and what projects hold."""
 

@@ -41,8 +41,11 @@ Attacker = Callable[[int], tuple[Specimen, str]]
 class Victim:
     """Tries the files of an attacker, named ``module:function``; what is a fault is kept in a folder."""
 
-    def __init__(self, part: str, attacker: str, keep: Path | None = None) -> None:
+    def __init__(
+        self, part: str, attacker: str, keep: Path, seconds: int = SECONDS, megabytes: int = MEGABYTES
+    ) -> None:
         self._part, self._attacker, self._keep = part, attacker, keep
+        self._seconds, self._megabytes = seconds, megabytes
         self._process: subprocess.Popen[str] | None = None
         self._folder = Path(tempfile.mkdtemp(prefix="abfm-attack-"))
 
@@ -68,12 +71,13 @@ class Victim:
         trial = Trial.from_line(line) if line else self._died(seed, bool(ready))
         if trial.outcome == "fault":
             self._keep_files(seed)
-            if trial.megabytes > MEGABYTES:  # so that the next one's memory can be told
+            if trial.megabytes > self._megabytes:  # so that the next one's memory can be told
                 self._end()
         return trial
 
     def _start(self) -> None:
         command = [sys.executable, "-m", "tests.attack.victim", self._attacker, str(self._folder)]
+        command += [str(self._seconds), str(self._megabytes)]
         with (self._folder / "log").open("w") as log:
             self._process = subprocess.Popen(
                 command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True
@@ -84,14 +88,16 @@ class Victim:
         if has_ended:
             status = self._process.wait()
             name = signal.Signals(-status).name if status < 0 else f"exit status {status}"
-            why = f"more than {SECONDS} s of CPU time" if status == -signal.SIGPROF else f"the process died: {name}"
+            why = (
+                f"more than {self._seconds} s of CPU time" if status == -signal.SIGPROF else f"the process died: {name}"
+            )
         else:
             why = f"nothing within {_PATIENCE:g} s by the clock"
         self._end()
         log = (self._folder / "log").read_text(errors="replace")
         if not (self._folder / "kind").exists():
             raise RuntimeError(f"the process that is attacked did not begin: {log}")
-        return Trial((self._folder / "kind").read_text(), seed, "fault", f"{why}: {_place(log)}", SECONDS)
+        return Trial((self._folder / "kind").read_text(), seed, "fault", f"{why}: {_place(log)}")
 
     def _end(self) -> None:
         if self._process is not None:
@@ -100,10 +106,9 @@ class Victim:
             self._process = None
 
     def _keep_files(self, seed: int) -> None:
-        if self._keep is not None:
-            place = self._keep / f"{self._part}-{seed}"
-            shutil.rmtree(place, ignore_errors=True)
-            shutil.copytree(self._folder / "files", place, symlinks=True, ignore=_what_is_no_file)
+        place = self._keep / f"{self._part}-{seed}"
+        shutil.rmtree(place, ignore_errors=True)
+        shutil.copytree(self._folder / "files", place, symlinks=True, ignore=_what_is_no_file)
 
 
 def _what_is_no_file(folder: str, names: list[str]) -> list[str]:
@@ -118,7 +123,7 @@ def _place(log: str) -> str:
     return lines[0].replace(str(ROOT) + os.sep, "")[:300]
 
 
-def main(attacker: str, folder: Path) -> None:
+def main(attacker: str, folder: Path, seconds: int, megabytes: int) -> None:
     """The process: reads seeds, a line each, and answers a line of a `Trial` each."""
     module, _, name = attacker.partition(":")
     files_of: Attacker = getattr(import_module(module), name)
@@ -128,10 +133,11 @@ def main(attacker: str, folder: Path) -> None:
     answers = os.fdopen(os.dup(1), "w")
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
     for line in sys.stdin:
-        print(_attempt(files_of, int(line), folder).to_line(), file=answers, flush=True)
+        print(_attempt(files_of, int(line), folder, seconds, megabytes).to_line(), file=answers, flush=True)
 
 
-def _attempt(files_of: Attacker, seed: int, folder: Path) -> Trial:
+def _attempt(files_of: Attacker, seed: int, folder: Path, most_seconds: int, most_megabytes: int) -> Trial:
+    (folder / "kind").write_text("the attack itself")
     specimen, kind = files_of(seed)
     (folder / "kind").write_text(kind)
     files = folder / "files"
@@ -145,7 +151,7 @@ def _attempt(files_of: Attacker, seed: int, folder: Path) -> Trial:
     size = path.stat().st_size if path.is_file() else 0
     memory, begin = _megabytes(), time.process_time()
     said: list[str] = []
-    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    signal.setitimer(signal.ITIMER_PROF, most_seconds)
     try:
         with _listening(said):
             enter(specimen.door, path)
@@ -160,8 +166,10 @@ def _attempt(files_of: Attacker, seed: int, folder: Path) -> Trial:
     seconds, grown = time.process_time() - begin, _megabytes() - memory
     if outcome != "fault" and said:
         outcome, detail = "fault", f"it said: {said[0][:300]!r}"
-    if outcome != "fault" and grown > MEGABYTES and size <= LARGEST:
+    if outcome != "fault" and grown > most_megabytes and size <= LARGEST:
         outcome, detail = "fault", f"{grown:.0f} MB of memory; then: {detail}"
+    if size > LARGEST:  # may take longer and more
+        seconds = grown = 0.0
     return Trial(kind, seed, outcome, detail.replace(str(files) + os.sep, ""), round(seconds, 3), round(grown, 1))
 
 
@@ -209,4 +217,4 @@ def _megabytes() -> float:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]))
+    main(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))

@@ -115,8 +115,10 @@ def _read_text(path: Path) -> tuple[list[str], FloatArray]:
     rows = lines[1:] if names else lines
     if not rows:
         raise ValueError(f"it has only the line {shown(lines[0])}")
-    table = np.loadtxt(rows, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
-    return names, table
+    try:
+        return names, np.loadtxt(rows, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
+    except ValueError as error:
+        raise ValueError(str(error).partition("; use `usecols`")[0]) from error  # which is advice to who programs
 
 
 def _is_number(text: str) -> bool:

@@ -10,16 +10,17 @@ from abfm.types import BoolArray, IntArray
 
 def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
     """Edges (E, 2) as vertex pairs, smaller index first, sorted; and the edge opposite each corner, (F, 3)."""
-    keys: IntArray = np.empty((len(faces), 3), dtype=np.int64)
+    sides = np.empty((len(faces), 3), dtype=np.int64)
     for corner in range(3):
         start, end = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
-        keys[:, corner] = np.minimum(start, end) * vertex_count + np.maximum(start, end)
-    keys = keys.ravel()
-    order = np.argsort(keys)
-    keys = keys[order]
+        sides[:, corner] = np.minimum(start, end) * vertex_count + np.maximum(start, end)
+    order = np.argsort(sides, axis=None)
+    keys = sides.ravel()[order]
+    del sides  # of millions of faces these fill much memory
     first = np.append(True, keys[1:] != keys[:-1])
     face_edges = np.empty_like(order)
     face_edges[order] = np.cumsum(first) - 1
+    del order
     return np.stack(np.divmod(keys[first], vertex_count), axis=1), face_edges.reshape(-1, 3)
 
 

@@ -72,6 +72,12 @@ def test_columns_of_arrays_and_gifti(tmp_path: Path) -> None:
         assert_array_equal(function(MESH, f"file:{tmp_path / name},column=1"), (2 * VALUES).astype(np.float32))
 
 
+def test_a_line_of_another_length_is_named_without_advice_to_programmers(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("1,2\n3,4\n5,6,7\n")
+    with pytest.raises(FunctionError, match=r"columns changed from 2 to 3 at row 3$"):
+        function(MESH, f"file:{tmp_path / 'a.csv'},column=0")
+
+
 def test_comments_and_empty_lines_are_skipped(tmp_path: Path) -> None:
     lines = ["# made by hand", "", *map(repr, VALUES.tolist()), ""]
     (tmp_path / "a.txt").write_text("\r\n".join(lines))

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from abfm.errors import FunctionError, MeshError
 from abfm.mesh import TriangleMesh
+from abfm.mesh.checks import flat_faces
 from tests.shapes import disc, icosphere, moebius_arrays, square, tetrahedron, torus
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -201,6 +202,91 @@ def test_acceptance_does_not_depend_on_the_unit(power):
         else:
             with pytest.raises(MeshError, match="no area"):
                 TriangleMesh(vertices, [[0, 1, 2]])
+
+
+@given(power=st.integers(-12, 12), seed=st.integers(0, 2**32 - 1))
+def test_what_is_flat_depends_on_neither_unit_nor_direction(power, seed):
+    """Heights of 1e-11 and 1e-13 of the longest edge, on either side of the bound, with a short edge or without."""
+    random = np.random.default_rng(seed)
+    frame, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    for height, usable in ((1e-11, True), (1e-13, False)):
+        for place in (0.3, 1.0 + 1e-5):
+            triangle = np.array([[0.0, 0, 0], [1, 0, 0], [place, height, 0]]) * 10.0**power
+            assert flat_faces(triangle @ frame, np.array([[0, 1, 2]])).tolist() == [not usable]
+
+
+@given(power=st.integers(-12, 12), reach=st.floats(0, 1e6), seed=st.integers(0, 2**32 - 1))
+def test_what_is_flat_does_not_depend_on_the_place_up_to_rounding(power, reach, seed):
+    """A face with an edge of 1e-5 is no flat one as long as rounding leaves it its shape."""
+    random = np.random.default_rng(seed)
+    triangle = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1e-5, 0]]) + reach * random.uniform(-1, 1, 3)
+    assert not flat_faces(triangle * 10.0**power, np.array([[0, 1, 2]])).any()
+    assert flat_faces(triangle * [1, 1e-14, 1] * 10.0**power, np.array([[0, 1, 2]])).all()
+
+
+@pytest.mark.parametrize("power", [-12, -5, 0, 5, 12])
+def test_a_mesh_far_away_is_used_with_a_warning(power):
+    sphere = icosphere(2)
+    near, far = (TriangleMesh((sphere.vertices + shift) * 10.0**power, sphere.faces) for shift in (1e6, 1e9))
+    assert near.messages == ()
+    assert re.match(
+        r"warning: the surface lies 5e\+08 times its width from the origin, .* by 1e-07 of", far.messages[0]
+    )
+
+
+def klein_bottle_faces(n):
+    """Faces of a grid on the Klein bottle: sides are glued, one of them turned round."""
+    index = [[i * n + j for j in range(n)] for i in range(n)]
+    index = [[*row, row[0]] for row in index]
+    index.append([index[0][(n - j) % n] for j in range(n + 1)])
+    quads = [(index[i][j], index[i + 1][j], index[i + 1][j + 1], index[i][j + 1]) for i in range(n) for j in range(n)]
+    return np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+
+
+def test_a_klein_bottle_is_one_sided():
+    faces = klein_bottle_faces(6)
+    vertices = np.random.default_rng(0).normal(size=(36, 3))
+    with pytest.raises(MeshError, match=r"not orientable.*72 of 72 faces"):
+        TriangleMesh(vertices, faces)
+
+
+def test_two_faces_back_to_back_are_refused():
+    with pytest.raises(MeshError, match="1 face repeats"):
+        TriangleMesh(TRIANGLE, [[0, 1, 2], [0, 2, 1]])
+
+
+def test_more_faces_than_pairs_of_vertices_allow_are_refused_before_edges_are_looked_for(monkeypatch):
+    mesh = tetrahedron()
+    monkeypatch.setattr("abfm.mesh.checks.edges_of_faces", None)
+    with pytest.raises(MeshError, match="5 faces on 4 vertices have more sides than there are pairs"):
+        TriangleMesh(mesh.vertices, [*mesh.faces, [0, 1, 2]])
+
+
+def test_the_smallest_surfaces():
+    one, closed = TriangleMesh(TRIANGLE, [[0, 1, 2]]), tetrahedron()
+    assert (one.is_closed, one.boundary_loop_count, one.genus) == (False, 1, 0)
+    assert (closed.is_closed, closed.genus, len(closed.faces)) == (True, 0, 4)
+
+
+def test_parts_that_touch_in_a_vertex_are_one_pinched_surface():
+    first, second = tetrahedron(), tetrahedron()
+    vertices = np.concatenate([first.vertices, second.vertices + 10])
+    faces = np.concatenate([first.faces, np.where(second.faces == 0, 0, second.faces + 4)])
+    mesh = TriangleMesh(vertices, faces)
+    assert "1 vertex is pinched" in mesh.messages[-1]
+    assert mesh.is_closed
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, 1e61])
+def test_coordinates_that_overflow_are_refused(value):
+    with pytest.raises(MeshError, match="areas over- or underflow: rescale"):
+        TriangleMesh(*with_vertex(3, [0, value, 0]))
+
+
+def test_an_index_of_300_digits_stays_on_a_short_line():
+    with pytest.raises(MeshError, match="names vertex") as caught:
+        TriangleMesh(TRIANGLE, [[0, 1, 1e300]])
+    assert len(str(caught.value)) < 250
 
 
 def test_torus_with_doubled_sheet_is_not_manifold_everywhere():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from functools import partial
 
 import pytest
@@ -63,3 +64,29 @@ def test_a_run_whose_process_has_just_ended_is_no_problem_of_copies(desk, recove
     until(kept, session)
     assert session.cards == ()
     assert list(desk.state.path.glob("autosave-*.abfm"))
+
+
+def test_meshes_that_were_left_with_nothing_unsaved_have_no_copies_and_no_threads(desk, recoveries, tmp_path):
+    mesh = icosphere(1)
+    path = tmp_path / "later.off"
+    path.write_text(off_text(mesh.vertices, mesh.faces))
+    session = desk.session
+    for number in range(5):
+        desk.open(path)
+        session.set_parameter(alpha=2.0 + number)
+
+        def copied() -> bool:
+            recoveries.update()
+            return bool(list(desk.state.path.glob("autosave-*.abfm")))
+
+        until(copied, session)
+        session.undo()
+
+        def let_go() -> bool:
+            recoveries.update()
+            return not list(desk.state.path.glob("autosave-*.abfm"))
+
+        until(let_go, session)
+    desk.open(path)
+    until(lambda: recoveries.update() or len(recoveries._autosaves) <= 1, session)
+    until(lambda: not [each for each in threading.enumerate() if each.name.startswith("autosave")], session)

@@ -69,11 +69,15 @@ class Document:
 
     def node(self, index: int) -> Node:
         entry = self._entry("nodes", index)
-        matrix = _numbers(entry, "matrix", np.eye(4).ravel()).reshape(4, 4).T
-        moved, scaled = np.eye(4), np.diag(np.append(_numbers(entry, "scale", np.ones(3)), 1.0))
-        moved[:3, 3] = _numbers(entry, "translation", np.zeros(3))
-        x, y, z, w = _numbers(entry, "rotation", np.array([0.0, 0, 0, 1]))
-        matrix = matrix @ moved @ _rotation(np.array([w, x, y, z])) @ scaled
+        matrix = _numbers(entry, "matrix", 16).reshape(4, 4).T if "matrix" in entry else np.eye(4)
+        if "translation" in entry:
+            moved = np.eye(4)
+            moved[:3, 3] = _numbers(entry, "translation", 3)
+            matrix = matrix @ moved
+        if "rotation" in entry:
+            matrix = matrix @ _rotation(np.roll(_numbers(entry, "rotation", 4), 1))
+        if "scale" in entry:
+            matrix = matrix @ np.diag(np.append(_numbers(entry, "scale", 3), 1.0))
         if not np.isfinite(matrix).all():
             raise ValueError(f"node {index} is placed by numbers that are not finite")
         return Node(_of(entry, "mesh", int, None), _indices(entry, "children"), matrix)
@@ -182,13 +186,10 @@ def _indices(entry: dict[str, Any], name: str) -> list[int]:
     return found
 
 
-def _numbers(entry: dict[str, Any], name: str, default: FloatArray) -> FloatArray:
-    """So many numbers as the default has."""
+def _numbers(entry: dict[str, Any], name: str, count: int) -> FloatArray:
     found = _of(entry, name, list, None)
-    if found is None:
-        return default
-    if len(found) != len(default) or not all(isinstance(number, int | float) for number in found):
-        raise ValueError(f"the {name} of a node is not made of {len(default)} numbers")
+    if found is None or len(found) != count or not all(isinstance(number, int | float) for number in found):
+        raise ValueError(f"the {name} of a node is not made of {count} numbers")
     return np.array([float(number) for number in found])
 
 

@@ -1,0 +1,158 @@
+"""glTF scenes: what trimesh makes of those that are right, and why the others are refused."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from abfm.errors import MeshError
+from abfm.mesh import load_mesh
+from abfm.mesh.readers import gltf
+from tests.attack.heavy_meshes import TRIANGLE, glb, gltf_header
+from tests.mesh_writers import write
+from tests.shapes import icosphere
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("scenes")
+
+
+def random_nodes(random, count):
+    """Nodes of a forest that all show mesh 0, moved, turned, mirrored and sheared; and its roots."""
+    parents = [-1, *(int(random.integers(-1, k)) for k in range(1, count))]
+    nodes = []
+    for k in range(count):
+        node = {"mesh": 0, "children": [child for child in range(count) if parents[child] == k]}
+        if random.random() < 0.4:
+            node["matrix"] = np.vstack([random.normal(size=(3, 4)), [0, 0, 0, 1]]).T.ravel().tolist()
+        else:
+            node |= {"translation": random.normal(size=3).tolist(), "scale": random.normal(size=3).tolist()}
+            node["rotation"] = random.normal(size=4).tolist()
+        nodes.append(node)
+    return nodes, [k for k in range(count) if parents[k] < 0]
+
+
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 6))
+@settings(max_examples=25)
+def test_scenes_are_as_trimesh_reads_them(folder, seed, count):
+    nodes, roots = random_nodes(np.random.default_rng(seed), count)
+    path = write(folder, "a.glb", glb(gltf_header(nodes=nodes, scenes=[{"nodes": roots}])))
+    theirs = trimesh.load_mesh(path, process=False)
+    ours = gltf.read_gltf(path)
+    np.testing.assert_array_equal(ours.faces, theirs.faces)
+    np.testing.assert_allclose(ours.vertices, theirs.vertices, rtol=1e-12, atol=1e-12)
+
+
+def strip_of(mode):
+    corners = np.array([0, 1, 2, 3], dtype="<u4")
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]] if mode == 5 else
+                      [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype="<f4")  # fmt: skip
+    header = gltf_header(
+        meshes=[{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": mode}]}],
+        accessors=[
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5125, "count": 4, "type": "SCALAR"},
+        ],
+        bufferViews=[
+            {"buffer": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 16},
+        ],
+    )
+    return glb(header, points.tobytes() + corners.tobytes())
+
+
+@pytest.mark.parametrize("mode", [gltf.STRIP, gltf.FAN])
+def test_strips_and_fans_keep_one_side(tmp_path, mode):
+    mesh = load_mesh(write(tmp_path, "a.glb", strip_of(mode)))
+    assert len(mesh.faces) == 2
+    assert mesh.messages == ()
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    assert np.cross(b - a, c - a)[:, 2].tolist() == [1, 1]
+
+
+def test_one_buffer_for_several_is_read_once(tmp_path, monkeypatch):
+    write(tmp_path, "a.bin", TRIANGLE)
+    buffers = [{"byteLength": 48, "uri": uri} for uri in ("a.bin", "./a.bin", "%61.bin")]
+    views = gltf_header()["bufferViews"]
+    header = gltf_header(buffers=buffers, bufferViews=[view | {"buffer": k + 1} for k, view in enumerate(views)])
+    read = []
+    monkeypatch.setattr("abfm.mesh.readers.gltf_data.read_bytes", lambda path: read.append(path) or path.read_bytes())
+    assert len(load_mesh(write(tmp_path, "a.gltf", json.dumps(header))).faces) == 1
+    assert [path.name for path in read] == ["a.gltf", "a.bin"]
+
+
+SPARSE = {"count": 1, "indices": {"bufferView": 1, "componentType": 5125}, "values": {"bufferView": 0}}
+POSITIONS, CORNERS = gltf_header()["accessors"]
+VIEWS = gltf_header()["bufferViews"]
+
+
+def doubled(levels):
+    """Each node shows the next one twice."""
+    return [*({"children": [k + 1, k + 1]} for k in range(levels)), {"mesh": 0}]
+
+
+REFUSED = {
+    "nan": ({"nodes": [{"mesh": 0, "matrix": [float("nan")] * 16}]}, "node 0 is placed by numbers that are not finite"),
+    "infinite": ({"nodes": [{"mesh": 0, "translation": [0, 1e999, 0]}]}, "node 0 is placed by numbers that are not f"),
+    "short matrix": ({"nodes": [{"mesh": 0, "matrix": [1.0] * 15}]}, "matrix of a node is not made of 16 numbers"),
+    "flattened": ({"nodes": [{"mesh": 0, "scale": [1, 0, 0]}]}, "degenerate"),
+    "a circle": ({"nodes": [{"mesh": 0, "children": [1]}, {"children": [0]}]}, "node 0 is in the scene twice"),
+    "2^30 copies": ({"nodes": doubled(30)}, "node 30 is in the scene twice"),
+    "no node": ({"nodes": []}, r"names nodes\[0\], but has 0 nodes"),
+    "negative node": ({"scenes": [{"nodes": [-1]}]}, r"names nodes\[-1\], but has 1 nodes"),
+    "words as nodes": ({"nodes": "all"}, "its nodes is no list"),
+    "no accessor": ({"accessors": [POSITIONS]}, r"names accessors\[1\], but has 1 accessors"),
+    "sparse": ({"accessors": [POSITIONS | {"sparse": SPARSE}, CORNERS]}, "accessor 0 is sparse"),
+    "many": ({"accessors": [POSITIONS | {"count": 10**9}, CORNERS]}, "announces 1000000000 entries"),
+    "no data": ({"accessors": [{"componentType": 5126, "count": 10**8, "type": "VEC3"}, CORNERS]},
+                "accessor 0 has no buffer view: export without compression"),
+    "one place": ({"bufferViews": [VIEWS[0] | {"byteStride": 0}, VIEWS[1]]}, "ask for what the buffer"),
+    "outside": ({"bufferViews": [VIEWS[0] | {"byteOffset": 40}, VIEWS[1]]}, "the buffer of 48 bytes does not have"),
+    "before": ({"bufferViews": [VIEWS[0] | {"byteOffset": -8}, VIEWS[1]]}, "the buffer of 48 bytes does not have"),
+    "of another kind": ({"accessors": [POSITIONS | {"type": "VEC4"}, CORNERS]}, "not made of positions"),
+    "float corners": ({"accessors": [POSITIONS, CORNERS | {"componentType": 5126}]}, "not made of corners"),
+    "two corners": ({"accessors": [POSITIONS, CORNERS | {"count": 2}]}, "do not make whole triangles"),
+    "few positions": ({"accessors": [POSITIONS | {"count": 2}, CORNERS]}, "mesh 0 names vertex 2 of 2"),
+    "glTF 1": ({"asset": {"version": "1.0"}}, "it is glTF 1.0; only glTF 2 is read"),
+    "buffer elsewhere": ({"buffers": [{"byteLength": 48, "uri": "none.bin"}]}, r"names is missing: .*none\.bin"),
+    "a device": ({"buffers": [{"byteLength": 48, "uri": "/dev/zero"}]}, "it is a device"),
+    "a folder": ({"buffers": [{"byteLength": 48, "uri": "."}]}, "a file that it names is a folder"),
+    "no base64": ({"buffers": [{"byteLength": 48, "uri": "data:;base64,a"}]}, "buffer 0 is no base64"),
+    "lines": ({"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": 1}]}]}, "no vertices"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "message"), REFUSED.values(), ids=REFUSED)
+def test_refused(tmp_path, changes, message):
+    with pytest.raises(MeshError, match=message) as caught:
+        load_mesh(write(tmp_path, "a.glb", glb(gltf_header(**changes))))
+    assert "\n" not in str(caught.value)
+
+
+def test_meshes_that_are_shown_again_and_again_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(gltf, "_FEW", 100)
+    sphere, nodes = icosphere(1), [{"mesh": 0, "translation": [3 * k, 0, 0]} for k in range(20)]
+    path = tmp_path / "a.glb"
+    trimesh.Trimesh(sphere.vertices, sphere.faces, process=False).export(path)
+    header_length = int.from_bytes(path.read_bytes()[12:16], "little")
+    header = json.loads(path.read_bytes()[20 : 20 + header_length])
+    header |= {"nodes": nodes, "scenes": [{"nodes": list(range(20))}]}
+    data = path.read_bytes()[28 + header_length :]
+    with pytest.raises(MeshError, match="again and again, more than 4 times, with 210 vertices where the file has 42"):
+        load_mesh(write(tmp_path, "b.glb", glb(header, data)))
+
+
+def test_endless_scenes_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(gltf, "_MOST_PARTS", 50)
+    nodes = [*({"children": [k + 1]} for k in range(60)), {"mesh": 0}]
+    with pytest.raises(MeshError, match="node 51 is beyond the first 50"):
+        load_mesh(write(tmp_path, "a.glb", glb(gltf_header(nodes=nodes))))
+
+
+def test_deep_json_is_no_traceback(tmp_path):
+    with pytest.raises(MeshError, match="its JSON is nested too deeply"):
+        load_mesh(write(tmp_path, "a.gltf", b"[" * 100_000))
