@@ -10,6 +10,7 @@ import stat
 import subprocess
 import sys
 import zipfile
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -26,13 +27,21 @@ def python(code: str, **environment: str) -> str:
     return done.stdout.strip()
 
 
-def test_the_wheel_holds_both_packages_and_every_asset(tmp_path):
-    shutil.copytree(
-        ROOT, tmp_path / "source", ignore=shutil.ignore_patterns(".*", "__pycache__", "out", "build", "dist")
-    )
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", tmp_path]
-    subprocess.run([*command, tmp_path / "source"], check=True)
-    [wheel] = tmp_path.glob("abfm-*.whl")
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """The wheel that is built from the source distribution, as others do who pack or install abfm."""
+    folder = tmp_path_factory.mktemp("built")
+    source = folder / "source"
+    shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(".*", "__pycache__", "out", "build", "dist"))
+    subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder], cwd=source, check=True)
+    [archive] = folder.glob("abfm-*.tar.gz")
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", folder]
+    subprocess.run([*command, archive], check=True)
+    [wheel] = folder.glob("abfm-*.whl")
+    return wheel
+
+
+def test_the_wheel_holds_both_packages_and_every_asset(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     for asset in (ROOT / "assets").iterdir():
         assert f"abfm/assets/{asset.name}" in names
@@ -41,10 +50,29 @@ def test_the_wheel_holds_both_packages_and_every_asset(tmp_path):
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert {name.split("/")[0].split("-")[0] for name in names} == {"abfm", "abfm_viewer"}
 
-    unpacked = tmp_path / "unpacked"
-    zipfile.ZipFile(wheel).extractall(unpacked)
-    code = f"import sys; sys.path.insert(0, {str(unpacked)!r}); from abfm.assets import asset_path as path; "
-    assert python(code + "print(path('eight.off'))") == str(unpacked / "abfm" / "assets" / "eight.off")
+
+def test_what_is_installed_from_the_wheel_works_outside_of_the_repository(wheel, tmp_path):
+    """In an empty environment that borrows the libraries, but not abfm, from the one that runs the tests."""
+    home = tmp_path / "environment"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)
+    inside = home / "bin" / "python"
+    install = ["pip", "--quiet", "--python", inside, "install", "--no-deps", "--no-index", "--no-compile", wheel]
+    subprocess.run([sys.executable, "-m", *install], check=True)
+    [packages] = home.glob("lib/*/site-packages")
+    (packages / "borrowed.pth").write_text("\n".join(path for path in sys.path if path.endswith("-packages")))
+    alone = {
+        name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "DISPLAY", "WAYLAND_DISPLAY")
+    }
+
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [home / "bin" / words[0], *words[1:]]
+        return subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, env=alone)
+
+    mesh = run("python", "-c", "from abfm.assets import asset_path; print(asset_path('eight.off'))").stdout.strip()
+    assert Path(mesh).parent == packages / "abfm" / "assets"
+    assert run("abfm", "--version").stdout == f"abfm {version('abfm')}\n"
+    assert "315" in run("abfm", "info", mesh).stdout
+    assert run("abfm-viewer").stderr.startswith("abfm-viewer: no screen")
 
 
 def test_every_room_has_its_line_in_the_plan_of_the_house():

@@ -100,7 +100,13 @@ def npy(random: Random, data: bytes) -> bytes:
     else:
         version = random.choice((b"\1\0", b"\2\0", b"\3\0", b"\x09\0"))
         length = random.choice((len(header), 0, 1, 65535, len(header) - 3))
-        return data[:6] + version + struct.pack(random.choice(("<H", "<I")), length) + header.encode("latin-1") + body
+        return (
+            data[:6]
+            + version
+            + struct.pack(random.choice(("<H", "<I")), max(length, 0) & 0xFFFF)
+            + header.encode("latin-1")
+            + body
+        )
     if random.random() < 0.5:  # as NumPy writes it: a multiple of 64 bytes
         header = header.rstrip() + " " * (-(len(header.rstrip()) + 11) % 64) + "\n"
     return data[:8] + struct.pack("<H", len(header) & 0xFFFF) + header.encode("latin-1") + body

@@ -137,6 +137,13 @@ def _parse(formula: str) -> ast.expr:
         raise InvalidExpression(error.msg if isinstance(error, SyntaxError) else "it is nested too deeply") from None
     if any(isinstance(node, ast.Compare) and len(node.ops) > 1 for node in ast.walk(tree)):
         raise InvalidExpression("write (0 < x) * (x < 1) for 0 < x < 1")
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    if any(call.keywords for call in calls):
+        raise InvalidExpression("arguments of functions have no names")
+    called = [call.func for call in calls]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and node.id in FUNCTIONS and node not in called:
+            raise InvalidExpression(f"{node.id} stands without arguments, as in {node.id}(x)")
     return tree
 
 

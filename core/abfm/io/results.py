@@ -129,7 +129,7 @@ def _check_indices(arrays: Mapping[str, NDArray[Any]]) -> None:
 def _check_parameters(text: str) -> None:
     try:
         parameters = json.loads(text, parse_int=float)  # so that no integer is too large for the test of tau
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"parameters are not JSON: {error}") from error
     if not isinstance(parameters, dict) or any(isinstance(value, dict) for value in parameters.values()):
         raise ValueError("parameters are not one flat JSON object")

@@ -231,10 +231,9 @@ def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:
 
 def _remedies(text: str) -> tuple[Remedy, ...]:
     """What `match_arrays` wrote; files from before there were remedies have none."""
-    remedies = json.loads(text)
     try:
-        found = tuple(Remedy(**remedy) for remedy in remedies)
-    except TypeError as error:
+        found = tuple(Remedy(**remedy) for remedy in json.loads(text))
+    except (TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"the remedies are {one_line(text, 60)!r}: {error}") from error
     kinds = {"label": str, "words": str, "parameters": dict, "goes_on": bool}
     for remedy in found:

@@ -151,8 +151,11 @@ def _whole(text: str, name: str) -> int:
 
 def _numbers(text: str, kind: np.dtype[Any], count: int) -> NDArray[Any]:
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # what is no number ends the reading with a warning
-        values = np.fromstring(text, dtype=kind, sep=" ")
+        warnings.simplefilter("error")  # older versions of NumPy warn of what is no number
+        try:
+            values = np.fromstring(text, dtype=kind, sep=" ")
+        except (ValueError, DeprecationWarning) as error:
+            raise ValueError(f"an array of {count} numbers has something else among them") from error
     if len(values) != count:
         raise ValueError(f"an array of {count} numbers has {len(values)}")
     return values

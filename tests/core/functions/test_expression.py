@@ -77,6 +77,19 @@ def test_any_formula_gives_finite_values_or_function_error(formula: str) -> None
     assert np.isfinite(f).all()
 
 
+@pytest.mark.parametrize(
+    ("formula", "told"),
+    [
+        ("x*sin", r"sin stands without arguments, as in sin\(x\)"),
+        ("sin(cos)", "cos stands without arguments"),
+        ("sin(x, y=1)", "arguments of functions have no names"),
+    ],
+)
+def test_functions_that_are_used_as_none_is_are_named(formula: str, told: str) -> None:
+    with pytest.raises(FunctionError, match=told):
+        function(MESH, f"expression:{formula}")
+
+
 @pytest.mark.parametrize("spec", [3, None, ["gaussian"]])
 def test_what_is_no_text_is_no_function(spec):
     with pytest.raises(FunctionError, match="expected a text"):

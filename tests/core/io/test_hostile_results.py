@@ -104,14 +104,14 @@ def test_shapes_are_held_against_sizes(saved: Path, shape: str) -> None:
         ({"stop_reason": np.array("a\nb")}, "some that cannot be shown"),
         ({"stop_reason": np.array("\x1b[31m")}, "some that cannot be shown"),
         ({"stop_reason": np.array("a" * 10_001)}, "more than 10000 characters"),
-        ({"parameters": np.array("[" * 9000)}, "recursion"),
+        ({"parameters": np.array("[" * 9000)}, "parameters are not JSON"),
         ({"parameters": np.array('{"tau": 1, "method": "' + "x" * 5000 + '"}')}, "method is 'xxx"),
         ({"parameters": np.array('{"tau": 1, "' + "x" * 5000 + '": 1}')}, "unknown parameter 'xxx"),
         ({"parameters": np.array('{"tau": 1, "alpha": ' + "1" * 5000 + "}")}, "limit"),
         ({"parameters": np.array('{"tau": 1, "alpha": Infinity}')}, "alpha is inf"),
         ({"parameters": np.array('{"tau": 1, "alpha": [[[[]]]]}')}, "alpha is [[[[]]]]"),
         ({"parameters": np.array('{"tau": 1, "method": []}')}, "method is []"),
-        ({"remedies": np.array("[" * 9000)}, "recursion"),
+        ({"remedies": np.array("[" * 9000)}, "the remedies are '[[["),
         ({"remedies": np.array("5")}, "the remedies are '5'"),
         ({"remedies": np.array('{"a": 1}')}, "the remedies are"),
         ({"remedies": np.array('[{"label": [], "words": ""}]')}, "the label of a remedy is no str"),
@@ -172,11 +172,8 @@ def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved: Path, tmp_path: Pat
     saved.write_bytes(zipped(content | {"source.npy": bytes(1000)}, zipfile.ZIP_LZMA))
     assert "a method other than deflate" in error_line(saved)
     overlapping_zip(tmp_path / "overlap.npz", [f"{number}.npy" for number in range(30)], bytes(4_000_000))
-    with open_archive(tmp_path / "overlap.npz", "result", "") as archive:
-        assert len(archive.read("0.npy")) > 4_000_000
-        assert len(archive.read("1.npy")) > 4_000_000
-    with (
-        pytest.raises(ResultError, match="more bytes than a zip of this size can hold"),
+    with (  # newer versions of Python refuse overlapping members themselves
+        pytest.raises(ResultError, match=r"more bytes than a zip of this size can hold|Overlapped entries"),
         open_archive(tmp_path / "overlap.npz", "result", "") as archive,
     ):
         assert all(archive.read(f"{number}.npy") for number in range(30))

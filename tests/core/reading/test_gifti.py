@@ -89,7 +89,7 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
         (gifti("AAAA", encoding="Base64Binary"), "has 3 bytes; expected 12"),
         (gifti("A", encoding="Base64Binary"), "base64"),
         (gifti("1 2"), "an array of 3 numbers has 2"),
-        (gifti("1 2 x"), "string or file could not be read"),
+        (gifti("1 2 x"), "something else among them"),
         (gifti("1 2 3", ""), "has 0 dimensions"),
         (gifti("1 2 3", 'Dimensionality="9999999"'), "dimensions; expected 1 to 6"),
         (gifti("1 2 3", 'Dimensionality="1" Dim0="-3"'), "Dim0 '-3'; expected a whole number"),
