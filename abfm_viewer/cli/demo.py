@@ -7,6 +7,7 @@ from pathlib import Path
 
 from abfm import Match, Parameters, load_mesh
 from abfm.assets import asset_path
+from abfm.errors import printable
 from abfm.functions import function
 from abfm_viewer import pictures
 from abfm_viewer.cli.solving import solve
@@ -55,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         shown = {"picture": picture, "movie": movie, "largest_mismatch": LARGEST_MISMATCH}
         print(json.dumps({"source": SOURCE, "target": TARGET, **outcome.to_dict(), **shown}))
     else:
-        print(outcome.summary() + ("".join(f", {path}" for path in drawings) if drawn else ""))
+        print(outcome.summary() + ("".join(f", {printable(path)}" for path in drawings) if drawn else ""))
     if outcome.signal is not None:
         return outcome.status
     if outcome.match.mismatch > LARGEST_MISMATCH:

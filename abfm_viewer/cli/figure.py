@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import abfm
 from abfm import AbfmError, TriangleMesh
+from abfm.errors import printable
 from abfm.io import write_atomically
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
@@ -78,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps({"figures": [_described(entry) for entry in entries]}))
     elif index is not None:
-        print(f"wrote {index}")
+        print(f"wrote {printable(index)}")
     return 0
 
 

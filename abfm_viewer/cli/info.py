@@ -8,6 +8,7 @@ import numpy as np
 
 import abfm
 from abfm import MeshError, TriangleMesh, load_mesh
+from abfm.errors import printable
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm_viewer.cli import options
 
@@ -38,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps({"mesh": arguments.mesh, "usable": True, **facts}))
     else:
-        print(arguments.mesh)
+        print(printable(arguments.mesh))
         print("\n".join(_lines(facts)))
     return 0
 

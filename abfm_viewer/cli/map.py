@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abfm import FunctionError, Match, ParameterError, load_match
+from abfm.errors import printable
 from abfm.functions.permuted import vertex_map
 from abfm.functions.values_file import read_table
 from abfm.io import write_atomically
@@ -102,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.truth:
         print(said["accuracy"]["report"])
     if arguments.out:
-        print(f"wrote {arguments.out}")
+        print(f"wrote {printable(arguments.out)}")
     return 0
 
 

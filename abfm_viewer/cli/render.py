@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from abfm import ParameterError
+from abfm.errors import printable
 from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
@@ -97,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     picture = _sheet(arguments, document) if style == "sheet" else _picture(arguments, document, known)
     outputs.write_picture(arguments.out, picture)
-    print(f"wrote {arguments.out} ({picture.width} x {picture.height})")
+    print(f"wrote {printable(arguments.out)} ({picture.width} x {picture.height})")
     return 0
 
 
@@ -171,7 +172,7 @@ def _movie(arguments: argparse.Namespace, document: Document, known: dict[str, F
     renderer = pictures.DocumentRenderer(_turned_up(arguments, document), known, (width, height), choices)
     with renderer, frame_progress(count, arguments.quiet, arguments.progress) as report:
         pictures.write_movie(arguments.out, renderer.frames(start, end, count, turntable, cycles), fps, count, report)
-    print(f"wrote {arguments.out} ({width} x {height}, {count} frame{'s' if count > 1 else ''})")
+    print(f"wrote {printable(arguments.out)} ({width} x {height}, {count} frame{'s' if count > 1 else ''})")
 
 
 def _turned_up(arguments: argparse.Namespace, document: Document) -> Document:

@@ -11,6 +11,7 @@ from typing import Any
 
 import abfm
 from abfm import Control, Match, TriangleMesh
+from abfm.errors import printable
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UNMATCHED
 from abfm_viewer.cli.interrupt import cancelled_by_signals
@@ -42,9 +43,9 @@ class Outcome:
             verdict_words.headline(match),
             verdict_words.why(match),
             f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} iterations in "
-            f"{self.seconds:.1f} s; wrote {', '.join(map(str, self.outputs))}",
+            f"{self.seconds:.1f} s; wrote {', '.join(map(printable, self.outputs))}",
         ]
-        result = next((str(path) for path in self.outputs if path.suffix == ".npz"), "RESULT.npz")
+        result = next((printable(path) for path in self.outputs if path.suffix == ".npz"), "RESULT.npz")
         if advice := verdict_words.advice_in_options(match, result):
             lines.append(f"to try: {advice}")
         return "\n".join(lines)

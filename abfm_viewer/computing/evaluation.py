@@ -11,6 +11,7 @@ import numpy as np
 
 import abfm
 from abfm import AbfmError, FunctionError, TriangleMesh
+from abfm.errors import brief
 from abfm.progress import Step
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Latest, one_line
@@ -91,7 +92,7 @@ class Functions:
                     values = np.sum([self.evaluate(str(term)) for term in tree.terms], axis=0)
                 else:
                     values = self.evaluator.values(spec)
-            _check_size(abfm.functions.shown(spec), values)
+            _check_size(brief(spec), values)
             values.flags.writeable = False
             self._cache[spec] = values
             if len(self._cache) > _KEPT:

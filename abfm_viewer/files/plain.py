@@ -1,12 +1,11 @@
 """Dataclasses as plain JSON values and back, checked by their type hints."""
 
 import math
-import reprlib
 import types
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from abfm.errors import one_line
+from abfm.errors import brief
 
 
 class PlainError(ValueError):
@@ -68,5 +67,4 @@ def _dataclass(hint: Any, value: Any, where: str, given: dict[str, Any]) -> Any:
 
 def _check(fits: bool, where: str, value: Any, expected: str) -> None:
     if not fits:
-        short = reprlib.repr(value) if isinstance(value, list | dict) else value
-        raise PlainError(f"{where} is {one_line(short, 60)!r}; expected {expected}")
+        raise PlainError(f"{where} is {brief(value)}; expected {expected}")

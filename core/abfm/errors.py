@@ -57,9 +57,14 @@ def one_line(what: object, most: int = 200) -> str:
         text = type(what).__name__
     if len(text) > 2 * most:  # of a text of any length, no more is looked at
         text = f"{text[:most]} ... {text[-most:]}"
-    text = "".join(sign if sign.isprintable() else "?" for sign in " ".join(text.split()))
+    text = printable(" ".join(text.split()))
     end = most // 4
     return text if len(text) <= most else f"{text[: most - end - 3]}...{text[-end:]}"
+
+
+def printable(text: object) -> str:
+    """A text, such as a path, with question marks for what cannot be printed: line ends, colours of terminals."""
+    return "".join(sign if sign.isprintable() else "?" for sign in str(text))
 
 
 def brief(value: object) -> str:

@@ -5,7 +5,6 @@ from .family import Kind as Kind
 from .family import Parameter as Parameter
 from .family import Spec as Spec
 from .family import quoted as quoted
-from .family import shown as shown
 from .gaussian import Gaussian as Gaussian
 from .permuted import Permuted as Permuted
 from .permuted import vertex_map as vertex_map

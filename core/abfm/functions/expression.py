@@ -16,8 +16,8 @@ from simpleeval import (
     SimpleEval,
 )
 
-from abfm.errors import FunctionError, did_you_mean, one_line
-from abfm.functions.family import Family, Kind, parameter, shown
+from abfm.errors import FunctionError, brief, did_you_mean
+from abfm.functions.family import Family, Kind, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -118,7 +118,7 @@ def _value(formula: str, points: FloatArray) -> FloatArray:
     except (NameNotDefined, FunctionNotDefined) as error:
         name = error.name if isinstance(error, NameNotDefined) else error.func_name
         known = [*COORDINATES, *CONSTANTS, *FUNCTIONS]
-        raise _refusal(formula, f"{shown(name)} is not known{did_you_mean(name, known)}") from None
+        raise _refusal(formula, f"{brief(name)} is not known{did_you_mean(name, known)}") from None
     except (FeatureNotAvailable, OperatorNotDefined):
         raise _refusal(formula, "it is more than arithmetic") from None
     except (InvalidExpression, TypeError, ValueError, OverflowError, RecursionError, KeyError) as error:
@@ -149,7 +149,7 @@ def _parse(formula: str) -> ast.expr:
 
 def _number(node: ast.Constant) -> np.float64:
     if not isinstance(node.value, int | float) or isinstance(node.value, bool):
-        raise InvalidExpression(f"{one_line(repr(node.value), 60)} is not a real number")
+        raise InvalidExpression(f"{brief(node.value)} is not a real number")
     return np.float64(node.value)  # not int: 9**9**9 ends at once, as infinity
 
 
@@ -159,4 +159,4 @@ def _refusal(formula: str, reason: str) -> FunctionError:
         if ":" in formula
         else "it may use x, y, z, pi, e, numbers, + - * / % **, comparisons and functions such as sin, exp, abs, where"
     )
-    return FunctionError(f"expression: {shown(formula)} cannot be evaluated: {' '.join(reason.split())}; {advice}")
+    return FunctionError(f"expression: {brief(formula)} cannot be evaluated: {' '.join(reason.split())}; {advice}")

@@ -9,7 +9,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
-from abfm.errors import FunctionError, did_you_mean
+from abfm.errors import FunctionError, brief, did_you_mean
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -128,7 +128,7 @@ def _read(family: str, p: Parameter, value: Any) -> Any:
     except (ValueError, OverflowError):
         unit = f" (unit: {p.unit})" if p.unit else ""
         hint = did_you_mean(text, p.kind.choices)
-        raise FunctionError(f"{family}: {p.name} must be {p.kind.name}{unit}, not {shown(text)}{hint}") from None
+        raise FunctionError(f"{family}: {p.name} must be {p.kind.name}{unit}, not {brief(text)}{hint}") from None
 
 
 def _text(value: Any) -> str:
@@ -141,11 +141,6 @@ def quoted(text: str) -> str:
     """Text as a spec can hold it: in double quotes where a sign in it would mean something to the parser."""
     plain = re.fullmatch(r"[\w./\\~:-]+( [\w./\\~:-]+)*", text)
     return text if plain else '"' + text.replace('"', '""') + '"'
-
-
-def shown(text: str) -> str:
-    """Text as an error message shows it: on one line, in quotes, not too long."""
-    return repr(text if len(text) <= 60 else f"{text[:45]}...{text[-10:]}")
 
 
 def _checked(read: Callable[[str], Any], accepts: Callable[[Any], bool]) -> Callable[[str], Any]:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from abfm.errors import FunctionError, did_you_mean
-from abfm.functions.family import Family, Spec, file_name, parameter, quoted, shown
+from abfm.errors import FunctionError, brief, did_you_mean
+from abfm.functions.family import Family, Spec, file_name, parameter, quoted
 from abfm.functions.values_file import SUFFIXES
 from abfm.functions.vertex_map_file import read_vertex_map
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
@@ -54,5 +54,5 @@ def vertex_map(mesh: TriangleMesh, name: str) -> IntArray:
                 raise FunctionError(f"permuted:{kind}: {error}") from error
     if "." not in name:
         hint = did_you_mean(name, KINDS)
-        raise FunctionError(f"permuted: {shown(name)} is neither {' nor '.join(KINDS)} nor the name of a file{hint}")
+        raise FunctionError(f"permuted: {brief(name)} is neither {' nor '.join(KINDS)} nor the name of a file{hint}")
     return read_vertex_map(mesh, name)

@@ -26,7 +26,7 @@ from abfm.functions.coordinate import Coordinate
 from abfm.functions.curvature import Curvature
 from abfm.functions.eigenfunction import Eigenfunction
 from abfm.functions.expression import Expression
-from abfm.functions.family import Family, Spec, shown
+from abfm.functions.family import Family, Spec
 from abfm.functions.gaussian import Gaussian
 from abfm.functions.geodesic import Geodesic
 from abfm.functions.heat_kernel_signature import HeatKernelSignature
@@ -98,7 +98,7 @@ def parse(text: str) -> Spec:
         If the text is no spec: what was found, what was expected, and the nearest known name.
     """
     if len(text) > LONGEST:
-        raise FunctionError(f"function {shown(text)} has {len(text)} characters; at most {LONGEST} are allowed")
+        raise FunctionError(f"function {brief(text)} has {len(text)} characters; at most {LONGEST} are allowed")
     parser = _Parser(text)
     spec = parser.spec(depth=0)
     if parser.position < len(text):
@@ -128,7 +128,7 @@ def function(mesh: TriangleMesh, spec: str | Spec) -> FloatArray:
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         raise FunctionError(
-            f"function {shown(str(tree))} is not finite at {len(bad)} of {len(values)} vertices, "
+            f"function {brief(str(tree))} is not finite at {len(bad)} of {len(values)} vertices, "
             f"for example {values[bad[0]]} at vertex {mesh.vertex_ids[bad[0]]}; every vertex needs a finite value"
         )
     return values
@@ -142,8 +142,8 @@ class _Parser:
         self.position = 0
 
     def fail(self, expected: str) -> NoReturn:
-        found = shown(self.text[self.position :]) if self.position < len(self.text) else "nothing more"
-        raise FunctionError(f"function {shown(self.text)}: expected {expected}, found {found}")
+        found = brief(self.text[self.position :]) if self.position < len(self.text) else "nothing more"
+        raise FunctionError(f"function {brief(self.text)}: expected {expected}, found {found}")
 
     def take(self, pattern: re.Pattern[str] | str) -> str:
         """Skip blanks, then consume what matches here; empty if nothing does."""
@@ -174,7 +174,7 @@ class _Parser:
             self.fail(f"a family ({', '.join(_FAMILIES)})")
         if name not in _FAMILIES:
             expected = did_you_mean(name, _FAMILIES) or f"; families are {', '.join(_FAMILIES)}"
-            raise FunctionError(f"unknown function family {shown(name)}{expected}")
+            raise FunctionError(f"unknown function family {brief(name)}{expected}")
         cls = _FAMILIES[name]
         if not self.take(":"):
             if not re.compile(r"[+)]|$").match(self.text, self.position):
@@ -240,11 +240,11 @@ def _build(cls: type[Family], arguments: list[str]) -> Family:
         elif place == 0 and cls.positional:
             key, value = cls.positional, argument
         elif argument or place:
-            raise FunctionError(f"{cls.family}: {shown(argument)} is not key=value; {expected}")
+            raise FunctionError(f"{cls.family}: {brief(argument)} is not key=value; {expected}")
         else:
             continue
         if key not in keys:
-            raise FunctionError(f"{cls.family}: unknown key {shown(key)}{did_you_mean(key, keys)}; {expected}")
+            raise FunctionError(f"{cls.family}: unknown key {brief(key)}{did_you_mean(key, keys)}; {expected}")
         if key in values:
             raise FunctionError(f"{cls.family}: {key}= is given twice")
         values[key] = _unquoted(value)

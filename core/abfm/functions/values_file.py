@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from abfm.errors import FunctionError, did_you_mean, one_line
-from abfm.functions.family import WORD, Family, file_name, parameter, shown
+from abfm.errors import FunctionError, brief, did_you_mean, one_line
+from abfm.functions.family import WORD, Family, file_name, parameter
 from abfm.mesh import TriangleMesh
 from abfm.reading import array_from, gifti_arrays, read_bytes
 from abfm.types import FloatArray
@@ -34,7 +34,7 @@ class ValuesFile(Family):
         try:
             return mesh.restrict(values)
         except FunctionError as error:
-            raise FunctionError(f"file {shown(self.path)}: {error}") from None
+            raise FunctionError(f"file {brief(self.path)}: {error}") from None
 
 
 def read_column(path: str, column: str | None = None) -> FloatArray:
@@ -59,8 +59,8 @@ def read_column(path: str, column: str | None = None) -> FloatArray:
     if column is not None and len(column) < 10 and column.isdecimal() and int(column) < count:
         return table[:, int(column)]
     listed = f" or one of {', '.join(one_line(name, 30) for name in names[:8])}" if names else ""
-    asked = "" if column is None else f", none called {shown(column)}{did_you_mean(column, names)}"
-    raise FunctionError(f"file {shown(path)} has {count} columns{asked}; choose column=0 to {count - 1}{listed}")
+    asked = "" if column is None else f", none called {brief(column)}{did_you_mean(column, names)}"
+    raise FunctionError(f"file {brief(path)} has {count} columns{asked}; choose column=0 to {count - 1}{listed}")
 
 
 def read_table(path: str) -> tuple[list[str], FloatArray]:
@@ -77,14 +77,14 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
     """
     suffix = next((suffix for suffix in SUFFIXES if path.lower().endswith(suffix)), None)
     if suffix is None:
-        raise FunctionError(f"file {shown(path)}: the name must end in {', '.join(SUFFIXES)}")
+        raise FunctionError(f"file {brief(path)}: the name must end in {', '.join(SUFFIXES)}")
     read = {".npy": _read_npy, ".gii": _read_gifti, ".gii.gz": _read_gifti}.get(suffix, _read_text)
     try:
         return read(Path(os.path.expanduser(path)))
     except OSError as error:
-        raise FunctionError(f"file {shown(path)} cannot be read: {one_line(error)}") from error
+        raise FunctionError(f"file {brief(path)} cannot be read: {one_line(error)}") from error
     except Exception as error:  # whatever a broken file makes of the readers
-        raise FunctionError(f"file {shown(path)} is not a table of numbers: {one_line(error)}") from error
+        raise FunctionError(f"file {brief(path)} is not a table of numbers: {one_line(error)}") from error
 
 
 def _as_table(values: np.ndarray) -> FloatArray:
@@ -114,7 +114,7 @@ def _read_text(path: Path) -> tuple[list[str], FloatArray]:
     names = [] if all(map(_is_number, first)) else [name.strip() for name in first]
     rows = lines[1:] if names else lines
     if not rows:
-        raise ValueError(f"it has only the line {shown(lines[0])}")
+        raise ValueError(f"it has only the line {brief(lines[0])}")
     try:
         return names, np.loadtxt(rows, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
     except ValueError as error:

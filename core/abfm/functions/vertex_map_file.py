@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from abfm.errors import FunctionError
-from abfm.functions.family import shown
+from abfm.errors import FunctionError, brief
 from abfm.functions.values_file import read_column, read_table
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
@@ -45,13 +44,13 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
         mirrored = read_column(path)
         if len(points) != len(mirrored):
             raise FunctionError(
-                f"map {shown(path)} has {len(mirrored)} lines, {shown(template.name)} has {len(points)}"
+                f"map {brief(path)} has {len(mirrored)} lines, {brief(template.name)} has {len(points)}"
             )
         return _spread(mesh, _local_vertices(mesh, path, np.column_stack([points, mirrored])))
     try:
         column = mesh.restrict(read_column(path))
     except FunctionError as error:
-        raise FunctionError(f"map {shown(path)}: {error}") from None
+        raise FunctionError(f"map {brief(path)}: {error}") from None
     return _local_vertices(mesh, path, column)
 
 
@@ -71,7 +70,7 @@ def _local_vertices(mesh: TriangleMesh, path: str, numbers: FloatArray) -> IntAr
         example = numbers[row][wrong[row]][0] if numbers.ndim == 2 else numbers[row]
         place = f"line {row + 1}" if numbers.ndim == 2 else f"vertex {mesh.vertex_ids[row]}"
         raise FunctionError(
-            f"map {shown(path)}: {np.count_nonzero(wrong)} of {wrong.size} entries are not numbers of vertices in use, "
+            f"map {brief(path)}: {np.count_nonzero(wrong)} of {wrong.size} entries are not numbers of vertices in use, "
             f"0 to {count - 1}, or 1 to {count} if they count from 1 ({place} has {example:g})"
         )
     permutations = [r for r in fitting if numbers.ndim == 1 and len(np.unique(r)) == len(mesh.vertices)]
@@ -80,7 +79,7 @@ def _local_vertices(mesh: TriangleMesh, path: str, numbers: FloatArray) -> IntAr
     suffix = path.lower().rpartition(".")[2]
     if numbers.ndim == 2 and suffix in ("txt", "csv"):
         raise FunctionError(
-            f"map {shown(path)}: its pairs may count from 0 or from 1, as they have neither 0 nor {count}; save them "
+            f"map {brief(path)}: its pairs may count from 0 or from 1, as they have neither 0 nor {count}; save them "
             "as .npy if they count from 0, or subtract 1 first"
         )
     return fitting[1 if suffix == "vts" else 0]
@@ -92,10 +91,10 @@ def _swapped(mesh: TriangleMesh, path: str, pairs: IntArray) -> IntArray:
     twice = np.flatnonzero(both[1:, 0] == both[:-1, 0])
     if len(twice):
         vertex = mesh.vertex_ids[both[twice[0], 0]]
-        raise FunctionError(f"map {shown(path)}: vertex {vertex} (counted from 0) has two partners; one is expected")
+        raise FunctionError(f"map {brief(path)}: vertex {vertex} (counted from 0) has two partners; one is expected")
     if 2 * len(both) < len(mesh.vertices):
         raise FunctionError(
-            f"map {shown(path)}: its pairs name {len(both)} of {len(mesh.vertices)} vertices; give every pair, as only "
+            f"map {brief(path)}: its pairs name {len(both)} of {len(mesh.vertices)} vertices; give every pair, as only "
             "vertices that the symmetry leaves in place may be left out"
         )
     vertex_map = np.arange(len(mesh.vertices))

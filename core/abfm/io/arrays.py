@@ -11,7 +11,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.errors import ResultError, one_line
+from abfm.errors import ResultError, brief, one_line
 from abfm.reading import LARGEST, array_from, most_inflated, open_plain
 
 FORMAT_VERSION = 1
@@ -121,7 +121,7 @@ def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
         If it is no version.
     """
     if type(version) is not int or version < 1:
-        raise ValueError(f"format_version is {one_line(repr(version), 60)}; expected a number from 1 to {newest}")
+        raise ValueError(f"format_version is {brief(version)}; expected a number from 1 to {newest}")
     if version > newest:
         raise ResultError(f"written in format {version}, and this abfm reads up to {newest}; upgrade abfm")
 

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.errors import ResultError, one_line
+from abfm.errors import ResultError, brief, one_line
 from abfm.io.arrays import FORMAT_VERSION, Entry, check_arrays, check_version, open_archive, write_arrays
 from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
 
 MEND = "match again and save, or take another copy of the file"
+LARGEST = 1e154
+"""Of functions and, in lengths of the mesh, of fields: squares of more overflow, so no match was made of them."""
 _MOST_DROPPED = 10_000_000  # vertices of the mesh file that no face uses: maps to its vertices have a line for each
 
 MESH_ENTRIES = {
@@ -24,9 +26,9 @@ MESH_ENTRIES = {
     "file_vertex_count": Entry("integer", (), low=1),
 }
 MATCH_ENTRIES = {
-    "source": Entry("real", ("V", "C")),
-    "target": Entry("real", ("V", "C")),
-    "advected": Entry("real", ("V", "C")),
+    "source": Entry("real", ("V", "C"), low=-LARGEST, high=LARGEST),
+    "target": Entry("real", ("V", "C"), low=-LARGEST, high=LARGEST),
+    "advected": Entry("real", ("V", "C"), low=-LARGEST, high=LARGEST),
     "velocity": Entry("real", ("N", "F", 3)),
     "energy_history": Entry("real", ("I", 3)),
     "stages": Entry("integer", ("I",), low=0),
@@ -39,9 +41,8 @@ MATCH_ENTRIES = {
     "folded": Entry("real", (), required=False, low=0, high=1),
     "verdict": Entry("text", (3,), required=False),
     "remedies": Entry("text", (), required=False),
-    "weights": Entry(
-        "real", ("C",), low=0
-    ),  # the last one is required: damage to a zip's directory can hide the last entry
+    # the last one is required: damage to a zip's directory can hide the last entry
+    "weights": Entry("real", ("C",), low=0),
 }
 ENTRIES = MESH_ENTRIES | MATCH_ENTRIES
 
@@ -134,4 +135,4 @@ def _check_parameters(text: str) -> None:
         raise ValueError("parameters are not one flat JSON object")
     tau = parameters.get("tau")
     if not isinstance(tau, float) or not np.isfinite(tau):
-        raise ValueError(f"parameters give tau = {one_line(repr(tau), 60)}; expected a finite number")
+        raise ValueError(f"parameters give tau = {brief(tau)}; expected a finite number")

@@ -8,12 +8,13 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, get_args
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.eigenbasis import eigenbasis
 from abfm.errors import ResultError, one_line
 from abfm.flow.flow import Flow
-from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, load_arrays, mesh_arrays, mesh_of, save_arrays
+from abfm.io.results import LARGEST, MATCH_ENTRIES, MEND, MESH_ENTRIES, load_arrays, mesh_arrays, mesh_of, save_arrays
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.surface_points import Distortion, SurfacePoints, distortion
 from abfm.matching.energy.problem import relative_mismatch
@@ -184,12 +185,18 @@ def match_of(
     Raises
     ------
     ValueError
-        If there are more or fewer fields than segments.
+        If there are more or fewer fields than segments, they are faster than any match finds, or mask or weights are 0.
     """
     parts: dict[str, Any] = {"mask": None, "verified_mismatch": math.nan, "folded": math.nan}
     parts |= {name: array if array.ndim else array.item() for name, array in arrays.items()}
     if parameters.segments != len(parts["velocity"]):
         raise ValueError(f"{len(parts['velocity'])} fields, but parameters say {parameters.segments}")
+    fastest = np.abs(parts["velocity"]).max()
+    if fastest > LARGEST * mesh.length_scale:
+        raise ValueError(f"velocity has the value {fastest:.3g}; expected up to {LARGEST:g} length scales of the mesh")
+    for name in ("mask", "weights"):
+        if parts[name] is not None and not parts[name].any():
+            raise ValueError(f"{name} is 0 everywhere; expected a value above 0")
     if verdict is None:
         kind = kind_of(confirmed_mismatch(parts["mismatch"], parts["verified_mismatch"]))
         verdict = Verdict(kind, parts["stop_reason"], "")
@@ -212,7 +219,7 @@ def load_match(path: str | os.PathLike[str]) -> Match:
         verdict = _verdict(arrays["verdict"], remedies) if "verdict" in arrays else None
         return match_of(mesh, arrays, parameters, verdict)
     except Exception as error:  # what stands in for a text, a number or a list may do anything
-        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}") from error
+        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {MEND}") from error
 
 
 def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:

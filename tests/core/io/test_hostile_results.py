@@ -13,7 +13,7 @@ import pytest
 from abfm import Match, Parameters, ResultError, TriangleMesh, load_match, match
 from abfm.io import load_arrays
 from abfm.io.arrays import open_archive
-from tests.core.reading.hostile import bomb, npy_of, one_byte_changed, overlapping_zip, zipped
+from tests.core.reading.hostile import bomb, members, npy_of, one_byte_changed, overlapping_zip, zipped
 from tests.shapes import icosphere
 
 WHOLE = icosphere(0)
@@ -32,11 +32,6 @@ def result() -> Match:
 def saved(tmp_path: Path, result: Match) -> Path:
     result.save(tmp_path / "m.npz")
     return tmp_path / "m.npz"
-
-
-def members(path: Path) -> dict[str, bytes]:
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
 
 
 def put(path: Path, **arrays: Any) -> None:
@@ -90,6 +85,12 @@ def test_shapes_are_held_against_sizes(saved: Path, shape: str) -> None:
         ({"weights": np.array([-0.5])}, "weights has the value -0.5"),
         ({"mismatch": np.array(-1.0)}, "mismatch has the value -1"),
         ({"verified_mismatch": np.array(-1.0)}, "verified_mismatch has the value -1"),
+        ({"mask": np.zeros(V)}, "mask is 0 everywhere"),
+        ({"weights": np.zeros(1)}, "weights is 0 everywhere"),
+        ({"source": np.full((V, 1), 1e200)}, "source has the value 1e+200; expected -1e+154 to 1e+154"),
+        ({"target": np.full((V, 1), -1e308)}, "target has the value -1e+308"),
+        ({"advected": np.full((V, 1), 1e155)}, "advected has the value 1e+155"),
+        ({"velocity": np.full((1, F, 3), 1e300)}, "velocity has the value 1e+300; expected up to 1e+154"),
         ({"folded": np.array(1.5)}, "folded has the value 1.5; expected 0 to 1"),
         ({"folded": np.array(np.nan)}, "folded has values that are not finite"),
         ({"stages": np.full(3, -1)}, "stages has"),
@@ -124,6 +125,11 @@ def test_shapes_are_held_against_sizes(saved: Path, shape: str) -> None:
 def test_values_that_make_no_sense_are_named(saved: Path, changes: dict[str, Any], words: str) -> None:
     put(saved, **changes)
     assert words in error_line(saved)
+
+
+def test_large_and_small_values_that_were_once_written_load(saved: Path) -> None:
+    put(saved, source=np.full((V, 1), 1e-160), target=np.full((V, 1), 1e150), velocity=np.full((1, F, 3), 1e140))
+    assert load_match(saved).source.max() == 1e-160
 
 
 def test_a_vertex_that_no_face_uses_is_refused(saved: Path) -> None:

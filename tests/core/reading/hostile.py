@@ -71,6 +71,12 @@ def zipped(members: dict[str, bytes], compression: int = zipfile.ZIP_STORED) -> 
     return content.getvalue()
 
 
+def members(path: Path) -> dict[str, bytes]:
+    """What a zip has: the content of each member by its name."""
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
 def one_byte_changed(content: bytes, end: int | None = None) -> Iterator[bytes]:
     """The content with one of its bytes changed, up to an end."""
     for position in range(len(content) if end is None else end):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from dataclasses import asdict, fields, replace
 from functools import partial
 
@@ -294,6 +295,23 @@ def test_info_tells_the_symmetries_that_functions_can_be_composed_with(capsys):
     assert symmetries["mirror"]["is_permutation"] is True
     assert symmetries["mirror"]["error"] < 1e-9
     assert symmetries["mirror"]["axis"] == pytest.approx([1, 0, 0])
+
+
+def test_names_that_cannot_be_printed_stay_on_their_lines(tmp_path, capsys):
+    folder = tmp_path / "a\nb\x1b[31m"
+    folder.mkdir()
+    mesh, result, table, picture = (str(folder / f"c\n.{suffix}") for suffix in ("off", "npz", "txt", "png"))
+    shutil.copy(EIGHT, mesh)
+    for words, status, told in (
+        (["info", mesh], 0, "/a?b?[31m/c?.off"),
+        (["match", mesh, *PAIR, *SHORT, "--out", result], UNREACHED, "--start {}/a?b?[31m/c?.npz"),
+        (["map", result, "--out", table], 0, "wrote {}/a?b?[31m/c?.txt"),
+        (["render", result, "--out", picture, "--size", "320x240"], 0, "wrote {}/a?b?[31m/c?.png (320 x 240)"),
+    ):
+        assert main(words) == status
+        lines = capsys.readouterr().out.splitlines()
+        assert all(line.isprintable() for line in lines)
+        assert told.format(tmp_path) in "".join(lines)
 
 
 def test_info_of_a_refused_mesh_says_so_to_machines_too(tmp_path, capsys):
