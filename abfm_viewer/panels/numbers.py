@@ -20,6 +20,8 @@ def _error(context: Context) -> None:
     ui, session = context.ui, context.session
     if session.view.transport and context.shown.mass_transport.error:
         ui.note(f"No optimal transport: {context.shown.mass_transport.error}.", "failure")
+    elif session.view.transport and context.shown.mass_transport.note:
+        ui.note(f"{context.shown.mass_transport.note.capitalize()}.")
     target, advected = session.values("target"), context.shown.flow.advected()
     if target is not None and advected is not None:
         difference = np.abs(target - advected)

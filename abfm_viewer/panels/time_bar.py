@@ -129,9 +129,11 @@ def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
     grab = left + share * (right - left)
     beyond = middle + gap if middle - tau - 2 * gap < grab < middle - gap / 2 else middle - gap - tau
     canvas.AddText((beyond, y), _packed(colors.ink), "τ")
-    end = max(middle, beyond + tau)
-    if right - ui.px(6) - width > end + gap:
-        canvas.AddText((right - width - ui.px(6), y), _packed(color), text)
+    end, start = max(middle, beyond + tau), right - ui.px(6) - width
+    if grab > start - gap:
+        start = min(start, grab - gap - width)
+    if start > end + gap:
+        canvas.AddText((start, y), _packed(color), text)
 
 
 def _mark(ui: Ui, rect: Rect) -> None:

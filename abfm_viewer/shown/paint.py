@@ -18,6 +18,7 @@ from abfm_viewer.shown.shown import Shown
 
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _LEAST_RANGE = 1e-12
+_BESIDE = 0.02  # of a range: what values may leave it by before it is told
 _NO_VALUES = 0.3  # grey, in linear light
 _SQUARES = 20  # of a checkerboard, across a mesh as it is seen from the front
 
@@ -79,7 +80,13 @@ class Painter:
         """The function, also where the view asks for what is not there yet; the label says when it is to come."""
         shown, is_function = self._shown, self._session.view.coloring == "function"
         is_behind = shown.flow.is_behind if is_function else shown.flow.busy or shown.quantities.busy
-        return self._function("advected", advected, _labelled("advected", is_behind), colors)
+        title = _labelled(self._extrapolated("advected"), is_behind)
+
+        def make() -> Paint:
+            told = title if is_behind else _with_range(title, advected, colors)
+            return Paint("vertex values", advected, told, colors, "function")
+
+        return self._keep("advected", (advected, title, colors), make)
 
     def _without_values(self, name: str) -> Paint:
         count = len(self._session.mesh.vertices)
@@ -94,7 +101,7 @@ class Painter:
         if kind in ("coordinates", "checker"):
             carried = self._shown.flow.coordinates()
             title = "carried coordinates" if kind == "coordinates" else "carried checker"
-            return None if carried is None else self._carried("advected", carried, title)
+            return None if carried is None else self._carried("advected", carried, self._extrapolated(title))
         return self._distortion(kind) if kind in ("area distortion", "conformal distortion") else self._of_field(kind)
 
     def _of_field(self, kind: str) -> Paint | None:
@@ -124,16 +131,16 @@ class Painter:
         found = self._shown.quantities.distortion()
         if found is None:
             return None
-        of_area, mesh = kind == "area distortion", self._session.mesh
+        of_area, mesh, title = kind == "area distortion", self._session.mesh, self._extrapolated(kind)
         source = found.area if of_area else found.conformal
 
         def make() -> Paint:
             values = np.log2(np.clip(source, 1e-6, 1e6))
             top = max(_most(np.abs(values), abfm.calculus.face_areas(mesh)), 0.05)
             bar = "log2 of the area's factor" if of_area else "log2 of the stretches' ratio"
-            return Paint("face values", values, kind, self._ranged(-top if of_area else 0.0, top), bar)
+            return Paint("face values", values, title, self._ranged(-top if of_area else 0.0, top), bar)
 
-        return self._keep("advected", (source, *self._look), make)
+        return self._keep("advected", (source, title, *self._look), make)
 
     def _carried(self, name: str, coordinates: FloatArray, title: str) -> Paint:
         """Coordinates as colours, or as places in a checkerboard."""
@@ -153,8 +160,13 @@ class Painter:
         texture = self._shown.quantities.texture(advected, colors)
         if texture is None:
             return None
-        paint = Paint("texture", texture.colors, "advected", colors, "function", texture.corners)
-        return self._keep("advected", (texture, colors), lambda: paint)
+        title = self._extrapolated("advected")
+
+        def make() -> Paint:
+            told = _with_range(title, advected, colors)
+            return Paint("texture", texture.colors, told, colors, "function", texture.corners)
+
+        return self._keep("advected", (texture, title, colors), make)
 
     def _blend(self, source: FloatArray, target: FloatArray, colors: ColorRange) -> Paint:
         tau = self._session.parameters.tau
@@ -174,7 +186,7 @@ class Painter:
         return None if values is None else self._function("optimal transport", values, title, colors)
 
     def _error(self, target: FloatArray, advected: FloatArray) -> Paint:
-        fixed, title = self.largest_error, _labelled("error", self._shown.flow.is_behind)
+        fixed, title = self.largest_error, _labelled(self._extrapolated("error"), self._shown.flow.is_behind)
 
         def make() -> Paint:
             error = np.abs(target - advected)
@@ -183,6 +195,11 @@ class Painter:
             return Paint("vertex values", error, title, self._ranged(0.0, top), bar)
 
         return self._keep("error", (target, advected, *self._look, fixed, title), make)
+
+    def _extrapolated(self, title: str) -> str:
+        """A title, which says so where the time shown is one that no target was given for."""
+        tau = self._session.parameters.tau
+        return f"{title}, extrapolated" if self._session.time > (1 + 1e-9) * tau else title
 
     def _function(self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = "function") -> Paint:
         return self._keep(name, (values, title, colors), lambda: Paint("vertex values", values, title, colors, bar))
@@ -212,6 +229,13 @@ class Painter:
 def _labelled(title: str, is_behind: bool) -> str:
     """A surface's title, which says so while the surface shows something else than it should."""
     return f"{title}: computing" if is_behind else title
+
+
+def _with_range(title: str, values: FloatArray, colors: ColorRange) -> str:
+    """A title, with the least and the largest value where these leave the colours."""
+    low, high = float(values.min()) + 0.0, float(values.max()) + 0.0  # no -0
+    slack = _BESIDE * (colors.high - colors.low)
+    return f"{title}: {low:.3g} to {high:.3g}" if low < colors.low - slack or high > colors.high + slack else title
 
 
 def _most(values: FloatArray, weights: FloatArray) -> float:

@@ -3,6 +3,7 @@
 import abfm
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.computing.memo import Memo
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.field_quantities import FieldQuantities
 from abfm_viewer.shown.shown_flow import ShownFlow
@@ -15,11 +16,25 @@ class MassTransport(Jobs):
         super().__init__(session.at_once)
         self._session = session
         self._values: Latest[FloatArray] = self.latest("optimal transport")
+        self._note = Memo[str]()
 
     @property
     def is_behind(self) -> bool:
         """Whether `values` are those of an earlier time."""
         return self._values.busy
+
+    @property
+    def note(self) -> str:
+        """What transport leaves out of the functions; empty if nothing."""
+        source, target = self._session.values("source"), self._session.values("target")
+        if source is None or target is None or self.error:
+            return ""
+
+        def make() -> str:
+            least = min(float(source.min()), float(target.min()))
+            return f"optimal transport takes values below 0, down to {least:.3g}, as 0" if least < 0 else ""
+
+        return self._note.get((source, target), make)
 
     def values(self) -> FloatArray | None:
         """The interpolation (V,); None before there is any, or where there cannot be."""

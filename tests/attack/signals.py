@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -87,12 +87,14 @@ class Attack:
         Where there is room for them.
     random : random.Random
         Chooses what is sent when.
+    lives : mapping, optional
+        Seconds that commands take, by their names; of others a whole life is measured first.
     """
 
-    def __init__(self, folder: Path, random: random.Random) -> None:
+    def __init__(self, folder: Path, random: random.Random, lives: Mapping[str, float] | None = None) -> None:
         self._folder, self.random = folder, random
         self._mesh, self._result = str(asset_path("eight.off")), folder / "result.npz"
-        self._lives: dict[str, float] = {}
+        self._lives = dict(lives or {})
         mesh = load_mesh(self._mesh)
         x, y, _ = mesh.vertices.T
         match(mesh, x, y, Parameters(iterations=2, levels=1)).save(self._result)

@@ -13,8 +13,8 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="lo
 
 
 def test_a_signal_ends_a_command_with_one_line_and_nothing_left(tmp_path):
-    attack = signals.Attack(tmp_path, random.Random(3))
-    assert [outcome for name in ("match", "map", "info") if (outcome := attack.one(name)).faults] == []
+    attack = signals.Attack(tmp_path, random.Random(3), {"match": 2.0, "map": 1.0})
+    assert [outcome for name in ("match", "map") if (outcome := attack.one(name)).faults] == []
 
 
 def test_a_kill_leaves_the_old_file_or_the_new_one(tmp_path):

@@ -1,8 +1,8 @@
 """Where a flow takes points: walks along the field made continuous, a witness for the maps that advection gives.
 
 Points have no dispersion, as advection on vertices has: each follows the continuous field of `smooth_flow` by the
-midpoint rule, in steps that are a part of a face long, straight over the edges. On smooth fields the error falls with
-the square of the edge length.
+midpoint rule, in steps that are a part of a face long, straight over the edges; from a vertex it begins in the face
+that the field leads into, whatever its number. On smooth fields the error falls with the square of the edge length.
 """
 
 import math
@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.errors import ParameterError, brief
 from abfm.flow.flow_lines import FacePoints, check_start, fields_in_a_row
-from abfm.flow.smooth_flow import SmoothFlow, smooth_flow, vector_at, walk_straight
+from abfm.flow.smooth_flow import SmoothFlow, slots_ahead, smooth_flow, vector_at, walk_straight
+from abfm.flow.tracing import AT_VERTEX
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import kernel
@@ -74,17 +75,24 @@ def flow_map(
     fields = fields_in_a_row(mesh, velocity)
     given = vertex_points(mesh, np.arange(len(mesh.vertices))) if start is None else start
     faces, barycentric = check_start(mesh, given)
-    barycentric = (1 - _INWARD) * barycentric + _INWARD / 3
     if not (is_finite_number(tau) and tau >= 0):
         raise ParameterError(f"tau is {brief(tau)}; expected a finite time that is not negative")
     duration = (-tau if backwards else tau) / len(fields)
+    if backwards:
+        fields = fields[::-1]
     unit = mesh.normalized()
     _check_work(mesh, fields, abs(duration))
+    at_vertex = barycentric.max(axis=1) >= AT_VERTEX
+    if at_vertex.any():
+        vertices = mesh.faces[faces[at_vertex], barycentric[at_vertex].argmax(axis=1)]
+        ahead = slots_ahead(unit, math.copysign(1 / mesh.length_scale, duration) * fields[0])[vertices]
+        faces[at_vertex], barycentric[at_vertex] = ahead // 3, np.eye(3)[ahead % 3]
+    barycentric = (1 - _INWARD) * barycentric + _INWARD / 3
     corners = unit.vertices[unit.faces]
     sides = np.einsum("fcx,fkx->fck", corners[:, 1:] - corners[:, :1], face_frames(unit))
     places = np.einsum("pc,pck->pk", barycentric[:, 1:], sides[faces])
     sizes = np.sqrt(face_areas(unit))
-    for field in fields[::-1] if backwards else fields:
+    for field in fields:
         flow = smooth_flow(unit, field / mesh.length_scale)
         for begin in range(0, len(faces), _CHUNK):
             if between is not None:

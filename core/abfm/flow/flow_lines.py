@@ -107,6 +107,8 @@ class _Walk:
                 self._times[count], self._faces[count], self._weights[count] = begin, where[0], b
                 count += 1
             where[1] = -1
+            if b.max() >= tracing.AT_VERTEX:
+                tracing.leave_vertex(flow, where, b, int(b.argmax()))
             count, status = tracing.trace(flow, where, b, begin, end, self._times, self._faces, self._weights, count)
             if status == tracing.BOUNDARY or count == len(self._times):
                 break

@@ -14,7 +14,7 @@ from abfm.calculus.vector_fields import to_frame
 from abfm.flow.tracing import opposite_slots
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import kernel
-from abfm.types import FloatArray, IndexArray
+from abfm.types import FloatArray, IndexArray, IntArray
 
 _CROSSINGS = 64  # edges that a step may meet before the walk counts as caught at a vertex
 _RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
@@ -45,6 +45,18 @@ def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> Smo
 def corner_vectors(mesh: TriangleMesh, field: FloatArray) -> IndexArray:
     """The continuous field at the corners of the faces, as complex numbers in their frames, (F, 3)."""
     return _corner_vectors(mesh, field, _flat_corners(mesh))
+
+
+def slots_ahead(mesh: TriangleMesh, field: FloatArray) -> IntArray:
+    """Of each vertex the slot ``3 f + k`` that it has in the face that the continuous field leads into, (V,)."""
+    corners, vectors = _flat_corners(mesh), corner_vectors(mesh, field)
+    first, last = (np.roll(corners, turn, axis=1) - corners for turn in (-1, -2))
+    middles = first / np.abs(first) + last / np.abs(last)
+    aside = np.where(vectors == 0, np.inf, np.abs(np.angle(vectors / middles)) / np.angle(last / first))
+    slots = np.argsort(-aside, axis=None, kind="stable")
+    ahead = np.empty(len(mesh.vertices), dtype=np.int64)
+    ahead[mesh.faces.ravel()[slots]] = slots  # of repeated vertices the last one stays
+    return ahead
 
 
 def _corner_vectors(mesh: TriangleMesh, field: FloatArray, corners: IndexArray) -> IndexArray:

@@ -2,8 +2,8 @@
 
 A walker is a face and barycentric weights; ``where`` holds the face and the corner opposite the edge that the walker
 slides along (-1 inside the face). Where two faces push into their common edge the walker follows Filippov's solution:
-the mean of the two vectors that lies along the edge. Where it meets a vertex it takes the first face that leads away,
-or the first edge to slide along, counted around the vertex from the face that it came from.
+the mean of the two vectors that lies along the edge. At a vertex it takes the fastest of the faces that lead away and
+of the edges to slide along: what numbers vertices and faces have makes no difference.
 """
 
 from typing import NamedTuple
@@ -93,34 +93,31 @@ def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
 
 @kernel
 def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) -> int:
-    """Turn a walker at a corner of its face into a way that leads on."""
+    """Turn a walker at a corner of its face into the fastest way on, in edges or heights of faces per unit of time."""
     b[:] = 0.0
+    fastest, face, away_from, along = 0.0, where[0], corner, -1
+    is_closed = False
     for turn in range(1, 3):
         f, j = where[0], corner
-        while True:
-            if flow.rates[f, j] < 0.0 and flow.rates[f, (j + 1) % 3] >= 0.0 and flow.rates[f, (j + 2) % 3] >= 0.0:
-                where[0], where[1] = f, -1
-                b[j] = 1.0
-                return GOING
+        while not is_closed:
+            if flow.rates[f, (j + 1) % 3] >= 0.0 and flow.rates[f, (j + 2) % 3] >= 0.0 and -flow.rates[f, j] > fastest:
+                fastest, face, away_from, along = -flow.rates[f, j], f, j, -1
             c = (j + 3 - turn) % 3
             slot = flow.neighbours[f, c]
             if slot < 0:
                 break
             g, k = slot // 3, slot % 3
             if flow.rates[f, c] < 0.0 and flow.rates[g, k] < 0.0:
-                away = sliding_speed(flow, f, c)
-                if (away if turn == 1 else -away) > 0.0:
-                    where[0], where[1] = f, c
-                    b[j] = 1.0
-                    return GOING
+                speed = sliding_speed(flow, f, c) * (3 - 2 * turn)
+                if speed > fastest:
+                    fastest, face, away_from, along = speed, f, j, c
             f, j = g, (k + 3 - turn) % 3
-            if f == where[0]:
-                b[corner] = 1.0
-                where[1] = -1
-                return STAGNATION
-    b[corner] = 1.0
-    where[1] = -1
-    return BOUNDARY
+            is_closed = f == where[0]
+    where[0], where[1] = face, along
+    b[away_from] = 1.0
+    if fastest > 0.0:
+        return GOING
+    return STAGNATION if is_closed else BOUNDARY
 
 
 @kernel

@@ -89,7 +89,7 @@ def test_several_fields_follow_each_other() -> None:
 
 
 def test_equal_fields_in_a_row_are_one() -> None:
-    mesh = torus(24, 12)
+    mesh = torus(48, 24)
     field = wavy_field(mesh, 2)
     once, thrice = flow_map(mesh, field, 0.3), flow_map(mesh, np.stack([field] * 3), 0.3)
     assert_allclose(once.positions, thrice.positions, rtol=0, atol=2e-3)

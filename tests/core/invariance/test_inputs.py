@@ -128,11 +128,12 @@ def refused(call: Callable[[Any], Any], given: Any) -> bool:
     return False
 
 
-@pytest.mark.parametrize("what", SAME)
-def test_the_same_numbers_in_another_form_are_the_same(what: str) -> None:
-    for calls, array in ((OF_FUNCTIONS, F), (OF_FIELDS, V)):
-        for name, call in calls.items():
-            assert np.array_equal(call(SAME[what](array)), call(array)), name
+@pytest.mark.parametrize(("calls", "array"), [(OF_FUNCTIONS, F), (OF_FIELDS, V)], ids=["functions", "fields"])
+def test_the_same_numbers_in_another_form_are_the_same(calls: dict[str, Callable[[Any], Any]], array: Any) -> None:
+    for name, call in calls.items():
+        expected = call(array)
+        for what, same in SAME.items():
+            assert np.array_equal(call(same(array)), expected), (name, what)
 
 
 @pytest.mark.parametrize("what", OTHER)

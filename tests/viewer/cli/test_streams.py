@@ -26,17 +26,15 @@ def shell(command: str, **environment: str) -> tuple[int, bytes, bytes]:
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
-def test_help_is_printed_in_every_encoding(encoding):
-    status, out, errors = shell("ABFM match --help", PYTHONIOENCODING=encoding)
+def test_help_is_printed_in_an_encoding_that_lacks_its_letters():
+    status, out, errors = shell("ABFM match --help", PYTHONIOENCODING="cp1252")
     assert (status, errors) == (0, b"")
     assert b"--tau" in out
-    out.decode(encoding)
+    out.decode("cp1252")
 
 
 def test_closed_streams_are_no_error_and_get_nothing_of_the_other():
     assert shell(f"ABFM info {EIGHT} >&-") == (0, b"", b"")
-    assert shell("ABFM info none.off 2>&-") == (2, b"", b"")
     status, out, _ = shell(f"ABFM info {EIGHT} 2>&- <&-")
     assert status == 0
     assert b"vertices" in out
@@ -46,7 +44,7 @@ def test_closed_streams_are_no_error_and_get_nothing_of_the_other():
 def test_output_that_is_lost_is_told():
     expected = b"abfm: cannot write the output: No space left on device\n"
     assert shell(f"ABFM info {EIGHT} >/dev/full") == (2, b"", expected)
-    assert shell(f"ABFM info {EIGHT} 2>/dev/full")[0] == 0
+    assert shell("ABFM info none.off 2>/dev/full") == (2, b"", b"")
 
 
 def test_a_match_whose_messages_nobody_reads_goes_on_and_is_written(tmp_path):

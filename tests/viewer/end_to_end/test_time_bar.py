@@ -29,6 +29,9 @@ def test_scrubbing_goes_from_the_source_to_the_match_and_beyond(matched):
     np.testing.assert_allclose(shown(matched), result.advected[:, 0])
     matched.type("time", "2")
     np.testing.assert_allclose(shown(matched), result.advect(2.0)[:, 0], atol=1e-6)
+    matched.frames(2)
+    assert matched.window.scene.paints["advected"].title.startswith("advected, extrapolated")
+    assert "extrapolated" not in matched.window.scene.paints["target"].title
 
 
 def test_a_text_that_is_no_time_is_refused(matched):

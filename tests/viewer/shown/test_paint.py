@@ -241,3 +241,34 @@ def test_a_few_bad_faces_do_not_set_the_range():
     values[::4], areas[::4] = 20, 1e-3
     assert _most(values, areas) < 1
     assert _most(np.zeros(5), np.ones(5)) == 0
+
+
+def test_labels_tell_of_extrapolation_and_of_values_beyond_the_colors(session, shown, monkeypatch):
+    tau, source = session.parameters.tau, session.values("source")
+    show(session, error=True)
+    high = max(session.values(side).max() for side in ("source", "target"))
+    for share, factor, expected in (
+        (1.0, 1.0, "advected"),
+        (1.0, 3.0, f"advected: 0 to {3 * high:.3g}"),
+        (1.5, 1.0, "advected, extrapolated"),
+        (1.5, -1.0, f"advected, extrapolated: {-high:.3g} to 0"),
+    ):
+        session.amend(time=share * tau)
+        values = factor * high * (source - source.min()) / np.ptp(source)
+        monkeypatch.setattr(shown.flow, "advected", lambda values=values: values)
+        painter = Painter(shown)
+        assert painter.paint("advected").title == expected
+        assert painter.paint("error").title == ("error, extrapolated" if share > 1 else "error")
+        assert painter.paint("advected") is painter.paint("advected")
+    show(session, coloring="checker")
+    until(lambda: Painter(shown).paint("advected").title == "carried checker, extrapolated")
+
+
+def test_what_optimal_transport_leaves_out_is_told(session, shown, painter):
+    show(session, transport=True)
+    assert settled_transport(shown, painter).title == "optimal transport"
+    assert shown.mass_transport.note == ""
+    session.set_spec("source", "gaussian:x=1,y=0,z=0,width=0.15 + gaussian:x=-1,y=0,z=0,width=0.15,height=-0.005")
+    until(lambda: not session.obstacle, session)
+    assert settled_transport(shown, painter).values.min() >= 0
+    assert shown.mass_transport.note == "optimal transport takes values below 0, down to -0.005, as 0"

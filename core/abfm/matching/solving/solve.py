@@ -22,7 +22,7 @@ from abfm.types import FloatArray
 
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
 _MORE = 0.2  # mismatch on the mesh itself, beyond that on the coarsest, up to which meshes between are left out
-_UNSTABLE = 10.0  # times the source's values beyond which no descent begins: a flow keeps them
+_UNSTABLE = 1e8  # times the source's values, beyond which squares round off what the target is: nothing leads to it
 _ASTRAY = 3.0  # times the mismatch of no flow at all beyond which the way is not looked for from a given start
 _UNKNOWN = Confirmation(np.inf, np.inf, np.inf)
 
