@@ -11,7 +11,7 @@ import numpy as np
 
 DECREASE = 1e-4
 CURVATURE = 0.9
-_MOST_TRIALS = 12
+MOST_TRIALS = 12
 
 
 class HasEnergy(Protocol):
@@ -57,12 +57,12 @@ def strong_wolfe(
 
     Returns
     -------
-    The accepted trial. None if no length decreases the value. A value that is not finite counts as infinite: the step
-    is shortened.
+    The accepted trial; after twelve, the lowest with sufficient decrease. None if no length decreases the value. A value
+    that is not finite counts as infinite: the step is shortened.
     """
     low, high = start, None
     length = min(first, longest)
-    for _ in range(_MOST_TRIALS):
+    for _ in range(MOST_TRIALS):
         point = evaluate(length)
         value, slope = point.energy, np.nan
         if value <= start.value + DECREASE * length * start.slope and value < low.value:
