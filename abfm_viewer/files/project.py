@@ -32,8 +32,11 @@ from abfm_viewer.files.project_checks import check
 _FORMAT = 2  # versions that had one camera for all surfaces wrote 1, and read no later ones
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
 _MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
-_RUN = {"stages": Entry("integer", ("n",), may_be_empty=True), "energies": Entry("real", ("n", 3), may_be_empty=True)}
-_COURSE = _RUN | {"vertices": Entry("integer", ("n",)), "reaches": Entry("real", ("n",))}
+_RUN = {
+    "stages": Entry("integer", ("n",), may_be_empty=True, low=0),
+    "energies": Entry("real", ("n", 3), may_be_empty=True),
+}
+_COURSE = _RUN | {"vertices": Entry("integer", ("n",), low=0), "reaches": Entry("real", ("n",), low=0)}
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in ("parameters", "verdict", "remedies")}
 
 

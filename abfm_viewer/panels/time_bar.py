@@ -131,7 +131,7 @@ def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
     canvas.AddText((beyond, y), _packed(colors.ink), "τ")
     end, start = max(middle, beyond + tau), right - ui.px(6) - width
     if grab > start - gap:
-        start = min(start, grab - gap - width)
+        start = min(start, grab - 2 * gap - width)
     if start > end + gap:
         canvas.AddText((start, y), _packed(color), text)
 

@@ -57,8 +57,8 @@ def strong_wolfe(
 
     Returns
     -------
-    The accepted trial; after twelve, the lowest with sufficient decrease. None if no length decreases the value. A value
-    that is not finite counts as infinite: the step is shortened.
+    The accepted trial; after twelve, the lowest with sufficient decrease. None if no length decreases the value. A
+    value that is not finite counts as infinite: the step is shortened.
     """
     low, high = start, None
     length = min(first, longest)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from abfm import Match, Parameters, ResultError, match
-from abfm_viewer.document.document import Document, Point
+from abfm_viewer.document.document import Document, Point, Run
 from abfm_viewer.files.autosave import recoverable
 from abfm_viewer.files.origin import MEMBER, Origin, load_origin
 from abfm_viewer.files.project import load_project, save_project
@@ -69,6 +69,7 @@ def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved: Pa
     ("arrays", "words"),
     [
         ({"result/mask": npy(-np.ones(V))}, "result/mask has the value -1; expected 0 to inf"),
+        ({"result/velocity": npy(np.full((1, F, 3), 1e300))}, "velocity has the value 1e+300"),
         ({"result/weights": npy(np.array([-1.0]))}, "result/weights has the value -1"),
         ({"result/velocity": npy_of("(1, 6442450944, 3)", data=bytes(8))}, "result/velocity"),
         ({"mesh/faces": npy(SPHERE.faces[~(SPHERE.faces == 3).any(axis=1)])}, "in no face"),
@@ -78,6 +79,17 @@ def test_arrays_that_make_no_sense_are_named(saved: Path, arrays: dict[str, byte
     content = members(saved)
     saved.write_bytes(zipped(content | {f"{name}.npy": data for name, data in arrays.items()}))
     assert words in error_line(saved)
+
+
+@pytest.mark.parametrize(
+    ("name", "array"), [("stages", np.array([-1])), ("vertices", np.array([-1])), ("reaches", [-0.5])]
+)
+def test_runs_that_make_no_sense_are_named(tmp_path: Path, name: str, array: Any) -> None:
+    run = Run(np.ones((1, 3)), np.zeros(1, dtype=np.int64), (), 0.5, "run", np.array([V]), np.ones(1))
+    save_project(tmp_path / "p.abfm", Document(SPHERE, "sphere", runs=(run,)), {})
+    content = members(tmp_path / "p.abfm")
+    (tmp_path / "p.abfm").write_bytes(zipped(content | {f"runs/0/{name}.npy": npy(np.array(array))}))
+    assert f"runs/0/{name} has the value -" in error_line(tmp_path / "p.abfm")
 
 
 @pytest.mark.parametrize(
