@@ -1,11 +1,11 @@
 """The process that `match_apart` speaks with: one thread matches, this one listens."""
 
-import gc
 import os
 import threading
 import traceback
 from collections import OrderedDict
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -14,7 +14,7 @@ import abfm
 from abfm import AbfmError, Control, Iteration, TriangleMesh
 from abfm.numerics.own_process import Requests, factoring_apart
 from abfm.progress import telling
-from abfm_viewer.computing.match_apart import PREPARING, numbers, parts
+from abfm_viewer.computing.match_apart import PREPARING, RemoteLook, numbers, parts
 from abfm_viewer.computing.picture_pace import PicturePace
 
 _KEPT = 4  # iterates whose fields may be asked for
@@ -70,16 +70,19 @@ class _Matching:
         """Send what is there all at once: a window that draws takes in few messages a second, and none waits for it."""
         try:
             while True:
-                messages = [self._unsent.get()]
-                if messages[0][0] == "iteration":
-                    self._urgent.wait(_TOGETHER)
-                self._urgent.clear()
-                with suppress(Empty):
-                    while True:
-                        messages.append(self._unsent.get_nowait())
-                self._requests.answer(messages)
+                self._requests.answer(self._next_answers())  # not kept: an error holds on to the match that failed
         finally:  # nobody is there any more, or there is no memory: by its end the window knows
             os._exit(1)
+
+    def _next_answers(self) -> list[tuple[str, int, object]]:
+        messages = [self._unsent.get()]
+        if messages[0][0] == "iteration":
+            self._urgent.wait(_TOGETHER)
+        self._urgent.clear()
+        with suppress(Empty):
+            while True:
+                messages.append(self._unsent.get_nowait())
+        return messages
 
     @factoring_apart()
     def _match_all(self) -> None:
@@ -97,7 +100,7 @@ class _Matching:
                         traceback.print_exc()
                 case ("match", number, problem, given):
                     self._match(mesh, number, problem, given)
-                    gc.collect()  # its workspace is in a cycle of few objects, for which Python looks late
+                    self._let_go(number)
 
     def _match(self, mesh: TriangleMesh, number: int, problem: tuple[Any, ...], given: dict[str, Any]) -> None:
         pace, names = PicturePace(), numbers()
@@ -131,6 +134,21 @@ class _Matching:
             self._answer("error", number, RuntimeError(f"{type(error).__name__}: {error}"))
         else:
             self._answer("match", number, [getattr(found, name) for name in parts()])
+
+    def _let_go(self, number: int) -> None:
+        """Of a run that has ended keep the last fields that may be asked for, and not the workspace behind them."""
+        with self._lock:
+            mine = {key: each for key, each in self._recent.items() if key[0] == number}
+        kept = {}
+        with suppress(MemoryError):
+            if mine:
+                key, last = list(mine.items())[-1]
+                found = last.velocity, last.advected
+                kept[key] = replace(last, look=RemoteLook(last.advected, last.warning, lambda: found))
+        with self._lock:
+            for key in mine:
+                del self._recent[key]
+            self._recent.update(kept)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ class BracketGradient:
         That of ``v``.
     substeps, quadrature : int
         ``n`` and ``k``.
-    listen : callable
+    between : callable
         Called between steps; what it raises ends them.
     """
 
@@ -36,9 +36,9 @@ class BracketGradient:
         flow: ExponentialFlow,
         substeps: int,
         quadrature: int,
-        listen: Callable[[], None],
+        between: Callable[[], None],
     ) -> None:
-        self.mesh, self.flow, self._listen = mesh, flow, listen
+        self.mesh, self.flow, self._between = mesh, flow, between
         self.substeps, self.quadrature = substeps, quadrature
         self.bracket = Matrix(lie_bracket(mesh, v).T.tocsr())
 
@@ -47,12 +47,12 @@ class BracketGradient:
         dt = t / self.substeps
         states = [f]
         for _ in range(self.substeps - 1):
-            self._listen()
+            self._between()
             states.append(self.flow.forward(states[-1], dt).end)
         backward = self.flow.transposed()
         total = np.zeros(2 * len(self.mesh.faces))
         for index, state in enumerate(reversed(states)):
-            self._listen()
+            self._between()
             if index or self.substeps == 1:  # Eq. 9 has a factor that the n-step form lacks
                 mu = backward.forward(mu, dt).end
             total += dual_directional_derivative(self.mesh, state).T @ mu
@@ -63,7 +63,7 @@ class BracketGradient:
         dt = t / self.substeps
         total = term = sources
         for _ in range(self.quadrature):
-            self._listen()
+            self._between()
             term = exponential_action(self.bracket, term, dt / self.quadrature)
             total = total + term
         return (-dt / (self.quadrature + 1) * total).reshape(-1, 2)

@@ -93,7 +93,6 @@ class MatchingEnergy(Problem):
         self.shape = (parameters.segments, len(mesh.faces), 2)
         self.step = parameters.tau / parameters.segments
         self.vertex_count = len(mesh.vertices)  # values of a function that is advected, one a vertex or a cluster
-        self.listen: Callable[[], None] = lambda: None  # called within long gradients; what it raises ends them
         self._clustered = False
         self._workspace = Workspace(len(mesh.vertices))
         self._regularizers = {parameters.alpha: regularity_term(self.mesh, parameters, parameters.alpha)}
@@ -118,11 +117,13 @@ class MatchingEnergy(Problem):
         target: FloatArray | None = None,
         tolerance: float = TOLERANCE,
         alpha: float | None = None,
+        between: Callable[[], None] = lambda: None,
     ) -> Evaluation:
         """Energy and gradient at frame coefficients (N, F, 2), with ``sigma`` and ``alpha`` for the parameters'.
 
         A ``reach`` is that of the data term; a ``target`` (C, V) takes the place of g; ``tolerance`` truncates the
-        advection, and the gradient is that of the truncated sum.
+        advection, and the gradient is that of the truncated sum. Long gradients call ``between`` again and again; what
+        it raises ends them.
         """
         apply = self.regularizer(alpha).apply
         with np.errstate(over="ignore", invalid="ignore"):
@@ -130,7 +131,7 @@ class MatchingEnergy(Problem):
         regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(fields).ravel())
         try:
             with np.errstate(over="ignore", invalid="ignore"):  # an unstable flow ends in any numbers
-                mismatch, advected, gradient = self._mismatch(fields, sigma, reach, target, tolerance)
+                mismatch, advected, gradient = self._mismatch(fields, sigma, reach, target, tolerance, between)
             if not np.isfinite(mismatch):
                 raise AdvectionError("the mismatch overflows")
         except AdvectionError:
@@ -186,7 +187,13 @@ class MatchingEnergy(Problem):
         return self._data_terms[reach]
 
     def _mismatch(
-        self, fields: FloatArray, sigma: float, reach: float, target: FloatArray | None, tolerance: float
+        self,
+        fields: FloatArray,
+        sigma: float,
+        reach: float,
+        target: FloatArray | None,
+        tolerance: float,
+        between: Callable[[], None],
     ) -> tuple[float, FloatArray, Callable[[], FloatArray]]:
         flow = self.flow(fields, tolerance)
         value_and_residual = self.data_term(reach).value_and_residual
@@ -206,7 +213,7 @@ class MatchingEnergy(Problem):
 
         def differentiate() -> FloatArray:
             if by_bracket:
-                return self._bracket_gradient(fields, flow, residuals)
+                return self._bracket_gradient(fields, flow, residuals, between)
             gradient = np.zeros(self.shape)
             for trajectory, residual in zip(trajectories, residuals, strict=True):
                 flow.backward(trajectory, residual, gradient)
@@ -214,14 +221,16 @@ class MatchingEnergy(Problem):
 
         return mismatch, advected, differentiate
 
-    def _bracket_gradient(self, fields: FloatArray, flow: Advection, residuals: FloatArray) -> FloatArray:
+    def _bracket_gradient(
+        self, fields: FloatArray, flow: Advection, residuals: FloatArray, between: Callable[[], None]
+    ) -> FloatArray:
         p = self.parameters
         starts = [[trajectory.segments[0].start for trajectory in flow.forward(f)] for f in self.source]
         gradient = np.empty(self.shape)
         for j in reversed(range(p.segments)):
             part = flow.parts[j]
             assert isinstance(part, ExponentialFlow)
-            bracket = BracketGradient(self.mesh, fields[j], part, p.substeps, p.quadrature, self.listen)
+            bracket = BracketGradient(self.mesh, fields[j], part, p.substeps, p.quadrature, between)
             sources = sum(bracket.sources(starts[c][j], self.step, mu) for c, mu in enumerate(residuals))
             gradient[j] = bracket.gradient(np.asarray(sources), self.step)
             if j:

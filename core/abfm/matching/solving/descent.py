@@ -1,6 +1,7 @@
 """One stage of a match after the other: down in energy, from one mesh to the next, towards flow lines."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -52,6 +53,8 @@ class Descent:
         May be set to what it was before, on the same level, or to ``Progress()`` to begin anew.
     reason : str
         Why the latest stage ended.
+    wait : callable
+        Waits while paused, ends when cancelled; what has nothing to show yet goes on to its first evaluation.
     """
 
     def __init__(self, energy: MatchingEnergy, record: Record, control: Control) -> None:
@@ -59,6 +62,7 @@ class Descent:
         self.level = 0  # that of the latest stage
         self.progress = Progress()  # may be set to what it was before on the same level, or to begin anew
         self.reason = "iteration limit"  # why the latest stage ended
+        self.wait = partial(_wait, record, control)  # not of this descent: evaluations keep it, and it keeps them
         self._parameters, self._record, self._control = energy.parameters, record, control
         self._least = range_bound(energy)
 
@@ -76,11 +80,6 @@ class Descent:
     def attainable(self, goal: float) -> float:
         """A goal, or what the values of source and target leave of it; 0 stays 0."""
         return max(goal, self._least) if goal else 0.0
-
-    def wait(self) -> None:
-        """Wait while paused, end when cancelled; what has nothing to show yet goes on to its first evaluation."""
-        if self._record.history:
-            self._control.wait()
 
     def at(self, stage: Stage, x: FloatArray) -> Best:
         """Fields of a stage's level as a start that it may begin with."""
@@ -176,13 +175,12 @@ class Descent:
     def _search(self, stage: Stage, target: FloatArray | None) -> LBFGS[Evaluation]:
         p, energy = self._parameters, self.levels[stage.level].energy
         regularizer = energy.regularizer(stage.alpha)
-        energy.listen = self.wait
 
         def evaluate(x: FloatArray) -> Evaluation:
             if self._record.evaluations:
                 self._control.wait()
             self._record.evaluations += 1
-            return energy.evaluate(x, stage.sigma, stage.reach, target, _TOLERANCE, stage.alpha)
+            return energy.evaluate(x, stage.sigma, stage.reach, target, _TOLERANCE, stage.alpha, self.wait)
 
         def inverse(gradient: FloatArray) -> FloatArray:
             return np.stack([regularizer.inverse(momentum) for momentum in gradient]) / energy.step
@@ -192,3 +190,8 @@ class Descent:
 
         precondition = inverse if p.preconditioner == "hodge" else None
         return LBFGS(evaluate, precondition, p.memory, displacement, p.max_displacement, p.tolerance)
+
+
+def _wait(record: Record, control: Control) -> None:
+    if record.history:
+        control.wait()
