@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from abfm import progress
+from abfm import TriangleMesh, progress
 from abfm.progress import Step, step
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.evaluator import Evaluator
@@ -35,7 +35,8 @@ def test_a_job_tells_what_it_does_until_it_is_done():
 
 @pytest.mark.parametrize("own_process", [False, True])
 def test_functions_tell_what_takes_long_also_from_their_process(own_process):
-    evaluator = Evaluator(SPHERE, own_process)
+    mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces)  # one that has no eigenfunctions yet
+    evaluator = Evaluator(mesh, own_process)
     told: list[Step | None] = []
     with progress.telling(told.append):
         evaluator.values("eigenfunction:3")
