@@ -13,6 +13,7 @@ from abfm.progress import Step, telling
 from abfm_viewer.computing.memo import same
 
 Value = TypeVar("Value")
+_IDLE = 10.0  # seconds without a job after which a thread ends; the next job gets another one
 
 
 def one_line(error: BaseException) -> str:
@@ -102,8 +103,8 @@ class Latest(Generic[Value]):
     def close(self, seconds: float = 0.2) -> None:
         """End the thread; a job under way is waited for, but not for long."""
         self.retire()
-        if self._thread is not None:
-            self._thread.join(max(seconds, 0.0))
+        if (thread := self._thread) is not None:  # it may end meanwhile
+            thread.join(max(seconds, 0.0))
 
     def _start(self) -> None:
         if self._thread is None:
@@ -117,8 +118,11 @@ class Latest(Generic[Value]):
         while True:
             with self._condition:
                 while self._job is None and not self._closed:
-                    self._condition.wait()
+                    if not self._condition.wait(_IDLE):
+                        break
                 if self._job is None:
+                    if not self._closed:
+                        self._thread = None
                     return
                 key, job, self._job = self._wanted, self._job, None
                 self._running = key

@@ -14,6 +14,7 @@ import abfm
 from abfm import AbfmError, Control, Iteration, TriangleMesh
 from abfm.numerics.own_process import Requests, factoring_apart
 from abfm.progress import telling
+from abfm_viewer.computing.freed_memory import give_back
 from abfm_viewer.computing.match_apart import PREPARING, RemoteLook, numbers, parts
 from abfm_viewer.computing.picture_pace import PicturePace
 
@@ -101,6 +102,7 @@ class _Matching:
                 case ("match", number, problem, given):
                     self._match(mesh, number, problem, given)
                     self._let_go(number)
+                    give_back()
 
     def _match(self, mesh: TriangleMesh, number: int, problem: tuple[Any, ...], given: dict[str, Any]) -> None:
         pace, names = PicturePace(), numbers()

@@ -18,6 +18,7 @@ from abfm.types import FloatArray
 from abfm_viewer.computing.background import one_line
 from abfm_viewer.computing.energies import Energies
 from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.freed_memory import give_back
 from abfm_viewer.computing.keeping import Keeper
 from abfm_viewer.computing.match_apart import MatchApart, Relayed
 from abfm_viewer.computing.picture_pace import PicturePace
@@ -211,6 +212,7 @@ class Solver:
                 traceback.print_exc()
             self._error = one_line(error)
             self._rescue(functions)
+        give_back()
 
     def _rescue(self, functions: Functions) -> None:
         """What a run that fails has found must not be lost with it."""

@@ -3,13 +3,13 @@
 ``python -m tests.attack.monkey --seed S --count N`` prints a line for each (see `tests.attack.trial`). A sequence ends
 by waiting until nothing is computed any more, and by undoing everything, which must lead back to where it began. The
 window lives on from one sequence to the next, and its unsaved work is saved in between, as somebody would who works all
-day. ``--apart`` matches and evaluates in processes, as a real window does on large meshes.
+day. ``--apart`` matches and evaluates in processes, as a real window does on large meshes. A run of more than five
+minutes tells at its end what the window has then and had after those, and ends with 1 if that is more by a tenth.
 """
 
 from __future__ import annotations
 
 import argparse
-import gc
 import io
 import os
 import random
@@ -20,10 +20,12 @@ import tempfile
 import threading
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 
@@ -43,6 +45,7 @@ ACTIONS = (5, 25)
 """How many a sequence has, at least and at most."""
 _PATIENCE = 3000  # frames of 5 ms, and as long as they take, in which everything must come to its end
 _LONGEST_LINE = 1000
+_EARLY, _MOST_GROWTH = 300.0, 1.1  # seconds, and what there may be at the end over what there was after them
 _MOST_MEMORY = 6 << 30  # bytes of address space
 _BUG = re.compile(r"\b(?:Type|Key|Index|Attribute|Value|Runtime|Assertion|Name|Lookup|Arithmetic|Recursion)Error: ")
 _NONSENSE = (
@@ -56,6 +59,7 @@ _KEYS = (
     "f1", "tab", "enter", "ctrl+enter", "ctrl+s", "ctrl+o", "ctrl+q", "up", "down", "a", "r", "w", "f", "1", "2", "3",
 )  # fmt: skip
 _LEFT_ALONE = ("Samples", "Save movie...", "Save picture...", "iterations", "UI scale", "Quit")
+_CLICKED = ("button", "checkbox", "choice", "tab", "section", "item")
 _ENDS = ("Go back", "Cancel", "Close", "OK", "Later", "No", "Don't replace")
 
 
@@ -121,12 +125,17 @@ class Monkey:
             "fault" if found.faults else "ok",
             detail,
             round(time.process_time() - began, 3),
+            threads=threading.active_count(),
+            resident=counts()["megabytes"],
         )
 
     # What is done
 
     def _act(self, chance: random.Random) -> None:
-        name, act = chance.choices(_ACTS, _WEIGHTS)[0]
+        self.gui.frames(1)
+        possible = {name: each for name, each in _ACTIONS.items() if each.is_possible(self)}
+        [name] = chance.choices(list(possible), [each.weight for each in possible.values()])
+        act = possible[name].act
         done = name
         try:
             done = f"{name} {act(self, chance) or ''}".strip()
@@ -141,11 +150,15 @@ class Monkey:
         for part, error_line in self.gui.errors.items():
             self.found.fault(f"{part}: {error_line}")
 
-    def widget(self, chance: random.Random, *kinds: str) -> Widget:
+    def usable(self, *kinds: str, label: str = "") -> list[Widget]:
+        """Widgets of these kinds that were drawn last and are not grey, or those of a label."""
+        drawn = [w for w in self.gui.window.ui.widgets if w.enabled and w.kind in kinds and w.label not in _LEFT_ALONE]
+        return [w for w in drawn if not label or w.label == label]
+
+    def widget(self, chance: random.Random, *kinds: str, label: str = "") -> Widget:
         self.gui.frames(1)
-        usable = [w for w in self.gui.window.ui.widgets if w.enabled and w.kind in kinds and w.label not in _LEFT_ALONE]
-        if not usable:
-            raise DriverError("there is no such widget")
+        if not (usable := self.usable(*kinds, label=label)):
+            raise DriverError("there is no such widget any more")
         return chance.choice(usable)
 
     # How it ends
@@ -267,7 +280,7 @@ def differences(one: Document, other: Document) -> list[str]:
 
 def _press(label: str) -> Callable[[Monkey, random.Random], str]:
     def press(monkey: Monkey, chance: random.Random) -> str:
-        monkey.gui.click(label)
+        monkey.gui._click(monkey.widget(chance, "button", label=label))
         return ""
 
     return press
@@ -314,13 +327,13 @@ def _choose(monkey: Monkey, chance: random.Random) -> str:
 
 
 def _click(monkey: Monkey, chance: random.Random) -> str:
-    widget = monkey.widget(chance, "button", "checkbox", "choice", "tab", "section", "item")
+    widget = monkey.widget(chance, *_CLICKED)
     monkey.gui.click(widget.label, within=_within(widget))
     return f"{widget.section}/{widget.label}"
 
 
 def _menu(monkey: Monkey, chance: random.Random) -> str:
-    menu = chance.choice(("File", "Edit", "View", "Help"))
+    menu = monkey.widget(chance, "menu").label
     monkey.gui.click(menu)
     for _ in range(3):
         items = [
@@ -376,20 +389,18 @@ def _open(monkey: Monkey, chance: random.Random) -> str:
 
 
 def _answer(monkey: Monkey, chance: random.Random) -> str:
-    if not monkey.gui.window.dialogs.is_open:
-        raise DriverError("nothing is asked")
     return _click(monkey, chance)
 
 
 def _export(monkey: Monkey, chance: random.Random) -> str:
     name = chance.choice(("out.npz", "out.ply", "out.vtu", "out.csv", "out.nothing", "no/such/folder/out.npz"))
     monkey.gui.click("Save result...")
-    monkey.gui.type("name", str(monkey.folder / name))
+    monkey.gui.type("file name", str(monkey.folder / name))
     return name
 
 
 def _match(monkey: Monkey, chance: random.Random) -> str:
-    monkey.gui.click("Match")
+    monkey.gui._click(monkey.widget(chance, "button", label="Match"))
     _wait(monkey, chance)
     if chance.random() < 0.5:
         monkey.gui.wait(lambda session: not session.solver.running or session.solver.paused, seconds=20)
@@ -397,27 +408,50 @@ def _match(monkey: Monkey, chance: random.Random) -> str:
     return ""
 
 
-_CHOICES: dict[str, tuple[int, Callable[[Monkey, random.Random], str]]] = {
-    "match": (8, _match),
-    "pause": (3, _press("Pause")),
-    "resume": (3, _press("Resume")),
-    "cancel": (3, _press("Cancel")),
-    "wait": (6, _wait),
-    "key": (8, _key),
-    "slide": (7, _slide),
-    "type": (7, _type),
-    "choose": (7, _choose),
-    "click": (8, _click),
-    "menu": (4, _menu),
-    "tab": (4, _tab),
-    "pick": (5, _pick),
-    "wheel": (2, _wheel),
-    "open": (5, _open),
-    "answer": (6, _answer),
-    "export": (2, _export),
+def _labelled(label: str) -> Callable[[Monkey], bool]:
+    return lambda monkey: bool(monkey.usable("button", label=label))
+
+
+def _there(*kinds: str) -> Callable[[Monkey], bool]:
+    return lambda monkey: bool(monkey.usable(*kinds))
+
+
+def _asked(monkey: Monkey) -> bool:
+    return monkey.gui.window.dialogs.is_open and bool(monkey.usable(*_CLICKED))
+
+
+def _has_result(monkey: Monkey) -> bool:
+    return monkey.gui.session.result is not None and not monkey.gui.window.dialogs.is_open
+
+
+@dataclass(frozen=True)
+class Action:
+    """Something to do, how often, and when: what is there to be used is what a user would do something with."""
+
+    weight: int
+    act: Callable[[Monkey, random.Random], str]
+    is_possible: Callable[[Monkey], bool] = lambda monkey: True
+
+
+_ACTIONS = {
+    "match": Action(8, _match, _labelled("Match")),
+    "pause": Action(4, _press("Pause"), _labelled("Pause")),
+    "resume": Action(6, _press("Resume"), _labelled("Resume")),
+    "cancel": Action(4, _press("Cancel"), _labelled("Cancel")),
+    "wait": Action(6, _wait),
+    "key": Action(8, _key),
+    "slide": Action(7, _slide, _there("slider")),
+    "type": Action(7, _type, _there("box")),
+    "choose": Action(7, _choose, _there("combo")),
+    "click": Action(8, _click, _there(*_CLICKED)),
+    "menu": Action(4, _menu, _there("menu")),
+    "tab": Action(4, _tab),
+    "pick": Action(5, _pick),
+    "wheel": Action(2, _wheel),
+    "open": Action(5, _open),
+    "answer": Action(20, _answer, _asked),
+    "export": Action(2, _export, _has_result),
 }
-_ACTS = [(name, act) for name, (_, act) in _CHOICES.items()]
-_WEIGHTS = [weight for weight, _ in _CHOICES.values()]
 
 
 def _within(widget: Widget) -> str:
@@ -458,14 +492,41 @@ def _files(folder: Path) -> list[Path]:
 
 def counts() -> dict[str, float]:
     """What the process has at present: threads, children, and megabytes that are resident."""
-    gc.collect()
-    children = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split()
+    task = Path(f"/proc/{os.getpid()}/task")
+    children = {child for thread in task.iterdir() for child in (thread / "children").read_text().split()}
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     megabytes = round(pages * resource.getpagesize() / 2**20, 1)
     return {"threads": threading.active_count(), "children": len(children), "megabytes": megabytes}
 
 
-def main() -> None:
+@dataclass
+class Endurance:
+    """What the window has after its first five minutes, and what it has at the end: medians of some sequences."""
+
+    begun: float
+    latest: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=20))
+    early: dict[str, float] | None = None
+
+    def add(self, now: dict[str, float]) -> None:
+        """What there is after one more sequence."""
+        self.latest.append(now)
+        if self.early is None and time.monotonic() - self.begun > _EARLY:
+            self.early = self._median()
+
+    def _median(self) -> dict[str, float]:
+        return {name: median(each[name] for each in self.latest) for name in self.latest[0]}
+
+    def end(self) -> bool:
+        """Tell of both, and whether what there is at the end is not more by over a tenth."""
+        if self.early is None:
+            return True
+        late = self._median()
+        print(f"# after {_EARLY / 60:g} minutes: {self.early}; at the end: {late}", file=sys.stderr)
+        return all(late[name] <= _MOST_GROWTH * self.early[name] for name in late)
+
+
+def main() -> int:
+    """The program; its exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=0, help="of the first sequence")
     parser.add_argument("--count", type=int, default=1, help="of sequences, each with the next seed")
@@ -475,19 +536,19 @@ def main() -> None:
     asked = parser.parse_args()
     resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
     began, seed = time.monotonic(), asked.seed
+    endurance = Endurance(began)
     with Monkey(asked.apart) as monkey:
         while seed < asked.seed + asked.count or time.monotonic() - began < 60 * asked.minutes:
             if time.monotonic() - began > asked.seconds:
                 break
             trial = monkey.sequence(seed)
             print(trial.to_line(), flush=True)
-            if (seed - asked.seed) % 50 == 49:
-                print(
-                    f"# {seed - asked.seed + 1} sequences, {(time.monotonic() - began):.0f} s: {counts()}",
-                    file=sys.stderr,
-                )
+            endurance.add(counts())
             seed += 1
+            if (seed - asked.seed) % 50 == 0:
+                print(f"# {seed - asked.seed} sequences, {time.monotonic() - began:.0f} s: {counts()}", file=sys.stderr)
+        return 0 if endurance.end() else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

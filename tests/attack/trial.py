@@ -23,7 +23,8 @@ class Trial:
 
     The kind says what was tried within the part (``"little.ply/bits"``); "ok" is that all went as promised, "refused"
     that bad input was refused in one line, "fault" anything else, with what went wrong as its detail. Seconds are of
-    CPU time, megabytes what the process that was attacked grew by at most; 0 where they were not measured.
+    CPU time, megabytes what the process that was attacked grew by at most; threads and resident megabytes are what a
+    process that goes on to the next trial has at the end. All are 0 where they were not measured.
     """
 
     kind: str
@@ -32,6 +33,8 @@ class Trial:
     detail: str = ""
     seconds: float = 0.0
     megabytes: float = 0.0
+    threads: int = 0
+    resident: float = 0.0
 
     def to_line(self) -> str:
         """The line that a part prints."""

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from abfm import FunctionError
+from abfm_viewer.computing import background
 from abfm_viewer.computing.background import Latest
 from tests.viewer.sessions import until
 
@@ -136,3 +137,28 @@ def test_who_is_retired_is_not_waited_for():
     latest.retire()
     assert latest.ask("key", lambda: 1) is None
     assert not latest.busy
+
+
+def test_a_thread_without_work_ends_and_the_next_job_gets_another_one(monkeypatch):
+    monkeypatch.setattr(background, "_IDLE", 0.01)
+    latest = Latest[int]("resting at times")
+
+    def is_there() -> bool:
+        return "resting at times" in [thread.name for thread in threading.enumerate()]
+
+    for number in range(3):
+        latest.ask(number, lambda number=number: 2 * number)
+        until(lambda number=number: latest.ask(number, lambda: -1) == 2 * number)
+        until(lambda: not is_there())
+    latest.ask(3, lambda: 6)
+    latest.close(10)
+    assert not is_there()
+
+
+def test_requests_while_threads_come_and_go_are_all_answered(monkeypatch):
+    monkeypatch.setattr(background, "_IDLE", 0.0)
+    latest = Latest[int]("hardly ever there")
+    for number in range(300):
+        latest.ask(number, lambda number=number: number)
+        until(lambda number=number: latest.ask(number, lambda number=number: number) == number)
+    latest.close(10)

@@ -8,11 +8,12 @@ import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from abfm import MatchingEnergy, Parameters
+from abfm.numerics.own_process import Requests
 from abfm_viewer.computing import match_process
 from tests.core.fields import bump
 from tests.shapes import icosphere
@@ -48,7 +49,7 @@ class Conversation:
 @pytest.fixture
 def conversation() -> Conversation:
     conversation = Conversation()
-    process = match_process._Matching(conversation)  # type: ignore[arg-type]
+    process = match_process._Matching(cast(Requests, conversation))
     threading.Thread(target=process.listen, daemon=True).start()
     conversation.requests.put(("mesh", SPHERE))
     return conversation
