@@ -116,9 +116,10 @@ def _read_text(path: Path) -> tuple[list[str], FloatArray]:
     if not rows:
         raise ValueError(f"it has only the line {brief(lines[0])}")
     try:
-        return names, np.loadtxt(rows, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
+        table = np.loadtxt(rows, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
     except ValueError as error:
         raise ValueError(str(error).partition("; use `usecols`")[0]) from error  # which is advice to who programs
+    return names if len(names) == table.shape[1] else [], table  # other words on top are a title
 
 
 def _is_number(text: str) -> bool:

@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError
 from abfm.functions import function
+from abfm.functions.values_file import read_column
 from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
@@ -290,3 +291,13 @@ def test_symmetries_that_are_not_there_are_refused() -> None:
         function(uneven, "permuted:mirror(coordinate:x)")
     with pytest.raises(FunctionError, match=r"'miror' is neither mirror nor rotation nor .*did you mean 'mirror'"):
         function(MESH, "permuted:miror(coordinate:x)")
+
+
+def test_a_title_of_more_words_than_columns_names_none(tmp_path: Path) -> None:
+    path = tmp_path / "v.csv"
+    path.write_text("a,b,c\n1,2\n3,4\n")
+    assert_allclose(read_column(str(path), "1"), [2, 4])
+    with pytest.raises(FunctionError, match="2 columns, none called"):
+        read_column(str(path), "c")
+    path.write_text("mean curvature\n1\n3\n")
+    assert_allclose(read_column(str(path)), [1, 3])
