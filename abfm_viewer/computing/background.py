@@ -7,7 +7,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Generic, TypeVar
 
-from abfm import AbfmError, errors
+from abfm import AbfmError
+from abfm.errors import LONGEST, one_line
 from abfm.numerics.own_process import factoring_apart
 from abfm.progress import Step, telling
 from abfm_viewer.computing.memo import same
@@ -16,9 +17,9 @@ Value = TypeVar("Value")
 _IDLE = 10.0  # seconds without a job after which a thread ends; the next job gets another one
 
 
-def one_line(error: BaseException) -> str:
+def error_line(error: BaseException) -> str:
     """An error as a line for the window; one that is not about the input says what kind it is."""
-    text = errors.one_line(str(error), errors.LONGEST)
+    text = one_line(str(error), LONGEST)
     if isinstance(error, AbfmError | OSError):
         return text
     if isinstance(error, MemoryError):
@@ -136,7 +137,7 @@ class Latest(Generic[Value]):
             with telling(self._tell):
                 value = job()
         except BaseException as problem:  # also what is no Exception: a thread that ended would answer nobody
-            error = one_line(problem)
+            error = error_line(problem)
             if self._at_once and not isinstance(problem, Exception):
                 raise
             if not isinstance(problem, AbfmError | MemoryError):

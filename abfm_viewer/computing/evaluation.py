@@ -14,7 +14,7 @@ from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.errors import brief
 from abfm.progress import Step
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import Latest, one_line
+from abfm_viewer.computing.background import Latest, error_line
 from abfm_viewer.computing.evaluator import Evaluator
 
 _KEPT = 64
@@ -119,7 +119,7 @@ class Functions:
             try:
                 found.values[spec] = self.evaluate(spec)
             except (AbfmError, MemoryError) as error:
-                found.errors[spec] = one_line(error)
+                found.errors[spec] = error_line(error)
         return found
 
 

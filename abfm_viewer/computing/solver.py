@@ -15,7 +15,7 @@ from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
 from abfm.numerics.own_process import factoring_apart
 from abfm.progress import Step, telling
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import one_line
+from abfm_viewer.computing.background import error_line
 from abfm_viewer.computing.energies import Energies
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.freed_memory import give_back
@@ -210,7 +210,7 @@ class Solver:
         except Exception as error:
             if not isinstance(error, AbfmError | MemoryError):
                 traceback.print_exc()
-            self._error = one_line(error)
+            self._error = error_line(error)
             self._rescue(functions)
         give_back()
 

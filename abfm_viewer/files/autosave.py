@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import one_line
+from abfm_viewer.computing.background import error_line
 from abfm_viewer.computing.memo import same
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.origin import Origin
@@ -58,7 +58,7 @@ class Autosave:
             if not self._future.done():
                 return
             problem, self._future = self._future.exception(), None
-            self.error = one_line(problem) if problem else ""
+            self.error = error_line(problem) if problem else ""
             if problem:
                 self._state = None  # to be tried again
         if not unsaved:

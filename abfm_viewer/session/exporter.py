@@ -22,7 +22,7 @@ from abfm.io import temporary_folder, write_atomically
 from abfm.numerics.own_process import factoring_apart
 from abfm.progress import Step
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import one_line
+from abfm_viewer.computing.background import error_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.files import outputs
 from abfm_viewer.files.project import save_project
@@ -131,7 +131,7 @@ class Exporter:
                 self.progress, self.message = 1.0, f"saved {path}"
             except Exception as error:
                 self.failed = not self._cancelled
-                self.message = "export cancelled" if self._cancelled else one_line(error)
+                self.message = "export cancelled" if self._cancelled else error_line(error)
             self._say(self.message, self.failed)
 
         self._thread = threading.Thread(target=work, name="export", daemon=True)

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 
 from abfm import MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
-from abfm_viewer.computing.background import one_line
+from abfm_viewer.computing.background import error_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.presets import figure_document
 from abfm_viewer.document.samples import MESHES as MESH_SAMPLES
@@ -145,7 +145,7 @@ class SessionFiles:
             if error is not None:
                 again = partial(self.save, done.path, _all(done.then), done.document)
                 remedies = self._offered(OTHER_NAME, again)
-                self._session.say(f"not saved: {one_line(error)}", True, SAVING, remedies)
+                self._session.say(f"not saved: {error_line(error)}", True, SAVING, remedies)
                 continue
             self._session.mend(SAVING)
             self._session.mark_saved(done.document, done.future.result(), done.left)

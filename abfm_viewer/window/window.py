@@ -15,7 +15,7 @@ from PIL import Image
 
 from abfm.io import write_atomically
 from abfm_viewer import signals
-from abfm_viewer.computing.background import one_line
+from abfm_viewer.computing.background import error_line
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
 from abfm_viewer.panels import cards, right_panel, status_line, time_bar
@@ -174,8 +174,8 @@ class Window:
         except Exception as error:
             if part not in self.errors:
                 traceback.print_exc()
-            self.errors[part] = one_line(error)
-            self.session.say(f"{part}: {one_line(error)}", is_error=True)
+            self.errors[part] = error_line(error)
+            self.session.say(f"{part}: {error_line(error)}", is_error=True)
         else:
             self.errors.pop(part, None)
         self._drawn.add(part)

@@ -84,19 +84,25 @@ def test_likely_words_are_sought_among_few_and_short_ones() -> None:
     assert did_you_mean("wort", endless()) == " (did you mean 'word'?)"
 
 
+def check_outcomes(path: Path) -> None:
+    """As values and as a map, the file gives finite values or one line that refuses it."""
+    for form in ("file:{}", "permuted:{}(coordinate:x)"):
+        try:
+            values = function(MESH, form.format(path))
+        except FunctionError as error:
+            outcome = str(error)
+            assert outcome.isprintable()
+        else:
+            assert values.shape == (COUNT,)
+            assert np.isfinite(values).all()
+
+
 def test_one_wrong_byte_of_an_array_is_noticed_or_harmless(tmp_path: Path) -> None:
     path = tmp_path / "a.npy"
     np.save(path, np.arange(float(COUNT)))
     for changed in one_byte_changed(path.read_bytes(), 128):
         path.write_bytes(changed)
-        for form in ("file:{}", "permuted:{}(coordinate:x)"):
-            try:
-                values = function(MESH, form.format(path))
-            except FunctionError as error:
-                outcome = str(error)
-                assert outcome.isprintable()
-            else:
-                assert values.shape == (COUNT,)
+        check_outcomes(path)
 
 
 @settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -107,14 +113,7 @@ def test_one_wrong_byte_of_an_array_is_noticed_or_harmless(tmp_path: Path) -> No
 def test_any_bytes_are_values_or_refused(tmp_path: Path, content: bytes, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     path.write_bytes(content)
-    for form in ("file:{}", "permuted:{}(coordinate:x)"):
-        try:
-            values = function(MESH, form.format(path))
-        except FunctionError as error:
-            outcome = str(error)
-            assert outcome.isprintable()
-        else:
-            assert np.isfinite(values).all()
+    check_outcomes(path)
 
 
 def test_maps_to_meshes_of_files_with_many_more_vertices_need_no_room(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import re
 import struct
+from abc import ABC, abstractmethod
 from array import array
 from collections.abc import Callable, Sequence
 from itertools import chain
@@ -36,7 +37,7 @@ class Column(NamedTuple):
     counts: IntArray | None
 
 
-class Body:
+class Body(ABC):
     """Numbers at positions, counted in `size` units each; see `BinaryBody` and `TextBody`."""
 
     length: int
@@ -64,21 +65,21 @@ class Body:
             return found
         return self._walk(element, rows, properties, wanted)
 
+    @abstractmethod
     def size(self, code: str) -> int:
         """Units that a number takes."""
-        raise NotImplementedError
 
+    @abstractmethod
     def column(self, start: int, rows: int, step: int, code: str) -> NDArray[Any]:
         """Numbers that are as far from each other as the rows of a table."""
-        raise NotImplementedError
 
+    @abstractmethod
     def reader(self, code: str) -> Callable[[int], int]:
         """What gives the whole number at a position."""
-        raise NotImplementedError
 
+    @abstractmethod
     def runs(self, starts: IntArray, counts: IntArray, code: str) -> NDArray[Any]:
         """So many numbers from each start."""
-        raise NotImplementedError
 
     def _walk(self, element: str, rows: int, properties: list[Property], wanted: Sequence[str]) -> dict[str, Column]:
         """The same where lengths of lists must be read to know where the next row begins."""
