@@ -160,7 +160,7 @@ class Monkey:
             session.player.playing = False
             gui.frames(1)
             quiet = 0 if self._at_work() else quiet + 1
-            if quiet > 5:
+            if quiet > 2:
                 break
             time.sleep(0.005)
         else:
