@@ -6,18 +6,21 @@ ended, and many pictures were drawn, holds on to several times as much as it use
 
 import ctypes
 import sys
-from typing import Any
+from functools import cache
 
 _LARGE = 2 << 20  # bytes: pictures and textures; what a window computes with all the time is smaller
-_MMAP_THRESHOLD = -3  # of malloc.h
+_POOLS = 2
+_MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # of malloc.h
 
 
-def return_large_blocks() -> None:
-    """From now on every large block goes back as soon as it is freed, and leaves no hole in a pool.
+def keep_little() -> None:
+    """From now on all threads share two pools, and every large block goes back as soon as it is freed.
 
-    The C library begins so, but from the first such block that is freed on it takes blocks of that size from its pools.
+    The C library begins so, but from the first large block that is freed on it takes blocks of that size from its
+    pools, where they leave holes, and it makes up to eight pools for each core.
     """
     _c_library("mallopt", _MMAP_THRESHOLD, _LARGE)
+    _c_library("mallopt", _ARENA_MAX, _POOLS)
 
 
 def give_back() -> None:
@@ -27,7 +30,10 @@ def give_back() -> None:
 
 def _c_library(name: str, *given: int) -> None:
     """Call a function of the C library; elsewhere than on Linux, and where it has no such function, nothing happens."""
-    if sys.platform == "linux":
-        function: Any = getattr(ctypes.CDLL(None), name, None)
-        if function is not None:
-            function(*given)
+    if sys.platform == "linux" and hasattr(_library(), name):
+        getattr(_library(), name)(*given)
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    return ctypes.CDLL(None)

@@ -9,7 +9,7 @@ _RESIDENT = """
 import os
 from pathlib import Path
 from threading import Thread
-from abfm_viewer.computing.freed_memory import give_back, return_large_blocks
+from abfm_viewer.computing.freed_memory import give_back, keep_little
 
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 2**20
@@ -32,7 +32,7 @@ print(before - resident())
 
 _BLOCKS = """
 bytearray(30 << 20)  # freed at once: from now on the C library would take blocks up to this size from its pools
-return_large_blocks()
+keep_little()
 before = resident()
 kept = []
 for _ in range(20):
