@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -217,36 +215,3 @@ def test_extension_keeps_known_values_and_averages_the_rest() -> None:
     i, j = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).T
     neighbours = np.bincount(i, filled[j]) / np.bincount(i)
     assert_allclose(filled[~known], neighbours[~known], atol=1e-12)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a process's memory has no limit that can be set")
-def test_distances_for_which_there_is_no_memory_are_refused_before_the_library_runs_out_of_it() -> None:
-    """Inside it there is not only a MemoryError (3) but, by chance, a crash; little by little more, up to enough."""
-    code = """if True:
-        import os, resource, sys, potpourri3d
-        from abfm.calculus.geodesics import geodesic_distance
-        from abfm.mesh import load_mesh
-
-        def solver(*given, **named):
-            try:
-                return heat(*given, **named)
-            except MemoryError:
-                os._exit(3)
-
-        geodesic_distance(load_mesh(sys.argv[1]), 0)
-        heat, potpourri3d.MeshHeatMethodDistanceSolver = potpourri3d.MeshHeatMethodDistanceSolver, solver
-        mesh = load_mesh(sys.argv[2]).normalized()
-        for kilobytes in range(128, 12_000, 128):
-            if not os.fork():
-                used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
-                resource.setrlimit(resource.RLIMIT_AS, 2 * (used + kilobytes * 2**10,))
-                try:
-                    geodesic_distance(mesh, 7)
-                except MemoryError:
-                    os._exit(1)
-                os._exit(0)
-            print(os.waitstatus_to_exitcode(os.wait()[1]), end=" ")
-    """
-    paths = [ASSETS / "eight.off", ASSETS / "human_A.off"]
-    done = subprocess.run([sys.executable, "-c", code, *paths], capture_output=True, text=True, check=True)
-    assert set(done.stdout.split()) == {"0", "1"}
