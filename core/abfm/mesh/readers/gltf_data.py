@@ -58,9 +58,11 @@ class Document:
         self._buffers: dict[Path | int, bytes] = {}
 
     def roots(self) -> list[int]:
-        """Nodes of the scene that is to be shown."""
-        if "scenes" not in self._header:
-            return []
+        """Nodes of the scene that is to be shown; without scenes, those that are below no other."""
+        if not _of(self._header, "scenes", list, []):
+            nodes = range(len(_of(self._header, "nodes", list, [])))
+            below = {child for index in nodes for child in _indices(self._entry("nodes", index), "children")}
+            return [index for index in nodes if index not in below]
         return _indices(self._entry("scenes", _of(self._header, "scene", int, 0)), "nodes")
 
     def node(self, index: int) -> Node:
