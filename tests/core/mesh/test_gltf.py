@@ -47,6 +47,15 @@ def test_scenes_are_as_trimesh_reads_them(folder, seed, count):
     np.testing.assert_allclose(ours.vertices, theirs.vertices, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("scenes", [{}, {"scenes": []}])
+def test_without_scenes_all_nodes_are_shown(tmp_path, scenes):
+    header = gltf_header()
+    header["nodes"] = [{"mesh": 0}, {"children": [0], "translation": [5, 0, 0]}]
+    del header["scenes"]
+    path = write(tmp_path, "a.glb", glb(header | scenes))
+    assert gltf.read_gltf(path).vertices.tolist() == [[5, 0, 0], [6, 0, 0], [5, 1, 0]]
+
+
 def strip_of(mode):
     corners = np.array([0, 1, 2, 3], dtype="<u4")
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]] if mode == 5 else
