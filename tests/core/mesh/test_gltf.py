@@ -113,7 +113,7 @@ REFUSED = {
     "2^30 copies": ({"nodes": doubled(30)}, "node 30 is in the scene twice"),
     "no node": ({"nodes": []}, r"names nodes\[0\], but has 0 nodes"),
     "negative node": ({"scenes": [{"nodes": [-1]}]}, r"names nodes\[-1\], but has 1 nodes"),
-    "words as nodes": ({"nodes": "all"}, "its nodes is no list"),
+    "words as nodes": ({"nodes": "all"}, "its nodes is no array"),
     "no accessor": ({"accessors": [POSITIONS]}, r"names accessors\[1\], but has 1 accessors"),
     "sparse": ({"accessors": [POSITIONS | {"sparse": SPARSE}, CORNERS]}, "accessor 0 is sparse"),
     "many": ({"accessors": [POSITIONS | {"count": 10**9}, CORNERS]}, "announces 1000000000 entries"),

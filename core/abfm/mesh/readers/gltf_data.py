@@ -18,6 +18,7 @@ from abfm.types import FloatArray
 
 _GLB, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WORDS = {dict: "object", list: "array", int: "whole number", str: "text"}  # of JSON
 _COLUMNS = {"SCALAR": 1, "VEC3": 3}
 
 
@@ -173,7 +174,7 @@ def _of(entry: Any, name: str, kind: type, default: Any) -> Any:
     """What a JSON object has under a name, of this type."""
     found = entry.get(name, default) if isinstance(entry, dict) else None
     if found is not default and (not isinstance(found, kind) or isinstance(found, bool)):
-        raise ValueError(f"its {name} is no {kind.__name__}, as glTF has it")
+        raise ValueError(f"its {name} is no {_WORDS[kind]}, as glTF has it")
     return found
 
 
