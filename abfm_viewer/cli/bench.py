@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 
 import abfm
-from abfm import TriangleMesh, load_mesh
+from abfm import Control, TriangleMesh, load_mesh
 from abfm_viewer import automation, signals
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.interrupt import Kept, raised_by_signals
+from abfm_viewer.cli.interrupt import Kept, cancelled_by_signals
 
 SUMMARY = "measure the solver against the paper's algorithm and plain L-BFGS, or how often it succeeds"
 DESCRIPTION = """\
@@ -58,19 +58,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure and print."""
-    kept = Kept()
+    kept, control = Kept(), Control()
 
     def tell(line: str) -> None:
-        if kept.number is not None:
-            raise signals.EndedBySignal(kept.number)
         if not arguments.quiet:
             print(line, file=sys.stderr, flush=True)
 
     if arguments.success:
         meshes = _meshes(arguments, {} if arguments.only_given else abfm.benchmark.success.success_meshes())
         problems = {"seed": arguments.seed, "count": arguments.problems, "part": arguments.part}
-        with raised_by_signals() as kept:
-            report = abfm.benchmark.success.run_success(meshes, tell, **problems)
+        with cancelled_by_signals(control, "with what was finished") as kept:
+            report = abfm.benchmark.success.run_success(meshes, tell, stopped=lambda: control.cancelled, **problems)
         text = abfm.benchmark.success.format_success(report)
     elif arguments.arrival:
         report = abfm.benchmark.run_arrival(tell)
@@ -83,7 +81,6 @@ def run(arguments: argparse.Namespace) -> int:
         text = abfm.benchmark.format_report(report)
     print(json.dumps(report, allow_nan=False) if arguments.json else text)
     if kept.number is not None:
-        print("abfm: interrupted; the report is of what was finished", file=sys.stderr)
         return signals.status(kept.number)
     return 0
 

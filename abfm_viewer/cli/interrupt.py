@@ -21,8 +21,8 @@ class Kept:
 
 
 @contextmanager
-def cancelled_by_signals(control: Control) -> Iterator[Kept]:
-    """Turn the first signal inside the block into a cancellation, so that the best result is kept.
+def cancelled_by_signals(control: Control, what: str = "with the best result so far") -> Iterator[Kept]:
+    """Turn the first signal inside the block into a cancellation, and say on stderr with what it stops.
 
     The second one leaves at once, unless it comes with the first.
     """
@@ -34,29 +34,11 @@ def cancelled_by_signals(control: Control) -> Iterator[Kept]:
             kept.number, came = number, time.monotonic()
             control.cancel()
             with suppress(OSError):  # not print, which may just have been interrupted
-                os.write(2, b"stopping with the best result so far; Ctrl-C again to leave at once\n")
+                os.write(2, f"stopping {what}; Ctrl-C again to leave at once\n".encode())
         elif time.monotonic() - came > _TOGETHER:
             handled.close()
             os.kill(os.getpid(), number)
 
     with ExitStack() as handled:
         handled.enter_context(signals.taken_over(stop))
-        yield kept
-
-
-@contextmanager
-def raised_by_signals() -> Iterator[Kept]:
-    """Let the first signal inside the block raise `EndedBySignal`; the second one leaves at once.
-
-    Compiled code may swallow what is raised: look at what was kept where work can end as well.
-    """
-    kept = Kept()
-
-    def end(number: int, frame: FrameType | None) -> None:
-        handled.close()
-        kept.number = number
-        raise signals.EndedBySignal(number)
-
-    with ExitStack() as handled:
-        handled.enter_context(signals.taken_over(end))
         yield kept

@@ -29,7 +29,7 @@ MODES = ("process", "group", "twice")  # to the process alone, as a terminal doe
 PAIR = ("--source", "gaussian:vertex=10,width=0.2", "--target", "gaussian:vertex=40,width=0.2", "--quiet")
 ENDLESS = ("--iterations", "1000000", "--tolerance", "0", "--sigma", "1e-6")
 STOPPING, INTERRUPTED = "stopping with the best result so far; Ctrl-C again to leave at once", "interrupted"
-REPORTED = "abfm: interrupted; the report is of what was finished"
+REPORTED = "stopping with what was finished; Ctrl-C again to leave at once"
 _MAIN = "import sys; from abfm_viewer.{} import main; sys.exit(main())"
 _PATIENCE = 60.0  # seconds after which a process does not end
 

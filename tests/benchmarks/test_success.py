@@ -186,17 +186,17 @@ def test_table_has_a_row_for_every_group() -> None:
     assert all(name in text for name in ("distance far", "7 s → 2 s in all"))
 
 
-def test_interruption_keeps_what_was_finished(ball: TriangleMesh) -> None:
-    def interrupt(line: str) -> None:
-        if line.startswith("1/"):
-            raise KeyboardInterrupt
-
-    report = run_success({"ball": ball}, interrupt, count=2, versions=SHORT)
+def test_what_was_finished_is_kept_when_it_is_stopped(ball: TriangleMesh) -> None:
+    told: list[str] = []
+    report = run_success({"ball": ball}, told.append, count=2, versions=SHORT, stopped=lambda: len(told) == 2)
     assert report["interrupted"]
     assert len(report["rows"]) == 1
+    assert told[1].startswith("1/2 ")
     assert "1 problems" in format_success(report)
 
-    def at_once(line: str) -> None:
-        raise KeyboardInterrupt
 
-    assert "0 of 0" in format_success(run_success({"ball": ball}, at_once))
+def test_a_match_that_is_stopped_ends_at_once(ball: TriangleMesh) -> None:
+    told: list[str] = []
+    report = run_success({"ball": ball}, told.append, count=1, versions=SHORT, stopped=lambda: True)
+    assert (report["interrupted"], report["rows"], told) == (True, [], ["compiling"])
+    assert "0 of 0" in format_success(report)

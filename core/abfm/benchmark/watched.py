@@ -1,5 +1,6 @@
 """A match against the clock: how it went on the mesh itself, and how it ended."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
 from time import perf_counter
@@ -44,9 +45,14 @@ class Watched:
 
 
 def watched_match(
-    problem: Problem, parameters: Parameters, seconds: float = inf, energy: float = -inf, mismatch: float = -inf
+    problem: Problem,
+    parameters: Parameters,
+    seconds: float = inf,
+    energy: float = -inf,
+    mismatch: float = -inf,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Watched:
-    """Match, until some seconds have passed, or energy or mismatch on the mesh itself are low enough.
+    """Match, until some seconds have passed, energy or mismatch on the mesh itself are low enough, or it is stopped.
 
     Raises
     ------
@@ -64,7 +70,7 @@ def watched_match(
         on_mesh = iterate.level == iterate.levels - 1
         if on_mesh:
             history.append((now, iterate.energy, iterate.mismatch))
-        if now > seconds or (on_mesh and (iterate.energy < energy or iterate.mismatch <= mismatch)):
+        if stopped() or now > seconds or (on_mesh and (iterate.energy < energy or iterate.mismatch <= mismatch)):
             control.cancel()
 
     found = match(problem.mesh, problem.source, problem.target, parameters, on_iteration=watch, control=control)

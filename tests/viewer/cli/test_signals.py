@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -50,6 +51,21 @@ def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path: Pat
     assert match.stop_reason == "cancelled"
     assert len(match.energy_history) > 10
     assert match.energy_history[-1, 0] < match.energy_history[0, 0]
+
+
+def test_a_signal_ends_a_benchmark_with_what_was_finished():
+    """Nothing is raised while libraries call back into Python: they would print it and go on."""
+    process = start("bench", "--success", "--only-given", "--mesh", str(asset_path("eight.off")), "--json")
+    assert process.stderr is not None
+    while not process.stderr.readline().startswith("1/6"):
+        assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    told, errors = process.communicate(timeout=60)
+    assert process.returncode == 143
+    assert errors.splitlines()[-1] == "stopping with what was finished; Ctrl-C again to leave at once"
+    report = json.loads(told)
+    assert report["interrupted"]
+    assert 1 <= len(report["rows"]) < 6
 
 
 def test_an_interrupt_before_the_solve_writes_nothing(tmp_path: Path):

@@ -1,6 +1,7 @@
 """One problem by one version of the solver: what came out, and what it cost."""
 
 import math
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from time import perf_counter
@@ -64,7 +65,12 @@ class Record:
         return {**numbers, "success": self.mismatch <= LEVEL, "confirmed": self.verified <= CONFIRMED}
 
 
-def run_problem(problem: SuccessProblem, parameters: Parameters, limit: float = 120.0) -> Record:
+def run_problem(
+    problem: SuccessProblem,
+    parameters: Parameters,
+    limit: float = 120.0,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Record:
     """Match and verify.
 
     Parameters
@@ -73,13 +79,15 @@ def run_problem(problem: SuccessProblem, parameters: Parameters, limit: float = 
     parameters : Parameters
     limit : float
         Seconds after which the match ends with what it has.
+    stopped : callable, optional
+        Asked in every iteration whether the match is to end with what it has.
     """
     source, target = problem.functions()
     mesh = TriangleMesh(problem.mesh.vertices, problem.mesh.faces)  # nothing computed yet
     start = perf_counter()
     with counted_row_products() as products:
         try:
-            watched = watched_match(Problem(mesh, source, target), parameters, limit)
+            watched = watched_match(Problem(mesh, source, target), parameters, limit, stopped=stopped)
         except AbfmError as error:
             return Record(stop_reason=str(error), seconds=perf_counter() - start, row_products=products.count)
     found, last = watched.found, watched.last

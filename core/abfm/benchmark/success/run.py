@@ -22,6 +22,7 @@ def run_success(
     count: int = 6,
     part: tuple[int, int] = (1, 1),
     versions: Mapping[str, Parameters] = VERSIONS,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> dict[str, Any]:
     """Match all problems by all versions.
 
@@ -36,31 +37,33 @@ def run_success(
         Only every n-th problem, from the k-th, which is 1 for the first.
     versions : mapping of names to parameters
         The first one is what the others are compared with.
+    stopped : callable, optional
+        Asked again and again whether to end with what was finished.
 
     Returns
     -------
     dict
         Only numbers, text, lists and dictionaries: ``rows``, with the ``problem`` and a record under the name of
-        every version, then ``settings`` and ``machine``. After an interruption by Ctrl-C, ``interrupted`` is true and
-        rows are those that were finished.
+        every version, then ``settings`` and ``machine``. If it was stopped, ``interrupted`` is true and rows are those
+        that were finished.
     """
     rows: list[dict[str, Any]] = []
-    report: dict[str, Any] = {"rows": rows, "interrupted": False}
-    try:
-        tell("compiling")
-        for parameters in versions.values():
-            run_problem(_warm_up(), replace(parameters, iterations=4, stage_iterations=1))
-        problems = list(success_problems(meshes, seed, count))[part[0] - 1 :: part[1]]
-        for number, problem in enumerate(problems, 1):
-            row: dict[str, Any] = {"problem": problem.to_dict()}
-            for name, parameters in versions.items():
-                row[name] = run_problem(problem, parameters).to_dict()
-            rows.append(row)
-            tell(f"{number}/{len(problems)} {_line(row, versions)}")
-    except KeyboardInterrupt:
-        report["interrupted"] = True
+    tell("compiling")
+    for parameters in versions.values():
+        run_problem(_warm_up(), replace(parameters, iterations=4, stage_iterations=1), stopped=stopped)
+    problems = list(success_problems(meshes, seed, count))[part[0] - 1 :: part[1]]
+    for number, problem in enumerate(problems, 1):
+        row: dict[str, Any] = {"problem": problem.to_dict()}
+        for name, parameters in versions.items():
+            if not stopped():
+                row[name] = run_problem(problem, parameters, stopped=stopped).to_dict()
+        if stopped():
+            break
+        rows.append(row)
+        tell(f"{number}/{len(problems)} {_line(row, versions)}")
     return {
-        **report,
+        "rows": rows,
+        "interrupted": stopped(),
         "settings": {
             "seed": seed,
             "count": count,
