@@ -4,21 +4,29 @@ import os
 import subprocess
 import sys
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from abfm import Match, Parameters, ResultError, TriangleMesh, load_match, match
+from abfm import Match, Parameters, ResultError, load_match, match
 from abfm.io import load_arrays
 from abfm.io.arrays import open_archive
-from tests.core.reading.hostile import bomb, members, npy_of, one_byte_changed, overlapping_zip, zipped
-from tests.shapes import icosphere
+from tests.core.reading.hostile import (
+    bomb,
+    members,
+    npy_of,
+    one_byte_changed,
+    overlapping_zip,
+    refusal,
+    rewrite,
+    zipped,
+)
+from tests.shapes import icosphere, with_loose_vertex
 
-WHOLE = icosphere(0)
-SPHERE = TriangleMesh(np.insert(WHOLE.vertices, 5, 9.0, axis=0), WHOLE.faces + (WHOLE.faces >= 5))
-"""No face uses vertex 5 of its file."""
+SPHERE = with_loose_vertex(icosphere(0))
 X, Y, Z = SPHERE.vertices.T
 V, F = len(SPHERE.vertices), len(SPHERE.faces)
 
@@ -36,25 +44,10 @@ def saved(tmp_path: Path, result: Match) -> Path:
 
 def put(path: Path, **arrays: Any) -> None:
     """Write a result anew with other arrays; bytes are put as they are."""
-    content = members(path)
-    for name, array in arrays.items():
-        if isinstance(array, bytes):
-            content[f"{name}.npy"] = array
-            continue
-        with zipfile.ZipFile(path, "w") as archive, archive.open("a", "w") as file:
-            np.save(file, array)
-        content[f"{name}.npy"] = members(path)["a"]
-    path.write_bytes(zipped(content))
+    rewrite(path, {f"{name}.npy": array for name, array in arrays.items()})
 
 
-def error_line(path: Path) -> str:
-    with pytest.raises(ResultError) as caught:
-        load_match(path)
-    message = str(caught.value)
-    assert message.isprintable()
-    assert len(message) <= 600
-    assert str(path) in message
-    return message
+error_line = partial(refusal, load_match)
 
 
 def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved: Path) -> None:
