@@ -26,8 +26,7 @@ from abfm_viewer.window import window
 from abfm_viewer.window.keyboard import _parts
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
-
-SIZE = (640, 480)  # drawing takes as long as there are pixels
+from tests.viewer.sessions import SIZE
 
 
 @pytest.fixture
@@ -99,7 +98,7 @@ def test_keys_move_in_time_and_change_the_view(gui):
     assert session.player.playing
     gui.key("space")
     assert not session.player.playing
-    gui.input.drag((150, 300), (250, 350))
+    gui.input.drag((100, 150), (200, 200))
     assert session.view.look is not None
     gui.key("r")
     assert session.view.look is None
@@ -193,8 +192,8 @@ def test_a_dialog_greys_the_rest_and_keeps_the_mouse_from_the_scene(gui):
     assert not gui.is_enabled("Match")
     with pytest.raises(DriverError, match="grey"):
         gui.click("Match")
-    gui.input.drag((150, 300), (250, 350))
-    gui.input.move(150, 300)
+    gui.input.drag((100, 150), (200, 200))
+    gui.input.move(100, 150)
     gui.input.wheel(2)
     assert gui.session.view.look is None
     gui.key("l")
@@ -202,7 +201,7 @@ def test_a_dialog_greys_the_rest_and_keeps_the_mouse_from_the_scene(gui):
     gui.click("Close")
     gui.frames(2)
     assert gui.is_enabled("Match")
-    gui.input.drag((150, 300), (250, 350))
+    gui.input.drag((100, 150), (200, 200))
     assert gui.session.view.look is not None
 
 
@@ -243,7 +242,7 @@ def test_ten_thousand_files_do_not_slow_the_window_down(gui, monkeypatch):
         gui.key("ctrl+o")
         gui.wait(lambda s: "00000.off" in gui.labels(), 10)
         assert len(gui.window.ui.widgets) < 700
-        gui.input.move(640, 400)
+        gui.input.move(280, 200)
         lines.append(lines_run(lambda: gui.frames(10)))
         gui.key("esc")
     assert lines[1] < 1.2 * lines[0]
