@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from abfm import Parameters, ResultError, TriangleMesh, load_match
+from abfm.errors import brief
 from abfm.functions import families, function
 from abfm.functions.family import quoted
 from abfm.types import FloatArray
@@ -92,10 +93,14 @@ def _pairs(arguments: argparse.Namespace) -> tuple[list[tuple[str, str]], list[f
     triples = [(arguments.source, arguments.target, "1"), *arguments.channel][arguments.source is None :]
     if not triples:
         raise UsageError("give --source and --target; see abfm match --help")
+    return [(source, target) for source, target, _ in triples], [_weight(word) for *_, word in triples]
+
+
+def _weight(word: str) -> float:
     try:
-        return [(source, target) for source, target, _ in triples], [float(weight) for *_, weight in triples]
-    except ValueError as error:
-        raise UsageError(f"--channel: {error}; its third word is a number, the weight") from None
+        return float(word)
+    except ValueError:
+        raise UsageError(f"--channel: its third word is the weight, a number, not {brief(word)}") from None
 
 
 def _channels(mesh: TriangleMesh, specs: tuple[str, ...]) -> FloatArray:

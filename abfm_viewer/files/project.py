@@ -22,6 +22,7 @@ from abfm.errors import one_line
 from abfm.io import write_atomically
 from abfm.io.arrays import Entry, check_arrays, check_version, open_archive, write_arrays
 from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, mesh_arrays, mesh_of
+from abfm.reading import from_json
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Document, Run
 from abfm_viewer.files.older_views import look_through, taken_camera
@@ -112,7 +113,7 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
             raise ResultError("a result file, not a project; open it as a result, under a name that ends in .npz")
         if archive.packed:
             raise ValueError(f"{archive.packed[0]} is compressed; expected a zip without compression")
-        content = json.loads(archive.read("project.json", _LARGEST_HEADER))
+        content = from_json(archive.read("project.json", _LARGEST_HEADER))
         check_version(content.pop("format_version", None) if isinstance(content, dict) else None, _FORMAT)
         return _document(content, archive)
 

@@ -1,6 +1,7 @@
 """What is written over the surfaces, in the window and in pictures: their names and the colour bars."""
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -97,8 +98,8 @@ def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -
         elif isinstance(one, Strip):
             left, top, right, bottom = one.rect
             edges = np.linspace(left, right, _STEPS + 1)
-            for color, start, end in zip(table(one.colormap, _STEPS), edges[:-1], edges[1:], strict=True):
-                canvas.AddRectFilled((start, top), (end + 0.5, bottom), _u32((*triple(color), 1.0)))
+            for color, start, end in zip(_shades(one.colormap), edges[:-1], edges[1:], strict=True):
+                canvas.AddRectFilled((start, top), (end + 0.5, bottom), color)
 
 
 def tell_names(ui: Ui, scene: Scene) -> None:
@@ -122,6 +123,11 @@ def tell_titles(parts: Sequence[Part], around: float) -> None:
             left, top, right, bottom = one.rect
             if left - around <= x < right + around and top - around <= y < bottom + around:
                 imgui.SetTooltip(one.title)
+
+
+@cache
+def _shades(colormap: str) -> list[int]:
+    return [_u32((*triple(color), 1.0)) for color in table(colormap, _STEPS)]
 
 
 def _u32(color: Color) -> int:

@@ -16,6 +16,7 @@ from PIL import Image
 from abfm.io import write_atomically
 from abfm_viewer import signals
 from abfm_viewer.computing.background import error_line
+from abfm_viewer.computing.freed_memory import keep_little
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
 from abfm_viewer.panels import cards, right_panel, status_line, time_bar
@@ -87,6 +88,7 @@ class Window:
         self._panel_seconds = self._moved_at = self._last_redraw = 0.0
         self._document: object = None
         self._style: tuple[Theme, float] | None = None
+        keep_little()
         opengl.spare_a_core()
         opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)

@@ -53,6 +53,10 @@ def one_line(what: object, most: int = 200) -> str:
     an error that says nothing is named by its type.
     """
     text = (what.strerror if isinstance(what, OSError) else None) or str(what)
+    if isinstance(what, UnicodeDecodeError):
+        text = f"byte {what.start}, counting from 0, is no text in {what.encoding.upper()}"
+    elif isinstance(what, UnicodeEncodeError):
+        text = f"character {what.start}, counting from 0, is none that a text may have"
     if isinstance(what, BaseException) and not text.strip():
         text = type(what).__name__
     if len(text) > 2 * most:  # of a text of any length, no more is looked at

@@ -21,12 +21,12 @@ from tests.attack.slices import Slice
 from tests.attack.tally import Tally
 
 SHARES = {
-    "mutations": 4,
+    "mutations": 3,
     "hostile": 1,
     "broken_meshes": 2,
-    "signals": 2,
-    "kills": 2,
-    "monkey": 3,
+    "signals": 4,
+    "kills": 1,
+    "monkey": 8,
     "memory": 1,
 }
 """The parts, modules of this package, and the time that each has in relation to the others."""

@@ -86,6 +86,8 @@ def broken(seed: int) -> tuple[Specimen, str]:
         return Specimen(name, "mesh", HEAVY[name](size)[:LARGEST]), f"{name} of {size / 1e6:g} MB"
     vertices, faces, done = damaged(random)
     name = random.choice(("a.obj", "a.off", "ascii.ply", "little.ply"))
+    if name == "little.ply":
+        faces = faces.clip(-(2**31), 2**31 - 1)  # what its corners can hold
     with np.errstate(all="ignore"):
         return Specimen(name, "mesh", WRITERS[name][0](vertices, faces)), f"{name}: {done}"
 

@@ -8,7 +8,7 @@ from tests.attack.specimens import Specimen
 ACTS = {
     "raise KeyError('x')": "KeyError: 'x' (outside of abfm)",
     "from abfm import AbfmError; e = AbfmError(); e.args = ('two\\nlines',); raise e": "an error of 2 lines",
-    "from abfm import AbfmError; raise AbfmError('NoneType object is not iterable')": "in the words of Python",
+    "from abfm import AbfmError; raise AbfmError('None' 'Type object')": "in the words of Python",
     "import os; os.abort()": "the process died: SIGABRT",
     "import os; os.write(2, b'oh')": "it said: 'oh'",
     "import warnings; warnings.warn('beware')": "it said: 'UserWarning: beware'",

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from tests.attack.monkey import Endurance
+from tests.attack.endurance import Endurance
 
 
 @pytest.mark.parametrize(("late", "holds"), [(320.0, True), (360.0, False)])

@@ -62,6 +62,14 @@ def test_what_goes_wrong_is_told_and_kept_with_what_made_it(tmp_path):
         assert (tmp_path / f"decoy-{seed}" / "a.spec").read_text() == act
 
 
+def test_an_attack_that_fails_is_told_as_such(tmp_path):
+    with Victim("decoy", "tests.attack.decoy:decoy", tmp_path) as victim:
+        trial = victim.attempt(len(ACTS))
+    assert (trial.kind, trial.outcome) == ("the attack itself", "fault")
+    assert "IndexError" in trial.detail
+    assert list((tmp_path / f"decoy-{len(ACTS)}").iterdir()) == []
+
+
 def test_all_parts_together_make_a_table(tmp_path):
     words = ["--minutes", "0.02", "--seed", "7", "--workers", "1", "--only", "mutations"]
     done = subprocess.run(

@@ -138,17 +138,18 @@ def main(attacker: str, folder: Path, seconds: int, megabytes: int) -> None:
 
 def _attempt(files_of: Attacker, seed: int, folder: Path, most_seconds: int, most_megabytes: int) -> Trial:
     (folder / "kind").write_text("the attack itself")
-    specimen, kind = files_of(seed)
-    (folder / "kind").write_text(kind)
     files = folder / "files"
     shutil.rmtree(files, ignore_errors=True)
     files.mkdir()
+    specimen, kind = files_of(seed)
+    (folder / "kind").write_text(kind)
     path = files / specimen.name
     for name, content in {specimen.name: specimen.content, **specimen.beside}.items():
         (files / name).write_bytes(content)
     if specimen.place is not None:
         specimen.place(path)
     size = path.stat().st_size if path.is_file() else 0
+    _forget_peak()
     memory, begin = _megabytes(), time.process_time()
     said: list[str] = []
     signal.setitimer(signal.ITIMER_PROF, most_seconds)
@@ -210,8 +211,14 @@ def _redirected(descriptor: int, heard: TextIO) -> Iterator[None]:
         os.close(saved)
 
 
+def _forget_peak() -> None:
+    """So that what making a file took does not hide what reading it takes."""
+    with contextlib.suppress(OSError):  # where the system has no such thing
+        Path("/proc/self/clear_refs").write_text("5")
+
+
 def _megabytes() -> float:
-    """The most memory that this process has ever had."""
+    """The most memory that this process has had since `_forget_peak`, or ever."""
     size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return size / (1e6 if sys.platform == "darwin" else 1e3)
 

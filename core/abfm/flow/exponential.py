@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import jv
@@ -81,10 +82,15 @@ class Workspace:
         self.longest_segment = float(np.clip(2 * rows - _likely_terms(rows), _SHORT_SEGMENT, _LONG_SEGMENT))
         self.block = len(_bessel_coefficients(self.longest_segment))
         self.capacity = min(rows, 8 * self.block)
-        self.terms = np.empty((self.capacity + 2 * self.block, size))
+        self.size = size
         self.rolling = np.empty((3, size))
         self.used = self.block
         self.generation = 0
+
+    @cached_property
+    def terms(self) -> FloatArray:
+        """The rows, (capacity and two blocks, size): a flow that only carries functions has none."""
+        return np.empty((self.capacity + 2 * self.block, self.size))
 
     def fits(self, rows: int) -> bool:
         """Whether so many more rows may be kept; the first block is for scratch."""
@@ -271,17 +277,17 @@ class ExponentialFlow:
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
         """``exp(-t D_v) f`` at several times (T,) -> (T, V), of one sign and ordered away from zero.
 
-        One series serves all times of a segment: only its coefficients change.
+        One series serves all times of a segment: only its coefficients change. Its terms go with the call.
         """
         trajectory = self.forward(f, float(times[-1]))
         step = trajectory.step
         out = np.repeat(trajectory.end[None], len(times), axis=0)
         owner = np.clip(np.ceil(times / step) - 1, 0, len(trajectory.segments) - 1) if step else np.zeros(len(times))
         coefficients = _bessel_coefficients(abs(step) * self.rho)
+        terms = np.empty((len(coefficients), self.pattern.size))  # touched only as far as used
         for index, segment in enumerate(trajectory.segments):
             inside = np.flatnonzero((owner == index) & (times != times[-1]))
             if len(inside):
-                terms = self.workspace.terms
                 self._series(segment.start, step, coefficients, terms)
                 local = np.abs(times[inside] - index * step) * self.rho
                 series = 2 * jv(np.arange(segment.count), local[:, None])

@@ -16,7 +16,7 @@ from simpleeval import (
     SimpleEval,
 )
 
-from abfm.errors import FunctionError, brief, did_you_mean
+from abfm.errors import FunctionError, brief, did_you_mean, one_line
 from abfm.functions.family import Family, Kind, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
@@ -122,7 +122,7 @@ def _value(formula: str, points: FloatArray) -> FloatArray:
     except (FeatureNotAvailable, OperatorNotDefined):
         raise _refusal(formula, "it is more than arithmetic") from None
     except (InvalidExpression, TypeError, ValueError, OverflowError, RecursionError, KeyError) as error:
-        raise _refusal(formula, str(error)) from None
+        raise _refusal(formula, one_line(error)) from None
     return np.broadcast_to(value, len(points))
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -14,6 +15,9 @@ from abfm.mesh import TriangleMesh
 from abfm.reading import array_from, gifti_arrays, read_bytes
 from abfm.types import FloatArray
 
+_NO_NUMBER = re.compile(  # NumPy's words, which count rows from 0 and columns from 1
+    r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)", re.DOTALL
+)
 SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".vts")
 
 
@@ -118,7 +122,13 @@ def _read_text(path: Path) -> tuple[list[str], FloatArray]:
     try:
         table = np.loadtxt(rows, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
     except ValueError as error:
-        raise ValueError(str(error).partition("; use `usecols`")[0]) from error  # which is advice to who programs
+        found = _NO_NUMBER.match(str(error))
+        raise ValueError(
+            f"row {found['row']} of its numbers, counting from 0, has {one_line(found['word'], 60)} in column "
+            f"{int(found['column']) - 1}, where a number is expected"
+            if found
+            else str(error).partition("; use `usecols`")[0]  # which is advice to who programs
+        ) from error
     return names if len(names) == table.shape[1] else [], table  # other words on top are a title
 
 

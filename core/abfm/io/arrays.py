@@ -66,7 +66,7 @@ class Archive(Mapping[str, NDArray[Any]]):
         try:
             return array_from(self.read(f"{name}.npy"))
         except ValueError as error:
-            raise ValueError(f"{name}: {error}") from error
+            raise ValueError(f"{name}: {one_line(error)}") from error
 
     def read(self, name: str, most: int = LARGEST) -> bytes:
         """The bytes of a member, so many at most.

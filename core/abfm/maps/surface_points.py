@@ -59,17 +59,27 @@ def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints
     AbfmError
         If the points are not (P, 3) or not finite.
     """
-    given = _finite_points(points)
-    tree = igl.AABB()
-    tree.init(mesh.vertices, mesh.faces)
-    faces = np.empty(len(given), dtype=np.int64)
-    barycentric = np.empty((len(given), 3))
-    for start in range(0, len(given), POINTS_PER_QUERY):
-        chunk = slice(start, start + POINTS_PER_QUERY)
-        _, faces[chunk], closest = tree.squared_distance(mesh.vertices, mesh.faces, given[chunk])
-        barycentric_weights(closest, faces[chunk], mesh.vertices, mesh.faces, barycentric[chunk])
-    positions = np.einsum("pc,pcx->px", barycentric, mesh.vertices[mesh.faces[faces]])
-    return SurfacePoints(faces, barycentric, positions, np.linalg.norm(given - positions, axis=1))
+    return ClosestPoints(mesh).to(points)
+
+
+class ClosestPoints:
+    """What `project_onto_surface` finds, for who asks often: it keeps the boxes around the faces that it looks in."""
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        self._mesh, self._tree = mesh, igl.AABB()
+        self._tree.init(mesh.vertices, mesh.faces)
+
+    def to(self, points: ArrayLike) -> SurfacePoints:
+        """The closest point of the surface to each point."""
+        given, vertices, corners = _finite_points(points), self._mesh.vertices, self._mesh.faces
+        faces = np.empty(len(given), dtype=np.int64)
+        barycentric = np.empty((len(given), 3))
+        for start in range(0, len(given), POINTS_PER_QUERY):
+            chunk = slice(start, start + POINTS_PER_QUERY)
+            _, faces[chunk], closest = self._tree.squared_distance(vertices, corners, given[chunk])
+            barycentric_weights(closest, faces[chunk], vertices, corners, barycentric[chunk])
+        positions = np.einsum("pc,pcx->px", barycentric, vertices[corners[faces]])
+        return SurfacePoints(faces, barycentric, positions, np.linalg.norm(given - positions, axis=1))
 
 
 def vertex_points(mesh: TriangleMesh, vertices: ArrayLike) -> SurfacePoints:

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError
-from abfm.maps.surface_points import map_vertices_to_nearest, project_onto_surface
+from abfm.maps.surface_points import ClosestPoints, map_vertices_to_nearest
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
 
@@ -96,15 +96,16 @@ def detect_symmetry(mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: f
 def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
     """The symmetry to choose, whatever its error."""
     unit = mesh.normalized()
+    surface = ClosestPoints(unit)
     centroid, axes = _principal_axes(unit)
     x = unit.vertices - centroid
     axes = np.concatenate([axes, *(_axes_between(unit, x, p, kind, order) for p in _references(x))])
     by_distance = unit.vertices[np.argsort(np.linalg.norm(x, axis=1), kind="stable")]
     few, many = (by_distance[np.linspace(0, len(x) - 1, n).astype(int)] for n in (_FEW, _MANY))
-    axes = _screened(unit, centroid, axes, few, kind, order)
-    axes, centres, errors = _refined(unit, axes, np.tile(centroid, (len(axes), 1)), many, kind, order)
+    axes = _screened(surface, centroid, axes, few, kind, order)
+    axes, centres, errors = _refined(surface, axes, np.tile(centroid, (len(axes), 1)), many, kind, order)
     chosen = [i for i in _distinct(axes, errors) if errors[i] <= max(TOLERANCE, errors.min())]
-    found = [_verified(mesh, axes[i], centres[i], kind, order) for i in chosen]
+    found = [_verified(mesh, surface, axes[i], centres[i], kind, order) for i in chosen]
     exact = [s for s in found if s.is_permutation and s.error <= TOLERANCE]
     gaps = [_vertex_gap(s, mesh) for s in exact] if exact else [s.error for s in found]
     good = [s for s, gap in zip(exact or found, gaps, strict=True) if gap <= 2 * min(gaps) + _FAR]
@@ -181,7 +182,7 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
 
 
 def _screened(
-    mesh: TriangleMesh, centre: FloatArray, axes: FloatArray, points: FloatArray, kind: Kind, order: int
+    surface: ClosestPoints, centre: FloatArray, axes: FloatArray, points: FloatArray, kind: Kind, order: int
 ) -> FloatArray:
     """The axes that carry the points nearest to the surface but do not leave all in place.
 
@@ -192,7 +193,7 @@ def _screened(
     most = np.argsort(-np.round(motion, 6), kind="stable")
     moving = most[motion[most] > _NO_MOTION**2]
     axes, carried = axes[moving], carried[moving]
-    distances = project_onto_surface(mesh, carried.reshape(-1, 3)).distances.reshape(len(axes), -1)
+    distances = surface.to(carried.reshape(-1, 3)).distances.reshape(len(axes), -1)
     return axes[_distinct(axes, np.maximum((distances**2).mean(axis=1), _FAR**2))[:_KEPT]]
 
 
@@ -206,12 +207,12 @@ def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:
 
 
 def _refined(
-    mesh: TriangleMesh, axes: FloatArray, centres: FloatArray, points: FloatArray, kind: Kind, order: int
+    surface: ClosestPoints, axes: FloatArray, centres: FloatArray, points: FloatArray, kind: Kind, order: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The axes (K, 3) and points on them, moved to where they carry points closer to the surface; the largest gaps."""
     for left in reversed(range(_REFINEMENTS if order == 2 else 1)):
         carried = _carry(_linear(axes, kind, order), centres[:, None], points)
-        landed = project_onto_surface(mesh, carried.reshape(-1, 3))
+        landed = surface.to(carried.reshape(-1, 3))
         gaps = landed.distances.reshape(len(axes), -1).max(axis=1)
         if not left or gaps.max() < _FAR:
             break
@@ -224,12 +225,14 @@ def _refined(
     return axes, centres, gaps
 
 
-def _verified(mesh: TriangleMesh, axis: FloatArray, centre: FloatArray, kind: Kind, order: int) -> Symmetry:
+def _verified(
+    mesh: TriangleMesh, surface: ClosestPoints, axis: FloatArray, centre: FloatArray, kind: Kind, order: int
+) -> Symmetry:
     """The symmetry by its axis and a point on it, both for the mesh of unit area, tried on all vertices."""
     unit = mesh.normalized()
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     linear = _linear(axis, kind, order)
-    landed = project_onto_surface(unit, _carry(linear, centre, unit.vertices))
+    landed = surface.to(_carry(linear, centre, unit.vertices))
     vertex_map = map_vertices_to_nearest(unit, landed)
     return Symmetry(
         kind=kind,
@@ -238,7 +241,7 @@ def _verified(mesh: TriangleMesh, axis: FloatArray, centre: FloatArray, kind: Ki
         centre=centre * mesh.length_scale,
         linear=linear,
         vertex_map=vertex_map,
-        is_permutation=len(np.unique(vertex_map)) == len(vertex_map),
+        is_permutation=bool(np.bincount(vertex_map).max() == 1),
         error=float(landed.distances.max()),
     )
 

@@ -4,7 +4,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from typing import Any, get_args
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.errors import ResultError, one_line
+from abfm.errors import AbfmError, ResultError, one_line
 from abfm.flow.flow import Flow
 from abfm.io.results import LARGEST, MATCH_ENTRIES, MEND, MESH_ENTRIES, load_arrays, mesh_arrays, mesh_of, save_arrays
 from abfm.maps.functional_maps import spectral_coefficients
@@ -23,6 +23,7 @@ from abfm.matching.judging.verdict import Kind, Verdict, confirmed_mismatch, kin
 from abfm.matching.judging.verification import Verification, verify
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
+from abfm.reading import from_json
 from abfm.types import FloatArray, IntArray
 
 
@@ -214,7 +215,7 @@ def load_match(path: str | os.PathLike[str]) -> Match:
     arrays = load_arrays(path)
     try:
         mesh = mesh_of({name: arrays.pop(name) for name in MESH_ENTRIES})
-        parameters = Parameters.from_dict(json.loads(str(arrays["parameters"])))
+        parameters = Parameters.from_dict(from_json(str(arrays["parameters"])))
         remedies = _remedies(str(arrays.pop("remedies", "[]")))
         verdict = _verdict(arrays["verdict"], remedies) if "verdict" in arrays else None
         return match_of(mesh, arrays, parameters, verdict)
@@ -232,9 +233,14 @@ def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:
 def _remedies(text: str) -> tuple[Remedy, ...]:
     """What `match_arrays` wrote; files from before there were remedies have none."""
     try:
-        found = tuple(Remedy(**remedy) for remedy in json.loads(text))
-    except (TypeError, ValueError, RecursionError) as error:
-        raise ValueError(f"the remedies are {one_line(text, 60)!r}: {error}") from error
+        found = tuple(Remedy(**remedy) for remedy in from_json(text))
+    except AbfmError:
+        raise
+    except (TypeError, ValueError) as error:
+        names = ", ".join(field.name for field in fields(Remedy))
+        raise ValueError(
+            f"the remedies are {one_line(text, 60)!r}; expected a list in JSON of what has {names}"
+        ) from error
     kinds = {"label": str, "words": str, "parameters": dict, "goes_on": bool}
     for remedy in found:
         for name, kind in kinds.items():

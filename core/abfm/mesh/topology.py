@@ -14,14 +14,28 @@ def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArr
     for corner in range(3):
         start, end = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
         sides[:, corner] = np.minimum(start, end) * vertex_count + np.maximum(start, end)
-    order = np.argsort(sides, axis=None)
-    keys = sides.ravel()[order]
+    keys, order = _sorted_with_places(sides.ravel(), vertex_count**2)
     del sides  # of millions of faces these fill much memory
     first = np.append(True, keys[1:] != keys[:-1])
     face_edges = np.empty_like(order)
     face_edges[order] = np.cumsum(first) - 1
     del order
     return np.stack(np.divmod(keys[first], vertex_count), axis=1), face_edges.reshape(-1, 3)
+
+
+def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]:
+    """Keys from 0 to below a number, sorted, and where each was: of one sort where both fit into 64 bits.
+
+    That takes a fraction of the time in which NumPy finds the order alone.
+    """
+    bits = len(keys).bit_length()
+    if above << bits > np.iinfo(np.int64).max:
+        order = np.argsort(keys)
+        return keys[order], order
+    both = keys << bits
+    both |= np.arange(len(keys))
+    both.sort()
+    return both >> bits, both & ((1 << bits) - 1)
 
 
 def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
@@ -47,7 +61,7 @@ def connected(count: int, pairs: IntArray) -> IntArray:
     root = nodes
     while len(pairs):  # between roots: every root but the least of its neighbours joins a lesser one, so few rounds
         root = root.copy()
-        np.minimum.at(root, pairs.max(axis=1), pairs.min(axis=1))
+        np.minimum.at(root, np.maximum(*pairs.T), np.minimum(*pairs.T))
         while not np.array_equal(root, above := root[root]):
             root = above
         pairs = root[pairs]

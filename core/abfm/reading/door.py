@@ -75,7 +75,7 @@ def inflated(data: bytes, most: int | None = None) -> bytes:
             if len(found) <= bound and not stream.eof:
                 raise EOFError("the compressed data is cut short")
     except (OSError, EOFError, zlib.error) as error:
-        raise ValueError(f"its compressed data is damaged or cut short: {error}") from error
+        raise ValueError("its compressed data is damaged or cut short") from error
     if len(found) > bound:
         raise ValueError(f"its {len(data)} bytes of compressed data hold more than {bound}, the most that is read")
     return found

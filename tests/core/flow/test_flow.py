@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -108,3 +110,18 @@ def test_what_cannot_be_carried_is_refused_in_words() -> None:
             flow.push(BUMP, t)
     with pytest.raises(AdvectionError, match="shorten the time"):
         Flow(BALL, np.full((1280, 3), 1e9)).push(BUMP, 1.0)
+
+
+def test_of_a_function_at_many_times_nothing_large_stays_with_the_mesh() -> None:
+    times, field = [0.2, 0.4, 0.8], wavy_field(BALL, 3)
+    Flow(BALL, field).span(BUMP, times)  # all is compiled
+    mesh = icosphere(3, radius=2.0)
+    tracemalloc.start()
+    try:
+        flow = Flow(mesh, field)
+        values = flow.span(BUMP, times)
+        stays, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert values.shape == (3, len(mesh.vertices))
+    assert stays < 300 * BUMP.nbytes

@@ -82,10 +82,11 @@ def test_any_formula_gives_finite_values_or_function_error(formula: str) -> None
     [
         ("x*sin", r"sin stands without arguments, as in sin\(x\)"),
         ("sin(cos)", "cos stands without arguments"),
+        ("x + \udcff", "character 4, counting from 0, is none that a text may have"),
         ("sin(x, y=1)", "arguments of functions have no names"),
     ],
 )
-def test_functions_that_are_used_as_none_is_are_named(formula: str, told: str) -> None:
+def test_what_is_wrong_is_told(formula: str, told: str) -> None:
     with pytest.raises(FunctionError, match=told):
         function(MESH, f"expression:{formula}")
 

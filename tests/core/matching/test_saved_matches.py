@@ -106,8 +106,9 @@ def test_remedies_come_back_and_files_without_them_have_none(match: Match, tmp_p
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[{}]", "the remedies are '\\[{}\\]'"),
-        ("{", "Expecting property name"),
+        ("[{}]", "the remedies are '\\[{}\\]'; expected a list in JSON of what has label, words, parameters, goes_on"),
+        ("{", "the remedies are '{'; expected a list in JSON"),
+        ("3", "the remedies are '3'; expected a list in JSON"),
         ('[{"label": "a", "words": "b", "parameters": {"sigmma": 1}}]', "unknown parameter 'sigmma'"),
     ],
 )
@@ -115,6 +116,16 @@ def test_damaged_remedies_are_refused_in_words(match: Match, tmp_path: Path, tex
     match.save(tmp_path / "match.npz")
     with pytest.raises(ResultError, match=words):
         abfm.load_match(rewritten(tmp_path / "match.npz", remedies=np.array(text)))
+
+
+def test_an_entry_whose_name_is_no_text_is_told_in_words(match: Match, tmp_path: Path) -> None:
+    match.save(tmp_path / "match.npz")
+    content = bytearray((tmp_path / "match.npz").read_bytes())
+    content[7] |= 8  # the name of the first entry is UTF-8
+    content[30] = 0xFF  # its first letter
+    (tmp_path / "match.npz").write_bytes(content)
+    with pytest.raises(ResultError, match="byte 0, counting from 0, is no text in UTF-8"):
+        abfm.load_match(tmp_path / "match.npz")
 
 
 def test_a_verdict_of_another_kind_is_refused_in_words(match: Match, tmp_path: Path) -> None:

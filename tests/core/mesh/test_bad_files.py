@@ -1,5 +1,6 @@
 """Mesh files that cannot be used: one line that says why, and never another exception."""
 
+import re
 import sys
 
 import nibabel
@@ -30,7 +31,17 @@ BAD_FILES = {
     "beyond.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "names vertex 3 of 3"),
     "line.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\n", "face 1, counting from 0, has 2 corners"),
     "short.obj": (b"v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "vertex 1, counting from 0, has 2 coordinates instead of 3"),
-    "letters.obj": (b"v 0 0 0\nv 1 O 0\nv 0 1 0\nf 1 2 3\n", "could not convert string to float: .*O"),
+    "letters.obj": (b"v 0 0 0\nv 1 O 0\nv 0 1 0\nf 1 2 3\n", "it has 'O' where a number is expected"),
+    "letters_in_faces.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x/3\n", "it has 'x' where a whole number is expected"),
+    "digits.obj": (b"f 1 2 " + b"3" * 5000, "it has '3333.*' where a number of fewer digits is expected"),
+    "counts_in_words.off": (b"OFF\nthree 1 0\n", "it has 'three' where a whole number is expected"),
+    "letters.off": (b"OFF\n3 1 0\n0 0 0\n1 O 0\n0 1 0\n3 0 1 2\n", "it has 'O' where a number is expected"),
+    "letters_in_faces.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 x\n", "'x' where a whole number is expected"),
+    "letters.ply": (ply_bytes(np.eye(3), [[0, 1, 2]]).replace(b"\n1.0", b"\none"), "it has 'one' where a number is"),
+    "letters_in_faces.ply": (ply_bytes(np.eye(3), [[0, 1, 2]]).replace(b"3 0", b"x 0"), "it has 'x' where a whole"),
+    "letters.stl": (b"solid\nvertex 0 0 x\nendsolid", "it has 'x' where a number is expected"),
+    "bytes.gltf": (b"{\xff", "byte 1, counting from 0, is no text in UTF-8"),
+    "digits.gltf": (b"1" * 5000, "its JSON has a number of too many digits"),
     "header.off": (b"PLY\n3 1 0\n", "first line is not OFF"),
     "counts.off": (b"OFF\n", "numbers of vertices and faces are missing"),
     "cut.off": (off_text(tetrahedron().vertices, tetrahedron().faces)[:-10].encode(), "4 faces .* cut off"),
@@ -54,7 +65,7 @@ BAD_FILES = {
     "words.glb": (b"hello world", "cannot be read"),
     "cut.glb": (exported(icosphere(0).vertices, icosphere(0).faces, "glb")[:-70], "cannot be read"),
     "points.glb": (trimesh.Scene([trimesh.PointCloud(np.eye(3))]).export(file_type="glb"), "no vertices"),
-    "words.gltf": (b"hello world", "cannot be read"),
+    "words.gltf": (b"hello world", "its JSON is damaged in line 1: Expecting value"),
     "words.gii": (b"hello world", "cannot be read"),
     "words.gii.gz": (b"hello world", "cannot be read"),
     "no_surface.gii": (nibabel.gifti.GiftiImage().to_bytes(), "0 point sets and 0 triangle arrays"),
@@ -72,6 +83,7 @@ def test_bad_file_is_one_line_that_begins_with_its_name(tmp_path, name):
         load_mesh(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
+    assert not re.search("invalid literal|could not convert|base 10|codec", str(caught.value))
 
 
 def test_missing_file_and_folder(tmp_path):

@@ -47,6 +47,15 @@ def test_scenes_are_as_trimesh_reads_them(folder, seed, count):
     np.testing.assert_allclose(ours.vertices, theirs.vertices, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("scenes", [{}, {"scenes": []}])
+def test_without_scenes_all_nodes_are_shown(tmp_path, scenes):
+    header = gltf_header()
+    header["nodes"] = [{"mesh": 0}, {"children": [0], "translation": [5, 0, 0]}]
+    del header["scenes"]
+    path = write(tmp_path, "a.glb", glb(header | scenes))
+    assert gltf.read_gltf(path).vertices.tolist() == [[5, 0, 0], [6, 0, 0], [5, 1, 0]]
+
+
 def strip_of(mode):
     corners = np.array([0, 1, 2, 3], dtype="<u4")
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]] if mode == 5 else
@@ -104,7 +113,7 @@ REFUSED = {
     "2^30 copies": ({"nodes": doubled(30)}, "node 30 is in the scene twice"),
     "no node": ({"nodes": []}, r"names nodes\[0\], but has 0 nodes"),
     "negative node": ({"scenes": [{"nodes": [-1]}]}, r"names nodes\[-1\], but has 1 nodes"),
-    "words as nodes": ({"nodes": "all"}, "its nodes is no list"),
+    "words as nodes": ({"nodes": "all"}, "its nodes is no array"),
     "no accessor": ({"accessors": [POSITIONS]}, r"names accessors\[1\], but has 1 accessors"),
     "sparse": ({"accessors": [POSITIONS | {"sparse": SPARSE}, CORNERS]}, "accessor 0 is sparse"),
     "many": ({"accessors": [POSITIONS | {"count": 10**9}, CORNERS]}, "announces 1000000000 entries"),

@@ -67,7 +67,7 @@ REFUSED = {
     "double indices": (ply_bytes(tetrahedron().vertices, tetrahedron().faces.tolist(), "binary_big_endian").replace(
         b"uchar int", b"uchar float"), "numbers of type float"),
     "float lengths": (text(changed(FACES, "property list float int vertex_indices")), "a length of type float"),
-    "fractional index": (text(rows=(*ROWS[:3], "3 0 1 1.5")), "invalid literal for int.*1.5"),
+    "fractional index": (text(rows=(*ROWS[:3], "3 0 1 1.5")), "it has '1.5' where a whole number is expected"),
     "no list": (text(changed(FACES, "property int vertex_indices")), "no list property vertex_indices"),
     "x is a list": (text(changed("property float x", "property list uchar float x")), "no property x"),
     "negative length": (text(changed(FACES, "property list char int vertex_indices"), (*ROWS[:3], "-3 0 1 2")),

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from abfm.assets import asset_path
 from abfm.mesh import TriangleMesh, load_mesh
+from abfm.mesh.topology import edges_of_faces
 from tests.shapes import disc, ellipsoid, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
 SHAPES = {  # mesh, genus, boundary loops, boundary edges
@@ -45,6 +46,13 @@ def test_two_tori_joined_at_a_vertex_have_genus_two():
     again = np.where(one.faces == 0, 0, one.faces + len(one.vertices) - 1)
     vertices = np.concatenate([one.vertices, one.vertices[1:] + np.array([0, 0, 3])])
     assert TriangleMesh(vertices, np.concatenate([one.faces, again])).genus == 2
+
+
+@pytest.mark.parametrize(("mesh", "genus", "loops", "edges"), SHAPES.values(), ids=SHAPES)
+def test_edges_are_the_same_whether_or_not_they_are_sorted_with_their_places(mesh, genus, loops, edges):
+    found, opposite = edges_of_faces(mesh.faces, 2**31)  # too many vertices for that
+    np.testing.assert_array_equal(found, mesh.edges)
+    np.testing.assert_array_equal(opposite, mesh.face_edges)
 
 
 @pytest.mark.parametrize(("mesh", "genus", "loops", "edges"), SHAPES.values(), ids=SHAPES)

@@ -89,7 +89,7 @@ def test_help_of_match_names_every_parameter_and_example(capsys):
         (["match", EIGHT, *PAIR, "--out", "m.npz", "--tau", "soon"], "--tau"),
         (["match", EIGHT, *PAIR, "--out", "m.npz", "--method", "linear"], "--method"),
         (["match", EIGHT, *PAIR, "--out", "m.npz", "--sgima", "1"], "did you mean '--sigma'?"),
-        (["match", EIGHT, *PAIR, "--out", "m.npz", "--channel", "coordinate:x", "coordinate:y", "z"], "--channel"),
+        (["match", EIGHT, *PAIR, "--out", "m.npz", "--channel", "coordinate:x", "coordinate:y", "z"], "not 'z'"),
         (["match", EIGHT, *PAIR, "--out", "m.npz", "--mask", "file:none.npy"], "none.npy"),
         (["match", EIGHT, *PAIR, "--out", "m.npz", "--start", "none.npz"], "none.npz"),
         (["match", EIGHT, "--source", "gausian:vertex=1", *PAIR[2:], "--out", "m.npz"], "did you mean 'gaussian'?"),

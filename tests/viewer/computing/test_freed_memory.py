@@ -5,15 +5,17 @@ from __future__ import annotations
 import subprocess
 import sys
 
-_CHILD = """
+_RESIDENT = """
 import os
 from pathlib import Path
 from threading import Thread
-from abfm_viewer.computing.freed_memory import give_back
+from abfm_viewer.computing.freed_memory import give_back, keep_little
 
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 2**20
+"""
 
+_PIECES = """
 def work():  # in pieces that the C library keeps for itself, and one at the end that nobody frees
     pieces = [bytearray(100_000) for _ in range(1000)]
     kept.append(bytearray(100_000))
@@ -28,6 +30,26 @@ print(before - resident())
 """
 
 
+_BLOCKS = """
+bytearray(30 << 20)  # freed at once: from now on the C library would take blocks up to this size from its pools
+keep_little()
+before = resident()
+kept = []
+for _ in range(20):
+    kept += [bytearray(5 << 20), bytearray(100_000)]  # small ones keep the pool from shrinking
+del kept[::2]
+print(resident() - before)
+"""
+
+
 def test_what_an_ended_thread_had_is_given_back():
-    done = subprocess.run([sys.executable, "-c", _CHILD], capture_output=True, text=True, check=True)
-    assert float(done.stdout) > 50  # megabytes, of 100
+    assert _said_by(_RESIDENT + _PIECES) > 50  # megabytes, of 100
+
+
+def test_large_blocks_are_given_back_when_they_are_freed():
+    assert _said_by(_RESIDENT + _BLOCKS) < 20  # megabytes, of 100
+
+
+def _said_by(program: str) -> float:
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return float(done.stdout)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -112,11 +113,13 @@ def test_headers_that_make_no_sense_are_told_in_one_line(
 
 
 @pytest.mark.parametrize(
-    "text", ["[" * 100_000, '{"a":' * 100_000, "1" * 100_000, "NaN", "-Infinity", '"' + "x" * 100_000, '"\\ud800"']
+    "text",
+    ["[" * 100_000, '{"a":' * 100_000, "1" * 100_000, "\xff", "NaN", "-Infinity", '"' + "x" * 100_000, '"\\ud800"'],
 )
 def test_json_that_is_no_header_is_refused(saved: Path, text: str) -> None:
-    rewrite(saved, {"project.json": text.encode()})
+    rewrite(saved, {"project.json": text.encode("latin-1")})
     assert "no project of abfm, or damaged" in error_line(saved)
+    assert not re.search("codec|set_int_max", error_line(saved))
 
 
 def test_what_is_not_an_array_is_small(saved: Path) -> None:

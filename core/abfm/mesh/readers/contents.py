@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abfm.errors import brief
 from abfm.types import FloatArray, IntArray
 
 
@@ -36,7 +37,7 @@ class PointList:
         """
         if len(words) < 3:
             raise ValueError(f"vertex {len(self)}, counting from 0, has {len(words)} coordinates instead of 3")
-        self._numbers.extend([float(word) for word in words[:3]])
+        self._numbers.extend(map(number, words[:3]))
 
     def array(self) -> FloatArray:
         """All of them, (V, 3)."""
@@ -73,6 +74,33 @@ class PolygonList:
 def few_corners(face: int, count: int) -> ValueError:
     """What is said of a face with fewer than three corners."""
     return ValueError(f"face {face}, counting from 0, has {count} corners instead of 3 or more")
+
+
+def number(word: str | bytes) -> float:
+    """The number that a word of a text file is.
+
+    Raises
+    ------
+    ValueError
+        If it is none; so does `whole_number`.
+    """
+    try:
+        return float(word)
+    except ValueError:
+        raise _no_number(word, "a number") from None
+
+
+def whole_number(word: str | bytes) -> int:
+    """The same for numbers of vertices, corners and faces."""
+    try:
+        return int(word)
+    except ValueError:
+        raise _no_number(word, "a number of fewer digits" if word.isdigit() else "a whole number") from None
+
+
+def _no_number(word: str | bytes, expected: str) -> ValueError:
+    given = word if isinstance(word, str) else word.decode("utf-8", "replace")
+    return ValueError(f"it has {brief(given)} where {expected} is expected")
 
 
 def text(data: bytes) -> str:

@@ -5,7 +5,6 @@ Format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
 
 import base64
 import binascii
-import json
 import struct
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,11 +13,12 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.reading import read_bytes
+from abfm.reading import from_json, read_bytes
 from abfm.types import FloatArray
 
 _GLB, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WORDS = {dict: "object", list: "array", int: "whole number", str: "text"}  # of JSON
 _COLUMNS = {"SCALAR": 1, "VEC3": 3}
 
 
@@ -52,19 +52,18 @@ class Document:
         self._path, self._binary = path, b""
         if path.suffix.lower() == ".glb":
             data, self._binary = _chunks(data)
-        try:
-            self._header = json.loads(data)
-        except RecursionError:
-            raise ValueError("its JSON is nested too deeply") from None
+        self._header = from_json(data)
         version = _of(self._header, "asset", dict, {}).get("version", "2.0")
         if not str(version).startswith("2."):
             raise ValueError(f"it is glTF {str(version)[:20]}; only glTF 2 is read")
         self._buffers: dict[Path | int, bytes] = {}
 
     def roots(self) -> list[int]:
-        """Nodes of the scene that is to be shown."""
-        if "scenes" not in self._header:
-            return []
+        """Nodes of the scene that is to be shown; without scenes, those that are below no other."""
+        if not _of(self._header, "scenes", list, []):
+            nodes = range(len(_of(self._header, "nodes", list, [])))
+            below = {child for index in nodes for child in _indices(self._entry("nodes", index), "children")}
+            return [index for index in nodes if index not in below]
         return _indices(self._entry("scenes", _of(self._header, "scene", int, 0)), "nodes")
 
     def node(self, index: int) -> Node:
@@ -175,7 +174,7 @@ def _of(entry: Any, name: str, kind: type, default: Any) -> Any:
     """What a JSON object has under a name, of this type."""
     found = entry.get(name, default) if isinstance(entry, dict) else None
     if found is not default and (not isinstance(found, kind) or isinstance(found, bool)):
-        raise ValueError(f"its {name} is no {kind.__name__}, as glTF has it")
+        raise ValueError(f"its {name} is no {_WORDS[kind]}, as glTF has it")
     return found
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from abfm.mesh.readers.contents import FileContents, PointList, PolygonList, text
+from abfm.mesh.readers.contents import FileContents, PointList, PolygonList, text, whole_number
 from abfm.mesh.readers.polygons import split_polygons
 from abfm.reading import read_bytes
 
@@ -27,7 +27,7 @@ def read_obj(path: Path) -> FileContents:
 
 def _vertex(word: str, count: int) -> int:
     """Index from 0 of the vertex in ``vertex/texture/normal``: counted from 1, or back from the last one so far."""
-    index = int(word.partition("/")[0])
+    index = whole_number(word.partition("/")[0])
     if index == 0:
         raise ValueError("a face names vertex 0, but OBJ counts vertices from 1")
     return index - 1 if index > 0 else count + index

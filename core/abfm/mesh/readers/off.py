@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from abfm.mesh.readers.contents import FileContents, PointList, PolygonList, text
+from abfm.mesh.readers.contents import FileContents, PointList, PolygonList, text, whole_number
 from abfm.mesh.readers.polygons import split_polygons
 from abfm.reading import read_bytes
 
@@ -26,7 +26,7 @@ def read_off(path: Path) -> FileContents:
     counts = first[1:] or next(rows, [])
     if len(counts) < 2:
         raise ValueError("the numbers of vertices and faces are missing")
-    vertex_count, face_count = int(counts[0]), int(counts[1])
+    vertex_count, face_count = whole_number(counts[0]), whole_number(counts[1])
     if min(vertex_count, face_count) < 0:
         raise ValueError(f"{vertex_count} vertices and {face_count} faces are announced: give their numbers")
     points, polygons, lines = PointList(), PolygonList(), 0
@@ -57,7 +57,7 @@ def _rows(content: str) -> Iterator[list[str]]:
 
 
 def _polygon(words: list[str]) -> list[int]:
-    count = int(words[0])
+    count = whole_number(words[0])
     if not 0 <= count < len(words):
         raise ValueError(f"a face announces {count} corners, but its line has {len(words) - 1}")
-    return [int(word) for word in words[1 : 1 + count]]
+    return list(map(whole_number, words[1 : 1 + count]))

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from abfm.mesh.readers.contents import number, whole_number
 from abfm.types import IntArray
 
 CODES = {  # of the header's types in Python's struct
@@ -161,17 +162,17 @@ class TextBody(Body):
         return 1
 
     def column(self, start: int, rows: int, step: int, code: str) -> NDArray[Any]:
-        return np.frombuffer(array("d", map(float, self.words[start : start + rows * step : step])))
+        return np.frombuffer(array("d", map(number, self.words[start : start + rows * step : step])))
 
     def reader(self, code: str) -> Callable[[int], int]:
-        return lambda position: int(self.words[position])
+        return lambda position: whole_number(self.words[position])
 
     def runs(self, starts: IntArray, counts: IntArray, code: str) -> NDArray[Any]:
         pairs = zip(starts.tolist(), counts.tolist(), strict=True)
         words = chain.from_iterable(self.words[start : start + count] for start, count in pairs)
         if code in "fd":
-            return np.frombuffer(array("d", map(float, words)))
+            return np.frombuffer(array("d", map(number, words)))
         try:
-            return np.frombuffer(array("q", map(int, words)), dtype=np.int64)
+            return np.frombuffer(array("q", map(whole_number, words)), dtype=np.int64)
         except OverflowError:
             raise ValueError("a number in a list is beyond 64 bits") from None

@@ -5,7 +5,8 @@ import numpy as np
 from abfm.mesh.readers.contents import FileContents
 from abfm.types import BoolArray, FloatArray, IntArray
 
-_MOST_CORNERS = 1 << 18  # of one polygon, and of those that are looked at together
+_MOST_CORNERS = 1 << 18  # of one polygon
+_AT_A_TIME = 1 << 15  # corners of polygons that are looked at together, as many as the processor's caches hold
 _MOST_WORK, _WORK_OF_A_CORNER = 2e8, 30  # squares of corners of polygons that are clipped, in all: some seconds
 _FLAT = 1e-12  # twice the area over the longest side squared
 _SPLIT = "split polygons into triangles in the program that made them"
@@ -67,10 +68,10 @@ def _clip(vertices: FloatArray, sizes: IntArray, corners: IntArray, faces: IntAr
     first, work, crossing = 0, 0.0, []
     while first < len(sizes):  # some polygons at a time, so that little memory is taken
         start = ends[first] - sizes[first]
-        last = max(int(np.searchsorted(ends, start + _MOST_CORNERS)), first + 1)
+        last = max(int(np.searchsorted(ends, start + _AT_A_TIME)), first + 1)
         some, its_corners = sizes[first:last], corners[start : ends[last - 1]]
         its_faces = faces[start - 2 * first : ends[last - 1] - 2 * last]
-        wrong, normals = _wrong_fans(vertices[its_faces], some)
+        wrong, normals = _wrong_fans(vertices.take(its_faces, axis=0), some)
         if wrong.any():
             work += float(np.sum(some[wrong].astype(np.float64) ** 2))
             if work > max(_MOST_WORK, _WORK_OF_A_CORNER * len(corners)):
@@ -89,10 +90,10 @@ def _wrong_fans(fans: FloatArray, sizes: IntArray) -> tuple[BoolArray, FloatArra
     Those without a normal, which are flat as a whole, have no triangles that are better.
     """
     owner = np.repeat(np.arange(len(sizes)), sizes - 2)
-    cross = np.cross(fans[:, 1] - fans[:, 0], fans[:, 2] - fans[:, 0])
+    sides = [fans[:, k] - fans[:, k - 1] for k in range(3)]
+    cross = np.cross(sides[0], sides[1])
     normals = np.add.reduceat(cross, np.cumsum(sizes - 2) - (sizes - 2))
     lengths = np.linalg.norm(normals, axis=1)
-    sides = [fans[:, k] - fans[:, k - 1] for k in range(3)]
     longest = np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in sides])
     away = np.einsum("fx,fx->f", cross, normals[owner]) <= _FLAT * longest * lengths[owner]
     sized = lengths > _FLAT * np.maximum.reduceat(longest, np.cumsum(sizes - 2) - (sizes - 2))

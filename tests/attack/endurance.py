@@ -1,0 +1,50 @@
+"""What a process has after a while and at its end: threads, children, memory."""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+
+_EARLY, _MOST_GROWTH = 300.0, 1.1  # seconds, and what there may be at the end over what there was after them
+
+
+def counts() -> dict[str, float]:
+    """What the process has at present: threads, children, and megabytes that are resident."""
+    task = Path(f"/proc/{os.getpid()}/task")
+    children = {child for thread in task.iterdir() for child in (thread / "children").read_text().split()}
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    megabytes = round(pages * resource.getpagesize() / 2**20, 1)
+    return {"threads": threading.active_count(), "children": len(children), "megabytes": megabytes}
+
+
+@dataclass
+class Endurance:
+    """What the window has after its first five minutes, and what it has at the end: medians of some sequences."""
+
+    begun: float
+    latest: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=20))
+    early: dict[str, float] | None = None
+
+    def add(self, now: dict[str, float]) -> None:
+        """What there is after one more sequence."""
+        self.latest.append(now)
+        if self.early is None and time.monotonic() - self.begun > _EARLY:
+            self.early = self._median()
+
+    def _median(self) -> dict[str, float]:
+        return {name: median(each[name] for each in self.latest) for name in self.latest[0]}
+
+    def end(self) -> bool:
+        """Tell of both, and whether what there is at the end is not more by over a tenth."""
+        if self.early is None:
+            return True
+        late = self._median()
+        print(f"# after {_EARLY / 60:g} minutes: {self.early}; at the end: {late}", file=sys.stderr)
+        return all(late[name] <= _MOST_GROWTH * self.early[name] for name in late)
