@@ -23,6 +23,11 @@ def ellipsoid(subdivisions: int, a: float, b: float, c: float) -> TriangleMesh:
     return TriangleMesh(sphere.vertices * [a, b, c], sphere.faces)
 
 
+def with_loose_vertex(mesh: TriangleMesh) -> TriangleMesh:
+    """The mesh as from a file that has one vertex more, vertex 5, which is in no face."""
+    return TriangleMesh(np.insert(mesh.vertices, 5, 9.0, axis=0), mesh.faces + (mesh.faces >= 5))
+
+
 def tetrahedron() -> TriangleMesh:
     """Regular tetrahedron with edge length 2 sqrt(2): the smallest closed mesh."""
     vertices = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)

@@ -17,18 +17,17 @@ import nibabel
 import numpy as np
 import trimesh
 
-from abfm import Match, Parameters, TriangleMesh, match
+from abfm import Match, Parameters, match
 from abfm_viewer.document.document import Channel, Document, Front, Look, Point, Run, View
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import save_project
 from tests.mesh_writers import STL_WRITERS, WRITERS, exported
-from tests.shapes import icosphere
+from tests.shapes import icosphere, with_loose_vertex
 
 Door = Literal["mesh", "values", "map", "result", "project", "recent", "preferences", "spec"]
 
 WHOLE = icosphere(1)
-MESH = TriangleMesh(np.insert(WHOLE.vertices, 5, 9.0, axis=0), WHOLE.faces + (WHOLE.faces >= 5))
-"""Vertex 5 of its file is in no face."""
+MESH = with_loose_vertex(WHOLE)
 COUNT = MESH.file_vertex_count
 X, Y = MESH.vertices[:, 0].copy(), MESH.vertices[:, 1].copy()
 

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TextIO
 
 from abfm import AbfmError
+from tests import peak_memory
 from tests.attack.doors import BrokenPromiseError, enter
 from tests.attack.specimens import Specimen
 from tests.attack.trial import Trial
@@ -149,8 +150,8 @@ def _attempt(files_of: Attacker, seed: int, folder: Path, most_seconds: int, mos
     if specimen.place is not None:
         specimen.place(path)
     size = path.stat().st_size if path.is_file() else 0
-    _forget_peak()
-    memory, begin = _megabytes(), time.process_time()
+    peak_memory.forget()
+    memory, begin = peak_memory.megabytes(), time.process_time()
     said: list[str] = []
     signal.setitimer(signal.ITIMER_PROF, most_seconds)
     try:
@@ -164,7 +165,7 @@ def _attempt(files_of: Attacker, seed: int, folder: Path, most_seconds: int, mos
     except Exception as error:
         outcome, detail = "fault", _last_of_ours(error)
     signal.setitimer(signal.ITIMER_PROF, 0)
-    seconds, grown = time.process_time() - begin, _megabytes() - memory
+    seconds, grown = time.process_time() - begin, peak_memory.megabytes() - memory
     if outcome != "fault" and said:
         outcome, detail = "fault", f"it said: {said[0][:300]!r}"
     if outcome != "fault" and grown > most_megabytes and size <= LARGEST:
@@ -209,18 +210,6 @@ def _redirected(descriptor: int, heard: TextIO) -> Iterator[None]:
         (sys.stdout if descriptor == 1 else sys.stderr).flush()
         os.dup2(saved, descriptor)
         os.close(saved)
-
-
-def _forget_peak() -> None:
-    """So that what making a file took does not hide what reading it takes."""
-    with contextlib.suppress(OSError):  # where the system has no such thing
-        Path("/proc/self/clear_refs").write_text("5")
-
-
-def _megabytes() -> float:
-    """The most memory that this process has had since `_forget_peak`, or ever."""
-    size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return size / (1e6 if sys.platform == "darwin" else 1e3)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ def told() -> list[str]:
 def report(told: list[str]) -> dict[str, Any]:
     return run(
         told.append,
-        seconds=2,
+        seconds=1,
         subdivision=2,
         subdivisions=(1, 2),
         iterations=40,

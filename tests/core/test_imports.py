@@ -30,10 +30,9 @@ def python(code: str) -> str:
 @pytest.mark.parametrize(
     "code",
     [
-        "import abfm; abfm.TriangleMesh, abfm.load_mesh, abfm.Parameters",
-        "from abfm import AbfmError, Parameters, TriangleMesh, load_mesh",
-        "from abfm.assets import asset_path; from abfm.mesh import load_mesh; load_mesh(asset_path('human_A.off'))",
-        "import abfm_viewer.app, abfm_viewer.cli, abfm_viewer.scene.opengl, abfm_viewer.scene.camera",
+        "from abfm import AbfmError, Parameters, TriangleMesh, load_mesh; from abfm.assets import asset_path; "
+        "load_mesh(asset_path('human_A.off'))",
+        "import abfm_viewer.app, abfm_viewer.cli, abfm_viewer.scene.opengl, abfm_viewer.scene.camera; "
         "import abfm_viewer.window.window, abfm_viewer.window.open_window",
     ],
 )
@@ -41,43 +40,53 @@ def test_reading_and_drawing_a_mesh_loads_no_solver(code):
     assert HEAVY & set(python(f"import sys; {code}; print(*sys.modules)").split()) == set()
 
 
-_PUBLIC_NAMES = """
-import importlib, inspect, json, os, sys
+CODES = [
+    "import abfm.matching.result",
+    "from abfm.matching.result import Match",
+    "from abfm import matching",
+    "import abfm.matching.match, abfm.matching.result",
+    "from abfm import match, matching",
+    "import abfm.functions, abfm.flow.advection",
+    "import abfm.flow.flow_lines, abfm.calculus.helmholtz_hodge, abfm.baselines.linear_blend, abfm.maps.folds",
+]
+_PUBLIC_NAMES = f"""
+import importlib, inspect, json, os
 import numba, scipy.sparse.linalg, scipy.spatial, trimesh  # what others wrote and takes long is loaded once
-{code}
-for name in {fronts}:
+
+def apart(work, *given):
     if (child := os.fork()) == 0:
-        front = importlib.import_module(name)
-        found = [public for public in front.__all__ if not inspect.ismodule(getattr(front, public))]
-        print(json.dumps([name, found]), flush=True)
+        work(*given)
         os._exit(0)
     os.waitpid(child, 0)
+
+def of_all_rooms(code):
+    exec(code)
+    for name in {FRONTS}:
+        apart(of_one, code, name)
+
+def of_one(code, name):
+    front = importlib.import_module(name)
+    found = [public for public in front.__all__ if not inspect.ismodule(getattr(front, public))]
+    print(json.dumps([code, name, found]), flush=True)
+
+for code in {CODES}:
+    apart(of_all_rooms, code)
 """
 
 
 @cache
-def public_names(code: str) -> dict[str, list[str]]:
-    """Those of each room that are no modules, asked for in processes in which nothing but the code ran before."""
-    return dict(json.loads(line) for line in python(_PUBLIC_NAMES.format(code=code, fronts=FRONTS)).splitlines())
+def public_names() -> dict[tuple[str, str], list[str]]:
+    """Those that are no modules, by code and room: of processes in which nothing but the code ran before."""
+    told = map(json.loads, python(_PUBLIC_NAMES).splitlines())
+    return {(code, front): names for code, front, names in told}
 
 
-@pytest.mark.parametrize(
-    "code",
-    [
-        "import abfm.matching.result",
-        "from abfm.matching.result import Match",
-        "from abfm import matching",
-        "import abfm.matching.match, abfm.matching.result",
-        "from abfm import match, matching",
-        "import abfm.functions, abfm.flow.advection",
-        "import abfm.flow.flow_lines, abfm.calculus.helmholtz_hodge, abfm.baselines.linear_blend, abfm.maps.folds",
-    ],
-)
+@pytest.mark.parametrize("code", CODES)
 @pytest.mark.parametrize("front", FRONTS)
 def test_public_names_are_no_modules_whatever_is_imported_first(front, code):
     """Some have the name of the file that they are in; the rooms themselves are packages."""
     rooms = {module.name for module in pkgutil.iter_modules(import_module(front).__path__) if module.ispkg}
-    assert public_names(code)[front] == [name for name in import_module(front).__all__ if name not in rooms]
+    assert public_names()[code, front] == [name for name in import_module(front).__all__ if name not in rooms]
 
 
 def test_every_public_name_is_listed_and_others_are_refused():

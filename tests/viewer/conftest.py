@@ -9,9 +9,16 @@ import pytest
 from abfm_viewer.automation import Driver
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown import field_quantities
+from abfm_viewer.window import window
 from tests.shapes import icosphere
 from tests.viewer.desk import Desk
 from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened
+
+
+@pytest.fixture(autouse=True)
+def _few_frames(monkeypatch):
+    """While tests wait, half as many frames are drawn as in the app: they take the time of what is waited for."""
+    monkeypatch.setattr(window, "_SECONDS_PER_FRAME", 1 / 15)
 
 
 @pytest.fixture
@@ -30,9 +37,9 @@ def endless():
 
 
 @pytest.fixture
-def gui(tmp_path):
-    """The app on an egg with its default functions."""
-    with Driver(EGG, size=SIZE) as gui:
+def gui(tmp_path, request):
+    """The app on an egg with its default functions, in a small window unless a file of tests has its own WINDOW."""
+    with Driver(EGG, size=getattr(request.module, "WINDOW", SIZE)) as gui:
         gui.window.dialogs.folder = tmp_path
         gui.session.amend(view=replace(gui.session.view, flow_after_match=False))  # tests look at what stands still
         yield gui

@@ -42,11 +42,15 @@ def _serve() -> None:
     requests = Requests()
     for figure in requests:
         try:
-            found = experiment_of(figure).set_up(None, False)
-            common = {entry.name: getattr(found, entry.name) for entry in fields(Setup)}
-            requests.answer(("setup", (Setup(**common | {"flow": None}), given(found))))
+            requests.answer(("setup", sent(experiment_of(figure).set_up(None, False))))
         except AbfmError as error:
             requests.answer(("error", str(error)))
+
+
+def sent(setup: Setup) -> tuple[Setup, Match | None]:
+    """What goes from one process to the other: what all set-ups have, and the given flow."""
+    common = {entry.name: getattr(setup, entry.name) for entry in fields(Setup)}
+    return Setup(**common | {"flow": None}), given(setup)
 
 
 def given(setup: Setup) -> Match | None:

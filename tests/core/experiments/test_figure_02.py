@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from abfm.experiments.figure_02 import EXPERIMENT, FUNCTION, MAP, differences
 from abfm.experiments.sheet import Panel
 from abfm.flow.flow import Flow
 from abfm.functions import function
+from tests.core.experiments.small import quiet, ran, values
 from tests.shapes import open_cylinder, torus
 
 
-@pytest.fixture(scope="module")
-def values() -> dict[str, float]:
-    findings = EXPERIMENT.run(EXPERIMENT.set_up(None, True), lambda text, share: None)
-    return {measure.name: measure.value for measure in findings.measures}
-
-
-def test_differences_grow_with_time(values: dict[str, float]) -> None:
-    quarter, half, whole = (value for name, value in values.items() if name.startswith("advected function"))
+def test_differences_grow_with_time() -> None:
+    quarter, half, whole = (value for name, value in values(ran(2)[1]).items() if name.startswith("advected function"))
     assert 0 < quarter < half < whole < 0.3
 
 
-def test_differences_fall_under_refinement(values: dict[str, float]) -> None:
-    orders = [value for name, value in values.items() if name.startswith("order")]
+def test_differences_fall_under_refinement() -> None:
+    found = values(ran(2)[1])
+    orders = [value for name, value in found.items() if name.startswith("order")]
     assert len(orders) == 2
     assert min(orders) > 1
-    coarse, fine = (value for name, value in values.items() if "exact solution" in name)
+    coarse, fine = (value for name, value in found.items() if "exact solution" in name)
     assert fine < coarse / 2.5
 
 
@@ -43,7 +38,7 @@ def test_on_another_mesh_with_a_boundary() -> None:
     mesh = open_cylinder(24, 12)
     setup = EXPERIMENT.set_up(mesh, True)
     assert setup.mesh is mesh
-    findings = EXPERIMENT.run(setup, lambda text, share: None)
+    findings = EXPERIMENT.run(setup, quiet)
     assert all(np.isfinite(measure.to_dict()["value"]) for measure in findings.measures)
     last = findings.sheet.rows[0][-1]
     assert isinstance(last, Panel)

@@ -17,31 +17,28 @@ from abfm.flow.advection import advect
 from abfm.flow.flow import Flow
 from abfm.functions import function
 from abfm.mesh import TriangleMesh
+from tests.core.experiments.small import quiet, ran, values
 from tests.shapes import ellipsoid, open_cylinder
 
 
-@pytest.fixture(scope="module")
-def values() -> dict[str, float]:
-    findings = EXPERIMENT.run(EXPERIMENT.set_up(None, True), lambda text, share: None)
-    return {measure.name: measure.value for measure in findings.measures}
-
-
-def test_linear_steps_overshoot_where_the_exponential_does_not(values: dict[str, float]) -> None:
+def test_linear_steps_overshoot_where_the_exponential_does_not() -> None:
+    found = values(ran(4)[1])
     what = "overshoot over the range of f"
-    assert values[f"linear, t = tau: {what}"] > 5 * values[f"nonlinear, t = tau: {what}"]
-    assert values[f"linear, one step, t = tau: {what}"] > 5 * values[f"nonlinear, t = tau: {what}"]
+    assert found[f"linear, t = tau: {what}"] > 5 * found[f"nonlinear, t = tau: {what}"]
+    assert found[f"linear, one step, t = tau: {what}"] > 5 * found[f"nonlinear, t = tau: {what}"]
 
 
-def test_more_linear_steps_come_closer_to_the_flow(values: dict[str, float]) -> None:
+def test_more_linear_steps_come_closer_to_the_flow() -> None:
+    found = values(ran(4)[1])
     ways = ("linear, one step", "linear", "linear, 4 times the steps")
-    one, some, many = (values[f"{way}, t = tau: difference from flow lines, relative L2"] for way in ways)
+    one, some, many = (found[f"{way}, t = tau: difference from flow lines, relative L2"] for way in ways)
     assert one > some > many
 
 
 @pytest.fixture(scope="module")
 def on_an_ellipsoid() -> tuple[GivenFlow, Findings]:
     setup = EXPERIMENT.set_up(ellipsoid(2, 1, 0.7, 0.5), True)
-    return setup, EXPERIMENT.run(setup, lambda text, share: None)
+    return setup, EXPERIMENT.run(setup, quiet)
 
 
 def steps_taken(findings: Findings) -> int:
@@ -94,12 +91,12 @@ def test_there_are_as_many_linear_steps_as_the_fastest_oscillation_allows() -> N
     setup = EXPERIMENT.set_up(uneven, True)
     derivative = directional_derivative(uneven, to_frame(uneven, setup.flow.velocity[0]))
     exact = np.abs(np.linalg.eigvals(derivative.toarray())).max()
-    steps = steps_taken(EXPERIMENT.run(setup, lambda text, share: None))
+    steps = steps_taken(EXPERIMENT.run(setup, quiet))
     assert steps > 40  # and not as few as there can be, one between any two of the times
     assert np.sqrt(2 * np.log(1e6) * steps) == pytest.approx(setup.flow.tau * exact, rel=0.1)
 
 
 def test_on_another_mesh_with_a_boundary() -> None:
     mesh = open_cylinder(24, 12)
-    findings = EXPERIMENT.run(EXPERIMENT.set_up(mesh, True), lambda text, share: None)
+    findings = EXPERIMENT.run(EXPERIMENT.set_up(mesh, True), quiet)
     assert all(np.isfinite(measure.to_dict()["value"]) for measure in findings.measures)

@@ -10,13 +10,9 @@ from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import MeshError
 from abfm.experiments.figure_05 import EXPERIMENT
 from abfm.experiments.sheet import Streaks
+from tests.core.experiments.small import quiet, ran
 from tests.core.surfaces import SURFACES, last_order, norm
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron
-
-
-def quiet(text, share):
-    assert text
-    assert 0 <= share <= 1
 
 
 def found(findings, *words):
@@ -25,13 +21,9 @@ def found(findings, *words):
     return measure
 
 
-@pytest.fixture(scope="module")
-def own():
-    return EXPERIMENT.run(EXPERIMENT.set_up(None, True), quiet)
-
-
 @pytest.mark.parametrize("name", ["surface of revolution", "torus"])
-def test_the_known_answer_comes_out(own, name):
+def test_the_known_answer_comes_out(name):
+    _, own = ran(5)
     error = found(own, name, "L2 error against the exact")
     assert error.value < 0.1
     assert error.reproduces is True
@@ -44,7 +36,7 @@ def test_the_known_answer_comes_out(own, name):
 
 def known(surface):
     """The cases of one of the experiment's own surfaces, coarse to fine."""
-    (levels,) = [levels for levels in EXPERIMENT.set_up(None, True).cases if levels[0].name == surface]
+    (levels,) = [levels for levels in ran(5)[0].cases if levels[0].name == surface]
     return levels
 
 
@@ -98,7 +90,7 @@ def case_coefficients(case):
 
 
 def test_setups_open_in_the_app():
-    setup = EXPERIMENT.set_up(None, True)
+    setup, _ = ran(5)
     assert setup.flow.velocity.shape == (1, len(setup.mesh.faces), 3)
     carried, source = setup.target[:, 0], setup.source[:, 0]
     areas = op.vertex_areas(setup.mesh)

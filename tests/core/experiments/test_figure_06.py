@@ -5,32 +5,25 @@ import pytest
 
 from abfm.calculus.vector_fields import lie_bracket_of
 from abfm.experiments.figure_06 import EXPERIMENT
+from tests.core.experiments.small import quiet, ran
 from tests.shapes import ellipsoid, open_cylinder
-
-
-def quiet(text, share):
-    assert text
-    assert 0 <= share <= 1
 
 
 def values(findings, *words):
     return [m.value for m in findings.measures if all(word in m.name for word in words)]
 
 
-@pytest.fixture(scope="module")
-def own():
-    return EXPERIMENT.run(EXPERIMENT.set_up(None, True), quiet)
-
-
 @pytest.mark.parametrize("name", ["sphere", "torus, about the axis", "torus, around the tube"])
-def test_carried_fields_converge_to_the_exact_ones(own, name):
+def test_carried_fields_converge_to_the_exact_ones(name):
+    _, own = ran(6)
     assert min(values(own, name, "order")) > 0.75
     short, shown = values(own, name, "error at t = 0.125")[0], values(own, name, "error at t = 0.25")[0]
     assert short < shown < 0.4
     assert all(m.reproduces for m in own.measures if "transports" in m.claim)
 
 
-def test_the_printed_sign_carries_the_other_way(own):
+def test_the_printed_sign_carries_the_other_way():
+    _, own = ran(6)
     printed = [m for m in own.measures if "printed sign" in m.name]
     assert len(printed) == 6
     assert all(m.reproduces is False and m.value > 0.5 for m in printed)
@@ -39,7 +32,7 @@ def test_the_printed_sign_carries_the_other_way(own):
 @pytest.fixture(scope="module", params=["sphere", "torus, about the axis", "torus, around the tube"])
 def levels(request):
     """The cases of one of the experiment's own surfaces, coarse to fine."""
-    (levels,) = [levels for levels in EXPERIMENT.set_up(None, True).cases if levels[0].name == request.param]
+    (levels,) = [levels for levels in ran(6)[0].cases if levels[0].name == request.param]
     return levels
 
 

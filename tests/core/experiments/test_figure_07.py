@@ -7,11 +7,12 @@ import pytest
 
 from abfm.experiments.figure_07 import EXPERIMENT, smoothness, spread_gap
 from abfm.functions import function
+from tests.core.experiments.small import quiet, ran
 from tests.shapes import ellipsoid, torus
 
 
 def test_matches_by_a_smooth_path() -> None:
-    findings = EXPERIMENT.run(EXPERIMENT.set_up(None, True), lambda text, share: None)
+    _, findings = ran(7)
     mismatch, by_flow_lines, _, folded, length, step, turn, rise = (measure.value for measure in findings.measures)
     assert mismatch < 0.1
     assert mismatch < by_flow_lines < 1
@@ -56,5 +57,5 @@ def test_sign_of_the_target_is_the_one_whose_values_fit() -> None:
 
 
 def test_on_another_mesh() -> None:
-    findings = EXPERIMENT.run(EXPERIMENT.set_up(torus(24, 12), True), lambda text, share: None)
+    findings = EXPERIMENT.run(EXPERIMENT.set_up(torus(24, 12), True), quiet)
     assert all(np.isfinite(measure.to_dict()["value"]) for measure in findings.measures)

@@ -8,11 +8,12 @@ from abfm.calculus.operators import gradient
 from abfm.calculus.vector_fields import to_ambient
 from abfm.experiments.figure_08 import EXPERIMENT, seen_rate
 from abfm.flow.advection import advect
+from tests.core.experiments.small import quiet, ran
 from tests.shapes import open_cylinder, torus
 
 
 def test_field_is_found() -> None:
-    findings = EXPERIMENT.run(EXPERIMENT.set_up(None, True), lambda text, share: None)
+    _, findings = ran(8)
     along, share, seen, whole, largest, mismatch, *witnesses = (measure.value for measure in findings.measures)
     assert along < 0.1
     assert 0.1 < share < 1
@@ -41,5 +42,5 @@ def test_motion_along_level_lines_is_not_seen() -> None:
 
 
 def test_on_another_mesh_with_a_boundary() -> None:
-    findings = EXPERIMENT.run(EXPERIMENT.set_up(open_cylinder(24, 12), True), lambda text, share: None)
+    findings = EXPERIMENT.run(EXPERIMENT.set_up(open_cylinder(24, 12), True), quiet)
     assert all(np.isfinite(measure.to_dict()["value"]) for measure in findings.measures)

@@ -11,12 +11,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import MeshError
 from abfm.experiments import experiment_of
-from abfm.experiments.experiment import Findings
-from abfm.experiments.figure_09 import Figure9
 from abfm.experiments.meshes import bundled, sphere
 from abfm.experiments.symmetry_flow import geodesics
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
+from tests.core.experiments.small import quiet, ran, values
 from tests.shapes import ellipsoid, icosphere, open_cylinder
 
 EXPERIMENT = experiment_of(9)
@@ -25,52 +24,43 @@ X, Y, Z = BALL.vertices.T
 EGG = TriangleMesh(np.stack([X, (0.8 + 0.2 * Z) * Y + 0.3 * Z * Z, 0.7 * Z + 0.2 * Y * Z], axis=1), BALL.faces)
 
 
-@pytest.fixture(scope="module")
-def small() -> tuple[Figure9, Findings]:
-    setup = EXPERIMENT.set_up(None, True)
-    return setup, EXPERIMENT.run(setup, lambda text, share: None)
-
-
-def values(findings: Findings) -> dict[str, float]:
-    return {measure.name: measure.value for measure in findings.measures}
-
-
-def test_targets_are_the_sources_after_the_symmetry(small):
-    setup, _ = small
+def test_targets_are_the_sources_after_the_symmetry():
+    setup, _ = ran(9)
     for part in (setup, setup.mirror):
         assert_array_equal(part.target, part.source[part.symmetry.vertex_map])
     x = setup.mesh.vertices / setup.mesh.length_scale
     assert_allclose(setup.source - setup.source.mean(axis=0), x - x.mean(axis=0), atol=1e-5)
 
 
-def test_the_flow_reaches_the_rotation_and_comes_back(small):
-    found = values(small[1])
+def test_the_flow_reaches_the_rotation_and_comes_back():
+    found = values(ran(9)[1])
     assert found["map error at τ, mean, geodesic / √area"] < 0.02
     assert found["map error at τ by exact flow lines, mean"] < 0.02
     assert found["drift at 2 τ, mean, geodesic / √area"] < 0.05
     assert found["advected points from the ends of exact flow lines, mean"] < 0.03
 
 
-def test_one_function_and_missing_cooling_do_worse(small):
-    found = values(small[1])
+def test_one_function_and_missing_cooling_do_worse():
+    found = values(ran(9)[1])
     reached = found["map error at τ, mean, geodesic / √area"]
     assert found["map error with one Gaussian only, mean"] > 5 * reached
     assert found["map error without cooling, mean"] > reached
     assert found["energy without cooling over the energy here"] > 1
 
 
-def test_the_mirror_is_not_reached_as_a_map(small):
-    found = values(small[1])
+def test_the_mirror_is_not_reached_as_a_map():
+    found = values(ran(9)[1])
     assert found["mirror: vertices where the detected map is not the file's"] == 0
     assert found["mirror: map error with the three coordinates, mean"] > 0.03
     assert found["mirror: map error, mean"] > 0.1
 
 
-def test_measures_are_finite_and_plain(small):
-    rows = [measure.to_dict() for measure in small[1].measures]
+def test_measures_are_finite_and_plain():
+    _, findings = ran(9)
+    rows = [measure.to_dict() for measure in findings.measures]
     assert all(math.isfinite(row["value"]) for row in rows)
     json.dumps(rows)
-    assert [len(row) for row in small[1].sheet.rows] == [5, 4, 6]
+    assert [len(row) for row in findings.sheet.rows] == [5, 4, 6]
 
 
 @pytest.mark.parametrize(("mesh", "kind"), [(open_cylinder(12, 6), "rotation"), (EGG, "mirror")])
@@ -78,7 +68,7 @@ def test_another_mesh_gives_its_own_symmetry(mesh: TriangleMesh, kind: str) -> N
     setup = EXPERIMENT.set_up(mesh, True)
     assert setup.symmetry.kind == kind
     assert setup.mirror is None
-    findings = EXPERIMENT.run(setup, lambda text, share: None)
+    findings = EXPERIMENT.run(setup, quiet)
     assert [len(row) for row in findings.sheet.rows] == [5, 4]
     assert all(math.isfinite(measure.value) for measure in findings.measures)
     assert kind in findings.setting

@@ -16,6 +16,7 @@ from abfm.experiments.symmetry_flow import detected
 from abfm.experiments.table_1 import TABLE_1
 from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
+from tests.core.experiments.small import quiet, values
 from tests.shapes import torus
 
 EXPERIMENT = experiment_of(10)
@@ -25,8 +26,8 @@ def test_a_coarse_slab_is_turned_in_most_parts():
     setup = EXPERIMENT.set_up(stepped_slab(3), True)
     assert TABLE_1[10].holds(setup.parameters)
     assert_array_equal(setup.target, setup.source[setup.symmetry.vertex_map])
-    findings = EXPERIMENT.run(setup, lambda text, share: None)
-    found = {measure.name: measure.value for measure in findings.measures}
+    findings = EXPERIMENT.run(setup, quiet)
+    found = values(findings)
     assert found["mismatch of the functions"] < 0.25
     assert found["map error at τ, mean, geodesic / √area"] < 0.1
     assert found["edges with an angle of more than 45 degrees, share"] > 0
@@ -44,7 +45,7 @@ def test_all_edges_of_the_slab_are_creases():
 
 
 def test_a_smooth_mesh_is_turned_as_well():
-    findings = EXPERIMENT.run(EXPERIMENT.set_up(torus(24, 10), True), lambda text, share: None)
+    findings = EXPERIMENT.run(EXPERIMENT.set_up(torus(24, 10), True), quiet)
     assert "rotation by 180 degrees" in findings.setting
 
 
@@ -65,8 +66,5 @@ def test_a_rotation_that_turns_a_flat_surface_over_goes_after_its_mirror():
 
 def test_a_mesh_without_inner_edges_has_no_creases():
     alone = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    found = {
-        measure.name: measure.value
-        for measure in EXPERIMENT.run(EXPERIMENT.set_up(alone, True), lambda t, s: None).measures
-    }
+    found = values(EXPERIMENT.run(EXPERIMENT.set_up(alone, True), quiet))
     assert found["edges with an angle of more than 45 degrees, share"] == 0

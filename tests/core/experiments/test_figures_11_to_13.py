@@ -34,26 +34,20 @@ from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE
 from abfm.maps.surface_points import pull_back, vertex_points
 from abfm.matching.match import match
 from abfm.mesh import TriangleMesh
+from tests.core.experiments.small import quiet, ran, values
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron, torus
-
-
-def quiet(text: str, share: float) -> None:
-    assert text
-    assert 0 <= share <= 1
 
 
 @pytest.mark.parametrize("figure", [11, 12, 13])
 def test_own_mesh(figure: int) -> None:
-    chosen = experiment_of(figure)
-    setup = chosen.set_up(None, True)
-    found = chosen.run(setup, quiet)
+    setup, found = ran(figure)
     assert all(np.isfinite(measure.value) for measure in found.measures)
     json.dumps([measure.to_dict() for measure in found.measures])
     assert setup.source.shape == setup.target.shape == (len(setup.mesh.vertices), 2 if figure == 11 else 3)
 
 
 def test_matching_comes_nearer_the_targets() -> None:
-    setup = experiment_of(12).set_up(None, True)
+    setup, _ = ran(12)
     found = compare(setup, quiet)
     before = l2_norm(setup.mesh, setup.source - setup.target)
     assert l2_norm(setup.mesh, found.three.advected - setup.target) < before
@@ -64,26 +58,26 @@ def test_matching_comes_nearer_the_targets() -> None:
 
 
 def test_targets_are_smoother_than_the_start() -> None:
-    setup = experiment_of(11).set_up(None, True)
+    setup, _ = ran(11)
     stiffness = cotangent_laplacian(setup.mesh)
     source, target = (np.einsum("vc,vc->c", f, stiffness @ f) for f in (setup.source, setup.target))
     assert (target < 0.8 * source).all()
 
 
 def test_without_a_flow_the_map_stays() -> None:
-    setup = experiment_of(12).set_up(None, True)
+    setup, _ = ran(12)
     still = followed(setup, np.zeros((2, len(setup.mesh.faces), 3)))
     assert_allclose(still.positions, setup.start.positions, atol=1e-9)
 
 
 def test_coordinates_where_they_belong_are_the_identity() -> None:
-    setup = experiment_of(12).set_up(None, True)
+    setup, _ = ran(12)
     found = closest(setup, coordinates(setup.other))
     assert_allclose(found.positions, setup.other.vertices, atol=1e-9)
 
 
 def test_coordinates_cut_off_alike_are_the_identity() -> None:
-    setup = experiment_of(12).set_up(None, True)
+    setup, _ = ran(12)
     found = closest_cut_off(setup, cut_off(setup.other, len(setup.wanted)))
     assert_allclose(found.positions, setup.other.vertices, atol=1e-7)
     assert_allclose(found.distances, 0, atol=1e-9)
@@ -107,7 +101,7 @@ def test_with_both_cut_off_a_true_start_has_much_less_to_correct() -> None:
 
 
 def test_what_needs_no_flow_is_read_off_the_targets_and_the_start() -> None:
-    setup = experiment_of(13).set_up(None, True)
+    setup, _ = ran(13)
     maps = without_flow(setup)
     assert_array_equal(maps[TARGETS].positions, closest(setup, setup.target).positions)
     assert maps[START] is setup.start
@@ -117,7 +111,7 @@ def test_what_needs_no_flow_is_read_off_the_targets_and_the_start() -> None:
 
 
 def test_a_flow_that_stands_still_reads_as_no_flow() -> None:
-    setup = experiment_of(13).set_up(None, True)
+    setup, _ = ran(13)
     still = np.zeros((setup.parameters.segments, len(setup.mesh.faces), 3))
     found = match(setup.mesh, setup.source, setup.target, replace(setup.parameters, iterations=0), start=still)
     maps = by_flow(setup, "still", found)
@@ -127,12 +121,11 @@ def test_a_flow_that_stands_still_reads_as_no_flow() -> None:
 
 
 def test_figure_13_says_what_the_flow_adds() -> None:
-    setup = experiment_of(13).set_up(None, True)
-    findings = experiment_of(13).run(setup, quiet)
-    values = {measure.name: measure.value for measure in findings.measures}
+    setup, findings = ran(13)
+    measured = values(findings)
     accuracies = compare(setup, quiet).accuracies
-    assert values[f"{TARGETS}: mean error, sqrt(area)"] == accuracies[TARGETS].mean
-    added = {name: value for name, value in values.items() if name.startswith("what the flow adds")}
+    assert measured[f"{TARGETS}: mean error, sqrt(area)"] == accuracies[TARGETS].mean
+    added = {name: value for name, value in measured.items() if name.startswith("what the flow adds")}
     assert len(added) == 8
     name = f"what the flow adds: mean error of '3 functions' less that of '{TARGETS}', sqrt(area)"
     assert added[name] == accuracies["3 functions"].mean - accuracies[TARGETS].mean
@@ -143,14 +136,13 @@ def test_figure_13_says_what_the_flow_adds() -> None:
 
 @pytest.mark.parametrize("figure", [9, 10, 11, 12, 13])
 def test_figures_with_maps_measure_them_as_maps(figure: int) -> None:
-    chosen = experiment_of(figure)
-    found = chosen.run(chosen.set_up(None, True), quiet)
-    values = {measure.name: measure.value for measure in found.measures}
-    names = [name.split(": off_surface, largest")[0] for name in values if ": off_surface, largest" in name]
+    _, found = ran(figure)
+    measured = values(found)
+    names = [name.split(": off_surface, largest")[0] for name in measured if ": off_surface, largest" in name]
     assert names
     for name in names:
-        largest, rms = (values[f"{name}: off_surface, {which}, sqrt(area)"] for which in ("largest", "RMS"))
-        folded = values[f"{name}: folded, % of the faces"]
+        largest, rms = (measured[f"{name}: off_surface, {which}, sqrt(area)"] for which in ("largest", "RMS"))
+        folded = measured[f"{name}: folded, % of the faces"]
         assert 0 <= rms <= largest
         assert 0 <= folded <= 100
         faulty = largest > LARGEST_DISTANCE or rms > RMS_DISTANCE or folded > 100 * FOLDED
@@ -158,8 +150,7 @@ def test_figures_with_maps_measure_them_as_maps(figure: int) -> None:
 
 
 def test_curves_are_shares_that_only_rise() -> None:
-    setup = experiment_of(13).set_up(None, True)
-    (plot,) = experiment_of(13).run(setup, quiet).sheet.rows[0]
+    (plot,) = ran(13)[1].sheet.rows[0]
     assert isinstance(plot, Plot)
     for curve in plot.curves:
         assert (np.diff(curve.y) >= 0).all()
@@ -204,5 +195,5 @@ def test_a_coarse_mesh_is_refused() -> None:
 
 
 def test_start_map_is_wrong_enough_to_correct() -> None:
-    setup = experiment_of(12).set_up(None, True)
+    setup, _ = ran(12)
     assert map_accuracy(setup.other, setup.start, most=200).mean > 0.01

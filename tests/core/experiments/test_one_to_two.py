@@ -12,18 +12,13 @@ from abfm.calculus.geodesics import geodesic_distance
 from abfm.calculus.operators import vertex_areas
 from abfm.experiments import experiment_of
 from abfm.experiments.sheet import Streaks
+from tests.core.experiments.small import quiet, ran
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron, torus
 
 
-def quiet(text, share):
-    assert text
-    assert 0 <= share <= 1
-
-
-@pytest.fixture(scope="module", params=[1, 3])
-def ran(request):
-    setup = experiment_of(request.param).set_up(None, True)
-    return request.param, setup, experiment_of(request.param).run(setup, quiet)
+@pytest.fixture(params=[1, 3])
+def own(request):
+    return ran(request.param)
 
 
 def measured(findings, name):
@@ -31,8 +26,8 @@ def measured(findings, name):
     return value
 
 
-def test_the_source_has_the_targets_mass_at_the_other_end_of_the_surface(ran):
-    _, setup, _ = ran
+def test_the_source_has_the_targets_mass_at_the_other_end_of_the_surface(own):
+    setup, _ = own
     f, g = setup.source[:, 0], setup.target[:, 0]
     areas = vertex_areas(setup.mesh)
     assert areas @ f == pytest.approx(areas @ g, rel=1e-3)
@@ -42,8 +37,8 @@ def test_the_source_has_the_targets_mass_at_the_other_end_of_the_surface(ran):
     assert distances[g.argmax()] == pytest.approx(setup.way, rel=0.05)
 
 
-def test_most_of_the_way_is_gone_and_values_move_while_the_blend_fades(ran):
-    _, setup, findings = ran
+def test_most_of_the_way_is_gone_and_values_move_while_the_blend_fades(own):
+    setup, findings = own
     assert measured(findings, "mismatch at tau") < 0.2  # coarse, and not until the end
     high, spread = "largest value shown", "spread of the mass"
     for moving in ("advection", "optimal transport"):
@@ -56,8 +51,8 @@ def test_most_of_the_way_is_gone_and_values_move_while_the_blend_fades(ran):
     assert measured(findings, "largest drift of the mass") > measured(findings, last)
 
 
-def test_measures_say_of_themselves_whether_they_keep_bounds_and_claims(ran):
-    _, _, findings = ran
+def test_measures_say_of_themselves_whether_they_keep_bounds_and_claims(own):
+    _, findings = own
     entries = [measure.to_dict() for measure in findings.measures]
     assert json.loads(json.dumps(entries)) == entries
     assert all(math.isfinite(entry["value"]) for entry in entries)
@@ -66,8 +61,8 @@ def test_measures_say_of_themselves_whether_they_keep_bounds_and_claims(ran):
     assert mismatch["pass"] == mismatch["reproduces"] == (mismatch["value"] <= 0.05)
 
 
-def test_the_sheet_has_the_paper_s_frames_and_the_same_times_for_every_way(ran):
-    _, setup, findings = ran
+def test_the_sheet_has_the_paper_s_frames_and_the_same_times_for_every_way(own):
+    setup, findings = own
     first, *ways = findings.sheet.rows
     assert [panel.frame for panel in first] == ["source", "target", "field", "result"]
     assert isinstance(first[2].paint, Streaks)

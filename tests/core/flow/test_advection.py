@@ -15,7 +15,7 @@ from abfm.flow.derivative_pattern import derivative_pattern
 from abfm.flow.series_kernels import bessel_coefficients
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.verification import observed_orders
-from tests.shapes import icosphere, square, torus
+from tests.shapes import icosphere, square, torus, with_loose_vertex
 
 MESHES = {"closed": icosphere(3, radius=2.0), "boundary": square(16), "genus 1": torus(40, 16)}
 
@@ -186,7 +186,7 @@ def test_bad_input_is_refused_in_words(velocity, f, t, words):
 
 def test_functions_may_come_with_the_vertices_of_the_file():
     sphere = icosphere(2)
-    mesh = abfm.TriangleMesh(np.insert(sphere.vertices, 5, 9.0, axis=0), sphere.faces + (sphere.faces >= 5))
+    mesh = with_loose_vertex(sphere)
     f = np.arange(len(sphere.vertices) + 1.0)
     v = wavy_field(mesh, 0)
     np.testing.assert_array_equal(advect(mesh, v, f, 0.1), advect(mesh, v, np.delete(f, 5), 0.1))

@@ -28,7 +28,7 @@ from tests.core.verification import taylor_order
 from tests.shapes import hemisphere, icosphere, square, torus
 
 
-def edge_graph(mesh, kept=slice(None)):
+def edge_graph(mesh, kept=...):
     a, b = mesh.edges[kept].T
     return sparse.csr_array((np.ones(2 * len(a)), (np.append(a, b), np.append(b, a))), shape=(len(mesh.vertices),) * 2)
 

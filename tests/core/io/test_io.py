@@ -12,6 +12,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from abfm.io import (
     save_arrays,
     write_atomically,
 )
+from tests.core.reading.hostile import refusal
 from tests.shapes import square, tetrahedron, torus
 
 Arrays = dict[str, Any]
@@ -68,14 +70,7 @@ def saved_by_numpy(path: Path, **changes: Any) -> Path:
     return path
 
 
-def error_line(path: Path) -> str:
-    """The error of loading a file: one line that names the file."""
-    with pytest.raises(ResultError) as caught:
-        load_arrays(path)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert str(path) in message
-    return message
+error_line = partial(refusal, load_arrays)
 
 
 class TestResultFile:

@@ -16,7 +16,7 @@ from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.flow.exponential import ExponentialFlow
 from abfm.parameters import PAPER
 from tests.core.fields import bump, wavy_field
-from tests.shapes import hemisphere, icosphere, torus
+from tests.shapes import hemisphere, icosphere, torus, with_loose_vertex
 
 SPHERE = icosphere(3, radius=5.0)
 FEW = abfm.Parameters(iterations=12)
@@ -117,7 +117,7 @@ def test_several_channels_and_weights():
 
 
 def test_a_mask_may_come_with_the_vertices_of_the_file():
-    mesh = abfm.TriangleMesh(np.insert(SPHERE.vertices, 5, 9.0, axis=0), SPHERE.faces + (SPHERE.faces >= 5))
+    mesh = with_loose_vertex(SPHERE)
     mask = np.linspace(0, 1, len(SPHERE.vertices) + 1)
     f, g = mesh.vertices[:, 0], mesh.vertices[:, 1]
     results = [abfm.match(mesh, f, g, FEW, mask=given) for given in (mask, np.delete(mask, 5))]

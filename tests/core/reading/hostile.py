@@ -1,11 +1,20 @@
-"""Makers of files that lie: headers, compressed data and archives which say that they hold more than there is."""
+"""Makers of files that lie: headers, compressed data and archives which say that they hold more than there is.
+
+And what the refusal of such a file must be like.
+"""
 
 import base64
 import io
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from abfm.errors import ResultError
 
 BIG = 1 << 30
 
@@ -75,6 +84,30 @@ def members(path: Path) -> dict[str, bytes]:
     """What a zip has: the content of each member by its name."""
     with zipfile.ZipFile(path) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
+
+
+def rewrite(path: Path, changes: Mapping[str, Any], compression: int = zipfile.ZIP_STORED) -> None:
+    """Write a zip anew with other members: arrays as NumPy saves them, bytes as they are, and None leaves one out."""
+    content: dict[str, Any] = members(path)
+    for name, value in changes.items():
+        if isinstance(value, np.ndarray | np.generic):
+            file = io.BytesIO()
+            np.save(file, value)
+            content[name] = file.getvalue()
+        else:
+            content[name] = value
+    path.write_bytes(zipped({name: data for name, data in content.items() if data is not None}, compression))
+
+
+def refusal(load: Callable[[Path], object], path: Path) -> str:
+    """Why a result or project cannot be loaded: one bounded line that names the file."""
+    with pytest.raises(ResultError) as caught:
+        load(path)
+    message = str(caught.value)
+    assert message.isprintable()
+    assert len(message) <= 600
+    assert str(path) in message
+    return message
 
 
 def one_byte_changed(content: bytes, end: int | None = None) -> Iterator[bytes]:

@@ -9,15 +9,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from abfm import FunctionError, TriangleMesh, function
+from abfm import FunctionError, function
 from abfm.numerics.own_process import OwnProcess
 from abfm.progress import Step, telling
 from abfm_viewer.computing import evaluator as evaluator_module
 from abfm_viewer.computing.evaluator import Evaluator
-from tests.shapes import icosphere
+from tests.shapes import icosphere, with_loose_vertex
 
 SPHERE = icosphere(2)
-SPARSE = TriangleMesh(np.insert(SPHERE.vertices, 5, 9.0, axis=0), SPHERE.faces + (SPHERE.faces >= 5))
+SPARSE = with_loose_vertex(SPHERE)
 
 
 @pytest.fixture(scope="module")

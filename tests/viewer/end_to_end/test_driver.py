@@ -14,13 +14,14 @@ from PIL import Image
 from abfm_viewer.automation import Driver, DriverError
 from abfm_viewer.widgets.slider_scale import share_of
 from tests.shapes import icosphere
-from tests.viewer.sessions import SIZE
+from tests.viewer.sessions import QUICK, SIZE
 
 ROOT = Path(__file__).parents[3]
 
 
 def test_the_example_of_the_documentation(tmp_path):
-    with Driver(icosphere(2), backend="openGL3_egl", size=(1600, 1000)) as gui:
+    with Driver(icosphere(2), backend="openGL3_egl", size=(1200, 500)) as gui:
+        gui.session.amend(parameters=QUICK)
         gui.click("Match")
         gui.wait(lambda s: s.solver.finished, seconds=60)
         gui.type("alpha", "10")
@@ -31,7 +32,7 @@ def test_the_example_of_the_documentation(tmp_path):
         gui.key("space")
         assert gui.session.player.playing
         gui.screenshot(tmp_path / "a.png")
-    assert Image.open(tmp_path / "a.png").size == (1600, 1000)
+    assert Image.open(tmp_path / "a.png").size == (1200, 500)
 
 
 @pytest.mark.parametrize(
@@ -119,6 +120,7 @@ def test_what_is_closed_is_opened_and_stays_as_it_was_where_nothing_was_found(gu
 
 
 def test_the_button_match_is_not_the_tab(gui):
+    gui.session.amend(parameters=QUICK)
     gui.click("Match", within="steps")
     assert not gui.session.solver.running
     assert gui.text_of("Match", within="steps") == "open"
@@ -189,9 +191,10 @@ def test_without_pictures_everything_but_pictures_works():
     code = """
 from abfm_viewer.automation import Driver
 from tests.shapes import icosphere
-from tests.viewer.sessions import SIZE
+from tests.viewer.sessions import QUICK
 for size in ((1280, 800), (1000, 640)):
     with Driver(icosphere(2), backend="openGL_mock", size=size) as gui:
+        gui.session.amend(parameters=QUICK)
         gui.click("Match")
         gui.wait(lambda s: s.solver.finished)
         gui.type("alpha", "10")

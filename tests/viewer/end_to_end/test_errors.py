@@ -8,6 +8,7 @@ import abfm
 from abfm_viewer import panels
 from abfm_viewer.panels import right_panel, status_line, time_bar
 from abfm_viewer.window import menus, window
+from tests.viewer.sessions import QUICK
 
 PARTS = {"menu": (menus, "draw"), "time bar": (time_bar, "draw"), "status line": (status_line, "draw")}
 PANELS = [(tab, part, module) for tab, parts in right_panel.TABS.items() for part, module in parts.items()]
@@ -39,6 +40,7 @@ def test_a_part_that_fails_is_named_and_comes_back(gui, monkeypatch, capsys, par
     gui.frames(2)
     assert gui.errors == {}
     assert capsys.readouterr().err.count("Traceback") == 1
+    gui.session.amend(parameters=QUICK)
     gui.click("Match")
     gui.wait(lambda s: s.solver.finished)
 
@@ -119,6 +121,7 @@ def test_a_solver_that_fails_says_why(gui, monkeypatch):
         gui.wait(lambda s: s.solver.finished)
     assert gui.session.solver.failed
     assert gui.session.notice.text == "the solver stopped: RuntimeError: the roof leaks"
+    gui.session.amend(parameters=QUICK)
     gui.click("Match")
     gui.wait(lambda s: s.solver.finished)
     assert not gui.session.solver.failed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 
 import av
 import numpy as np
@@ -15,10 +16,9 @@ import abfm
 @pytest.fixture
 def small(matched):
     """An app that exports small pictures and short movies."""
-    matched.type("pixels across", "400")
-    matched.type("pixels down", "300")
-    matched.type("seconds", "0.5")
-    matched.type("fps", "10")
+    exporter = matched.window.exporter
+    exporter.picture = replace(exporter.picture, width=400, height=300)
+    exporter.movie = replace(exporter.movie, seconds=0.5, fps=10)
     return matched
 
 
@@ -42,8 +42,14 @@ def test_sizes_and_settings(matched):
     matched.drag("pixels across", 2000)
     matched.drag("pixels down", 1000)
     assert exporter.picture.width == pytest.approx(2000, abs=120)
+    matched.type("pixels across", "400")
+    matched.type("pixels down", "300")
+    assert (exporter.picture.width, exporter.picture.height) == (400, 300)
     matched.drag("seconds", 10)
     matched.drag("fps", 40)
+    matched.type("seconds", "0.5")
+    matched.type("fps", "10")
+    assert (exporter.movie.seconds, exporter.movie.fps) == (0.5, 10)
     matched.drag("from", 0.5)
     matched.type("from", "0.25")
     matched.drag("to", 1.5)

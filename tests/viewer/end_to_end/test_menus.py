@@ -254,7 +254,8 @@ def test_the_flow_is_seen_after_a_match_unless_that_is_switched_off(gui):
 
 def test_the_camera_turns_and_is_reset(gui):
     before = gui.window.scene.look
-    gui.input.drag((100, 200), (160, 230))
+    x, y = gui.window.scene.view.slots["source"].middle
+    gui.input.drag((x, y), (x + 60, y + 30))
     assert not np.allclose(gui.window.scene.look.front.direction, before.front.direction, atol=0.1)
     gui.menu("View", "Reset camera")
     assert gui.window.scene.look == before

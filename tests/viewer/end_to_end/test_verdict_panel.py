@@ -10,6 +10,7 @@ from abfm.matching import Remedy
 from abfm_viewer.panels.right_panel import STEPS
 from tests.viewer.sessions import ENDLESS
 
+WINDOW = (640, 480)  # in which no line of the verdict is cut
 FAR = ("gaussian:x=0,y=0,z=1,width=0.15", "gaussian:x=0.5,y=0,z=-0.87,width=0.15")
 BLIND = ENDLESS.to_dict() | {"max_displacement": 0.1}
 """Parameters with which nothing leads a source to a target that it does not touch, in a run without an end."""

@@ -169,17 +169,25 @@ class TestCopies:
         assert copied(autosave) == "sphere"
         autosave.close()
 
-    def test_an_offer_costs_next_to_nothing(self, autosave: Autosave) -> None:
-        best = min(sum_of_offers(autosave) for _ in range(5))
-        assert best / 1000 < 20e-6
+    def test_an_offer_where_nothing_is_to_be_done_does_nothing(
+        self, autosave: Autosave, clock: Clock, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def offer_idly(document: Document, unsaved: bool) -> None:
+            with monkeypatch.context() as patched:
+                for name in ("utime", "unlink", "replace"):
+                    patched.setattr(os, name, lambda *_: pytest.fail("a file was touched"))
+                patched.setattr(autosave._writer, "submit", lambda *_: pytest.fail("a copy was begun"))
+                autosave.offer(document, lambda: pytest.fail("the content was asked for"), unsaved)
 
-
-def sum_of_offers(autosave: Autosave) -> float:
-    """Seconds of a thousand frames in which nothing is to be done."""
-    start = time.perf_counter()
-    for _ in range(1000):
-        autosave.offer(DOCUMENT, lambda: (DOCUMENT, {}), True)
-    return time.perf_counter() - start
+        offer_idly(DOCUMENT, unsaved=False)
+        clock.seconds = 19
+        offer_idly(DOCUMENT, unsaved=True)  # too early
+        clock.seconds = 21
+        offer(autosave, DOCUMENT)
+        offer(autosave, DOCUMENT)  # takes in that it is written
+        clock.seconds = 40
+        for document in (DOCUMENT, CHANGED):
+            offer_idly(document, unsaved=True)
 
 
 class TestRecovery:

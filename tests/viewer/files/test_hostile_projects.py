@@ -1,11 +1,11 @@
 """Projects and what else the app keeps, as files that lie, wait or bite."""
 
-import io
 import json
 import os
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from abfm_viewer.files.autosave import recoverable
 from abfm_viewer.files.origin import MEMBER, Origin, load_origin
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
-from tests.core.reading.hostile import members, npy_of, one_byte_changed, overlapping_zip, zipped
+from tests.core.reading.hostile import members, npy_of, one_byte_changed, overlapping_zip, refusal, rewrite, zipped
 from tests.shapes import icosphere
 
 SPHERE = icosphere(0)
@@ -37,19 +37,7 @@ def saved(tmp_path: Path, result: Match) -> Path:
     return tmp_path / "p.abfm"
 
 
-def npy(array: Any) -> bytes:
-    file = io.BytesIO()
-    np.save(file, array)
-    return file.getvalue()
-
-
-def error_line(path: Path) -> str:
-    with pytest.raises(ResultError) as caught:
-        load_project(path)
-    message = str(caught.value)
-    assert message.isprintable()
-    assert len(message) <= 600
-    return message
+error_line = partial(refusal, load_project)
 
 
 def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved: Path) -> None:
@@ -69,16 +57,15 @@ def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved: Pa
 @pytest.mark.parametrize(
     ("arrays", "words"),
     [
-        ({"result/mask": npy(-np.ones(V))}, "result/mask has the value -1; expected 0 to inf"),
-        ({"result/velocity": npy(np.full((1, F, 3), 1e300))}, "velocity has the value 1e+300"),
-        ({"result/weights": npy(np.array([-1.0]))}, "result/weights has the value -1"),
+        ({"result/mask": -np.ones(V)}, "result/mask has the value -1; expected 0 to inf"),
+        ({"result/velocity": np.full((1, F, 3), 1e300)}, "velocity has the value 1e+300"),
+        ({"result/weights": np.array([-1.0])}, "result/weights has the value -1"),
         ({"result/velocity": npy_of("(1, 6442450944, 3)", data=bytes(8))}, "result/velocity"),
-        ({"mesh/faces": npy(SPHERE.faces[~(SPHERE.faces == 3).any(axis=1)])}, "in no face"),
+        ({"mesh/faces": SPHERE.faces[~(SPHERE.faces == 3).any(axis=1)]}, "in no face"),
     ],
 )
-def test_arrays_that_make_no_sense_are_named(saved: Path, arrays: dict[str, bytes], words: str) -> None:
-    content = members(saved)
-    saved.write_bytes(zipped(content | {f"{name}.npy": data for name, data in arrays.items()}))
+def test_arrays_that_make_no_sense_are_named(saved: Path, arrays: dict[str, Any], words: str) -> None:
+    rewrite(saved, {f"{name}.npy": array for name, array in arrays.items()})
     assert words in error_line(saved)
 
 
@@ -88,8 +75,7 @@ def test_arrays_that_make_no_sense_are_named(saved: Path, arrays: dict[str, byte
 def test_runs_that_make_no_sense_are_named(tmp_path: Path, name: str, array: Any) -> None:
     run = Run(np.ones((1, 3)), np.zeros(1, dtype=np.int64), (), 0.5, "run", np.array([V]), np.ones(1))
     save_project(tmp_path / "p.abfm", Document(SPHERE, "sphere", runs=(run,)), {})
-    content = members(tmp_path / "p.abfm")
-    (tmp_path / "p.abfm").write_bytes(zipped(content | {f"runs/0/{name}.npy": npy(np.array(array))}))
+    rewrite(tmp_path / "p.abfm", {f"runs/0/{name}.npy": np.array(array)})
     assert f"runs/0/{name} has the value -" in error_line(tmp_path / "p.abfm")
 
 
@@ -120,10 +106,9 @@ def test_runs_that_make_no_sense_are_named(tmp_path: Path, name: str, array: Any
 def test_headers_that_make_no_sense_are_told_in_one_line(
     saved: Path, change: Callable[[dict[str, Any]], object], words: str
 ) -> None:
-    content = members(saved)
-    header = json.loads(content["project.json"])
+    header = json.loads(members(saved)["project.json"])
     change(header)
-    saved.write_bytes(zipped(content | {"project.json": json.dumps(header).encode()}))
+    rewrite(saved, {"project.json": json.dumps(header).encode()})
     assert words in error_line(saved)
 
 
@@ -132,14 +117,13 @@ def test_headers_that_make_no_sense_are_told_in_one_line(
     ["[" * 100_000, '{"a":' * 100_000, "1" * 100_000, "\xff", "NaN", "-Infinity", '"' + "x" * 100_000, '"\\ud800"'],
 )
 def test_json_that_is_no_header_is_refused(saved: Path, text: str) -> None:
-    saved.write_bytes(zipped(members(saved) | {"project.json": text.encode("latin-1")}))
+    rewrite(saved, {"project.json": text.encode("latin-1")})
     assert "no project of abfm, or damaged" in error_line(saved)
     assert not re.search("codec|set_int_max", error_line(saved))
 
 
 def test_what_is_not_an_array_is_small(saved: Path) -> None:
-    content = members(saved)
-    saved.write_bytes(zipped(content | {"project.json": content["project.json"] + b" " * (2 << 20)}))
+    rewrite(saved, {"project.json": members(saved)["project.json"] + b" " * (2 << 20)})
     assert "project.json has" in error_line(saved)
     many = replace(Document(SPHERE, "many"), points=(Point(0, (1.0, 0.0, 0.0)),) * 30_000)
     with pytest.raises(ResultError, match=r"not written: it has \d+ bytes besides its arrays"):
@@ -147,7 +131,7 @@ def test_what_is_not_an_array_is_small(saved: Path) -> None:
 
 
 def test_only_members_that_belong_to_a_project_are_read(saved: Path) -> None:
-    saved.write_bytes(zipped(members(saved) | {"unknown.npy": b"no array", "runs/7/stages.npy": b"none"}))
+    rewrite(saved, {"unknown.npy": b"no array", "runs/7/stages.npy": b"none"})
     assert load_project(saved)[0].name == "sphere"
 
 
@@ -167,8 +151,7 @@ def test_devices_pipes_and_overlapping_zips_are_refused(tmp_path: Path) -> None:
 )
 def test_copies_of_unsaved_work_may_say_anything_of_their_origin(tmp_path: Path, text: str) -> None:
     save_project(tmp_path / "p.abfm", Document(SPHERE, "sphere"), {}, Origin.of(tmp_path / "q.abfm"))
-    content = members(tmp_path / "p.abfm")
-    (tmp_path / "p.abfm").write_bytes(zipped(content | {MEMBER: text.encode()}))
+    rewrite(tmp_path / "p.abfm", {MEMBER: text.encode()})
     assert load_origin(tmp_path / "p.abfm") is None
     assert load_project(tmp_path / "p.abfm")[0].name == "sphere"
 

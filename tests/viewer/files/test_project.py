@@ -41,11 +41,12 @@ from abfm_viewer.document.document import (
 from abfm_viewer.files.plain import PlainError, from_plain, to_plain
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.project_checks import terms_from_files
-from tests.shapes import icosphere, torus
+from tests.core.reading.hostile import members, npy_of, refusal, rewrite, zipped
+from tests.shapes import icosphere, torus, with_loose_vertex
 
 WHOLE = icosphere(1)
-SPHERE = TriangleMesh(np.insert(WHOLE.vertices, 5, 9.0, axis=0), WHOLE.faces + (WHOLE.faces >= 5))
-"""No face uses vertex 5 of its file, so it has 43 vertices there and 42 here."""
+SPHERE = with_loose_vertex(WHOLE)
+"""Of 43 vertices in its file it has 42."""
 X, Y = SPHERE.vertices[:, 0].copy(), SPHERE.vertices[:, 1].copy()
 KNOWN = {"permuted:map ☃.txt(file:x.npy)": Y, "file:x.npy": X}
 
@@ -99,12 +100,8 @@ def saved(tmp_path: Path) -> Path:
 
 
 def error_line(path: Path) -> str:
-    """The error of opening a file: one line that names the file and says what to do."""
-    with pytest.raises(ResultError) as caught:
-        load_project(path)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert str(path) in message
+    """Why a file is not opened, and what to do."""
+    message = refusal(load_project, path)
     assert any(advice in message for advice in ("take another copy", "upgrade abfm", "open it as", "check the path"))
     return message
 
@@ -275,24 +272,10 @@ def changed(
     compression: int = zipfile.ZIP_STORED,
 ) -> None:
     """Write a project anew with another `project.json` and other arrays: None leaves one out, bytes are put as such."""
-    with zipfile.ZipFile(path) as archive:
-        members: dict[str, Any] = {name: archive.read(name) for name in archive.namelist()}
-    header = json.loads(members["project.json"])
+    header = json.loads(members(path)["project.json"])
     content(header)
-    members["project.json"] = json.dumps(header)
-    members |= {f"{name}.npy": array for name, array in (arrays or {}).items()}
-    with zipfile.ZipFile(path, "w", compression) as archive:
-        for name, member in members.items():
-            if isinstance(member, np.ndarray | np.generic):
-                with archive.open(name, "w") as file:
-                    np.save(file, member)
-            elif member is not None:
-                archive.writestr(name, member)
-
-
-def npy(header: str, data: bytes = b"") -> bytes:
-    """An array file with a header of our own."""
-    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + data
+    others = {f"{name}.npy": array for name, array in (arrays or {}).items()}
+    rewrite(path, {"project.json": json.dumps(header).encode()} | others, compression)
 
 
 V, F = len(SPHERE.vertices), len(SPHERE.faces)
@@ -328,8 +311,7 @@ class TestDamage:
     def test_a_missing_member_is_named(self, saved: Path, member: str) -> None:
         changed(saved, arrays={member.removesuffix(".npy"): None})
         if member == "project.json":
-            with zipfile.ZipFile(saved, "w") as archive:
-                archive.writestr("readme.txt", "hello")
+            saved.write_bytes(zipped({"readme.txt": b"hello"}))
         assert member.removesuffix(".npy") in error_line(saved)
 
     @pytest.mark.parametrize(
@@ -365,9 +347,9 @@ class TestDamage:
             ({"result/weights": np.array([None, None])}, "type object"),
             ({"result/weights": b""}, "damaged"),
             ({"result/weights": b"\x93NUMPY\x09\x00"}, "damaged"),
-            ({"result/weights": npy("{'descr': '<f8', 'fortran_order': False, 'shape': (10000000000000,)}\n")}, "size"),
-            ({"result/weights": npy("{'descr': '<f8', 'fortran_order': False, 'shape': (-1,)}\n")}, "size"),
-            ({"result/weights": npy("{'descr': '<f8', 'fortran_order': False, 'shape': (1,)}\n", bytes(9))}, "size"),
+            ({"result/weights": npy_of("(10000000000000,)")}, "size"),
+            ({"result/weights": npy_of("(-1,)")}, "size"),
+            ({"result/weights": npy_of("(1,)", data=bytes(9))}, "size"),
         ],
     )
     def test_arrays_that_do_not_fit_are_named(self, saved: Path, arrays: dict[str, Any], words: str) -> None:
@@ -438,8 +420,7 @@ class TestDamage:
 
     def test_a_header_that_is_no_object_is_refused(self, saved: Path) -> None:
         for text in ("", "[1]", "{", "[" * 100_000, "\xff"):
-            with zipfile.ZipFile(saved, "w") as archive:
-                archive.writestr("project.json", text.encode("latin-1"))
+            saved.write_bytes(zipped({"project.json": text.encode("latin-1")}))
             assert "damaged" in error_line(saved)
 
     def test_nothing_is_unpacked_to_more_than_the_file_holds(self, saved: Path) -> None:
