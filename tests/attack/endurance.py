@@ -10,7 +10,6 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
-from statistics import median
 
 _EARLY, _MOST_GROWTH = 300.0, 1.1  # seconds, and what there may be at the end over what there was after them
 
@@ -26,25 +25,28 @@ def counts() -> dict[str, float]:
 
 @dataclass
 class Endurance:
-    """What the window has after its first five minutes, and what it has at the end: medians of some sequences."""
+    """What the window keeps after its first five minutes, and what at the end: the least that some sequences leave.
+
+    What is only in use at the moment differs from sequence to sequence; what stays is in the least of them, too.
+    """
 
     begun: float
-    latest: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=20))
+    latest: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=50))
     early: dict[str, float] | None = None
 
     def add(self, now: dict[str, float]) -> None:
         """What there is after one more sequence."""
         self.latest.append(now)
         if self.early is None and time.monotonic() - self.begun > _EARLY:
-            self.early = self._median()
+            self.early = self._least()
 
-    def _median(self) -> dict[str, float]:
-        return {name: median(each[name] for each in self.latest) for name in self.latest[0]}
+    def _least(self) -> dict[str, float]:
+        return {name: min(each[name] for each in self.latest) for name in self.latest[0]}
 
     def end(self) -> bool:
         """Tell of both, and whether what there is at the end is not more by over a tenth."""
         if self.early is None:
             return True
-        late = self._median()
+        late = self._least()
         print(f"# after {_EARLY / 60:g} minutes: {self.early}; at the end: {late}", file=sys.stderr)
         return all(late[name] <= _MOST_GROWTH * self.early[name] for name in late)

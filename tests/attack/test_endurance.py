@@ -13,8 +13,8 @@ from tests.attack.endurance import Endurance
 def test_growth_by_more_than_a_tenth_is_told(late: float, holds: bool, capsys: pytest.CaptureFixture[str]) -> None:
     endurance = Endurance(time.monotonic() - 301)
     endurance.add({"threads": 10, "megabytes": 300.0})
-    for _ in range(40):
-        endurance.add({"threads": 10, "megabytes": late})
+    for k in range(60):
+        endurance.add({"threads": 10, "megabytes": late + k % 7})
     assert endurance.end() is holds
     assert "300" in capsys.readouterr().err
 
