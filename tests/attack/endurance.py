@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,7 +18,10 @@ _EARLY, _MOST_GROWTH = 300.0, 1.1  # seconds, and what there may be at the end o
 def counts() -> dict[str, float]:
     """What the process has at present: threads, children, and megabytes that are resident."""
     task = Path(f"/proc/{os.getpid()}/task")
-    children = {child for thread in task.iterdir() for child in (thread / "children").read_text().split()}
+    children: set[str] = set()
+    for thread in task.iterdir():
+        with suppress(OSError):  # it may have ended
+            children.update((thread / "children").read_text().split())
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     megabytes = round(pages * resource.getpagesize() / 2**20, 1)
     return {"threads": threading.active_count(), "children": len(children), "megabytes": megabytes}
