@@ -33,6 +33,7 @@ def text_table(tallies: dict[str, Tally]) -> str:
 
 def write(tallies: dict[str, Tally]) -> None:
     """Add the numbers to those of earlier runs, and write the page's table anew."""
+    here = f"{ROOT}/"
     known = json.loads(TOTALS.read_text(encoding="utf-8")) if TOTALS.exists() else {}
     totals = {part: Tally(part, **numbers) for part, numbers in known.items()}
     for part, tally in tallies.items():
@@ -41,7 +42,11 @@ def write(tallies: dict[str, Tally]) -> None:
         total.refused += tally.refused
         total.fault_count += tally.fault_count
         total.seconds, total.megabytes = max(total.seconds, tally.seconds), max(total.megabytes, tally.megabytes)
-        total.faults = list(dict.fromkeys([*map(tuple, total.faults), *tally.faults]))
+        total.faults = list(
+            dict.fromkeys(
+                [*map(tuple, total.faults), *((command, said.replace(here, "")) for command, said in tally.faults)]
+            )
+        )
     plain = {
         part: {name: value for name, value in vars(total).items() if name != "part"} for part, total in totals.items()
     }
