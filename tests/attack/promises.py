@@ -33,7 +33,6 @@ def text_table(tallies: dict[str, Tally]) -> str:
 
 def write(tallies: dict[str, Tally]) -> None:
     """Add the numbers to those of earlier runs, and write the page's table anew."""
-    here = f"{ROOT}/"
     known = json.loads(TOTALS.read_text(encoding="utf-8")) if TOTALS.exists() else {}
     totals = {part: Tally(part, **numbers) for part, numbers in known.items()}
     for part, tally in tallies.items():
