@@ -41,11 +41,8 @@ def write(tallies: dict[str, Tally]) -> None:
         total.refused += tally.refused
         total.fault_count += tally.fault_count
         total.seconds, total.megabytes = max(total.seconds, tally.seconds), max(total.megabytes, tally.megabytes)
-        total.faults = list(
-            dict.fromkeys(
-                [*map(tuple, total.faults), *((command, said.replace(here, "")) for command, said in tally.faults)]
-            )
-        )
+        found = [(command, detail.replace(f"{ROOT}/", "")) for command, detail in tally.faults]
+        total.faults = list(dict.fromkeys([*map(tuple, total.faults), *found]))
     plain = {
         part: {name: value for name, value in vars(total).items() if name != "part"} for part, total in totals.items()
     }
