@@ -71,7 +71,7 @@ def test_surfaces_lie_in_their_slots_from_every_side_and_however_near(scene, lay
     rect = tuple(end / SMALLER for end in areas(size, MENU * scale, scale).scene)
     scene.name_height, scene.room_below = NAME * scale / SMALLER, BARS * scale / SMALLER
     ps.set_window_size(*(length // SMALLER for length in size))
-    for look in looks(60):
+    for look in looks(100):
         session.amend(view=replace(view, look=look))
         scene.update(rect)
         counts, outside = in_slots(drawn(), scene.view.slots)
