@@ -66,6 +66,7 @@ class OwnProcess:
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, creationflags=group
             )
             assert self._process.stdout is not None
+            received: IO[bytes] | socket.socket = self._process.stdout
             self._read: Callable[[memoryview], int] = self._process.stdout.readinto
         else:
             answers, theirs = socket.socketpair()
@@ -73,8 +74,10 @@ class OwnProcess:
                 self._process = subprocess.Popen(
                     command, stdin=subprocess.PIPE, stdout=theirs.fileno(), process_group=0
                 )
+            received = answers
             self._read = lambda buffer: answers.recv_into(buffer, 0, socket.MSG_WAITALL)
-        self._end = weakref.finalize(self, _end, self._process)
+        self._receiving = threading.RLock()
+        self._end = weakref.finalize(self, _end, self._process, received, self._receiving)
         _running.add(self._process)
 
     def send(self, message: object) -> None:
@@ -100,7 +103,8 @@ class OwnProcess:
             If none will come.
         """
         try:
-            return _receive(self._read)
+            with self._receiving:
+                return _receive(self._read)
         except (OSError, ValueError, EOFError, pickle.UnpicklingError) as error:
             raise ProcessEndedError from error
 
@@ -170,9 +174,13 @@ def _filled(read: Callable[[memoryview], int], size: int) -> memoryview:
     return content
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def _end(process: subprocess.Popen[bytes], received: IO[bytes] | socket.socket, receiving: threading.RLock) -> None:
     process.kill()
     process.wait()
+    with (
+        receiving
+    ):  # whoever waits is told first that nothing will come: the number of what is closed is soon another's
+        received.close()
     assert process.stdin is not None
     with suppress(OSError, ValueError):  # what nobody read, which Python would else report when it forgets the pipe
         process.stdin.close()

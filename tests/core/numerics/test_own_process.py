@@ -1,5 +1,6 @@
 """A process of our own, which answers with messages of any length."""
 
+import gc
 import os
 import pickle
 import sys
@@ -51,6 +52,19 @@ def test_a_process_that_is_closed_ends_who_waits_for_it(echo):
     closing.join()
     with pytest.raises(ProcessEndedError):
         echo.send("anything")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("closed", [True, False])
+def test_nothing_of_it_stays_open(closed, monkeypatch):
+    told = []
+    monkeypatch.setattr(sys, "unraisablehook", told.append)
+    process = OwnProcess("abfm.numerics.cholesky")
+    if closed:
+        process.close()
+    del process
+    gc.collect()
+    assert not told
 
 
 @pytest.mark.parametrize("at_once", [1, 3, 10_000])
