@@ -81,6 +81,9 @@ class _Factor:
             entries.data.astype(np.float64),
             MatrixType.COO,
         )
+        # What cholespy keeps for the latest right-hand side it frees when another width comes, but not at its end:
+        # so the last one is without columns. Of old, it takes it with these strides only.
+        self._nothing = np.ndarray((matrix.shape[0], 0), strides=(0, 8))
         _Factor._alive.add(self)
 
     def __call__(self, b: FloatArray) -> FloatArray:
@@ -88,11 +91,18 @@ class _Factor:
         self._solver.solve(b, x)
         return x
 
+    def _free(self) -> None:
+        if hasattr(self, "_nothing"):  # neither freed before nor without memory from the beginning
+            self._solver.solve(self._nothing, self._nothing)
+            del self._solver, self._nothing
+
+    __del__ = _free
+
     @staticmethod
     @atexit.register
     def _release() -> None:
         for each in list(_Factor._alive):
-            del each._solver
+            each._free()
 
 
 class _Elsewhere:
