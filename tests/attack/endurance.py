@@ -15,16 +15,20 @@ from pathlib import Path
 _EARLY, _MOST_GROWTH = 300.0, 1.1  # seconds, and what there may be at the end over what there was after them
 
 
+def children() -> set[str]:
+    """Numbers of the processes that this one has started and that have not ended."""
+    found: set[str] = set()
+    for thread in Path(f"/proc/{os.getpid()}/task").iterdir():
+        with suppress(OSError):  # it may have ended
+            found.update((thread / "children").read_text().split())
+    return found
+
+
 def counts() -> dict[str, float]:
     """What the process has at present: threads, children, and megabytes that are resident."""
-    task = Path(f"/proc/{os.getpid()}/task")
-    children: set[str] = set()
-    for thread in task.iterdir():
-        with suppress(OSError):  # it may have ended
-            children.update((thread / "children").read_text().split())
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     megabytes = round(pages * resource.getpagesize() / 2**20, 1)
-    return {"threads": threading.active_count(), "children": len(children), "megabytes": megabytes}
+    return {"threads": threading.active_count(), "children": len(children()), "megabytes": megabytes}
 
 
 @dataclass

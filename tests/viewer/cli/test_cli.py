@@ -328,7 +328,8 @@ def test_render_draws_the_channel_and_size_asked_for(result, tmp_path, capsys):
     picture = tmp_path / "a.png"
     words = ["render", str(result), "--out", str(picture), "--size", "800x400", "--time", "0.5", "--channel", "1"]
     assert main([*words, "--up", "z"]) == 0
-    assert Image.open(picture).size == (800, 400)
+    with Image.open(picture) as image:
+        assert image.size == (800, 400)
     assert str(picture) in capsys.readouterr().out
     assert main([*words[:-1], "2"]) == 2
     assert "channels 0 to 1" in capsys.readouterr().err
@@ -466,7 +467,8 @@ def test_demo_passes_its_own_test(tmp_path, capsys):
     assert report["mismatch"] <= 0.05
     assert sorted(path.name for path in out.iterdir()) == ["demo.mp4", "demo.npz", "demo.png"]
     assert report["movie"] == str(out / "demo.mp4")
-    assert Image.open(out / "demo.png").width == DEFAULT_WIDTH
+    with Image.open(out / "demo.png") as image:
+        assert image.width == DEFAULT_WIDTH
     with av.open(str(out / "demo.mp4")) as movie:
         assert len(list(movie.decode(video=0))) == 50
 

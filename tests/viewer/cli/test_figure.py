@@ -44,7 +44,8 @@ def known(small, monkeypatch):
 def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, capsys):
     out = tmp_path / "new" / "figures"
     assert main(["figure", "7", "--out", str(out)]) == 0
-    assert Image.open(out / "figure-7.png").width > 1000
+    with Image.open(out / "figure-7.png") as image:
+        assert image.width > 1000
     described = json.loads((out / "figure-7.json").read_text())
     assert described["figure"] == 7
     assert described["title"] == TITLES[7]
@@ -89,7 +90,8 @@ def test_another_mesh_is_named_and_stands_upright(small, tmp_path):
     sizes = []
     for up in ("y", "z"):
         assert main(["figure", "7", "--mesh", str(mesh), "--up", up, "--out", str(tmp_path), "--quiet"]) == 0
-        sizes.append(Image.open(tmp_path / "figure-7.png").size)
+        with Image.open(tmp_path / "figure-7.png") as image:
+            sizes.append(image.size)
     assert sizes[1][1] > 1.1 * sizes[0][1]  # upright panels are narrow, so that they may be high
     assert "long.off" in json.loads((tmp_path / "figure-7.json").read_text())["setting"]
 

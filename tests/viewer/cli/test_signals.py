@@ -217,5 +217,6 @@ def test_a_reader_that_has_enough_is_no_error():
     assert process.stdout is not None
     process.stdout.close()
     assert process.stderr is not None
-    assert process.stderr.read() == ""
+    with process.stderr as errors:
+        assert errors.read() == ""
     assert process.wait(timeout=60) == 0

@@ -32,7 +32,8 @@ def test_the_example_of_the_documentation(tmp_path):
         gui.key("space")
         assert gui.session.player.playing
         gui.screenshot(tmp_path / "a.png")
-    assert Image.open(tmp_path / "a.png").size == (1200, 500)
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.size == (1200, 500)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
 import threading
 import weakref
 
@@ -16,6 +15,7 @@ from abfm_viewer.document import history
 from abfm_viewer.document.document import Channel
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.session.session import Session
+from tests.attack.endurance import children
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
 from tests.viewer.sessions import PAIR, end_run, matched, opened, solving, until
@@ -51,7 +51,7 @@ def test_meshes_that_were_left_have_no_threads_and_are_there_after_undo(session)
     before = threads()
     for number in range(30):
         show(session, icosphere(1), f"mesh {number}")
-    assert threads() == before
+    until(lambda: threads() == before, session)
     for _ in range(31):
         session.undo()
         session.update()
@@ -61,7 +61,7 @@ def test_meshes_that_were_left_have_no_threads_and_are_there_after_undo(session)
     session.set_spec("source", "coordinate:z")  # and what is not is evaluated
     until(lambda: not session.obstacle, session)
     np.testing.assert_array_equal(session.values("source"), first.vertices[:, 2])
-    assert threads() == before
+    until(lambda: threads() == before, session)
 
 
 def test_what_was_computed_from_a_mesh_goes_when_it_is_left_and_comes_again(session):
@@ -134,11 +134,6 @@ def test_one_step_can_be_taken_back_however_large_it_is(session, monkeypatch):
 
 def test_only_the_mesh_at_work_has_a_process_that_evaluates(session, monkeypatch):
     monkeypatch.setattr(evaluator, "OWN_PROCESS_FROM", 0)
-
-    def children() -> set[str]:
-        task = f"/proc/{os.getpid()}/task"
-        return {child for thread in os.listdir(task) for child in open(f"{task}/{thread}/children").read().split()}
-
     before = children()
     for number in range(3):
         show(session, icosphere(1), f"mesh {number}")
