@@ -46,8 +46,9 @@ def damaged(random: Random) -> tuple[np.ndarray, np.ndarray, str]:
         elif act == "same place":
             vertices[vertex] = vertices[random.randrange(len(vertices))]
         elif act == "near":
-            other = vertices[faces[face, 1]]
-            vertices[faces[face, 0]] = other + 10.0 ** random.uniform(-17, -3) * (vertices[faces[face, 0]] - other)
+            here, there = faces[face, :2] % len(vertices)  # an index may be wrong by now
+            offset = vertices[here] - vertices[there]
+            vertices[here] = vertices[there] + 10.0 ** random.uniform(-17, -3) * offset
         elif act == "glued":
             faces[faces == vertex] = random.randrange(len(vertices))
         elif act == "two":

@@ -27,7 +27,7 @@ class BrokenPromiseError(Exception):
 
 
 _INNER = re.compile(
-    r"__\w+__|NoneType|object has no attribute|not subscriptable|unhashable|slice indices|No module named|usecols"
+    r"\b__\w+__\b|NoneType|object has no attribute|not subscriptable|unhashable|slice indices|No module named|usecols"
     r"|invalid literal|could not convert|base 10|codec can't|set_int_max"
     r"|positional argument|\w+\(\) (argument|takes)|has no len|not iterable|unsupported operand|<\w+ object"
 )
