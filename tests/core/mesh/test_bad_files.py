@@ -34,6 +34,10 @@ BAD_FILES = {
     "letters.obj": (b"v 0 0 0\nv 1 O 0\nv 0 1 0\nf 1 2 3\n", "it has 'O' where a number is expected"),
     "letters_in_faces.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x/3\n", "it has 'x' where a whole number is expected"),
     "digits.obj": (b"f 1 2 " + b"3" * 5000, "it has '3333.*' where a number of fewer digits is expected"),
+    "digits.ply": (
+        b"ply\nformat ascii 1.0\nelement vertex " + b"3" * 5000 + b"\nend_header\n",
+        "it has '3333.*' where a number of fewer digits is expected",
+    ),
     "counts_in_words.off": (b"OFF\nthree 1 0\n", "it has 'three' where a whole number is expected"),
     "letters.off": (b"OFF\n3 1 0\n0 0 0\n1 O 0\n0 1 0\n3 0 1 2\n", "it has 'O' where a number is expected"),
     "letters_in_faces.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 x\n", "'x' where a whole number is expected"),

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.mesh.readers.contents import FileContents, few_corners
+from abfm.mesh.readers.contents import FileContents, few_corners, whole_number
 from abfm.mesh.readers.ply_body import CODES, BinaryBody, Property, TextBody
 from abfm.mesh.readers.polygons import split_polygons
 from abfm.reading import read_bytes
@@ -76,7 +76,7 @@ def _elements(header: Iterable[list[str]]) -> list[Element]:
     for words in header:
         match words:
             case ["element", name, count] if count.isascii() and count.isdigit():
-                elements.append(Element(name, int(count), []))
+                elements.append(Element(name, whole_number(count), []))
             case ["property", "list", length, kind, name] if elements and kind in CODES and length in CODES:
                 if CODES[length] in "fd":
                     raise ValueError(f"its list {name[:40]} has a length of type {length}: make it a whole number")
