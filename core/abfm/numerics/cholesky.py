@@ -81,20 +81,24 @@ class _Factor:
             entries.data.astype(np.float64),
             MatrixType.COO,
         )
-        # What cholespy keeps for the latest right-hand side it frees when another width comes, but not at its end:
-        # so the last one is without columns. Of old, it takes it with these strides only.
-        self._nothing = np.ndarray((matrix.shape[0], 0), strides=(0, 8))
+        self._unknowns, self._has_solved = matrix.shape[0], False
         _Factor._alive.add(self)
 
     def __call__(self, b: FloatArray) -> FloatArray:
         x = np.empty_like(b)
         self._solver.solve(b, x)
+        self._has_solved = True
         return x
 
     def _free(self) -> None:
-        if hasattr(self, "_nothing"):  # neither freed before nor without memory from the beginning
-            self._solver.solve(self._nothing, self._nothing)
-            del self._solver, self._nothing
+        if not hasattr(self, "_solver"):  # freed before, or there was no memory for it
+            return
+        if self._has_solved:
+            # What cholespy keeps for the latest right-hand side it frees when another width comes, but not at its end:
+            # so the last one is without columns. Of old, it takes it with these strides only.
+            nothing = np.ndarray((self._unknowns, 0), strides=(0, 8))
+            self._solver.solve(nothing, nothing)
+        del self._solver
 
     __del__ = _free
 
