@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,28 +34,31 @@ def counts() -> dict[str, float]:
 
 @dataclass
 class Endurance:
-    """What the window keeps after its first five minutes, and what at the end: the least that some sequences leave.
+    """What the window keeps after its first five minutes, and what at the end.
 
-    What is only in use at the moment differs from sequence to sequence; what stays is in the least of them, too.
+    What is only in use at the moment differs from sequence to sequence. What stays of memory is in the least that some
+    sequences leave; what stays of threads and processes is there after a rest, in which those end that wait for work.
     """
 
     begun: float
-    latest: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=50))
+    rest: Callable[[], object]
+    megabytes: deque[float] = field(default_factory=lambda: deque(maxlen=50))
     early: dict[str, float] | None = None
 
-    def add(self, now: dict[str, float]) -> None:
-        """What there is after one more sequence."""
-        self.latest.append(now)
+    def add(self) -> None:
+        """Look at what there is after one more sequence."""
+        self.megabytes.append(counts()["megabytes"])
         if self.early is None and time.monotonic() - self.begun > _EARLY:
-            self.early = self._least()
+            self.early = self._kept()
 
-    def _least(self) -> dict[str, float]:
-        return {name: min(each[name] for each in self.latest) for name in self.latest[0]}
+    def _kept(self) -> dict[str, float]:
+        self.rest()
+        return counts() | {"megabytes": min(self.megabytes)}
 
     def end(self) -> bool:
         """Tell of both, and whether what there is at the end is not more by over a tenth."""
         if self.early is None:
             return True
-        late = self._least()
+        late = self._kept()
         print(f"# after {_EARLY / 60:g} minutes: {self.early}; at the end: {late}", file=sys.stderr)
         return all(late[name] <= _MOST_GROWTH * self.early[name] for name in late)

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 from abfm_viewer.automation import Driver
-from abfm_viewer.computing import evaluator
+from abfm_viewer.computing import background, evaluator
 from abfm_viewer.document.document import Document
 from abfm_viewer.errors import DriverError
 from abfm_viewer.widgets.widget_record import Widget
@@ -142,6 +142,13 @@ class Monkey:
         return chance.choice(usable)
 
     # How it ends
+
+    def rest(self) -> None:
+        """Do nothing until threads that wait for work have ended."""
+        end = time.monotonic() + 1.5 * background._IDLE
+        while time.monotonic() < end:
+            self.gui.frames(1)
+            time.sleep(0.05)
 
     def _settle(self) -> None:
         """Let everything come to its end; what does not within many frames is a fault."""
@@ -266,14 +273,14 @@ def main() -> int:
     asked = parser.parse_args()
     resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
     began, seed = time.monotonic(), asked.seed
-    endurance = Endurance(began)
     with Monkey(asked.apart) as monkey:
+        endurance = Endurance(began, monkey.rest)
         while seed < asked.seed + asked.count or time.monotonic() - began < 60 * asked.minutes:
             if time.monotonic() - began > asked.seconds:
                 break
             trial = monkey.sequence(seed)
             print(trial.to_line(), flush=True)
-            endurance.add(counts())
+            endurance.add()
             seed += 1
             if (seed - asked.seed) % 50 == 0:
                 print(f"# {seed - asked.seed} sequences, {time.monotonic() - began:.0f} s: {counts()}", file=sys.stderr)
