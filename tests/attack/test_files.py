@@ -54,7 +54,7 @@ def test_files_are_opened_or_refused_in_one_line(part, attacker, seeds, tmp_path
 
 
 def test_what_goes_wrong_is_told_and_kept_with_what_made_it(tmp_path):
-    with Victim("decoy", "tests.attack.decoy:decoy", tmp_path, seconds=1, megabytes=100) as victim:
+    with Victim("decoy", "tests.attack.decoy:decoy", tmp_path, seconds=2, megabytes=100) as victim:
         trials = [victim.attempt(seed) for seed in range(len(ACTS))]
     for seed, (act, told) in enumerate(ACTS.items()):
         assert trials[seed].outcome == "fault"
