@@ -177,9 +177,8 @@ def _filled(read: Callable[[memoryview], int], size: int) -> memoryview:
 def _end(process: subprocess.Popen[bytes], received: IO[bytes] | socket.socket, receiving: threading.RLock) -> None:
     process.kill()
     process.wait()
-    with (
-        receiving
-    ):  # whoever waits is told first that nothing will come: the number of what is closed is soon another's
+    # Whoever waits is told first that nothing will come: the number of what is closed is soon another's.
+    with receiving:
         received.close()
     assert process.stdin is not None
     with suppress(OSError, ValueError):  # what nobody read, which Python would else report when it forgets the pipe
