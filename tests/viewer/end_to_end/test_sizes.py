@@ -14,7 +14,7 @@ from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.placing import Placing
 from tests.shapes import ellipsoid
 
-SIZES = [(1000, 700), (1280, 800), (1920, 1080)]
+SIZES = [(1000, 700), (1280, 800), (2560, 1440)]
 SCALES = [1.0, 2.0]
 PLAIN = ellipsoid(2, 1.0, 0.7, 0.55)  # drawing takes as long as there are pixels and faces
 DRAGS = (0.9, -0.8, 0.1)  # downwards, in halves of a slot
