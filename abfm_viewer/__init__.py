@@ -1,4 +1,6 @@
-"""The desktop app, pictures and command line of abfm: they draw and listen, and leave the mathematics to `abfm`."""
+"""The desktop app, pictures and command line of abfm: they draw and listen, and leave the
+mathematics to `abfm`.
+"""
 
 import os
 

@@ -1,6 +1,8 @@
 """`abfm-viewer`: the command that opens the window."""
 
+import os
 import sys
+from importlib import import_module
 
 from abfm_viewer import signals
 
@@ -15,7 +17,9 @@ Examples:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Open the app and return the exit status when its window is closed; without words given it is the program's."""
+    """Open the app and return the exit status when its window is closed; without words given it
+    is the program's.
+    """
     if argv is None:
         signals.leave_on_signals("abfm-viewer")  # before anything else: loading takes time
     from abfm_viewer.cli.exit_status import exit_status, program_status
@@ -31,10 +35,19 @@ def _run(words: list[str]) -> int:
 
     parser = Parser(prog="abfm-viewer", description=_DESCRIPTION)
     parser.add_argument(
-        "file", nargs="?", metavar="FILE", help="mesh, project (.abfm) or result (.npz); by default a bundled mesh"
+        "file",
+        nargs="?",
+        metavar="FILE",
+        help="mesh, project (.abfm) or result (.npz); by default a bundled mesh",
     )
-    parser.add_argument("--largest-component", action="store_true", help="of several components use the largest")
+    parser.add_argument(
+        "--largest-component", action="store_true", help="of several components use the largest"
+    )
     parser.set_defaults(parser=parser)
     arguments = parser.parse_whole(words)
-    window.open_window(arguments.file, "openGL3_glfw", (1280, 800), largest_component=arguments.largest_component).run()
+    if any(name.startswith("NUMBA_") for name in os.environ):
+        import_module("abfm.numerics.kernels")  # which refuses settings before a window is there
+    window.open_window(
+        arguments.file, "openGL3_glfw", (1280, 800), largest_component=arguments.largest_component
+    ).run()
     return 0

@@ -1,14 +1,16 @@
-"""How a program ends when it is told to: by Ctrl-C, by SIGTERM, or by SIGHUP when its terminal is closed.
+"""How a program ends when it is told to: by Ctrl-C, by SIGTERM, or by SIGHUP when its terminal is
+closed.
 
-From the first line of a program on, a signal is answered in its handler, which ends the process there: it tidies up,
-says one line and leaves with the status that shells know, 128 and the signal's number (130 for Ctrl-C, 143 for
-SIGTERM, 129 for SIGHUP). Nothing is raised. An exception in the middle of anything is not safe with compiled libraries:
-an import that it breaks off leaves half a module, callbacks swallow it, and taking the interpreter apart afterwards may
-crash. So what must not stay behind is told to `tidied` before it is there. What has something worth keeping takes the
+From the first line of a program on, a signal is answered in its handler, which ends the process
+there: it tidies up, says one line and leaves with the status that shells know, 128 and the signal's
+number (130 for Ctrl-C, 143 for SIGTERM, 129 for SIGHUP). Nothing is raised. An exception in the
+middle of anything is not safe with compiled libraries: an import that it breaks off leaves half a
+module, callbacks swallow it, and taking the interpreter apart afterwards may crash. So what must
+not stay behind is told to `tidied` before it is there. What has something worth keeping takes the
 signals over for a while: a match is cancelled and written, a window closes between two frames.
 
-This module imports nothing but Python's own, so that a program can begin with it. Before that, while Python itself
-starts, nothing can be done: Ctrl-C then gives Python's own end.
+This module imports nothing but Python's own, so that a program can begin with it. Before that,
+while Python itself starts, nothing can be done: Ctrl-C then gives Python's own end.
 """
 
 import os
@@ -19,7 +21,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-NUMBERS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+NUMBERS = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
 """Signals that end programs, of those that the system has."""
 _PATIENCE = 1.0  # seconds after which another signal ends the process without tidying up
 _tidying: list[Callable[[], object]] = []
@@ -34,16 +38,19 @@ class EndedBySignal(KeyboardInterrupt):
 
 
 def status(number: int) -> int:
-    """The exit status after a signal."""
+    """Return the exit status after a signal."""
     return 128 + number
 
 
 def leave_on_signals(program: str) -> None:
-    """Begin to answer signals for a program of this name; one that whoever started it has it ignore stays ignored."""
+    """Begin to answer signals for a program of this name; one that whoever started it has it
+    ignore stays ignored.
+    """
     began: list[float] = []
 
     def leave(number: int, frame: FrameType | None) -> None:
-        if began:  # another signal while this tidies up, which takes no time unless a disk does not answer
+        # another signal while this tidies up, which takes no time unless a disk does not answer
+        if began:
             if time.monotonic() - began[0] > _PATIENCE:
                 os._exit(status(number))
             return

@@ -1,4 +1,6 @@
-"""Options of all tests, the threads that one process may have, and what is checked at the end of a run."""
+"""Options of all tests, the threads that one process may have, and what is checked at the end of
+a run.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +10,17 @@ from hypothesis import settings
 
 from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
 
-for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):  # the last one is Mesa's
+# the last one is Mesa's
+for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # with pytest-xdist there is a process for each core
 settings.register_profile("untimed", deadline=None)  # no test is about time, and machines are busy
 settings.load_profile("untimed")
 
 
 def pytest_addoption(parser):
-    parser.addoption("--update-snapshots", action="store_true", help="write the pictures of tests/snapshots anew")
+    parser.addoption(
+        "--update-snapshots", action="store_true", help="write the pictures of tests/snapshots anew"
+    )
 
 
 def pytest_configure(config):

@@ -14,7 +14,9 @@ def obj_text(vertices, faces):
 
 
 def off_text(vertices, faces):
-    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"] + [f"{x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"] + [
+        f"{x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()
+    ]
     return "\n".join(lines + [f"3 {a} {b} {c}" for a, b, c in faces.tolist()]) + "\n"
 
 
@@ -22,7 +24,8 @@ def ply_bytes(vertices, faces, kind="ascii"):
     header = (
         f"ply\nformat {kind} 1.0\ncomment made for a test\nelement vertex {len(vertices)}\n"
         "property double x\nproperty double y\nproperty double z\nproperty uchar red\n"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nproperty float quality\nend_header\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nproperty float "
+        "quality\nend_header\n"
     ).encode()
     if kind == "ascii":
         rows = [f"{x!r} {y!r} {z!r} 255" for x, y, z in vertices.tolist()]
@@ -30,7 +33,9 @@ def ply_bytes(vertices, faces, kind="ascii"):
         return header + "\n".join(rows).encode()
     order = ">" if "big" in kind else "<"
     body = b"".join(struct.pack(f"{order}dddB", *row, 255) for row in vertices.tolist())
-    return header + body + b"".join(struct.pack(f"{order}B{len(f)}if", len(f), *f, 0.5) for f in faces)
+    return (
+        header + body + b"".join(struct.pack(f"{order}B{len(f)}if", len(f), *f, 0.5) for f in faces)
+    )
 
 
 def gifti_bytes(vertices, faces):
@@ -60,6 +65,11 @@ WRITERS = {  # name of the file: its bytes, relative precision of its numbers
     "a.gii.gz": (lambda v, f: gzip.compress(gifti_bytes(v, f)), 1e-7),
 }
 STL_WRITERS = {"binary.stl": "stl", "ascii.stl": "stl_ascii"}
+
+
+def off_file(path, mesh):
+    """Write a mesh, and return where."""
+    return write(path.parent, path.name, off_text(mesh.vertices, mesh.faces))
 
 
 def write(folder, name, content):

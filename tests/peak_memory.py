@@ -1,7 +1,7 @@
 """The most memory that a process has had.
 
-`ru_maxrss` tells on Linux also what another process had of which this one was made: in a child of a process that is
-larger it stays as it is.
+`ru_maxrss` tells on Linux also what another process had of which this one was made: in a child of a
+process that is larger it stays as it is.
 """
 
 from __future__ import annotations
@@ -14,9 +14,13 @@ from pathlib import Path
 
 
 def megabytes() -> float:
-    """The most that this process has had since `forget`, or ever where the system forgets nothing."""
+    """The most that this process has had since `forget`, or ever where the system forgets
+    nothing.
+    """
     if sys.platform == "linux":
-        [kilobytes] = re.findall(r"^VmHWM:\s*(\d+) kB$", Path("/proc/self/status").read_text(), re.MULTILINE)
+        [kilobytes] = re.findall(
+            r"^VmHWM:\s*(\d+) kB$", Path("/proc/self/status").read_text(), re.MULTILINE
+        )
         return int(kilobytes) / 1e3
     size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return size / (1e6 if sys.platform == "darwin" else 1e3)

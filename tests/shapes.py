@@ -35,17 +35,22 @@ def tetrahedron() -> TriangleMesh:
 
 
 def torus(n: int, m: int, R: float = 1.0, r: float = 0.4) -> TriangleMesh:
-    """Torus about the z axis: n vertices around the axis at distance R, m around the tube of radius r."""
+    """Torus about the z axis: n vertices around the axis at distance R, m around the tube of
+    radius r.
+    """
     u, v = np.meshgrid(2 * np.pi * np.arange(n) / n, 2 * np.pi * np.arange(m) / m, indexing="ij")
     ring = R + r * np.cos(v)
     vertices = np.stack([ring * np.cos(u), ring * np.sin(u), r * np.sin(v)], axis=-1)
-    return TriangleMesh(vertices.reshape(-1, 3), _grid_faces(n, m, wrap_first=True, wrap_second=True))
+    return TriangleMesh(
+        vertices.reshape(-1, 3), _grid_faces(n, m, wrap_first=True, wrap_second=True)
+    )
 
 
 def square(n: int) -> TriangleMesh:
     """Unit square in the plane z = 0, n x n smoothly uneven cells with alternating diagonals.
 
-    The unevenness leaves no symmetry; for even n no face has two boundary edges. Boundary vertices stay on the sides.
+    The unevenness leaves no symmetry; for even n no face has two boundary edges. Boundary vertices
+    stay on the sides.
     """
     x, y = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
     x, y = (
@@ -56,39 +61,50 @@ def square(n: int) -> TriangleMesh:
     return TriangleMesh(vertices, _grid_faces(n + 1, n + 1))
 
 
-def disc(n: int, radius: float = 1.0) -> TriangleMesh:
-    """Flat disc in the plane z = 0: ring k of n has 6 k vertices; one boundary loop."""
-    return _capped_rings(n, lambda s: (radius * s, np.zeros_like(s)))
+def disc(n: int) -> TriangleMesh:
+    """Flat unit disc in the plane z = 0: ring k of n has 6 k vertices; one boundary loop."""
+    return _capped_rings(n, lambda s: (s, np.zeros_like(s)))
 
 
-def hemisphere(n: int, radius: float = 1.0) -> TriangleMesh:
-    """Upper half of a sphere: ring k of n has 6 k vertices; the boundary is the equator z = 0."""
-    return _capped_rings(n, lambda s: (radius * np.sin(np.pi / 2 * s), radius * np.cos(np.pi / 2 * s)))
+def hemisphere(n: int) -> TriangleMesh:
+    """Upper half of the unit sphere: ring k of n has 6 k vertices; the boundary is at z = 0."""
+    return _capped_rings(n, lambda s: (np.sin(np.pi / 2 * s), np.cos(np.pi / 2 * s)))
 
 
 def open_cylinder(n: int, m: int, radius: float = 1.0, height: float = 2.0) -> TriangleMesh:
-    """Cylinder about the z axis without its caps: n vertices around, m + 1 rings; two boundary loops."""
+    """Cylinder about the z axis without its caps: n vertices around, m + 1 rings; two boundary
+    loops.
+    """
     u, z = np.meshgrid(2 * np.pi * np.arange(n) / n, np.linspace(0, height, m + 1), indexing="ij")
     vertices = np.stack([radius * np.cos(u), radius * np.sin(u), z], axis=-1).reshape(-1, 3)
     return TriangleMesh(vertices, _grid_faces(n, m + 1, wrap_first=True))
 
 
 def moebius_arrays(n: int) -> tuple[FloatArray, IntArray]:
-    """Vertices (2n, 3) and faces (2n, 3) of a Moebius strip: not orientable, so no TriangleMesh exists."""
+    """Vertices (2n, 3) and faces (2n, 3) of a Moebius strip: not orientable, so no TriangleMesh
+    exists.
+    """
     u = 2 * np.pi * np.arange(n) / n
-    across = 0.3 * np.stack([np.cos(u / 2) * np.cos(u), np.cos(u / 2) * np.sin(u), np.sin(u / 2)], axis=-1)
+    across = 0.3 * np.stack(
+        [np.cos(u / 2) * np.cos(u), np.cos(u / 2) * np.sin(u), np.sin(u / 2)], axis=-1
+    )
     centre = np.stack([np.cos(u), np.sin(u), np.zeros(n)], axis=-1)
     left, right = np.arange(n), np.arange(n) + n
     next_left, next_right = np.append(left[1:], right[0]), np.append(right[1:], left[0])
     faces = np.concatenate(
-        [np.stack([left, right, next_left], axis=1), np.stack([right, next_right, next_left], axis=1)]
+        [
+            np.stack([left, right, next_left], axis=1),
+            np.stack([right, next_right, next_left], axis=1),
+        ]
     )
     return np.concatenate([centre - across, centre + across]), faces
 
 
 def _grid_faces(n: int, m: int, wrap_first: bool = False, wrap_second: bool = False) -> IntArray:
     """Two triangles per cell of an n x m vertex grid (vertex i * m + j), diagonals alternating."""
-    i, j = np.meshgrid(np.arange(n if wrap_first else n - 1), np.arange(m if wrap_second else m - 1), indexing="ij")
+    i, j = np.meshgrid(
+        np.arange(n if wrap_first else n - 1), np.arange(m if wrap_second else m - 1), indexing="ij"
+    )
     i_next, j_next = (i + 1) % n, (j + 1) % m
     a, b, c, d = i * m + j, i_next * m + j, i_next * m + j_next, i * m + j_next
     even = ((i + j) % 2 == 0)[..., None]
@@ -97,21 +113,30 @@ def _grid_faces(n: int, m: int, wrap_first: bool = False, wrap_second: bool = Fa
     return np.stack([first, second], axis=-2).reshape(-1, 3)
 
 
-def _capped_rings(n: int, profile: Callable[[FloatArray], tuple[FloatArray, FloatArray]]) -> TriangleMesh:
-    """Surface of revolution about the z axis: ring k has 6 k vertices at ``profile(k / n)`` = (distance, height)."""
+def _capped_rings(
+    n: int, profile: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+) -> TriangleMesh:
+    """Surface of revolution about the z axis: ring k has 6 k vertices at ``profile(k / n)`` =
+    (distance, height).
+    """
     rings = np.repeat(np.arange(1, n + 1), 6 * np.arange(1, n + 1))
     steps = np.concatenate([np.arange(6 * k) for k in range(1, n + 1)])
     angle = 2 * np.pi * steps / (6 * rings)
     distance, height = profile(rings / n)
     vertices = np.stack([distance * np.cos(angle), distance * np.sin(angle), height], axis=-1)
-    apex = np.stack([np.atleast_1d(value) for value in (0.0, 0.0, profile(np.zeros(1))[1][0])], axis=-1)
+    apex = np.stack(
+        [np.atleast_1d(value) for value in (0.0, 0.0, profile(np.zeros(1))[1][0])], axis=-1
+    )
     faces = []
     for k in range(1, n + 1):
         start, inner_start = 1 + 3 * k * (k - 1), 1 + 3 * (k - 1) * (k - 2)
         for sector in range(6):
             for step in range(k):
                 outer = [start + (sector * k + step + s) % (6 * k) for s in (0, 1)]
-                inner = [inner_start + (sector * (k - 1) + step + s) % (6 * (k - 1)) if k > 1 else 0 for s in (-1, 0)]
+                inner = [
+                    inner_start + (sector * (k - 1) + step + s) % (6 * (k - 1)) if k > 1 else 0
+                    for s in (-1, 0)
+                ]
                 faces.append([outer[0], outer[1], inner[1]])
                 if step > 0:
                     faces.append([outer[0], inner[1], inner[0]])

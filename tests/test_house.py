@@ -7,7 +7,6 @@ import re
 import shlex
 import shutil
 import stat
-import subprocess
 import sys
 import zipfile
 from importlib.metadata import version
@@ -15,87 +14,137 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.processes import ROOT, python, run
+
+# modules that the extra "app" installs, as they are imported
+OF_THE_APP = ("av", "matplotlib", "PIL", "platformdirs", "polyscope", "polyscope_bindings")
 PACKAGES = (ROOT / "core" / "abfm", ROOT / "abfm_viewer")
 
 
-def python(code: str, **environment: str) -> str:
-    """What a fresh interpreter prints."""
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ | environment
-    )
-    return done.stdout.strip()
+def environment_without(*names: str) -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if name not in names}
+
+
+NO_SCREEN = environment_without("DISPLAY", "WAYLAND_DISPLAY")
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """The wheel that is built from the source distribution, as others do who pack or install abfm."""
+    """The wheel that is built from the source distribution, as others do who pack or install
+    abfm.
+    """
     folder = tmp_path_factory.mktemp("built")
     source = folder / "source"
-    shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(".*", "__pycache__", "out", "build", "dist"))
-    subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder], cwd=source, check=True)
+    left_out = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "dist")
+    shutil.copytree(ROOT, source, ignore=left_out)
+    build = ("-m", "hatchling", "build", "-t", "sdist", "-d", folder)
+    run(sys.executable, *build, cwd=source, check=True)
     [archive] = folder.glob("abfm-*.tar.gz")
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", folder]
-    subprocess.run([*command, archive], check=True)
+    pip = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation")
+    run(sys.executable, *pip, "-w", folder, archive, check=True)
     [wheel] = folder.glob("abfm-*.whl")
     return wheel
 
 
 def test_the_wheel_holds_both_packages_and_every_asset(wheel):
-    names = zipfile.ZipFile(wheel).namelist()
-    for asset in (ROOT / "assets").iterdir():
-        assert f"abfm/assets/{asset.name}" in names
-    assert {"abfm/matching/match.py", "abfm/flow/__init__.pyi", "abfm_viewer/cli/match.py"} <= set(names)
+    names = set(zipfile.ZipFile(wheel).namelist())
+    assert {f"abfm/assets/{asset.name}" for asset in (ROOT / "assets").iterdir()} <= names
+    assert {"abfm/matching/match.py", "abfm/flow/__init__.pyi", "abfm_viewer/cli/match.py"} <= names
     assert "abfm_viewer/appearance/colormaps.csv" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert {name.split("/")[0].split("-")[0] for name in names} == {"abfm", "abfm_viewer"}
 
 
-def test_what_is_installed_from_the_wheel_works_outside_of_the_repository(wheel, tmp_path):
-    """In an empty environment that borrows the libraries, but not abfm, from the one that runs the tests."""
-    home = tmp_path / "environment"
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)
-    inside = home / "bin" / "python"
-    install = ["pip", "--quiet", "--python", inside, "install", "--no-deps", "--no-index", "--no-compile", wheel]
-    subprocess.run([sys.executable, "-m", *install], check=True)
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory):
+    """Run programs of an environment with the wheel, that borrows the libraries, but not abfm,
+    from the one that runs the tests; without those of the app, if that is wanted.
+    """
+    folder = tmp_path_factory.mktemp("installed")
+    home = folder / "environment"
+    run(sys.executable, "-m", "venv", "--without-pip", home, check=True)
+    pip = ("-m", "pip", "--quiet", "--python", home / "bin" / "python", "install")
+    run(sys.executable, *pip, "--no-deps", "--no-index", "--no-compile", wheel, check=True)
     [packages] = home.glob("lib/*/site-packages")
-    (packages / "borrowed.pth").write_text("\n".join(path for path in sys.path if path.endswith("-packages")))
-    alone = {
-        name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "DISPLAY", "WAYLAND_DISPLAY")
-    }
+    borrowed = "\n".join(path for path in sys.path if path.endswith("-packages"))
+    (packages / "borrowed.pth").write_text(borrowed)
+    (packages / "without_app.py").write_text(WITHOUT_APP)
+    (packages / "without_app.pth").write_text("import without_app")
+    alone = environment_without("PYTHONPATH", "DISPLAY", "WAYLAND_DISPLAY")
 
-    def run(*words: str) -> subprocess.CompletedProcess[str]:
-        command = [home / "bin" / words[0], *words[1:]]
-        return subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, env=alone)
+    def run_installed(program: str, *words: object, app: bool = True):
+        environment = alone if app else alone | {"WITHOUT_APP": "yes"}
+        return run(home / "bin" / program, *words, cwd=folder, env=environment)
 
-    mesh = run("python", "-c", "from abfm.assets import asset_path; print(asset_path('eight.off'))").stdout.strip()
-    assert Path(mesh).parent == packages / "abfm" / "assets"
-    assert run("abfm", "--version").stdout == f"abfm {version('abfm')}\n"
-    assert "315" in run("abfm", "info", mesh).stdout
-    assert run("abfm-viewer").stderr.startswith("abfm-viewer: no screen")
+    return run_installed
+
+
+WITHOUT_APP = f"""
+import os, sys
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {OF_THE_APP}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+if "WITHOUT_APP" in os.environ:
+    sys.meta_path.insert(0, Missing())
+"""
+
+
+def test_what_is_installed_from_the_wheel_works_outside_of_the_repository(installed):
+    code = "from abfm.assets import asset_path; print(asset_path('eight.off'))"
+    mesh = installed("python", "-c", code).stdout.strip()
+    assert Path(mesh).parent.parts[-3:] == ("site-packages", "abfm", "assets")
+    assert installed("abfm", "--version").stdout == f"abfm {version('abfm')}\n"
+    assert "315" in installed("abfm", "info", mesh).stdout
+    assert installed("abfm-viewer").stderr.startswith("abfm-viewer: no screen")
+
+
+def test_without_the_app_only_what_draws_is_missing(installed, tmp_path):
+    wanted = "pip install 'abfm[app]'"
+    demo = installed("abfm", "demo", "--quiet", "--out", tmp_path, app=False)
+    assert (demo.returncode, demo.stderr.count("\n")) == (0, 1)
+    assert demo.stderr.startswith("note: no picture and no movie")
+    assert demo.stderr.strip().endswith(wanted)
+    assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]
+    result, vertex_map = tmp_path / "demo.npz", tmp_path / "map.csv"
+    assert installed("abfm", "map", result, "--out", vertex_map, app=False).returncode == 0
+    figure = installed("abfm", "figure", "3", "--quiet", "--out", tmp_path, app=False)
+    assert figure.stderr.strip().endswith(wanted)
+    render = ["abfm", "render", result, "--out"]
+    for command in ([*render, tmp_path / "a.png"], [*render, tmp_path / "a.mp4"], ["abfm-viewer"]):
+        done = installed(*command, app=False)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert done.stderr.strip().endswith(wanted)
 
 
 def test_every_room_has_its_line_in_the_plan_of_the_house():
     plan = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-    listed = {room for row in re.findall(r"^\| (`.*?) \|", plan, re.MULTILINE) for room in re.findall(r"`(\w+)/`", row)}
-    assert listed == {init.parent.name for package in PACKAGES for init in package.glob("*/__init__.py")}
+    rows = "".join(re.findall(r"^\| (`.*?) \|", plan, re.MULTILINE))
+    rooms = {init.parent.name for house in PACKAGES for init in house.glob("*/__init__.py")}
+    assert set(re.findall(r"`(\w+)/`", rows)) == rooms
 
 
-def test_no_file_is_longer_than_what_one_idea_needs():
-    assert [f for package in PACKAGES for f in package.rglob("*.py") if len(f.read_text().splitlines()) > 300] == []
+def test_every_room_is_seen_at_a_glance():
+    """By a listing of at most 18 entries."""
+    rooms = [init.parent for house in PACKAGES for init in house.glob("*/**/__init__.py")]
+    counts = {room.name: len({*os.listdir(room)} - {"__pycache__"}) for room in rooms}
+    assert {name: count for name, count in counts.items() if count > 18} == {}
 
 
 def test_matching_and_the_command_line_need_no_opengl():
-    code = "import sys, abfm, abfm_viewer.cli.commands, abfm_viewer.app; abfm.match; print('polyscope' in sys.modules)"
-    assert python(code) == "False"
+    rooms = "abfm, abfm_viewer.cli.commands, abfm_viewer.app"
+    code = f"import sys, {rooms}; abfm.match; print('polyscope' in sys.modules)"
+    assert python(code).stdout == "False\n"
 
 
 def test_blas_gets_one_thread_unless_the_user_says_otherwise():
-    code = "import os, abfm_viewer; print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])"
-    unset = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=unset)
-    assert done.stdout == "1 1\n"
-    assert python(code, OMP_NUM_THREADS="3", OPENBLAS_NUM_THREADS="2") == "2 3"
+    names = "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"
+    code = f"import os, abfm_viewer; print(*map(os.environ.get, {names}))"
+    unset = environment_without(*names)
+    assert python(code, env=unset).stdout == "1 1\n"
+    assert python(code, env=unset | dict(zip(names, "23", strict=True))).stdout == "2 3\n"
 
 
 def test_what_cannot_draw_says_so_in_one_line(tmp_path):
@@ -107,24 +156,31 @@ def test_what_cannot_draw_says_so_in_one_line(tmp_path):
         "ctypes.CDLL = missing\n"
         f"sys.exit(main(['demo', '--quiet', '--out', {str(tmp_path)!r}]))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0
+    done = python(code)
+    assert (done.returncode, done.stderr.count("\n")) == (0, 1)
     assert done.stderr.startswith("note: no picture and no movie: cannot draw")
-    assert done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]
 
 
-def test_the_app_without_a_screen_says_what_to_do():
-    without = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+def test_the_app_refuses_settings_that_numba_does_not_take():
     code = "import sys; from abfm_viewer.app import main; sys.exit(main([]))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=without)
+    done = python(code, env=os.environ | {"NUMBA_NUM_THREADS": "0"})
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert done.stderr.startswith("abfm-viewer: numba does not take")
+
+
+def test_the_app_without_a_screen_says_what_to_do():
+    code = "import sys; from abfm_viewer.app import main; sys.exit(main([]))"
+    done = python(code, env=NO_SCREEN)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert done.stderr.startswith("abfm-viewer: no screen")
 
 
 @pytest.fixture
 def house(tmp_path):
-    """A folder with a blank in its name that holds `run` and an environment that looks installed."""
+    """A folder with a blank in its name that holds `run` and an environment that looks
+    installed.
+    """
     house = tmp_path / "my house"
     programs = house / ".venv" / "bin"
     programs.mkdir(parents=True)
@@ -145,7 +201,7 @@ def program(path: Path, command: str) -> None:
 
 def stamp_installed(house: Path) -> None:
     """Make `run` believe that the project was installed as its pyproject.toml says."""
-    for name in ("installed", "installed-test"):
+    for name in ("installed-app", "installed-test"):
         (house / ".venv" / name).write_text(f"{house}\n{(house / 'pyproject.toml').read_text()}")
 
 
@@ -158,10 +214,7 @@ def stamp_installed(house: Path) -> None:
     ],
 )
 def test_run_opens_the_app_or_without_a_screen_the_demo(house, tmp_path, screen, words, expected):
-    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    done = subprocess.run(
-        [house / "run", *words], capture_output=True, text=True, check=False, cwd=tmp_path, env=environment | screen
-    )
+    done = run(house / "run", *words, cwd=tmp_path, env=NO_SCREEN | screen)
     assert (done.returncode, done.stdout) == (0, expected)
 
 
@@ -170,26 +223,28 @@ def test_run_installs_and_tests_the_oldest_versions_on_request(house):
     programs = house / ".venv-oldest" / "bin"
     programs.mkdir(parents=True)
     program(programs / "python", 'echo "${PIP_CONSTRAINT:+held: }$*"')
-    done = subprocess.run(
-        [house / "run", "test", "--oldest", "tests/some.py"], capture_output=True, text=True, check=True
-    )
-    versions = programs.parent / "oldest.txt"
+    done = run(house / "run", "test", "--oldest", "tests/some.py")
     asked = [line for line in done.stdout.splitlines() if "-c" not in line.split()]
     install, compiled, editable, tests = asked
     assert install.endswith("install uv")
-    assert compiled.startswith("held: -m uv pip compile --quiet --no-header --resolution=lowest-direct --extra=gifti")
-    assert f"--output-file={versions} {house / 'pyproject.toml'}" in compiled
+    assert compiled.startswith(
+        "held: -m uv pip compile --quiet --no-header --resolution=lowest-direct --extra=app"
+    )
+    versions, project = programs.parent / "oldest.txt", house / "pyproject.toml"
+    assert f"--output-file={versions} {project}" in compiled
     assert editable.startswith("held: -m pip")
     assert editable.endswith(f"--editable {house}[test]")
     assert tests == "held: -m pytest --numprocesses=auto --dist=worksteal tests/some.py"
 
 
 def test_run_test_reports_every_check_that_failed(house):
-    """The copy has neither code nor settings for import-linter: some checks fail, and all of them run."""
+    """The copy has neither code nor settings for import-linter: some checks fail, and all of
+    them run.
+    """
     (house / "pyproject.toml").write_text("[tool.mypy]\nfiles = ['missing']\n")
     stamp_installed(house)
     shutil.copy(Path(sys.executable).parent / "lint-imports", house / ".venv" / "bin")
-    done = subprocess.run([house / "run", "test"], capture_output=True, text=True, check=False)
+    done = run(house / "run", "test")
     assert done.returncode == 2
     assert done.stderr.endswith("run: failed: mypy, import-linter, pytest\n")
     for name in ("ruff check", "ruff format", "mypy", "import-linter", "pytest"):
@@ -198,7 +253,9 @@ def test_run_test_reports_every_check_that_failed(house):
 
 @pytest.fixture
 def bare_machine(house, tmp_path):
-    """An environment in which only a few programs are there, and Python and sudo do as if all went well."""
+    """An environment in which only a few programs are there, and Python and sudo do as if all
+    went well.
+    """
     programs = tmp_path / "programs"
     programs.mkdir()
     for name in ("bash", "sh", "cat", "dirname", "env", "id", "touch", "chmod"):
@@ -209,54 +266,40 @@ def bare_machine(house, tmp_path):
     return programs
 
 
-def run_tests(house: Path, programs: Path) -> subprocess.CompletedProcess[str]:
-    """`./run test` with these programs and no others."""
-    return subprocess.run(
-        [house / "run", "test"], capture_output=True, text=True, check=False, env={"PATH": str(programs)}
-    )
-
-
 def test_run_test_installs_what_a_window_without_a_screen_needs(house, bare_machine, tmp_path):
-    installed = f'for name in Xvfb xdotool; do touch "{bare_machine}/$name"; chmod +x "{bare_machine}/$name"; done'
-    program(bare_machine / "apt-get", f'echo "$@" >>"{tmp_path}/asked"; {installed}')
+    install = " && ".join(
+        f'touch "{path}" && chmod +x "{path}"'
+        for path in (bare_machine / "Xvfb", bare_machine / "xdotool")
+    )
+    program(bare_machine / "apt-get", f'echo "$@" >>"{tmp_path}/asked"; {install}')
     for _ in range(2):
-        assert run_tests(house, bare_machine).returncode == 0
-    assert (tmp_path / "asked").read_text() == "--yes --quiet install --no-install-recommends xvfb xdotool\n"
+        assert run(house / "run", "test", env={"PATH": str(bare_machine)}).returncode == 0
+    asked = (tmp_path / "asked").read_text()
+    assert asked == "--yes --quiet install --no-install-recommends xvfb xdotool\n"
 
 
 @pytest.mark.parametrize(
-    ("apt", "advice"), [(None, "install them"), ("exit 1", "type: sudo apt-get install xvfb xdotool")]
+    ("apt", "advice"),
+    [(None, "install them"), ("exit 1", "type: sudo apt-get install xvfb xdotool")],
 )
 def test_run_test_says_what_to_install_where_it_cannot(house, bare_machine, apt, advice):
     if apt:
         program(bare_machine / "apt-get", apt)
-    done = run_tests(house, bare_machine)
+    done = run(house / "run", "test", env={"PATH": str(bare_machine)})
     assert done.returncode == 0  # it goes on: the one test that needs them fails
     assert done.stderr.splitlines()[-1].endswith(advice)
 
 
-def test_run_test_with_words_is_pytest_alone(house):
-    program(house / ".venv" / "bin" / "python", 'printf "%s;" "$@"')
-    done = subprocess.run(
-        [house / "run", "test", "tests/a file.py", "-k", "one or two"], capture_output=True, text=True, check=False
-    )
+def test_run_test_with_words_is_pytest_alone_and_keeps_compiled_modules(house):
+    """A process that finds none compiles hundreds, and tests start many."""
+    say = 'printf "%s;" "$@" "${PYTHONDONTWRITEBYTECODE-kept}"'
+    program(house / ".venv" / "bin" / "python", say)
+    environment = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}
+    done = run(house / "run", "test", "tests/a file.py", "-k", "one or two", env=environment)
     assert done.returncode == 0
-    assert done.stdout.endswith("-m;pytest;tests/a file.py;-k;one or two;")
+    assert done.stdout.endswith("-m;pytest;tests/a file.py;-k;one or two;kept;")
     assert "==" not in done.stdout
 
 
-def test_run_keeps_compiled_modules(house):
-    """A process that finds none compiles hundreds, and tests start many."""
-    program(house / ".venv" / "bin" / "python", 'printf "%s" "${PYTHONDONTWRITEBYTECODE-kept}"')
-    done = subprocess.run(
-        [house / "run", "test", "tests"],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
-    )
-    assert done.stdout.endswith("kept")
-
-
 def test_run_is_understood_by_bash():
-    subprocess.run(["bash", "-n", ROOT / "run"], check=True)
+    run("bash", "-n", ROOT / "run", check=True)

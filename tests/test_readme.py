@@ -13,8 +13,8 @@ import pytest
 
 from abfm import Parameters, load_match, load_mesh
 from abfm.assets import asset_path
-from abfm.experiments import FIGURES
 from abfm.functions import families, function
+from abfm.paper import FIGURES
 from abfm.parameters import PAPER
 from abfm_viewer.cli import main
 
@@ -28,7 +28,9 @@ def table(heading: str) -> list[list[str]]:
     rows = re.search(rf"\n## {heading}\n.*?((?:\n\|[^\n]*)+)", README, re.DOTALL)
     assert rows is not None
     lines = rows[1].strip().splitlines()[2:]
-    return [[cell.strip().strip("`") for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
+    return [
+        [cell.strip().strip("`") for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines
+    ]
 
 
 def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
@@ -45,10 +47,16 @@ def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
 def test_every_parameter_is_in_the_table_with_its_symbol_and_default():
     rows = [(name, symbol, default) for name, symbol, _, default in table("Parameters")]
     wanted = [
-        (f.name, f.metadata["symbol"], f.default if isinstance(f.default, str) else f"{f.default:g}")
+        (
+            f.name,
+            f.metadata["symbol"],
+            f.default if isinstance(f.default, str) else f"{f.default:g}",
+        )
         for f in fields(Parameters)
     ]
-    assert [(name, symbol, f"{float(d):g}" if d[0].isdigit() else d) for name, symbol, d in rows] == wanted
+    assert [
+        (name, symbol, f"{float(d):g}" if d[0].isdigit() else d) for name, symbol, d in rows
+    ] == wanted
 
 
 def test_every_family_is_in_the_table_with_a_working_example(tmp_path, monkeypatch):
@@ -82,19 +90,29 @@ def test_pictures_and_linked_files_are_there():
 def test_every_figure_has_a_page_with_its_picture_and_a_row_in_the_list():
     figures = ROOT / "docs/figures"
     for figure in FIGURES:
-        assert f"../images/figure-{figure:02}.png" in (figures / f"figure-{figure:02}.md").read_text("utf-8")
+        assert f"../images/figure-{figure:02}.png" in (
+            figures / f"figure-{figure:02}.md"
+        ).read_text("utf-8")
         assert f"(figure-{figure:02}.md)" in (figures / "README.md").read_text("utf-8")
 
 
 def test_what_makes_the_energy_the_papers_is_listed():
-    said = [part for part in README.split("\n\n") if "the paper's energy and course" in part.replace("\n", " ").lower()]
+    said = [
+        part
+        for part in README.split("\n\n")
+        if "the paper's energy and course" in part.replace("\n", " ").lower()
+    ]
     assert len(said) == 2
     for part in said:
         assert [name for name in PAPER if f"`{name}" not in part] == []
 
 
 def test_names_of_the_library_in_the_pages_exist():
-    names = {name for page in PAGES for name in re.findall(r"`(abfm(?:_viewer)?(?:\.\w+)+)", page.read_text("utf-8"))}
+    names = {
+        name
+        for page in PAGES
+        for name in re.findall(r"`(abfm(?:_viewer)?(?:\.\w+)+)", page.read_text("utf-8"))
+    }
     assert len(names) > 20
     for name in names:
         found, *parts = name.split(".")

@@ -5,8 +5,12 @@ from collections.abc import Callable
 
 
 def cut(text: str, room: float, width_of: Callable[[str], float]) -> str:
-    """A text, or as much of it as has room, with an ellipsis; nothing where not even that has."""
+    """Return a text, or as much of it as has room, with an ellipsis; else nothing."""
     if width_of(text) <= room:
         return text
-    too_long = bisect(range(len(text)), room, key=lambda length: width_of(text[:length].rstrip() + "..."))
+
+    def width(length: int) -> float:
+        return width_of(text[:length].rstrip() + "...")
+
+    too_long = bisect(range(len(text)), room, key=width)
     return text[: too_long - 1].rstrip() + "..." if too_long > 1 else ""

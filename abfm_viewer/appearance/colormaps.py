@@ -1,8 +1,10 @@
-"""The colour maps of every picture: for functions with a zero in the middle, for the others, and some well-known ones.
+"""The colour maps of every picture: for functions with a zero in the middle, for the others, and
+some well-known ones.
 
-The first two keep the surface readable under a light: the value that most of a surface has is a light grey, and
-lightness falls steadily away from it, so that the pictures also work in print and for colour-blind readers. On dark
-grounds, where that would glare, it is a dark grey, away from which lightness rises.
+The first two keep the surface readable under a light: the value that most of a surface has is a
+light grey, and lightness falls steadily away from it, so that the pictures also work in print and
+for colour-blind readers. On dark grounds, where that would glare, it is a dark grey, away from
+which lightness rises.
 """
 
 from dataclasses import dataclass
@@ -10,15 +12,19 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from numpy.typing import NDArray
 
 from abfm.types import FloatArray
 
 NAMES = ("abfm sequential", "abfm diverging", "viridis", "magma", "coolwarm", "gray")
 _DARK = {name: f"{name} dark" for name in NAMES[:2]}
 _ROWS = np.loadtxt(Path(__file__).with_name("colormaps.csv"), delimiter=",")
-_TABLES = {name: _ROWS[:, 3 * number : 3 * number + 3] for number, name in enumerate((*NAMES, *_DARK.values()))}
-"""Evenly spaced colours (101, 3) in linear light: a few stops in Oklab, joined by SciPy's `PchipInterpolator`.
+_TABLES = {
+    name: _ROWS[:, 3 * number : 3 * number + 3]
+    for number, name in enumerate((*NAMES, *_DARK.values()))
+}
+"""Evenly spaced colours (101, 3) in linear light: a few stops in Oklab, joined by SciPy's
+`PchipInterpolator`.
 
 Written to a file because loading SciPy would take longer than all of polyscope.
 """
@@ -36,14 +42,13 @@ class ColorRange:
 
 
 def on_ground(colormap: str, is_dark: bool) -> str:
-    """The map that stands for one of `NAMES` on a light or a dark ground."""
+    """Return the map that stands for one of `NAMES` on a light or a dark ground."""
     return _DARK.get(colormap, colormap) if is_dark else colormap
 
 
 def color_range(*functions: FloatArray) -> ColorRange:
-    """One range for several functions: symmetric about 0 when they take both signs, else from least to greatest.
-
-    A least value just above 0 counts as 0, so that a colour bar begins there.
+    """Return one range for functions, symmetric about 0 if they take both signs; a least value just
+    above 0 counts as 0, so that a colour bar begins there.
     """
     low = min(float(function.min()) for function in functions)
     high = max(float(function.max()) for function in functions)
@@ -51,36 +56,40 @@ def color_range(*functions: FloatArray) -> ColorRange:
     if min(-low, high) > 0.05 * largest:
         return ColorRange("abfm diverging", -largest, largest)
     if high - low <= 1e-12 * max(largest, 1e-300):
-        around = max(0.5, 1e-12 * largest)  # a half is lost beside large numbers, and colour bars need a length
+        # a half is lost beside large numbers, and colour bars need a length
+        around = max(0.5, 1e-12 * largest)
         return ColorRange("abfm sequential", low - around, high + around)
-    return ColorRange("abfm sequential", 0.0 if -1e-9 * largest < low < 0.02 * largest else low, high)
+    is_almost_0 = -1e-9 * largest < low < 0.02 * largest
+    return ColorRange("abfm sequential", 0.0 if is_almost_0 else low, high)
 
 
 def place_colors(vertices: FloatArray, positions: FloatArray) -> FloatArray:
-    """Places (V, 3) as colours in linear light: x, y, z in the vertices' bounding box as red, green, blue."""
+    """Return places (V, 3) in the vertices' bounding box as colours in linear light."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     return np.asarray(np.clip((positions - low) / np.maximum(high - low, 1e-300), 0, 1) ** 2.2)
 
 
 @lru_cache(maxsize=32)
 def table(colormap: str, size: int = 256) -> FloatArray:
-    """The colours of a map from its low to its high end, (size, 3) sRGB in 0 to 1."""
+    """Return the colours of a map from its low to its high end, (size, 3) sRGB in 0 to 1."""
     linear = linear_table(colormap, size)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def linear_table(colormap: str, size: int) -> FloatArray:
-    """As `table`, in linear light, as polyscope takes colours."""
+    """Return `table` in linear light, as polyscope takes colours."""
     rows = _TABLES[colormap]
     place = np.linspace(0, len(rows) - 1, size)
     return np.stack([np.interp(place, np.arange(len(rows)), channel) for channel in rows.T], axis=1)
 
 
 def loaded_name(colormap: str) -> str:
-    """What polyscope calls a map of ours: a second one of a name of its own would be a warning, which waits for OK."""
+    """Return what polyscope calls a map of ours: it warns of names that it has already."""
     return colormap if colormap.startswith("abfm") else f"abfm {colormap}"
 
 
-def images() -> dict[str, Image.Image]:
-    """All maps by name as pictures of one row in linear light: polyscope applies the display's gamma after shading."""
-    return {name: Image.fromarray(np.round(255 * linear_table(name, 1024)[None]).astype(np.uint8)) for name in _TABLES}
+def pictures() -> dict[str, NDArray[np.uint8]]:
+    """Return all maps by name as pictures (1, 1024, 3) in linear light, before gamma."""
+    return {
+        name: np.round(255 * linear_table(name, 1024)[None]).astype(np.uint8) for name in _TABLES
+    }

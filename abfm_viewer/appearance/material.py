@@ -1,22 +1,24 @@
-"""How light falls on surfaces: without colour of its own, so that colours on a surface are those of the colour bar.
+"""How light falls on surfaces: without colour of its own, so that colours on a surface are those of
+the colour bar.
 
-polyscope takes a material as four pictures of a lit ball, one for each primary colour and one for black, and blends
-them; materials that come with it tint highlights, which turns dark red into purple.
+polyscope takes a material as four pictures of a lit ball, one for each primary colour and one for
+black, and blends them; materials that come with it tint highlights, which turns dark red into
+purple.
 """
 
 import numpy as np
-from PIL import Image
+from numpy.typing import NDArray
 
 NAME = "abfm"
 _LIGHT = np.array([-0.35, 0.55, 0.76])
 _SIZE = 256
 
 
-def images() -> list[Image.Image]:
-    """The four pictures (red, green, blue, black); outside of the ball is the light of its rim.
+def pictures() -> NDArray[np.uint8]:
+    """Return pictures for red, green, blue and black; outside of the ball is the light of its rim.
 
-    At most 0.9 is reflected: polyscope's tone mapping brightens, and the light grey of an empty surface should stay
-    below white.
+    At most 0.9 is reflected: polyscope's tone mapping brightens, and the light grey of an empty
+    surface should stay below white.
     """
     x, y = np.meshgrid(np.linspace(-1, 1, _SIZE), np.linspace(1, -1, _SIZE))
     radius = np.maximum(np.hypot(x, y), 1)
@@ -27,4 +29,4 @@ def images() -> list[Image.Image]:
     pictures = np.zeros((4, _SIZE, _SIZE, 3), dtype=np.uint8)
     for channel in range(3):
         pictures[channel, :, :, channel] = np.round(255 * brightness ** (1 / 2.2))
-    return [Image.fromarray(picture) for picture in pictures]
+    return pictures

@@ -13,13 +13,13 @@ SIDE, COLUMNS = 96, 6
 
 @cache
 def vertices() -> dict[str, int]:
-    """How many vertices each sample has, by its name."""
+    """Return how many vertices each sample has, by its name."""
     table: dict[str, int] = json.loads(TABLE.read_text(encoding="utf-8"))
     return table
 
 
 def part(name: str) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Where a sample's picture is in the image: its left upper and right lower corner, 0 to 1."""
+    """Return where a sample's picture is: its left upper and right lower corner, 0 to 1."""
     number, rows = list(vertices()).index(name), -(-len(vertices()) // COLUMNS)
     column, row = number % COLUMNS, number // COLUMNS
     return (column / COLUMNS, row / rows), ((column + 1) / COLUMNS, (row + 1) / rows)

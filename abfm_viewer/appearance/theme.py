@@ -1,4 +1,4 @@
-"""Colours of the window in light and dark: text, panels, surfaces' ground, and the lines of plots."""
+"""Colours of the window, light and dark: text, panels, the surfaces' ground, lines of plots."""
 
 from dataclasses import dataclass
 
@@ -79,11 +79,11 @@ DARK = Palette(
 
 
 def linear(color: Color) -> tuple[float, float, float]:
-    """A colour in linear light, as polyscope wants it."""
+    """Return a colour in linear light, as polyscope wants it."""
     red, green, blue = (channel**2.2 for channel in color[:3])
     return red, green, blue
 
 
 def palette(theme: Theme) -> Palette:
-    """The colours of a theme."""
+    """Return the colours of a theme."""
     return LIGHT if theme == "light" else DARK

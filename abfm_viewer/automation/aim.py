@@ -1,13 +1,14 @@
-"""Where the vertices of the surfaces are in the window, and looking from where one of them can be clicked on."""
+"""Finds vertices of the surfaces in the window, and turns them to where they can be clicked on."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 
 from abfm import TriangleMesh
 from abfm.types import FloatArray
-from abfm_viewer.automation.input_events import InputEvents, Place
+from abfm_viewer.automation.input_events import Place
 from abfm_viewer.document.document import Front, Look, triple
 from abfm_viewer.errors import DriverError
 from abfm_viewer.scene.scene import Hit
@@ -17,15 +18,9 @@ _ZOOMS = (1.0, 4.0)  # at which to look
 _REACH = 12.0  # pixels from a vertex within which `nearest_vertex` finds it
 
 
-def act_on(
-    window: Window,
-    input: InputEvents,
-    vertices: Sequence[int],
-    surface: str,
-    modifiers: Sequence[str],
-    act: Callable[[list[Place]], None],
-) -> None:
-    """Do something with the places of vertices while keys are held, the first one turned to the front if need be.
+@contextmanager
+def aimed(window: Window, vertices: Sequence[int], surface: str) -> Iterator[list[Place]]:
+    """Give the places of vertices, the first one turned to the front for the block if need be.
 
     Raises DriverError if there is no such surface, or the first vertex is hidden from every side.
     """
@@ -33,20 +28,15 @@ def act_on(
     session, before = window.session, window.session.view.look
     turned = _turn_to(window, vertices[0], surface)
     try:
-        places = [place(window, vertex, surface) for vertex in vertices]
-        for modifier in modifiers:
-            input.hold(modifier, True)
-        act(places)
-        for modifier in modifiers:
-            input.hold(modifier, False)
+        yield [place(window, vertex, surface) for vertex in vertices]
     finally:
         if turned:
-            session.amend(view=replace(session.view, look=before))
+            session.editor.amend(view=replace(session.view, look=before))
     window.tick()
 
 
 def place(window: Window, vertex: int, surface: str) -> Place:
-    """Where a vertex, numbered as in the mesh file, is in the window."""
+    """Return where a vertex, numbered as in the mesh file, is in the window."""
     x, y, _ = window.scene.projected(surface, _position(window, vertex, surface))[0]
     return float(x), float(y)
 
@@ -55,26 +45,27 @@ def _turn_to(window: Window, vertex: int, surface: str) -> bool:
     """Turn the surfaces so that a vertex can be clicked on; whether that was needed."""
     if _sees(window, vertex, surface):
         return False
-    session, mesh = window.session, window.session.mesh
+    session, mesh = window.session, window.session.surface(surface).mesh
     before, target = session.view.look, triple(_position(window, vertex, surface))
     for direction in _directions(mesh, mesh.local_vertex(vertex)):
         axis = np.eye(3)[1] if abs(direction[1]) < 0.9 else np.eye(3)[2]
         up = axis - (axis @ direction) * direction
         up /= np.linalg.norm(up)
         for zoom in _ZOOMS:
-            session.amend(view=replace(session.view, look=Look(Front(triple(direction), triple(up)), zoom, target)))
+            look = Look(Front(triple(direction), triple(up)), zoom, target)
+            session.editor.amend(view=replace(session.view, look=look))
             window.tick()
             if _sees(window, vertex, surface):
                 return True
-    session.amend(view=replace(session.view, look=before))
-    raise DriverError(f"vertex {vertex} of the {surface} cannot be seen from any side: pick another")
+    session.editor.amend(view=replace(session.view, look=before))
+    raise DriverError(f"vertex {vertex} of the {surface} is hidden from all sides: pick another")
 
 
 def nearest_vertex(window: Window, position: Place) -> Hit | None:
-    """The vertex drawn nearest to a place of the window, hidden or not: for backends that draw nothing to pick."""
-    scene, mesh = window.scene, window.session.mesh
-    hits = []
+    """Return the vertex drawn nearest to a place: for backends that draw nothing to pick."""
+    scene, hits = window.scene, []
     for surface in scene.shown:
+        mesh = window.session.surface(surface).mesh
         x, y, depth = scene.projected(surface, mesh.vertices).T
         distances = np.hypot(x - position[0], y - position[1])
         near = np.flatnonzero((distances <= max(distances.min(), 1)) & (distances < _REACH))
@@ -85,7 +76,7 @@ def nearest_vertex(window: Window, position: Place) -> Hit | None:
 
 
 def _position(window: Window, vertex: int, surface: str) -> FloatArray:
-    scene, mesh = window.scene, window.session.mesh
+    scene, mesh = window.scene, window.session.surface(surface).mesh
     if surface not in scene.shown:
         raise DriverError(f"there is no surface {surface!r}; surfaces are {', '.join(scene.shown)}")
     position: FloatArray = mesh.vertices[mesh.local_vertex(vertex)]
@@ -98,11 +89,12 @@ def _sees(window: Window, vertex: int, surface: str) -> bool:
     if not (left < x < right and top < y < bottom):
         return False
     hit = window.scene.pick((x, y))
-    return hit is not None and hit.surface == surface and hit.vertex == window.session.mesh.local_vertex(vertex)
+    local = window.session.surface(surface).mesh.local_vertex(vertex)
+    return hit is not None and (hit.surface, hit.vertex) == (surface, local)
 
 
 def _directions(mesh: TriangleMesh, vertex: int) -> FloatArray:
-    """Unit vectors to look from at a vertex: its normal first, and others around it."""
+    """Return unit vectors to look from at a vertex: its normal first, and others around it."""
     corners = mesh.vertices[mesh.faces[(mesh.faces == vertex).any(axis=1)]]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
     normal /= max(float(np.linalg.norm(normal)), 1e-300)

@@ -1,7 +1,7 @@
 """`Driver`: drives the running app by widget label, as a user would, for tests and scripts.
 
-Every action is made of the events that a mouse and a keyboard send, with frames drawn between them, so what works here
-works by hand. Labels are exactly what the user reads on the widget.
+Every action is made of the events that a mouse and a keyboard send, with frames drawn between them,
+so what works here works by hand. Labels are exactly what the user reads on the widget.
 """
 
 import tempfile
@@ -11,17 +11,16 @@ from contextlib import ExitStack
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from abfm import TriangleMesh
 from abfm_viewer.automation import aim
 from abfm_viewer.automation.input_events import InputEvents, Place
 from abfm_viewer.automation.widget_search import WidgetSearch, middle
+from abfm_viewer.document.document import SIDES
 from abfm_viewer.errors import DriverError as DriverError
 from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.slider_scale import share_of
 from abfm_viewer.widgets.widget_record import KINDS, Widget, WidgetKind
 from abfm_viewer.window.open_window import open_window
 
@@ -35,19 +34,21 @@ _GRAB_PADDING = 2.0  # pixels, ImGui's own
 class Driver:
     """The app with a mouse and a keyboard of ours; a context manager.
 
-    It starts with an empty state folder, so without recent files or a question about unsaved work, and closes without
-    asking, also after an exception. Its `session` is the document and the solver, `input` the mouse and the keyboard;
-    `search.found` lists the widgets that were used.
+    It closes without asking, also after an exception. Its `session` is the document and the
+    solver, `input` the mouse and the keyboard; `search.found` lists the widgets that were used.
 
     Parameters
     ----------
     mesh : str, Path, TriangleMesh or None
         A mesh, project or result file, or a mesh; by default a bundled one.
     backend : str
-        "openGL3_egl" (no screen), "openGL3_glfw" (a window), "openGL_mock" (draws nothing, for logic; there a vertex
-        is picked though it is hidden). A process can have only one, any number of times.
+        "openGL3_egl" (no screen), "openGL3_glfw" (a window), "openGL_mock" (draws nothing, for
+        logic; there a vertex is picked though it is hidden). A process can have only one, any
+        number of times.
     size : (int, int)
         Of the window, in pixels.
+    state : Path or None
+        The folder of preferences, recent files and unsaved work; by default an empty one.
 
     Raises
     ------
@@ -70,32 +71,34 @@ class Driver:
         mesh: str | Path | TriangleMesh | None = None,
         backend: Backend = OFFSCREEN,
         size: tuple[int, int] = (1600, 1000),
+        state: Path | None = None,
     ) -> None:
-        self._mesh, self._backend, self._size = mesh, backend, size
+        self._mesh, self._backend, self._size, self._state = mesh, backend, size, state
         self._closing = ExitStack()
         self.input = InputEvents(self.frames)
 
     def __enter__(self) -> Self:
         running = ps.get_render_engine_backend_name() if ps.is_initialized() else self._backend
         if running != self._backend:
-            raise DriverError(f"this process draws with {running}, not {self._backend}: use one backend per process")
-        folder = Path(self._closing.enter_context(tempfile.TemporaryDirectory()))
+            what = f"this process draws with {running}, not {self._backend}"
+            raise DriverError(f"{what}: use one backend per process")
+        folder = self._state
+        if folder is None:
+            folder = Path(self._closing.enter_context(tempfile.TemporaryDirectory()))
         try:
-            self.window = open_window(self._mesh, self._backend, self._size, state_folder=folder)
+            self.window = open_window(self._mesh, self._backend, self._size, folder)
             self._closing.callback(self._close)
             if self._backend == "openGL_mock":
                 self.window.scene.pick = partial(aim.nearest_vertex, self.window)
             self.session = self.window.session
             self.search = WidgetSearch(self.window, self.input)
-            self.wait(lambda s: s.values("source") is not None and s.values("target") is not None, _SECONDS_TO_OPEN)
+            self.wait(lambda s: all(s.values(side) is not None for side in SIDES), _SECONDS_TO_OPEN)
         except BaseException:
             self._closing.close()
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._closing.close()
 
     def _close(self) -> None:
@@ -112,7 +115,8 @@ class Driver:
             self.window.tick()
 
     def wait(self, condition: Callable[[Session], object], seconds: float = 60) -> None:
-        """Draw frames at the app's rate until a condition on the session holds, and then two more, which show it.
+        """Draw frames at the app's rate until a condition on the session holds, and then two more,
+        which show it.
 
         Raises DriverError if it does not hold in time.
         """
@@ -121,8 +125,9 @@ class Driver:
             if time.monotonic() > end:
                 session, busy = self.session, self.window.shown.busy
                 raise DriverError(
-                    f"waited {seconds:g} s in vain; solver: {session.solver.reason or 'running'}, busy: "
-                    f"{busy or 'no'}, status line: {session.notice.text or 'empty'}, errors: {self.errors}"
+                    f"waited {seconds:g} s in vain; solver: {session.solver.reason or 'running'}, "
+                    f"busy: {busy or 'no'}, status line: {session.notices.latest.text or 'empty'}, "
+                    f"errors: {self.errors}"
                 )
             self.window.frame()
         self.frames(2)
@@ -135,17 +140,18 @@ class Driver:
         return dict(self.window.errors)
 
     def labels(self) -> list[str]:
-        """Labels of all widgets that are drawn now, in their order."""
+        """Return labels of all widgets that are drawn now, in their order."""
         self.frames(1)
         return list(dict.fromkeys(widget.label for widget in self.window.ui.widgets))
 
     def is_enabled(self, label: str, within: str = "") -> bool:
-        """Whether a widget can be used."""
+        """Return whether a widget can be used."""
         return self.search.find(label, within, must_be_enabled=False).enabled
 
     def text_of(self, label: str, within: str = "", kind: WidgetKind | None = None) -> str:
-        """What a box, combo, checkbox ("on", "off"), section ("open", "closed") or slider shows."""
-        return self.search.find(label, within, (kind,) if kind else None, must_be_enabled=False).text
+        """Return what a box, combo, slider, checkbox ("on", "off") or section ("open") shows."""
+        kinds = (kind,) if kind else None
+        return self.search.find(label, within, kinds, must_be_enabled=False).text
 
     def screenshot(self, path: str | Path) -> None:
         """Write a picture (PNG) of the whole window, panels included."""
@@ -158,9 +164,9 @@ class Driver:
     def click(self, label: str, within: str = "") -> None:
         """Click on a widget, or on an entry of a menu, which is opened before.
 
-        The label is what the user reads, or a parameter's name in files; `within` names the section, group, menu or
-        dialog, where it is there twice. Raises DriverError, as all that takes a label, if there is no such widget, it
-        is grey, or the label ambiguous.
+        The label is what the user reads, or a parameter's name in files; `within` names the
+        section, group, menu or dialog, where it is there twice. Raises DriverError, as all that
+        takes a label, if there is no such widget, it is grey, or the label ambiguous.
         """
         self._click(self.search.find(label, within, _CLICKABLE))
 
@@ -174,7 +180,7 @@ class Driver:
         self.frames(_FRAMES_TO_A_TOOLTIP)
 
     def menu(self, *labels: str) -> None:
-        """Open a menu and its submenus, and click on the last label: `menu("View", "Layout", "column")`."""
+        """Open menus and click on the last label: `menu("View", "Layout", "column")`."""
         for within, label in pairwise(("", *labels)):
             self._click(self.search.find(label, within, ("menu", "item")))
 
@@ -187,16 +193,19 @@ class Driver:
             self.input.key("enter")
 
     def drag(self, label: str, value: float, within: str = "") -> None:
-        """Drag a slider to a value in its own units (time: 0 to 2 tau), as exactly as its pixels allow.
+        """Drag a slider to a value in its own units (time: 0 to 2 tau), as exactly as its pixels
+        allow.
 
         Raises DriverError if the slider does not reach so far.
         """
         widget = self.search.find(label, within, ("slider",))
-        if not widget.low <= value <= widget.high:
-            raise DriverError(f"{label} goes from {widget.low:g} to {widget.high:g}, not to {value:g}")
-        now = min(max(float(widget.text), widget.low), widget.high)
+        ends = widget.ends
+        if ends.nearest(value) != value:
+            raise DriverError(f"{label} goes from {ends.low:g} to {ends.high:g}, not to {value:g}")
+        now = ends.nearest(float(widget.text))
         x, y = _on_slider(widget, value)
-        x += {widget.low: -_BEYOND, widget.high: _BEYOND}.get(value, 0)  # an end is reached for sure
+        # an end is reached for sure
+        x += {ends.low: -_BEYOND, ends.high: _BEYOND}.get(value, 0)
         self.search.point_at(widget, partial(_on_slider, value=now))
         self.input.drag(self.input.place, (x, y))
 
@@ -213,7 +222,7 @@ class Driver:
             self._click(widget)
 
     def key(self, chord: str) -> None:
-        """Press a key: "space", "ctrl+z", "left", "enter", "f1", "a", ...; DriverError if there is no such key."""
+        """Press a key: "space", "ctrl+z", "f1", "a", ...; DriverError if there is no such key."""
         self.input.key(chord)
 
     def _click(self, widget: Widget, count: int = 1) -> None:
@@ -222,31 +231,53 @@ class Driver:
 
     # Surfaces
 
-    def pick(self, vertex: int, surface: str = "source", modifiers: Sequence[str] = ("shift",)) -> None:
-        """Click on a vertex, numbered as in the mesh file; with Shift, as by default, this moves the active Gaussian.
+    def pick(
+        self, vertex: int, surface: str = "source", modifiers: Sequence[str] = ("shift",)
+    ) -> None:
+        """Click on a vertex, numbered as in the mesh file; with Shift, as by default, this moves
+        the active Gaussian.
 
-        A vertex that cannot be seen is turned to the front for the click; DriverError if every side hides it.
+        A vertex that cannot be seen is turned to the front for the click; DriverError if every side
+        hides it.
         """
         self.drag_on_surface([vertex], surface, modifiers)
 
     def drag_on_surface(
-        self, vertices: Sequence[int], surface: str = "source", modifiers: Sequence[str] = ("shift",)
+        self,
+        vertices: Sequence[int],
+        surface: str = "source",
+        modifiers: Sequence[str] = ("shift",),
     ) -> None:
-        """Press the mouse on the first vertex and drag it over the others; as `pick` where there is only one."""
-        aim.act_on(self.window, self.input, vertices, surface, modifiers, lambda places: self.input.drag(*places))
+        """Press the mouse on the first vertex, as `pick` does, and drag it over the others."""
+        with aim.aimed(self.window, vertices, surface) as places:
+            self._hold_and_do(modifiers, lambda: self.input.drag(*places))
 
-    def wheel(self, turns: float, vertex: int, surface: str = "source", modifiers: Sequence[str] = ("shift",)) -> None:
-        """Turn the wheel over a vertex; with Shift, as by default, this widens or narrows the active Gaussian."""
+    def wheel(
+        self,
+        turns: float,
+        vertex: int,
+        surface: str = "source",
+        modifiers: Sequence[str] = ("shift",),
+    ) -> None:
+        """Turn the wheel over a vertex; with Shift, as by default, this widens a Gaussian."""
 
-        def turn(places: Sequence[Place]) -> None:
+        def turn() -> None:
             self.input.move(*places[0])
             self.input.wheel(turns)
 
-        aim.act_on(self.window, self.input, [vertex], surface, modifiers, turn)
+        with aim.aimed(self.window, [vertex], surface) as places:
+            self._hold_and_do(modifiers, turn)
+
+    def _hold_and_do(self, modifiers: Sequence[str], act: Callable[[], None]) -> None:
+        for modifier in modifiers:
+            self.input.hold(modifier, True)
+        act()
+        for modifier in modifiers:
+            self.input.hold(modifier, False)
 
 
 def _handle(widget: Widget) -> Place:
-    """Where to click: the rectangles of some kinds hold their labels, too, of which the end may be out of view."""
+    """Return where to click: rectangles of some kinds hold labels, whose end may be out of view."""
     left, top, _, bottom = widget.rect
     if widget.kind == "checkbox":
         return left + (bottom - top) / 2, (top + bottom) / 2
@@ -254,8 +285,8 @@ def _handle(widget: Widget) -> Place:
 
 
 def _on_slider(widget: Widget, value: float) -> Place:
-    """Where on a slider a value is; the grab's half width is left free at both ends, as ImGui does."""
-    share = share_of(value, widget.low, widget.high, widget.log)
+    """Return where on a slider a value is; ImGui leaves half the grab free at both ends."""
+    share = widget.ends.share_of(value)
     left, _, right, _ = widget.rect
     inset = widget.grab / 2 + _GRAB_PADDING
     return left + inset + share * (right - left - 2 * inset), middle(widget)[1]

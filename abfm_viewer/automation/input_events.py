@@ -15,13 +15,14 @@ _MODIFIERS = {
     "shift": (imgui.ImGuiMod_Shift, imgui.ImGuiKey_LeftShift),
     "alt": (imgui.ImGuiMod_Alt, imgui.ImGuiKey_LeftAlt),
 }
-_KEYS = {"left": "LeftArrow", "right": "RightArrow", "up": "UpArrow", "down": "DownArrow", "esc": "Escape"}
+_ARROWS = ("left", "right", "up", "down")
+_KEYS = {"esc": "Escape"} | {name: f"{name.capitalize()}Arrow" for name in _ARROWS}
 _NEVER, _ALWAYS = 0.0, 1e9  # seconds within which two clicks are one double click
 _OUTSIDE = (-1.0, -1.0)
 
 
 class InputEvents:
-    """Sends what a user's hands would send, and draws `frames` of them; `place` is where the mouse is."""
+    """Sends what a user's hands would send, and draws `frames` of it; the mouse is at `place`."""
 
     def __init__(self, frames: Callable[[int], None]) -> None:
         self._frames = frames
@@ -42,7 +43,7 @@ class InputEvents:
         self._frames(2)
 
     def click(self, count: int = 1) -> None:
-        """Click where the mouse is, or click twice for a double click, however slow the frames are."""
+        """Click where the mouse is; twice is a double click, however slow the frames are."""
         io = imgui.GetIO()
         seconds = io.MouseDoubleClickTime
         for number in range(count):
@@ -52,13 +53,14 @@ class InputEvents:
         io.MouseDoubleClickTime = seconds
 
     def drag(self, *places: Place, steps: int = 3, button: int = 0) -> None:
-        """Press a button at the first place, move over the others in steps, and let go at the last."""
+        """Press a button at the first place, move over the others in steps, and let go."""
         self.move(*places[0])
         self.press(button)
         for start, end in pairwise(places):
             for step in range(1, steps + 1):
                 share = step / steps
-                self.move(start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1]))
+                x, y = (a + share * (b - a) for a, b in zip(start, end, strict=True))
+                self.move(x, y)
         self.release(button)
 
     def wheel(self, amount: float) -> None:
@@ -77,7 +79,7 @@ class InputEvents:
         self._frames(1)
 
     def key(self, chord: str) -> None:
-        """Press and release a key such as "space", "ctrl+z" or "a"; DriverError if there is no such key."""
+        """Press and release a key such as "space", "ctrl+z" or "a"; DriverError if none is."""
         *modifiers, name = chord.lower().split("+")
         known = _KEYS.get(name, name.upper() if len(name) <= 2 else name.capitalize())
         try:
@@ -97,7 +99,8 @@ class InputEvents:
         self._frames(2)
 
     def let_go(self) -> None:
-        """Release everything, which also takes the keyboard from boxes and closes menus, and move the mouse away.
+        """Release everything, which also takes the keyboard from boxes and closes menus, and move
+        the mouse away.
 
         To be called when nothing is drawn any more that a click could hit.
         """

@@ -1,5 +1,6 @@
-"""Finds widgets by their label as a user would: opens tabs and sections, looks into menus, scrolls."""
+"""Finds widgets by label as a user would: opens tabs, sections and menus, and scrolls."""
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
@@ -25,9 +26,13 @@ class WidgetSearch:
         self.found: list[Widget] = []
 
     def find(
-        self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None, must_be_enabled: bool = True
+        self,
+        label: str,
+        within: str = "",
+        kinds: Sequence[WidgetKind] | None = None,
+        must_be_enabled: bool = True,
     ) -> Widget:
-        """A widget in view, of the kinds that it may be; DriverError if it is grey, or none or several are there."""
+        """Return a widget in view; DriverError if it is grey, or none or several are there."""
         self._window.tick()
         widget = self._sought(label, within, kinds)
         if must_be_enabled and not widget.enabled:
@@ -37,7 +42,7 @@ class WidgetSearch:
         return widget
 
     def point_at(self, widget: Widget, place: Callable[[Widget], Place]) -> None:
-        """Move the mouse to a place of a widget, which may itself move meanwhile as things above it change."""
+        """Move the mouse to a place of a widget, which may move as things above it change."""
         for _ in range(_MOST_CHASES):
             self._input.move(*place(widget))
             again = self._again(widget)
@@ -45,30 +50,53 @@ class WidgetSearch:
                 return
             widget = again
 
-    def drawn(self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None) -> Widget | None:
-        """A label's widget in the latest frame, of several the only enabled one; DriverError if several are."""
-        candidates = [w for w in self._window.ui.widgets if w.is_called(label) and (not kinds or w.kind in kinds)]
+    def drawn(
+        self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None
+    ) -> Widget | None:
+        """Return a label's widget in the latest frame; DriverError if several are enabled."""
+        usable = self._candidates(label, within, kinds)
+        if not usable:
+            return None
+        if len({widget.section for widget in usable}) > 1:
+            hint = "say within= which"
+        elif len(usable) > 1 and sorted(widget.kind for widget in usable) != ["box", "slider"]:
+            hint = "labels must differ there"
+        else:
+            return max(usable, key=lambda widget: widget.kind == "box")
+        sections = ", ".join(map(repr, dict.fromkeys(widget.section for widget in usable)))
+        raise DriverError(f"{label!r} is there {len(usable)} times, in {sections}: {hint}")
+
+    def _candidates(
+        self, label: str, within: str, kinds: Sequence[WidgetKind] | None
+    ) -> list[Widget]:
+        """Return what a label may mean: no tab, as the button Match is none, nor what is grey, if
+        there is anything else.
+        """
+        found = [widget for widget in self._drawn() if widget.is_called(label)]
+        if kinds:
+            found = [widget for widget in found if widget.kind in kinds]
         if within:
-            candidates = [w for w in candidates if within == w.section or within in w.section.split("/")]
-        candidates = [w for w in candidates if w.kind != "tab"] or candidates  # the button Match is no tab
-        usable = [w for w in candidates if w.enabled] or candidates
-        if len({w.section for w in usable}) > 1:
-            raise DriverError(f"{label!r} is there {len(usable)} times, in {_sections(usable)}: say within= which")
-        if len(usable) > 1 and sorted(w.kind for w in usable) != ["box", "slider"]:
-            raise DriverError(
-                f"{label!r} is there {len(usable)} times in {_sections(usable)}: labels must differ there"
-            )
-        return max(usable, key=lambda w: w.kind == "box") if usable else None
+            found = [widget for widget in found if widget.is_within(within)]
+        found = [widget for widget in found if widget.kind != "tab"] or found
+        return [widget for widget in found if widget.enabled] or found
+
+    def _drawn(self, kind: WidgetKind | None = None) -> list[Widget]:
+        """Return the widgets, or those of a kind, in the latest frame."""
+        widgets = self._window.ui.widgets
+        return [widget for widget in widgets if kind in (None, widget.kind)]
 
     def _sought(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget:
         seen: dict[str, None] = {}  # labels, in their order
         for _ in chain([None], self._frames_of_a_dialog(), self._openings(within, kinds)):
             if (widget := self.drawn(label, within, kinds)) is not None:
                 return widget
-            seen |= dict.fromkeys(name for w in self._window.ui.widgets for name in (w.label, w.name) if name)
-        nearest = get_close_matches(label, seen, n=3)
-        hint = f"did you mean {' or '.join(map(repr, nearest))}" if nearest else f"labels are {', '.join(seen)}"
-        raise DriverError(f"there is no {label!r}{f' in {within!r}' if within else ''} in the window; {hint}")
+            for widget in self._drawn():
+                seen |= dict.fromkeys(filter(None, (widget.label, widget.name)))
+        hint = f"labels are {', '.join(seen)}"
+        if nearest := get_close_matches(label, seen, n=3):
+            hint = f"did you mean {' or '.join(map(repr, nearest))}"
+        where = f" in {within!r}" if within else ""
+        raise DriverError(f"there is no {label!r}{where} in the window; {hint}")
 
     def _frames_of_a_dialog(self) -> Iterator[None]:
         end = time.monotonic() + _SECONDS_TO_READ_A_FOLDER
@@ -77,9 +105,9 @@ class WidgetSearch:
             yield
 
     def _openings(self, within: str, kinds: Sequence[WidgetKind] | None) -> Iterator[None]:
-        """Open what is closed, one after the other, the one asked for first; what was opened is closed again."""
-        of_menus = set(kinds or ()) <= {"menu", "item"} and kinds is not None
-        if of_menus or any(w.kind == "menu" and w.label == within for w in self._window.ui.widgets):
+        """Open and close one thing after the other, the one asked for first."""
+        of_menus = kinds is not None and set(kinds) <= {"menu", "item"}
+        if of_menus or within in [menu.label for menu in self._drawn("menu")]:
             yield from self._open_menus()
         if not of_menus:
             yield from self._open_sections(within, set())
@@ -87,12 +115,15 @@ class WidgetSearch:
             yield from self._open_menus()
 
     def _open_menus(self) -> Iterator[None]:
-        for menu in [w for w in self._window.ui.widgets if w.kind == "menu" and not w.section and w.enabled]:
+        for menu in self._drawn("menu"):
+            if menu.section or not menu.enabled:
+                continue
             self._open(menu)
             yield
-            for submenu in [w for w in self._window.ui.widgets if w.kind == "menu" and w.section == menu.label]:
-                self._open(submenu)
-                yield
+            for submenu in self._drawn("menu"):
+                if submenu.section == menu.label:
+                    self._open(submenu)
+                    yield
             self._input.key("esc")
             self._input.key("esc")
 
@@ -101,33 +132,38 @@ class WidgetSearch:
         self._input.click()
 
     def _open_sections(self, within: str, tried: set[str]) -> Iterator[None]:
-        while closed := [w for w in self._window.ui.widgets if _is_closed(w) and f"{w.section}/{w.label}" not in tried]:
-            section = min(closed, key=lambda w: w.label != within)
-            tried.add(f"{section.section}/{section.label}")
+        def closed() -> list[Widget]:
+            sections = [one for one in self._drawn("section") if one.path not in tried]
+            return [section for section in sections if section.text == "closed" and section.enabled]
+
+        while found := closed():
+            section = min(found, key=lambda section: section.label != within)
+            tried.add(section.path)
             self._toggle(section)
             yield
             yield from self._open_sections(within, tried)
             self._toggle(section)
 
     def _open_tabs(self, within: str) -> Iterator[None]:
-        tabs = [w for w in self._window.ui.widgets if w.kind == "tab" and w.enabled]
-        for tab in sorted((w for w in tabs if w.text == "closed"), key=lambda w: w.label != within):
-            self._open(tab)
-            yield
-            yield from self._open_sections(within, set())
-        for tab in (w for w in tabs if w.text == "open"):
-            self._open(tab)
+        tabs = [tab for tab in self._drawn("tab") if tab.enabled]
+        for tab in sorted(tabs, key=lambda tab: tab.label != within):
+            if tab.text == "closed":
+                self._open(tab)
+                yield
+                yield from self._open_sections(within, set())
+        for tab in tabs:
+            if tab.text == "open":
+                self._open(tab)
 
     def _toggle(self, section: Widget) -> None:
         self.point_at(self._scrolled_to(section), partial(middle, share=0.2))
         self._input.click()
 
     def _again(self, widget: Widget) -> Widget | None:
-        name = (widget.label, widget.section, widget.kind)
-        return next((w for w in self._window.ui.widgets if (w.label, w.section, w.kind) == name), None)
+        return next((one for one in self._drawn(widget.kind) if one.path == widget.path), None)
 
     def _scrolled_to(self, widget: Widget) -> Widget:
-        """The widget after the part of the window that it is in was scrolled so far that it can be seen whole."""
+        """Return the widget after the part of the window that it is in was scrolled to show it."""
         for turn in range(_MOST_TURNS):
             left, top, right, bottom = widget.area
             beyond = max(top - widget.rect[1], 0.0) or min(bottom - widget.rect[3], 0.0)
@@ -135,7 +171,8 @@ class WidgetSearch:
             if beyond == 0 or (not fits and top <= middle(widget)[1] <= bottom):
                 return widget
             self._input.move(left + 0.02 * (right - left), (top + bottom) / 2)
-            self._input.wheel((1 if beyond > 0 else -1) * max(abs(beyond) / _PIXELS_PER_TURN, 0.3))
+            turns = max(abs(beyond) / _PIXELS_PER_TURN, 0.3)
+            self._input.wheel(math.copysign(turns, beyond))
             again = self._again(widget)
             if again is None or (turn > 3 and again.rect == widget.rect):
                 break
@@ -144,14 +181,6 @@ class WidgetSearch:
 
 
 def middle(widget: Widget, share: float = 0.5) -> Place:
-    """A point at half a widget's height, and at a share of its width."""
+    """Return a point at half a widget's height, and at a share of its width."""
     left, top, right, bottom = widget.rect
     return left + share * (right - left), (top + bottom) / 2
-
-
-def _sections(widgets: Sequence[Widget]) -> str:
-    return ", ".join(repr(section) for section in dict.fromkeys(widget.section for widget in widgets))
-
-
-def _is_closed(widget: Widget) -> bool:
-    return widget.kind == "section" and widget.text == "closed" and widget.enabled

@@ -3,54 +3,95 @@
 import argparse
 import json
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
-import abfm
 from abfm import Control, TriangleMesh, load_mesh
-from abfm_viewer import automation, signals
+from abfm_viewer import signals
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.interrupt import Kept, cancelled_by_signals
 
-SUMMARY = "measure the solver against the paper's algorithm and plain L-BFGS, or how often it succeeds"
+SUMMARY = (
+    "measure the solver against the paper's algorithm and plain L-BFGS, or how often it succeeds"
+)
 DESCRIPTION = """\
-Measure the solver against the paper's algorithm and plain L-BFGS, how it scales, and what its gradient costs.
+Measure the solver against the paper's algorithm and plain L-BFGS, how it scales, and what its
+gradient costs.
 
-Takes about four minutes, alone on the machine: most of it is the time that the baselines get. With --viewer it measures
-the window instead: how long it takes to open, what it costs the solver, and how even its frames are during a solve.
+Takes about four minutes, alone on the machine: most of it is the time that the baselines get. With
+--viewer it measures the window instead: how long it takes to open, what it costs the solver, and
+how even its frames are during a solve.
 
-With --success it tries random problems on many meshes, near and far, wide and narrow, and counts how often the solver
-succeeds with its default parameters and how often it did as it was before: about ten minutes. Every problem is the same
-whatever else runs. After Ctrl-C it reports what is finished.
+With --success it tries random problems on many meshes, near and far, wide and narrow, and counts
+how often the solver succeeds with its default parameters and how often it did as it was before:
+about ten minutes. Every problem is the same whatever else runs. After Ctrl-C it reports what is
+finished.
 
-With --arrival it measures how soon a match is there on ever finer meshes, now and as it was before: a few minutes.
+With --arrival it measures how soon a match is there on ever finer meshes, now and as it was before:
+a few minutes.
 
 Examples:
   abfm bench --json > bench.json
   abfm bench --arrival
   abfm bench --viewer
   abfm bench --success
-  abfm bench --success --only-given --mesh a.off --mesh b.off --problems 10 --part 1/2 --json > part-1.json
+  abfm bench --success --only-given --mesh a.off --problems 10 --part 1/2 --json > 1.json
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "--seconds", type=options.positive, default=60.0, metavar="S", help="time for each baseline (default: 60)"
+        "--seconds",
+        type=options.positive,
+        default=60.0,
+        metavar="S",
+        help="time for each baseline (default: 60)",
     )
-    parser.add_argument("--viewer", action="store_true", help="measure the window (off the screen where there is none)")
-    parser.add_argument("--success", action="store_true", help="count on random problems how often matches succeed")
-    parser.add_argument("--arrival", action="store_true", help="measure how soon a match arrives on ever finer meshes")
+    parser.add_argument(
+        "--viewer",
+        action="store_true",
+        help="measure the window (off the screen where there is none)",
+    )
+    parser.add_argument(
+        "--success", action="store_true", help="count on random problems how often matches succeed"
+    )
+    parser.add_argument(
+        "--arrival",
+        action="store_true",
+        help="measure how soon a match arrives on ever finer meshes",
+    )
     group = parser.add_argument_group("with --success")
-    group.add_argument("--mesh", action="append", default=[], metavar="FILE", help="try this mesh too; may be repeated")
-    group.add_argument("--only-given", action="store_true", help="leave out the bundled and generated meshes")
     group.add_argument(
-        "--problems", type=options.count, default=6, metavar="N", help="problems on each mesh (default: 6)"
+        "--mesh",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="try this mesh too; may be repeated",
     )
-    group.add_argument("--seed", type=options.seed, default=0, help="another number gives other problems (default: 0)")
     group.add_argument(
-        "--part", type=_part, default=(1, 1), metavar="K/N", help="only every N-th problem, from the K-th"
+        "--only-given", action="store_true", help="leave out the bundled and generated meshes"
+    )
+    group.add_argument(
+        "--problems",
+        type=options.count,
+        default=6,
+        metavar="N",
+        help="problems on each mesh (default: 6)",
+    )
+    group.add_argument(
+        "--seed",
+        type=options.seed,
+        default=0,
+        help="another number gives other problems (default: 0)",
+    )
+    group.add_argument(
+        "--part",
+        type=_part,
+        default=(1, 1),
+        metavar="K/N",
+        help="only every N-th problem, from the K-th",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quiet", action="store_true", help="no progress")
@@ -58,6 +99,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure and print."""
+    if find_spec("laboratory") is None:
+        raise UsageError(
+            "measurements are run from the repository, and this is an installation without it: "
+            "clone it, and type ./run once, then .venv/bin/abfm bench"
+        )
+    import laboratory
+
     kept, control = Kept(), Control()
 
     def tell(line: str) -> None:
@@ -65,33 +113,41 @@ def run(arguments: argparse.Namespace) -> int:
             print(line, file=sys.stderr, flush=True)
 
     if arguments.success:
-        meshes = _meshes(arguments, {} if arguments.only_given else abfm.benchmark.success.success_meshes())
-        problems = {"seed": arguments.seed, "count": arguments.problems, "part": arguments.part}
+        meshes = _meshes(
+            arguments, {} if arguments.only_given else laboratory.success.success_meshes()
+        )
+        selection = laboratory.success.Selection(arguments.seed, arguments.problems, arguments.part)
         with cancelled_by_signals(control, "with what was finished") as kept:
-            report = abfm.benchmark.success.run_success(meshes, tell, stopped=lambda: control.cancelled, **problems)
-        text = abfm.benchmark.success.format_success(report)
+            report = laboratory.success.run_success(
+                meshes, tell, selection, stopped=lambda: control.cancelled
+            )
+        text = laboratory.success.format_success(report)
     elif arguments.arrival:
-        report = abfm.benchmark.run_arrival(tell)
-        text = abfm.benchmark.format_arrival(report)
+        report = laboratory.run_arrival(tell)
+        text = laboratory.format_arrival(report)
     elif arguments.viewer:
-        report = automation.window_benchmark.run(tell)
-        text = automation.window_benchmark.format_report(report)
+        report = laboratory.window.run(tell)
+        text = laboratory.window.format_report(report)
     else:
-        report = abfm.benchmark.run(tell, seconds=arguments.seconds)
-        text = abfm.benchmark.format_report(report)
+        report = laboratory.run(tell, laboratory.Settings(arguments.seconds))
+        text = laboratory.format_report(report)
     print(json.dumps(report, allow_nan=False) if arguments.json else text)
     if kept.number is not None:
         return signals.status(kept.number)
     return 0
 
 
-def _meshes(arguments: argparse.Namespace, meshes: dict[str, TriangleMesh]) -> dict[str, TriangleMesh]:
-    """These, and those that a command line gives; a file's name is the mesh's."""
+def _meshes(
+    arguments: argparse.Namespace, meshes: dict[str, TriangleMesh]
+) -> dict[str, TriangleMesh]:
+    """Add the meshes that a command line gives to these; a file's name is the mesh's."""
     found = dict(meshes)
     for path in arguments.mesh:
         name = Path(path).name
         if name in found:
-            raise UsageError(f"two meshes are called {name}: rename one, as problems are told apart by the name")
+            raise UsageError(
+                f"two meshes are called {name}: rename one, as problems are told apart by the name"
+            )
         found[name] = load_mesh(path, largest_component=True)
     if not found:
         raise UsageError("--only-given needs a --mesh")
@@ -99,7 +155,7 @@ def _meshes(arguments: argparse.Namespace, meshes: dict[str, TriangleMesh]) -> d
 
 
 def _part(text: str) -> tuple[int, int]:
-    """A part of a whole: ``1/2``."""
+    """Return a part of a whole: ``1/2``."""
     k, slash, n = text.partition("/")
     if not (slash and options.count(k) <= options.count(n)):
         raise argparse.ArgumentTypeError(f"{text!r} is not a part such as 1/2")

@@ -16,7 +16,8 @@ _COMMANDS = {
     "bench": bench,
 }
 _DESCRIPTION = """\
-Match two functions on a triangle mesh: find the vector field whose flow carries the one to the other.
+Match two functions on a triangle mesh: find the vector field whose flow carries the one to the
+other.
 
 Try `abfm demo` first; then
   abfm match mesh.off --source gaussian:vertex=10 --target gaussian:vertex=200 --out match.npz

@@ -5,7 +5,7 @@ import json
 import sys
 from pathlib import Path
 
-from abfm import Match, Parameters, load_mesh
+from abfm import Match, Parameters, Problem, load_mesh
 from abfm.assets import asset_path
 from abfm.errors import printable
 from abfm.functions import function
@@ -17,10 +17,11 @@ from abfm_viewer.session.opening import document_of_result
 
 SUMMARY = "the main job on a bundled mesh: a self-test that needs no screen"
 DESCRIPTION = """\
-Match two Gaussians on a bundled mesh with default parameters, and write the result, a picture and a movie of it.
+Match two Gaussians on a bundled mesh with default parameters, and write the result, a picture and a
+movie of it.
 
-The exit status is 1 when the mismatch ends above 0.05. Where the machine has no OpenGL, only picture and movie are
-missing.
+The exit status is 1 when the mismatch ends above 0.05. Where the machine has no OpenGL, only
+picture and movie are missing.
 
 Example:
   abfm demo --out out
@@ -34,9 +35,15 @@ SOURCE, TARGET = "gaussian:vertex=394,width=0.2", "gaussian:vertex=454,width=0.2
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "--out", type=Path, default=Path("out"), metavar="DIR", help="folder, made if missing (default: out)"
+        "--out",
+        type=Path,
+        default=Path("out"),
+        metavar="DIR",
+        help="folder, made if missing (default: out)",
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object about the result")
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object about the result"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
@@ -47,16 +54,18 @@ def run(arguments: argparse.Namespace) -> int:
     for path in (result, *drawings):
         outputs.check(path, [path.suffix])
     mesh = load_mesh(asset_path("human_A.off"))
-    outcome = solve(mesh, function(mesh, SOURCE), function(mesh, TARGET), Parameters(), [result], arguments.quiet)
-    drawn, why_not = (False, "") if outcome.signal is not None else _draw(outcome.match, *drawings)
-    if why_not:
-        print(f"note: no picture and no movie: {why_not}", file=sys.stderr)
+    problem = Problem(mesh, function(mesh, SOURCE), function(mesh, TARGET), Parameters())
+    outcome = solve(problem, [result], arguments.quiet)
+    drawn = outcome.signal is None and _draw(outcome.match, *drawings)
     if arguments.json:
         picture, movie = (str(path) if drawn else None for path in drawings)
         shown = {"picture": picture, "movie": movie, "largest_mismatch": LARGEST_MISMATCH}
         print(json.dumps({"source": SOURCE, "target": TARGET, **outcome.to_dict(), **shown}))
     else:
-        print(outcome.summary() + ("".join(f", {printable(path)}" for path in drawings) if drawn else ""))
+        print(
+            outcome.summary()
+            + ("".join(f", {printable(path)}" for path in drawings) if drawn else "")
+        )
     if outcome.signal is not None:
         return outcome.status
     if outcome.match.mismatch > LARGEST_MISMATCH:
@@ -65,13 +74,16 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _draw(match: Match, picture: Path, movie: Path) -> tuple[bool, str]:
-    """Whether a picture and a movie were drawn, or why not."""
+def _draw(match: Match, picture: Path, movie: Path) -> bool:
+    """Draw a picture and a movie, or say why not; return whether they were drawn."""
     try:
         outputs.write_picture(picture, pictures.match_picture(match))
         document, known = document_of_result(match, movie.with_suffix(".npz"))
         with pictures.DocumentRenderer(document, known, _MOVIE_SIZE) as renderer:
-            pictures.write_movie(movie, renderer.frames(0.0, match.parameters.tau, _FRAMES, 0.0), _FPS, _FRAMES)
+            pictures.write_movie(
+                movie, renderer.frames(0.0, match.parameters.tau, _FRAMES, 0.0), _FPS, _FRAMES
+            )
     except DrawingError as error:
-        return False, str(error)
-    return True, ""
+        print(f"note: no picture and no movie: {error}", file=sys.stderr)
+        return False
+    return True

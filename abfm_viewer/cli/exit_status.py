@@ -10,7 +10,7 @@ from contextlib import suppress
 from abfm import AbfmError
 from abfm.errors import LONGEST, one_line
 from abfm.io import remove_temporary
-from abfm.numerics import own_process
+from abfm.workers import process
 from abfm_viewer import signals
 from abfm_viewer.cli.streams import lasting_streams
 
@@ -22,7 +22,9 @@ class UsageError(Exception):
 
 
 def exit_status(program: str, run: Callable[[], int]) -> int:
-    """Run a program and return its exit status; bad input gives 2 and one line, Ctrl-C gives 130."""
+    """Run a program and return its exit status; bad input gives 2 and one line, Ctrl-C gives
+    130.
+    """
     try:
         return run()
     except KeyboardInterrupt as error:
@@ -36,15 +38,14 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
 def program_status(program: str, run: Callable[[], int]) -> int:
     """Run a program to which the whole process belongs, and return its exit status.
 
-    What it prints never ends it: it goes on when nobody reads any more, and letters that the encoding lacks are
-    escaped.
-    The process ends as soon as everything is tidied up: taking the interpreter apart takes seconds on large meshes, and
-    a signal in the middle of that is not safe.
+    What it prints never ends it: it goes on when nobody reads any more, and letters that the
+    encoding lacks are escaped. The process ends as soon as everything is tidied up: taking the
+    interpreter apart takes seconds on large meshes, and a signal in the middle of that is not safe.
     """
     out, errors = lasting_streams()
     ended: list[int] = []
     atexit.register(_end_at_once, ended)  # what is registered later comes before
-    with signals.tidied(remove_temporary), signals.tidied(own_process.end_all):
+    with signals.tidied(remove_temporary), signals.tidied(process.end_all):
         try:
             status = exit_status(program, run)
         except SystemExit as error:  # argparse has printed its help

@@ -14,7 +14,8 @@ from abfm_viewer.cli import options
 
 SUMMARY = "what a mesh is and what the solver would object to"
 DESCRIPTION = """\
-Say what a mesh is, what was repaired, and what the solver would object to (then the exit status is 2).
+Say what a mesh is, what was repaired, and what the solver would object to (then the exit status is
+2).
 
 Example:
   abfm info spot.obj
@@ -45,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def describe(mesh: TriangleMesh) -> dict[str, Any]:
-    """Counts, topology and sizes of a mesh; lengths are in the file's unit."""
+    """Return the counts, topology and sizes of a mesh; lengths are in the file's unit."""
     lengths = abfm.calculus.edge_lengths(mesh)
     return {
         "vertices": len(mesh.vertices),
@@ -56,7 +57,11 @@ def describe(mesh: TriangleMesh) -> dict[str, Any]:
         "area": mesh.length_scale**2,
         "length_scale": mesh.length_scale,
         "bounding_box": [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()],
-        "edge_lengths": {"shortest": lengths.min(), "median": float(np.median(lengths)), "longest": lengths.max()},
+        "edge_lengths": {
+            "shortest": lengths.min(),
+            "median": float(np.median(lengths)),
+            "longest": lengths.max(),
+        },
         "edge_ratio": lengths.max() / lengths.min(),
         "symmetries": _symmetries(mesh),
         "messages": list(mesh.messages),
@@ -64,7 +69,9 @@ def describe(mesh: TriangleMesh) -> dict[str, Any]:
 
 
 def _symmetries(mesh: TriangleMesh) -> dict[str, dict[str, Any] | None]:
-    """What `permuted:mirror(...)` and `permuted:rotation(...)` would compose with, as far as the mesh has it."""
+    """Return what `permuted:mirror(...)` and `permuted:rotation(...)` would compose with, as far as
+    the mesh has it.
+    """
     found: dict[str, dict[str, Any] | None] = {}
     for kind in KINDS:
         try:
@@ -97,11 +104,17 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         "genus": facts["genus"],
         "boundary": f"{loops} loop{'s' if loops > 1 else ''}" if loops else "none (closed)",
         "area": f"{facts['area']:.6g}",
-        "length scale": f"{facts['length_scale']:.6g}   (square root of the area: the unit of Gaussian widths)",
+        "length scale": f"{facts['length_scale']:.6g}   (square root of the area: the unit of "
+        "Gaussian widths)",
         "bounding box": f"{box[0]}  to  {box[1]}",
-        "edge lengths": f"{lengths['shortest']:.4g} to {lengths['longest']:.4g}, median {lengths['median']:.4g}",
+        "edge lengths": f"{lengths['shortest']:.4g} to {lengths['longest']:.4g}, median "
+        f"{lengths['median']:.4g}",
         "edge ratio": f"{facts['edge_ratio']:.4g}   (longest to shortest)",
         **{kind: _symmetry_words(kind, symmetry) for kind, symmetry in facts["symmetries"].items()},
     }
     lines = [f"  {name:<14}{value}" for name, value in rows.items()]
-    return lines + [f"  note: {message}" for message in facts["messages"]] + ["  the solver has no objection"]
+    return (
+        lines
+        + [f"  note: {message}" for message in facts["messages"]]
+        + ["  the solver has no objection"]
+    )

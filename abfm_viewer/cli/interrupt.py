@@ -21,8 +21,11 @@ class Kept:
 
 
 @contextmanager
-def cancelled_by_signals(control: Control, what: str = "with the best result so far") -> Iterator[Kept]:
-    """Turn the first signal inside the block into a cancellation, and say on stderr with what it stops.
+def cancelled_by_signals(
+    control: Control, what: str = "with the best result so far"
+) -> Iterator[Kept]:
+    """Turn the first signal inside the block into a cancellation, and say on stderr with what it
+    stops.
 
     The second one leaves at once, unless it comes with the first.
     """

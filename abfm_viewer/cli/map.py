@@ -1,4 +1,6 @@
-"""`abfm map`: the map that a result's flow makes of the surface, to use, to measure and to carry things along."""
+"""`abfm map`: the map that a result's flow makes of the surface, to use, to measure and to carry
+things along.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +17,9 @@ from abfm.errors import printable
 from abfm.functions.permuted import vertex_map
 from abfm.functions.values_file import read_table
 from abfm.io import write_atomically
-from abfm.maps.accuracy import BOUNDS, map_accuracy
+from abfm.maps.accuracy import BOUNDS, MapAccuracy, map_accuracy
+from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import map_quality
-from abfm.maps.surface_points import SurfacePoints, map_vertices_to_nearest
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.files import outputs
 
@@ -26,9 +28,10 @@ if TYPE_CHECKING:
 
 SUMMARY = "the map that a result's flow makes: as a file, against a known one, for textures"
 DESCRIPTION = """\
-Write the map of a result's flow: for every vertex the vertex where its value came from. Such a file works in functions,
-permuted:map.txt(coordinate:x), and as a --truth. How far the map leaves the surface, and which share of the faces it
-folds, is always told, with a warning on stderr where it is too much to trust the map.
+Write the map of a result's flow: for every vertex the vertex where its value came from. Such a file
+works in functions, permuted:map.txt(coordinate:x), and as a --truth. How far the map leaves the
+surface, and which share of the faces it folds, is always told, with a warning on stderr where it is
+too much to trust the map.
 
 Examples:
   abfm map match.npz --out map.txt
@@ -44,7 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("input", metavar="RESULT.npz", help="what `abfm match` wrote")
     parser.add_argument("--out", type=Path, metavar="FILE", help="a table: .txt, .csv or .npy")
     parser.add_argument(
-        "--time", type=float, metavar="T", help="time of the flow (default: tau); below 0 for its inverse"
+        "--time",
+        type=float,
+        metavar="T",
+        help="time of the flow (default: tau); below 0 for its inverse",
     )
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
@@ -53,12 +59,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write these values, a row per vertex, carried along: texture coordinates, colours",
     )
     what.add_argument(
-        "--functional-map", type=int, metavar="K", help="write the flow's matrix in the first K eigenfunctions"
+        "--functional-map",
+        type=int,
+        metavar="K",
+        help="write the flow's matrix in the first K eigenfunctions",
     )
     parser.add_argument(
         "--truth",
         metavar="MAP",
-        help="measure geodesic errors against this map: a file of vertex numbers, mirror or rotation (as found on the "
+        help="measure geodesic errors against this map: a file of vertex numbers, mirror or "
+        "rotation (as found on the "
         "mesh), or identity",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -66,56 +76,81 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute, write and measure."""
-    if arguments.out is None and (arguments.carry or arguments.functional_map is not None):
-        raise UsageError("--carry and --functional-map need --out, where the table goes")
-    if arguments.out is None and arguments.truth is None:
-        raise UsageError("nothing to do: give --out, --truth or both")
-    if arguments.out is not None:
-        outputs.check(arguments.out, _TABLES)
+    _check_options(arguments)
     match = load_match(arguments.input)
     time = match.parameters.tau if arguments.time is None else arguments.time
     points = match.point_map(time)
-    quality = map_quality(match.mesh, points)
-    distances = {"off_surface": quality.largest_distance, "off_surface_rms": quality.rms_distance}
-    others = {"folded": quality.folded, "warning": quality.warning, "report": quality.report()}
-    said: dict[str, Any] = {"time": time, "quality": {**distances, **others}}
-    if arguments.truth:
-        truth = None if arguments.truth == "identity" else vertex_map(match.mesh, arguments.truth)
-        accuracy = map_accuracy(match.mesh, points, truth)
-        said["accuracy"] = {
-            "vertices": len(accuracy.vertices),
-            **{name: getattr(accuracy, name) for name in ("mean", "median", "maximum")},
-            "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in BOUNDS},
-            "report": accuracy.report(),
-        }
+    quality = map_quality(points)
+    accuracy = _accuracy(points, match, arguments.truth) if arguments.truth else None
     if arguments.out is not None:
-        if arguments.functional_map is not None:
-            table = match.functional_map(arguments.functional_map, time)
-        else:
-            table = _carried(match, arguments.carry, time) if arguments.carry else _as_in_file(match, points)
-        _write(arguments.out, table)
+        _write(arguments.out, _table(arguments, match, points, time))
     if quality.warning:
         print(f"warning: {quality.warning}", file=sys.stderr)
     if arguments.json:
-        print(json.dumps({**said, "output": str(arguments.out) if arguments.out else None}))
+        told = {
+            "off_surface": quality.largest_distance,
+            "off_surface_rms": quality.rms_distance,
+            "folded": quality.folded,
+            "warning": quality.warning,
+            "report": quality.report(),
+        }
+        output = str(arguments.out) if arguments.out else None
+        known = {"accuracy": _described(accuracy)} if accuracy else {}
+        print(json.dumps({"time": time, "quality": told, **known, "output": output}))
         return 0
     print(quality.report())
-    if arguments.truth:
-        print(said["accuracy"]["report"])
+    if accuracy:
+        print(accuracy.report())
     if arguments.out:
         print(f"wrote {printable(arguments.out)}")
     return 0
 
 
+def _check_options(arguments: argparse.Namespace) -> None:
+    if arguments.out is not None:
+        outputs.check(arguments.out, _TABLES)
+    elif arguments.carry or arguments.functional_map is not None:
+        raise UsageError("--carry and --functional-map need --out, where the table goes")
+    elif arguments.truth is None:
+        raise UsageError("nothing to do: give --out, --truth or both")
+
+
+def _accuracy(points: PointMap, match: Match, truth: str) -> MapAccuracy:
+    return map_accuracy(points, None if truth == "identity" else vertex_map(match.mesh, truth))
+
+
+def _described(accuracy: MapAccuracy) -> dict[str, Any]:
+    return {
+        "vertices": len(accuracy.vertices),
+        **{name: getattr(accuracy, name) for name in ("mean", "median", "maximum")},
+        "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in BOUNDS},
+        "report": accuracy.report(),
+    }
+
+
+def _table(
+    arguments: argparse.Namespace, match: Match, points: PointMap, time: float
+) -> NDArray[Any]:
+    if arguments.functional_map is not None:
+        return match.functional_map(arguments.functional_map, time)
+    if arguments.carry:
+        return _carried(match, arguments.carry, time)
+    return _as_in_file(points)
+
+
 def _carried(match: Match, path: str, time: float) -> NDArray[Any]:
-    """A table of one row per vertex, carried along the flow; rows of vertices that no face uses stay."""
+    """Return a table of one row per vertex, carried along the flow; rows of vertices that no face
+    uses stay.
+    """
     table = read_table(path)[1]
     try:
         rows = match.mesh.restrict(table)
     except FunctionError as error:
         raise FunctionError(f"file {path!r}: {error}") from None
     if not np.isfinite(rows).all():
-        raise FunctionError(f"file {path!r}: some values are not finite; only finite ones can be carried")
+        raise FunctionError(
+            f"file {path!r}: some values are not finite; only finite ones can be carried"
+        )
     values = match.push(rows, time)
     if len(table) == len(values):
         return values
@@ -124,11 +159,13 @@ def _carried(match: Match, path: str, time: float) -> NDArray[Any]:
     return whole
 
 
-def _as_in_file(match: Match, points: SurfacePoints) -> NDArray[Any]:
-    """The nearest vertices, counted as the mesh file does; -1 for vertices that no face uses."""
-    whole = np.full(match.mesh.file_vertex_count, -1)
-    nearest = map_vertices_to_nearest(match.mesh, points)
-    whole[match.mesh.vertex_ids] = match.mesh.vertex_ids[nearest]
+def _as_in_file(points: PointMap) -> NDArray[Any]:
+    """Return the nearest vertices, counted as the mesh file does; -1 for vertices that no face
+    uses.
+    """
+    mesh = points.domain
+    whole = np.full(mesh.file_vertex_count, -1)
+    whole[mesh.vertex_ids] = mesh.vertex_ids[points.nearest_vertices()]
     return whole
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abfm import Parameters, ResultError, TriangleMesh, load_match
+from abfm import Parameters, Problem, ResultError, TriangleMesh, load_match
 from abfm.errors import brief
 from abfm.functions import families, function
 from abfm.functions.family import quoted
@@ -19,16 +19,17 @@ from abfm_viewer.files import outputs
 
 SUMMARY = "find the field whose flow carries a source function to a target"
 DESCRIPTION = f"""\
-Find the vector field whose flow carries a source function to a target function, and write the result.
+Find the vector field whose flow carries a source function to a target function, and write the
+result.
 
 Examples:
-  abfm match spot.obj --source gaussian:vertex=12 --target gaussian:vertex=900,width=0.15 --out match.npz
-  abfm match spot.obj --source eigenfunction:7 --target eigenfunction:8 --tau 2 --out match.npz --out match.vtu
-  abfm match spot.obj --channel coordinate:x file:x.npy 1 --channel coordinate:y file:y.npy 1 --out match.npz
+  abfm match spot.obj --source gaussian:vertex=12 --target gaussian:vertex=900 --out match.npz
+  abfm match spot.obj --source eigenfunction:7 --target eigenfunction:8 --tau 2 --out m.vtu
+  abfm match spot.obj --channel hks:time=0.01 file:h.npy 2 --out m.npz
 
-The exit status is 0 when source and target are matched or nearly so, 3 when the target was not reached or no flow can
-reach it, with what to try, 2 for bad input, and 130 or 143 when Ctrl-C or SIGTERM ended the run; the best result is
-written in any case but that of bad input.
+The exit status is 0 when source and target are matched or nearly so, 3 when the target was not
+reached or no flow can reach it, with what to try, 2 for bad input, and 130 or 143 when Ctrl-C or
+SIGTERM ended the run; the best result is written in any case but that of bad input.
 
 A function (SPEC) is family:key=value,... and several may be added with +. Families:
   {", ".join(family.family for family in families())}
@@ -48,12 +49,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar=("SRC", "DST", "WEIGHT"),
-        help="one more source and target for the same flow, with the weight of its mismatch; repeatable",
+        help="one more source and target for the same flow, with the weight of its mismatch; "
+        "repeatable",
     )
     functions.add_argument(
-        "--mask", metavar="SPEC", help="weight of the mismatch at each vertex, not negative: a function or its file"
+        "--mask",
+        metavar="SPEC",
+        help="weight of the mismatch at each vertex, not negative: a function or its file",
     )
-    functions.add_argument("--start", metavar="RESULT.npz", help="start from the field of an earlier result")
+    functions.add_argument(
+        "--start", metavar="RESULT.npz", help="start from the field of an earlier result"
+    )
     options.add_parameters(parser)
     output = parser.add_argument_group("output")
     output.add_argument(
@@ -64,12 +70,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="result .npz, or .ply or .vtu for other programs, or .csv with the energy; repeatable",
     )
-    output.add_argument("--json", action="store_true", help="print one JSON object about the result")
+    output.add_argument(
+        "--json", action="store_true", help="print one JSON object about the result"
+    )
     output.add_argument("--quiet", action="store_true", help="no progress")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Match and write; 3 when the target was not reached, 128 and its number when a signal stopped it."""
+    """Match and write; 3 when the target was not reached, 128 and its number when a signal
+    stopped it.
+    """
     for path in arguments.out:
         outputs.check(path, outputs.WRITERS)
     parameters = options.parameters(arguments)
@@ -77,8 +87,12 @@ def run(arguments: argparse.Namespace) -> int:
     with long_steps(arguments.quiet):
         mesh = options.mesh(arguments)
         sources, targets = (_channels(mesh, specs) for specs in zip(*pairs, strict=True))
-        settings = {"mask": _mask(mesh, arguments.mask), "start": _start(mesh, arguments.start, parameters)}
-    outcome = solve(mesh, sources, targets, parameters, arguments.out, arguments.quiet, weights=weights, **settings)
+        mask = _mask(mesh, arguments.mask)
+        start = _start(mesh, arguments.start, parameters)
+        problem = Problem(
+            mesh, sources, targets, parameters, mask=mask, weights=weights, start=start
+        )
+    outcome = solve(problem, arguments.out, arguments.quiet)
     if arguments.json:
         print(json.dumps({"mesh": arguments.mesh, **outcome.to_dict()}))
     else:
@@ -87,20 +101,26 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _pairs(arguments: argparse.Namespace) -> tuple[list[tuple[str, str]], list[float]]:
-    """Specs of sources and targets, and their weights."""
+    """Return the specs of sources and targets, and their weights."""
     if (arguments.source is None) != (arguments.target is None):
         raise UsageError("--source and --target need each other")
-    triples = [(arguments.source, arguments.target, "1"), *arguments.channel][arguments.source is None :]
+    triples = [(arguments.source, arguments.target, "1"), *arguments.channel][
+        arguments.source is None :
+    ]
     if not triples:
         raise UsageError("give --source and --target; see abfm match --help")
-    return [(source, target) for source, target, _ in triples], [_weight(word) for *_, word in triples]
+    return [(source, target) for source, target, _ in triples], [
+        _weight(word) for *_, word in triples
+    ]
 
 
 def _weight(word: str) -> float:
     try:
         return float(word)
     except ValueError:
-        raise UsageError(f"--channel: its third word is the weight, a number, not {brief(word)}") from None
+        raise UsageError(
+            f"--channel: its third word is the weight, a number, not {brief(word)}"
+        ) from None
 
 
 def _channels(mesh: TriangleMesh, specs: tuple[str, ...]) -> FloatArray:
@@ -119,5 +139,7 @@ def _start(mesh: TriangleMesh, path: str | None, parameters: Parameters) -> Floa
         return None
     earlier = load_match(path)
     if not np.array_equal(earlier.mesh.faces, mesh.faces):
-        raise ResultError(f"--start {path} is a result on another mesh; give one on a mesh with the same faces")
+        raise ResultError(
+            f"--start {path} is a result on another mesh; give one on a mesh with the same faces"
+        )
     return earlier.start_for(parameters)

@@ -11,10 +11,17 @@ from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from abfm import Iteration
-from abfm.progress import Step, Tell, telling
+from abfm.workers.progress import Step, Tell, telling
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.document.verdict_words import place
@@ -27,7 +34,8 @@ _LINES_EVERY = _LINES_OF_A_MOVIE = 10
 
 @contextmanager
 def progress(iterations: int, quiet: bool) -> Iterator[Report]:
-    """What to call after every iteration, `iterations` at most; what looks wrong early is said once, quiet or not.
+    """Yield what to call after every iteration, `iterations` at most; what looks wrong early is
+    said once, quiet or not.
 
     What else takes long meanwhile is told, too, with an estimate.
     """
@@ -36,7 +44,12 @@ def progress(iterations: int, quiet: bool) -> Iterator[Report]:
         yield warn
     elif sys.stderr.isatty():
         numbers = TextColumn("energy {task.fields[energy]}  mismatch {task.fields[mismatch]}")
-        columns = (*_counted("{task.fields[place]}"), numbers, TimeElapsedColumn(), TimeRemainingColumn())
+        columns = (
+            *_counted("{task.fields[place]}"),
+            numbers,
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
         with (
             _bar(columns, iterations, place="starting", energy="-", mismatch="-") as update,
             telling(_shown_by(update)),
@@ -74,7 +87,7 @@ def long_steps(quiet: bool) -> Iterator[None]:
 
 
 def _print_long(step: Step | None) -> None:
-    """A line for a step that is expected to take seconds, when it begins."""
+    """Print a line for a step that is expected to take seconds, when it begins."""
     if step and step.done is None and (step.expected or 0) >= _LONG:
         print(step.words(), file=sys.stderr, flush=True)
 
@@ -89,7 +102,11 @@ class _Warner:
         if self._held < _LASTING:
             self._held = self._held + 1 if now.warning else 0
             if self._held == _LASTING:
-                print(f"warning: iteration {now.iteration}: {now.warning}", file=sys.stderr, flush=True)
+                print(
+                    f"warning: iteration {now.iteration}: {now.warning}",
+                    file=sys.stderr,
+                    flush=True,
+                )
 
 
 def _counted(title: str) -> tuple[ProgressColumn, ...]:
@@ -97,9 +114,14 @@ def _counted(title: str) -> tuple[ProgressColumn, ...]:
 
 
 @contextmanager
-def _bar(columns: tuple[ProgressColumn, ...], total: float, **fields: Any) -> Iterator[Callable[..., None]]:
-    """A bar, and what to call with its new state."""
-    with signals.tidied(_take_away), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+def _bar(
+    columns: tuple[ProgressColumn, ...], total: float, **fields: Any
+) -> Iterator[Callable[..., None]]:
+    """Show a bar, and yield what to call with its new state."""
+    with (
+        signals.tidied(_take_away),
+        Progress(*columns, console=Console(stderr=True), transient=True) as bar,
+    ):
         task = bar.add_task("", total=total, **fields)
 
         def update(**state: Any) -> None:
@@ -115,13 +137,18 @@ def _take_away() -> None:
 
 def _print_line(now: Iteration) -> None:
     if now.iteration % _LINES_EVERY == 0:
-        line = f"iteration {now.iteration}  {place(now)}  energy {now.energy:.4g}  mismatch {now.mismatch:.4f}"
+        line = (
+            f"iteration {now.iteration}  {place(now)}  energy {now.energy:.4g}  mismatch "
+            f"{now.mismatch:.4f}"
+        )
         print(line, file=sys.stderr, flush=True)
 
 
 @contextmanager
 def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[[int], None]]:
-    """What to call with the number of frames that are done, of `count`; for a machine a line of JSON on stdout each."""
+    """Yield what to call with the number of frames that are done, of `count`; for a machine a line
+    of JSON on stdout each.
+    """
     if machine:
 
         def tell(frame: int) -> None:
@@ -133,7 +160,9 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
     elif quiet:
         yield lambda frame: None
     elif sys.stderr.isatty():
-        with _bar((*_counted("frame"), TimeElapsedColumn(), TimeRemainingColumn()), count) as update:
+        with _bar(
+            (*_counted("frame"), TimeElapsedColumn(), TimeRemainingColumn()), count
+        ) as update:
             yield lambda frame: update(completed=frame)
     else:
         step = max(count // _LINES_OF_A_MOVIE, 1)
@@ -147,11 +176,18 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
 
 @contextmanager
 def share_progress(title: str, quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """What to call with what is being done, in a few words, and which share of everything is behind it."""
+    """Yield what to call with what is being done, in a few words, and which share of everything is
+    behind it.
+    """
     if quiet:
         yield lambda text, share: None
     elif sys.stderr.isatty():
-        columns = (TextColumn(title), BarColumn(bar_width=None), TextColumn("{task.fields[text]}"), TimeElapsedColumn())
+        columns = (
+            TextColumn(title),
+            BarColumn(bar_width=None),
+            TextColumn("{task.fields[text]}"),
+            TimeElapsedColumn(),
+        )
         with _bar(columns, 1.0, text="") as update:
             yield lambda text, share: update(completed=share, text=text)
     else:

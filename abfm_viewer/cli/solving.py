@@ -1,4 +1,6 @@
-"""Running a match from the command line: progress, Ctrl-C, output files and what is said at the end."""
+"""Running a match from the command line: progress, Ctrl-C, output files and what is said at the
+end.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import abfm
-from abfm import Control, Match, TriangleMesh
+from abfm import Control, Match, Problem
 from abfm.errors import printable
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UNMATCHED
@@ -37,28 +39,38 @@ class Outcome:
         return 0 if self.match.verdict.kind in ("matched", "nearly") else UNMATCHED
 
     def summary(self) -> str:
-        """For a person: how well it matches, why it stopped, the numbers, and what to try if there is anything."""
+        """Say for a person how well it matches, why it stopped, the numbers, and what to try if
+        there is anything.
+        """
         match = self.match
         lines = [
             verdict_words.headline(match),
             verdict_words.why(match),
-            f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} iterations in "
-            f"{self.seconds:.1f} s; wrote {', '.join(map(printable, self.outputs))}",
+            f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} "
+            f"iterations in {self.seconds:.1f} s; wrote {', '.join(map(printable, self.outputs))}",
         ]
-        result = next((printable(path) for path in self.outputs if path.suffix == ".npz"), "RESULT.npz")
+        result = next(
+            (printable(path) for path in self.outputs if path.suffix == ".npz"), "RESULT.npz"
+        )
         if advice := verdict_words.advice_in_options(match, result):
             lines.append(f"to try: {advice}")
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """The same and more for a program."""
+        """Return the same and more for a program."""
         match = self.match
         return {
             "mismatch": float(match.mismatch),
             "verified_mismatch": _known(match.verified_mismatch),
             "folded": _known(match.folded),
             "verdict": asdict(match.verdict),
-            "energy": dict(zip(("total", "regularity", "mismatch"), match.energy_history[-1].tolist(), strict=True)),
+            "energy": dict(
+                zip(
+                    ("total", "regularity", "mismatch"),
+                    match.energy_history[-1].tolist(),
+                    strict=True,
+                )
+            ),
             "iterations": len(match.energy_history) - 1,
             "stop_reason": match.stop_reason,
             "seconds": self.seconds,
@@ -71,19 +83,17 @@ class Outcome:
 
 
 def _known(value: float) -> float | None:
-    """A number for JSON, which has no NaN."""
+    """Return a number for JSON, which has no NaN."""
     return None if math.isnan(value) else float(value)
 
 
-def solve(
-    mesh: TriangleMesh, f: Any, g: Any, parameters: abfm.Parameters, outs: Sequence[Path], quiet: bool, **settings: Any
-) -> Outcome:
-    """Match with progress on stderr and write the result, also after a signal; `settings` go to `abfm.match`."""
+def solve(problem: Problem, outs: Sequence[Path], quiet: bool) -> Outcome:
+    """Match with progress on stderr and write the result, also after a signal."""
     control = Control()
     start = time.perf_counter()
     with cancelled_by_signals(control) as kept:
-        with progress(parameters.iterations, quiet) as report:
-            match = abfm.match(mesh, f, g, parameters, on_iteration=report, control=control, **settings)
+        with progress(problem.parameters.iterations, quiet) as report:
+            match = abfm.match(problem, on_iteration=report, control=control)
         seconds = time.perf_counter() - start
         outputs.write_all(outs, match)
     return Outcome(match, seconds, outs, kept.number)

@@ -7,7 +7,9 @@ from typing import Any, TextIO, cast
 
 
 class LastingStream:
-    """Prints to another stream until that fails; `problem` then says how, and the rest is dropped."""
+    """Prints to another stream until that fails; `problem` then says how, and the rest is
+    dropped.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -16,7 +18,7 @@ class LastingStream:
             stream.reconfigure(errors="backslashreplace")
 
     def write(self, text: str) -> int:
-        """Print."""
+        """Print a text."""
         if self.problem is None:
             try:
                 self._stream.write(text)
@@ -37,14 +39,21 @@ class LastingStream:
 
 
 def lasting_streams() -> tuple[LastingStream, LastingStream]:
-    """Make stdout and stderr such streams; those that whoever started the program has closed are /dev/null."""
+    """Make stdout and stderr such streams; those that whoever started the program has closed are
+    /dev/null.
+    """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            opened = os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: else a result might get it
+            # takes the lowest number that is free: else a result might get it
+            opened = os.open(os.devnull, os.O_RDWR)
             os.set_inheritable(opened, True)
-    streams = (cast(TextIO | None, sys.stdout), 1), (cast(TextIO | None, sys.stderr), 2)  # None: it was closed
-    out, errors = (LastingStream(stream or os.fdopen(number, "w", encoding="utf-8")) for stream, number in streams)
+    # None: it was closed
+    streams = (cast(TextIO | None, sys.stdout), 1), (cast(TextIO | None, sys.stderr), 2)
+    out, errors = (
+        LastingStream(stream or os.fdopen(number, "w", encoding="utf-8"))
+        for stream, number in streams
+    )
     sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, errors)
     return out, errors

@@ -12,7 +12,8 @@ from abfm import Parameters
 from abfm_viewer.computing.memo import Memo
 from abfm_viewer.document.document import Run
 
-_Row = tuple[float, float, float, int, int, float]  # total, regularity, mismatch; stage, vertices, reach
+# total, regularity, mismatch; stage, vertices, reach
+_Row = tuple[float, float, float, int, int, float]
 
 _RECENT = 20  # iterations that tell how long the next ones take
 
@@ -50,7 +51,9 @@ class Energies:
         return self._run.get(made_of, lambda: _run(rows, restarts, mismatch, parameters))
 
 
-def _run(rows: list[_Row], restarts: tuple[int, ...], mismatch: float, parameters: Parameters) -> Run:
+def _run(
+    rows: list[_Row], restarts: tuple[int, ...], mismatch: float, parameters: Parameters
+) -> Run:
     table = np.array(rows)
     return Run(
         energies=table[:, :3],

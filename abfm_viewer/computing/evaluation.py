@@ -12,8 +12,8 @@ import numpy as np
 import abfm
 from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.errors import brief
-from abfm.progress import Step
 from abfm.types import FloatArray
+from abfm.workers.progress import Step
 from abfm_viewer.computing.background import Latest, error_line
 from abfm_viewer.computing.evaluator import Evaluator
 
@@ -30,14 +30,19 @@ class Evaluated:
 
 
 class Functions:
-    """Evaluates specs on one mesh, term by term, so that dragging one of several Gaussians costs one Gaussian.
+    """Evaluates specs on one mesh, term by term, so that dragging one of several Gaussians costs
+    one Gaussian.
 
-    Of terms from a project file the values (V,) are `known`: what came from other files needs these files no longer. If
-    `at_once`, `ask` waits for what it asks for. Once it `has_computed` something, there may be a thread and a process.
+    Of terms from a project file the values (V,) are `known`: what came from other files needs these
+    files no longer. If `at_once`, `ask` waits for what it asks for. Once it `has_computed`
+    something, there may be a thread and a process.
     """
 
     def __init__(
-        self, mesh: TriangleMesh, known: Mapping[str, FloatArray] | None = None, at_once: bool = False
+        self,
+        mesh: TriangleMesh,
+        known: Mapping[str, FloatArray] | None = None,
+        at_once: bool = False,
     ) -> None:
         self.mesh = mesh
         self.known = dict(known or {})
@@ -45,7 +50,7 @@ class Functions:
         self._at_once = at_once
         self._cache: OrderedDict[str, FloatArray] = OrderedDict()
         self._lock = threading.RLock()
-        self._latest: Latest[Evaluated] = Latest("functions", at_once)
+        self._latest: Latest[Evaluated] = Latest(at_once)
         self._asked: tuple[str, ...] = ()
         self._waits = False  # whether what was asked for last was not there
         self.has_computed = False
@@ -55,7 +60,9 @@ class Functions:
         return self._waits and self._latest.busy
 
     def at_rest(self, is_kept: Callable[[str], bool]) -> Functions:
-        """Others, without a thread and a process, with the values that were asked for last and those that are kept."""
+        """Others, without a thread and a process, with the values that were asked for last and
+        those that are kept.
+        """
         cached = self._cache.copy()  # without the lock, as another thread may evaluate for long
         known = self.known | {spec: values for spec, values in cached.items() if is_kept(spec)}
         others = Functions(self.mesh, known, self._at_once)
@@ -110,7 +117,9 @@ class Functions:
         self.evaluator.close()
 
     def let_go(self) -> None:
-        """Take no more requests; the thread and the process end when nobody evaluates with them any more."""
+        """Take no more requests; the thread and the process end when nobody evaluates with them
+        any more.
+        """
         self._latest.retire()
 
     def _evaluate_all(self, specs: tuple[str, ...]) -> Evaluated:
@@ -126,4 +135,7 @@ class Functions:
 def _check_size(name: str, values: FloatArray) -> None:
     largest = float(np.abs(values).max())
     if largest > _LARGEST or 0 < largest < _LEAST:
-        raise FunctionError(f"{name} has values up to {largest:.3g}; {_LEAST:g} to {_LARGEST:g} can be shown: scale it")
+        raise FunctionError(
+            f"{name} has values up to {largest:.3g}; {_LEAST:g} to {_LARGEST:g} can be shown: "
+            "scale it"
+        )

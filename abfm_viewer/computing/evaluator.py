@@ -1,20 +1,14 @@
 """Computes functions where they do not stop the window.
 
-The solvers behind geodesics and eigenfunctions keep the interpreter to themselves: seventeen seconds at 160,000
-vertices. On large meshes they therefore run in a process of their own, which gets the mesh once.
+The solvers behind geodesics and eigenfunctions keep the interpreter to themselves: seventeen
+seconds at 160,000 vertices. On large meshes they therefore run in a process of their own.
 """
 
-import threading
-from typing import Any
-
-import numpy as np
-
 import abfm
-from abfm import AbfmError, FunctionError, TriangleMesh
-from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests
-from abfm.progress import tell, telling
+from abfm import TriangleMesh
 from abfm.types import FloatArray
-from abfm_viewer.document.defaults import default_functions
+from abfm.workers.worker import Worker, stateless
+from abfm_viewer.computing.default_functions import default_functions
 
 OWN_PROCESS_FROM = 20_000
 """Vertices: below, computing is quick, and starting a process is not."""
@@ -25,75 +19,42 @@ class Evaluator:
 
     def __init__(self, mesh: TriangleMesh, own_process: bool | None = None) -> None:
         self._mesh = mesh
-        self._apart = len(mesh.vertices) >= OWN_PROCESS_FROM if own_process is None else own_process
-        self._process: OwnProcess | None = None
-        self._lock = threading.Lock()  # of who waits for an answer
-        self._starting = threading.Lock()
-        self._closed = False
+        apart = len(mesh.vertices) >= OWN_PROCESS_FROM if own_process is None else own_process
+        ended = "the process that computes functions has ended; try again"
+        self._worker = Worker(stateless, ended) if apart else None
 
     def values(self, spec: str) -> FloatArray:
-        """Values (V,); FunctionError as of `abfm.function`, or if the process that computes was ended from outside."""
-        return np.asarray(self._answer(spec))
+        """Return the values (V,) of a function.
+
+        Raises
+        ------
+        AbfmError
+            As of `abfm.function`, or if the process that computes was ended from outside.
+        """
+        if self._worker is None:
+            return _values(None, self._mesh, spec)
+        return self._worker.call(_values, self._mesh, spec).result()
 
     def defaults(self) -> tuple[str, str]:
-        source, target = self._answer(None)
-        return source, target
+        """Return specs of the functions that a mesh begins with."""
+        if self._worker is None:
+            return default_functions(self._mesh)
+        return self._worker.call(_defaults, self._mesh).result()
+
+    @property
+    def pid(self) -> int | None:
+        """The number of its process; None without one."""
+        return self._worker.pid if self._worker else None
 
     def close(self) -> None:
         """End the process at once; who waits for its answer is told."""
-        with self._starting:
-            self._closed = True
-            if self._process is not None:
-                self._process.close()
-
-    def _answer(self, spec: str | None) -> Any:
-        """What `_compute` says, here or in the other process."""
-        if not self._apart:
-            return _compute(self._mesh, spec)
-        with self._lock:
-            try:
-                process = self._process or self._start()
-                process.send(spec)
-                while (received := process.receive())[0] == "step":
-                    tell(received[1] and received[1].begun_now())
-                answer = received[1]
-            except (OSError, ProcessEndedError) as error:
-                self._process = None
-                raise FunctionError("the process that computes functions has ended; try again") from error
-            except BaseException:  # the process ends: its answer would be taken for the next one
-                self._process = None
-                raise
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
-
-    def _start(self) -> OwnProcess:
-        with self._starting:
-            if self._closed:
-                raise ProcessEndedError
-            process = self._process = OwnProcess("abfm_viewer.computing.evaluator")
-        process.send(self._mesh)
-        return process
+        if self._worker is not None:
+            self._worker.close()
 
 
-def _compute(mesh: TriangleMesh, spec: str | None) -> Any:
-    return default_functions(mesh) if spec is None else abfm.functions.function(mesh, spec)
+def _values(_: None, mesh: TriangleMesh, spec: str) -> FloatArray:
+    return abfm.functions.function(mesh, spec)
 
 
-def _serve() -> None:
-    requests = Requests()
-    queue = iter(requests)
-    mesh = next(queue)
-    for spec in queue:
-        try:
-            with telling(lambda step: requests.answer(("step", step))):
-                answer = _compute(mesh, spec)
-        except MemoryError as error:
-            answer = MemoryError(str(error))
-        except Exception as error:
-            answer = FunctionError(str(error) if isinstance(error, AbfmError) else f"{type(error).__name__}: {error}")
-        requests.answer(("answer", answer))
-
-
-if __name__ == "__main__":
-    _serve()
+def _defaults(_: None, mesh: TriangleMesh) -> tuple[str, str]:
+    return default_functions(mesh)

@@ -1,23 +1,25 @@
 """Memory that was freed goes back to the system.
 
-The C library of Linux keeps it, in pools for nearly every thread that there was: a window in which many runs have
-ended, and many pictures were drawn, holds on to several times as much as it uses.
+The C library of Linux keeps it, in pools for nearly every thread that there was: a window in which
+many runs have ended, and many pictures were drawn, holds on to several times as much as it uses.
 """
 
 import ctypes
 import sys
 from functools import cache
 
-_LARGE = 2 << 20  # bytes: pictures and textures; what a window computes with all the time is smaller
+# bytes: pictures and textures; what a window computes with all the time is smaller
+_LARGE = 2 << 20
 _POOLS = 2
 _MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # of malloc.h
 
 
 def keep_little() -> None:
-    """From now on all threads share two pools, and every large block goes back as soon as it is freed.
+    """From now on all threads share two pools, and every large block goes back as soon as it is
+    freed.
 
-    The C library begins so, but from the first large block that is freed on it takes blocks of that size from its
-    pools, where they leave holes, and it makes up to eight pools for each core.
+    The C library begins so, but from the first large block that is freed on it takes blocks of that
+    size from its pools, where they leave holes, and it makes up to eight pools for each core.
     """
     _c_library("mallopt", _MMAP_THRESHOLD, _LARGE)
     _c_library("mallopt", _ARENA_MAX, _POOLS)
@@ -29,7 +31,9 @@ def give_back() -> None:
 
 
 def _c_library(name: str, *given: int) -> None:
-    """Call a function of the C library; elsewhere than on Linux, and where it has no such function, nothing happens."""
+    """Call a function of the C library; elsewhere than on Linux, and where it has no such
+    function, nothing happens.
+    """
     if sys.platform == "linux" and hasattr(_library(), name):
         getattr(_library(), name)(*given)
 

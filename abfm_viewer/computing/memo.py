@@ -9,16 +9,22 @@ Value = TypeVar("Value")
 
 
 def same(one: object, other: object) -> bool:
-    """Whether two things, or tuples of such, are equal; arrays only if they are one object, which costs nothing."""
+    """Tell whether two things, or tuples of such, are equal; arrays only if they are one object,
+    which costs nothing.
+    """
     if one is other:
         return True
     if isinstance(one, tuple) and isinstance(other, tuple):
         return len(one) == len(other) and all(map(same, one, other))
-    return not isinstance(one, np.ndarray) and not isinstance(other, np.ndarray) and bool(one == other)
+    return (
+        not isinstance(one, np.ndarray) and not isinstance(other, np.ndarray) and bool(one == other)
+    )
 
 
 class Memo(Generic[Value]):
-    """Remembers one value: asked for the same again, it gives the same object, by which others see no change."""
+    """Remembers one value: asked for the same again, it gives the same object, by which others
+    see no change.
+    """
 
     def __init__(self) -> None:
         self._kept: tuple[tuple[object, ...], Value] | None = None

@@ -1,32 +1,31 @@
-"""The solver: one run at a time in a thread that takes immutable problems, posts snapshots and never draws."""
+"""The solver: one run at a time in a thread that takes immutable problems, posts snapshots and
+never draws.
+"""
 
 from __future__ import annotations
 
 import threading
 import traceback
-from collections.abc import Callable
+from concurrent.futures import wait
 from contextlib import suppress
-from typing import Any
-
-import numpy as np
 
 import abfm
 from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
-from abfm.numerics.own_process import factoring_apart
-from abfm.progress import Step, telling
+from abfm.numerics.factoring_apart import factoring_apart
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import error_line
+from abfm.workers.control import controlled
+from abfm.workers.progress import Step, telling
+from abfm_viewer.computing.background import THREADS, error_line
 from abfm_viewer.computing.energies import Energies
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.freed_memory import give_back
 from abfm_viewer.computing.keeping import Keeper
-from abfm_viewer.computing.match_apart import MatchApart, Relayed
-from abfm_viewer.computing.picture_pace import PicturePace
-from abfm_viewer.computing.problem import Problem, Snapshot, State
-from abfm_viewer.computing.unfinished import unfinished_match
+from abfm_viewer.computing.match_apart import MatchApart, is_pictured
+from abfm_viewer.computing.problem import ProblemSpec, Snapshot, State
 from abfm_viewer.document.document import Run
 
 _ITERATIONS_BETWEEN_RESTARTS = 3
+_LAST_MOMENT = 0.1  # seconds for a run to end when it is closed, before its process is ended
 _HEAD_START = 0.02  # seconds for a run to get under way, which else waits until a frame is drawn
 
 
@@ -41,7 +40,7 @@ class Solver:
         Whether a new run starts from the current field instead of zero.
     reason : str
         Why the last run ended; an error in one line if it failed.
-    problem : Problem or None
+    problem : ProblemSpec or None
         The newest one given.
     """
 
@@ -50,25 +49,24 @@ class Solver:
         self.warm = False
         self.state = State.IDLE
         self.reason = ""
-        self.problem: Problem | None = None
+        self.problem: ProblemSpec | None = None
         self.snapshot: Snapshot | None = None  # may be read at any time
-        self.step: Step | None = None  # of the run, where that is not another iteration; may be read at any time
+        # of the run, where that is not another iteration; may be read at any time
+        self.step: Step | None = None
         self.started = 0  # how many runs there were
         self._keeper = Keeper(0)
-        self._apart: MatchApart | None = None
+        self._apart = MatchApart()
         self._energies = Energies()
         self._lock = threading.Lock()
 
-    def work_apart(self) -> None:
-        """From the next run on match in a process of its own, which starts when there is something to prepare."""
-        self._apart = self._apart or MatchApart()
+    @property
+    def pid(self) -> int | None:
+        """The number of the process that matches; None before it starts."""
+        return self._apart.pid
 
     def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
         """Make the coarser meshes ahead, on which a run of this mesh begins."""
-        if self._apart:
-            self._apart.prepare(mesh, parameters)
-        else:
-            abfm.matching.prepare(mesh, parameters)
+        self._apart.prepare(mesh, parameters)
 
     @property
     def running(self) -> bool:
@@ -106,21 +104,22 @@ class Solver:
         """How long an iteration takes at present; None if unknown."""
         return None if self.paused else self._energies.seconds_each
 
-    def start(self, problem: Problem, functions: Functions, field: FloatArray | None = None) -> None:
+    def start(
+        self, problem: ProblemSpec, functions: Functions, field: FloatArray | None = None
+    ) -> None:
         """Begin a run, from a field (N, F, 3) if there is one."""
         self.state, self.reason, self.snapshot, self.step = State.RUNNING, "", None, None
         self.started += 1
         self.problem = problem
-        self._next: Problem | None = problem
+        self._next: ProblemSpec | None = problem
         self._result: abfm.Match | None = None
         self._keeper = Keeper(len(problem.mesh.vertices))
         self._error = ""
         self._energies = Energies()
-        self._control = self._new_control()
+        self._control = abfm.Control()
         self._since_restart = 0
         self._under_way = threading.Event()
-        self._thread = threading.Thread(target=self._work, args=(functions, field), name="solver", daemon=True)
-        self._thread.start()
+        self._working = THREADS.submit(self._work, functions, field)
         self._under_way.wait(_HEAD_START)
 
     def pause(self) -> None:
@@ -135,15 +134,17 @@ class Solver:
                 self.state = State.RUNNING
                 self._control.resume()
 
-    def cancel(self) -> None:
-        """Ask for the best field so far; returns at once."""
+    def cancel(self, briefly: bool = False) -> None:
+        """Ask for the best field so far, unchecked if ``briefly``; returns at once."""
         with self._lock:
             if self.running:
                 self.state = State.ENDING
-                self._control.cancel()
+                self._control.cancel(briefly)
 
-    def follow_problem(self, problem: Problem, dragging: bool = False) -> None:
-        """Restart with a changed problem; another alpha, which must be factored, only when the mouse lets go."""
+    def follow_problem(self, problem: ProblemSpec, dragging: bool = False) -> None:
+        """Restart with a changed problem; another alpha, which must be factored, only when the
+        mouse lets go.
+        """
         if not self.running or self.problem is None or problem == self.problem:
             return
         if problem.mesh is not self.problem.mesh:
@@ -158,14 +159,18 @@ class Solver:
                 self._yield_to_next()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Return when the run is over, or the time is; whether it is over, though not yet collected."""
+        """Return when the run is over, or the time is; whether it is over, though not yet
+        collected.
+        """
         if self.running:
-            self._thread.join(seconds)
-        return not (self.running and self._thread.is_alive())
+            wait([self._working], seconds)
+        return not (self.running and not self._working.done())
 
-    def collect(self) -> tuple[abfm.Match | None, Run | None, Problem] | None:
-        """What a run that has ended leaves, failed or not; None unless one has ended since the last call."""
-        if not self.running or self.problem is None or self._thread.is_alive():
+    def collect(self) -> tuple[abfm.Match | None, Run | None, ProblemSpec] | None:
+        """Return what a run that has ended leaves, failed or not; None unless one has ended since
+        the last call.
+        """
+        if not self.running or self.problem is None or not self._working.done():
             return None
         left = (self._result, self.run, self.problem)
         self.state = State.FAILED if self._error else State.ENDED
@@ -175,13 +180,15 @@ class Solver:
         return left
 
     def unfinished(self, snapshot: Snapshot, functions: Functions) -> tuple[abfm.Match, Run | None]:
-        """A snapshot as if the run had been cancelled there, and its energies; it waits, so not for the frame loop.
+        """A snapshot as if the run had been cancelled there, and its energies; it waits, so not for
+        the frame loop.
 
-        AbfmError if its field is not known any more. The last one asked for is kept, should the run fail.
+        AbfmError if its field is not known any more. The last one asked for is kept, should the run
+        fail.
         """
         problem, energies, keeper = snapshot.problem, self._energies, self._keeper
         run = energies.run(snapshot.iteration.mismatch, problem.parameters)
-        found = unfinished_match(snapshot.iteration, problem, functions, run)
+        found = snapshot.as_match(functions, run)
         keeper.keep(snapshot)
         return found, run
 
@@ -190,10 +197,12 @@ class Solver:
         self.state, self.reason = State.IDLE, ""
 
     def close(self, seconds: float = 1) -> None:
-        """End the thread, and the process at once; a thread ends between two evaluations, not waited for long."""
-        self.cancel()
-        if self._apart:
-            self._apart.close()
+        """End the thread, and the process if it still matches after a moment; a thread ends
+        between two evaluations, not waited for long.
+        """
+        self.cancel(briefly=True)
+        self.wait(min(seconds, _LAST_MOMENT))
+        self._apart.close()
         self.wait(seconds)
         self.forget()
 
@@ -215,7 +224,7 @@ class Solver:
         give_back()
 
     def _rescue(self, functions: Functions) -> None:
-        """What a run that fails has found must not be lost with it."""
+        """Keep what a run that fails has found."""
         newest = self.snapshot if self._since_restart else None
         for snapshot in (newest, self._keeper.newest):
             if snapshot is not None:
@@ -223,64 +232,41 @@ class Solver:
                     self._result, _ = self.unfinished(snapshot, functions)
                     return
 
-    def _take(self) -> Problem | None:
+    def _take(self) -> ProblemSpec | None:
         """The problem to solve now, with a control of its own."""
         with self._lock:
             problem, self._next = self._next, None
-            self._control = self._new_control()
+            self._control = abfm.Control()
             self._since_restart = 0
             self._keeper.begin(problem)
             if self.state is State.PAUSED:
                 self._control.pause()
             return problem if self._goes_on or self._result is None else None
 
-    def _solve(self, problem: Problem, functions: Functions, start: FloatArray | None) -> abfm.Match:
-        sources, targets = (
-            np.stack([functions.evaluate(channel.spec(side)) for channel in problem.channels], axis=1)
-            for side in ("source", "target")
-        )
-        mask = functions.evaluate(problem.mask) if problem.mask else None
+    def _solve(
+        self, spec: ProblemSpec, functions: Functions, start: FloatArray | None
+    ) -> abfm.Match:
+        problem = spec.problem(functions)
         with self._lock:
             if not self._goes_on:
                 self._control.cancel()
 
-        def solve(from_field: FloatArray | None) -> abfm.Match:
-            return self._match(problem, (sources, targets, problem.parameters), mask, from_field)
+        def solve(problem: abfm.Problem) -> abfm.Match:
+            with telling(self._at), controlled(self._control):
+                return self._apart.match(problem, lambda now: self._post(spec, now))
 
         try:
-            return solve(start)
+            return solve(problem.starting_from(start))
         except ParameterError as error:
             if start is None or not str(error).startswith("start"):
                 raise
-            return solve(None)  # a field for other parameters may be too fast for these
-
-    def _new_control(self) -> abfm.Control:
-        return self._apart.control() if self._apart else abfm.Control()
-
-    def _match(
-        self,
-        problem: Problem,
-        functions: tuple[FloatArray, FloatArray, Parameters],
-        mask: FloatArray | None,
-        start: FloatArray | None,
-    ) -> abfm.Match:
-        """`abfm.match`, here or in the other process."""
-        weights = [channel.weight for channel in problem.channels]
-        apart, control = self._apart, self._control
-        is_pictured = apart.pictured if apart else PicturePace().takes
-
-        given: dict[str, Any] = {"mask": mask, "weights": weights, "start": start}
-        given["on_iteration"] = lambda now: self._post(problem, now, is_pictured)
-        if apart and isinstance(control, Relayed):
-            return apart.match(problem.mesh, *functions, **given, control=control, tell=self._at)
-        with telling(self._at):
-            return abfm.match(problem.mesh, *functions, **given, control=control)
+            return solve(problem)  # a field for other parameters may be too fast for these
 
     def _at(self, step: Step | None) -> None:
         self.step = step
         self._under_way.set()
 
-    def _post(self, problem: Problem, now: abfm.Iteration, is_pictured: Callable[[abfm.Iteration], bool]) -> None:
+    def _post(self, problem: ProblemSpec, now: abfm.Iteration) -> None:
         self._under_way.set()
         before = self.snapshot
         is_first = before is None or before.problem is not problem
@@ -288,12 +274,13 @@ class Solver:
         self.snapshot = Snapshot(problem, now, shown)
         self._energies.add(now)
         self._since_restart += 1
-        if self._apart:
-            self._keeper.fetch(self.snapshot)
+        self._keeper.fetch(self.snapshot)
         with self._lock:
             self._yield_to_next()
 
     def _yield_to_next(self) -> None:
-        """End the present solve for the next problem, but not so soon that a drag would keep it from moving."""
+        """End the present solve for the next problem, but not so soon that a drag would keep it
+        from moving.
+        """
         if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
             self._control.cancel(briefly=True)

@@ -1,3 +1,3 @@
-"""What stands in front of the window and must be answered first: files to choose, questions, things to read."""
+"""Dialogs, which must be answered first: files to choose, questions, things to read."""
 
 from abfm_viewer.dialogs.dialogs import Dialogs as Dialogs

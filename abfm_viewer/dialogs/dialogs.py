@@ -37,19 +37,23 @@ class Dialogs:
         return bool(self._open)
 
     def is_asking(self, title: str) -> bool:
-        """Whether a question of this title is to be answered."""
-        return any(isinstance(one.dialog, Question) and one.dialog.title == title for one in self._open)
+        """Return whether a question of this title is to be answered."""
+        questions = [one.dialog for one in self._open if isinstance(one.dialog, Question)]
+        return title in [question.title for question in questions]
 
     def open(self, title: str, suffixes: tuple[str, ...], on_path: OnPath) -> None:
         """Let the user choose a file that exists."""
         self._choose(title, FileChoice(self._begin(), suffixes), on_path)
 
-    def save(self, title: str, suffixes: tuple[str, ...], default_name: str, on_path: OnPath) -> None:
+    def save(
+        self, title: str, suffixes: tuple[str, ...], default_name: str, on_path: OnPath
+    ) -> None:
         """Let the user name a file to write; one that exists is replaced only after a question."""
-        self._choose(title, FileChoice(self._begin(), suffixes, saving=True, name=default_name), on_path)
+        choice = FileChoice(self._begin(), suffixes, saving=True, name=default_name)
+        self._choose(title, choice, on_path)
 
     def ask(self, title: str, text: str, buttons: Mapping[str, Callable[[], None] | None]) -> None:
-        """Ask a question: Enter presses the first button, Esc the last; a button without a function does nothing."""
+        """Ask a question: Enter presses the first button, Esc the last; None does nothing."""
 
         def answered(label: str) -> None:
             self._close()
@@ -70,7 +74,6 @@ class Dialogs:
             return
         front = self._open[-1]
         try:
-            ui.backdrop()
             answer = front.dialog.draw(ui)
         except Exception:  # a dialog that cannot be drawn must not hold the window
             self._close()
@@ -79,7 +82,7 @@ class Dialogs:
             front.answered(answer)
 
     def _begin(self) -> Path:
-        """The last folder, if it is still there."""
+        """Return the last folder, if it is still there."""
         try:
             return self.folder.resolve(strict=True)
         except OSError:
@@ -91,7 +94,8 @@ class Dialogs:
                 self._close()
             elif choice.saving and path.exists():
                 text = f"{shown(path.name)} is already there. Its contents will be lost."
-                self.ask("Replace the file?", text, {"Replace": partial(take, path), "Go back": None})
+                answers = {"Replace": partial(take, path), "Go back": None}
+                self.ask("Replace the file?", text, answers)
             else:
                 take(path)
 

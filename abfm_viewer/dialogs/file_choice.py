@@ -1,4 +1,4 @@
-"""Choosing a file, without the drawing: where one is, what is selected, and what a typed name means."""
+"""A choice of a file, without the drawing: the folder, what is selected, what a name means."""
 
 from pathlib import Path
 
@@ -9,10 +9,13 @@ from abfm_viewer.dialogs.folder import Entry, Listing, has_suffix, read_folder
 class FileChoice:
     """A folder, its entries, of which one is `selected`, and why the last step was refused.
 
-    A file for `saving` need not exist: its `name` is typed, and gets the first of the suffixes if it has none of them.
+    A file for `saving` need not exist: its `name` is typed, and gets the first of the suffixes if
+    it has none of them.
     """
 
-    def __init__(self, folder: Path, suffixes: tuple[str, ...], saving: bool = False, name: str = "") -> None:
+    def __init__(
+        self, folder: Path, suffixes: tuple[str, ...], saving: bool = False, name: str = ""
+    ) -> None:
         self.folder = folder
         self.suffixes = suffixes
         self.saving = saving
@@ -20,10 +23,10 @@ class FileChoice:
         self.name = name
         self.error = ""
         self._reads = 0
-        self._listing: Latest[Listing] = Latest("folder")
+        self._listing: Latest[Listing] = Latest()
 
     def listing(self) -> Listing | None:
-        """The folder's entries; None while they are being read, which a disk far away may make slow."""
+        """Return the folder's entries; None while they are read, which may take long."""
         folder, suffixes = self.folder, self.suffixes
         return self._listing.ask((self._reads, folder), lambda: read_folder(folder, suffixes))
 
@@ -52,7 +55,7 @@ class FileChoice:
             self.select(listing.entries[min(max(place, 0), len(names) - 1)])
 
     def go_or_take(self, typed: str) -> Path | None:
-        """Follow a typed path: go to a folder, take a file, or refuse; relative paths begin in the shown folder."""
+        """Follow a path from the shown folder: go to a folder, take a file, or refuse."""
         try:
             path = (self.folder / Path(typed.strip()).expanduser()).resolve()
             if path.is_dir():
@@ -88,7 +91,8 @@ class FileChoice:
     def _taken(self, path: Path) -> Path | None:
         if not path.exists():
             listed = self._listing.value
-            vanished = listed is not None and any(entry.name == path.name for entry in listed.entries)
+            names = [entry.name for entry in listed.entries] if listed else []
+            vanished = path.name in names
             self.go(self.folder)
             self.error = f"{path.name} is no longer there" if vanished else f"there is no {path}"
         elif not has_suffix(path.name, self.suffixes):
@@ -101,7 +105,8 @@ class FileChoice:
         try:
             path = self.folder / Path(self.final_name).expanduser()
             if path.name.startswith("."):
-                self.error = f"{self.name.strip()}: begin the name with something else than a dot, which hides files"
+                name = self.name.strip()
+                self.error = f"{name}: begin the name with no dot, which hides files"
             elif path.is_dir():
                 self.error = f"{path.name} is a folder: choose another name"
             elif not path.parent.is_dir():

@@ -7,6 +7,7 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.dialogs.file_choice import FileChoice
 from abfm_viewer.dialogs.folder import Entry, Listing, shown
+from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
 _WIDTH, _HEIGHT = 640, 480
@@ -31,11 +32,11 @@ class FileDialog:
 
     def draw(self, ui: Ui) -> Answer | None:
         """Draw the dialog; its answer when it was answered in this frame."""
-        with ui.dialog(self.title, _WIDTH, _HEIGHT):
+        with dialog(ui, self.title, _WIDTH, _HEIGHT):
             taken, typing = self._draw_path(ui)
             below = 2 if self.choice.saving else 1
             line = imgui.GetFrameHeightWithSpacing()
-            with ui.child("files", -(below * line + self._note_height(ui))):
+            with child(ui, "files", -(below * line + self._note_height(ui))):
                 taken = self._draw_list(ui) or taken
             note, is_error = self._note()
             ui.note(note, "failure" if is_error else "muted")
@@ -57,7 +58,7 @@ class FileDialog:
         return None if taken is None else Answer(taken)
 
     def _draw_path(self, ui: Ui) -> tuple[Path | None, bool]:
-        """The path box and the ways up and home; a file that was typed, and whether someone types."""
+        """Draw the path box and the ways up and home; a typed file, and whether someone types."""
         with ui.disabled(self.choice.folder == self.choice.folder.parent):
             if ui.button("Up", "The folder that this one is in (Alt+Up)."):
                 self._go_up()
@@ -65,7 +66,8 @@ class FileDialog:
         if ui.button("Home", "Your own folder."):
             self.choice.go(Path.home())
         ui.beside()
-        typed = ui.text("folder", shown(self.choice.folder), "A folder to go to, or a file; ~ is your own folder.")
+        tip = "A folder to go to, or a file; ~ is your own folder."
+        typed = ui.text("folder", shown(self.choice.folder), tip)
         return (None if typed is None else self.choice.go_or_take(typed)), ui.typing
 
     def _draw_list(self, ui: Ui) -> Path | None:
@@ -80,7 +82,7 @@ class FileDialog:
         return None
 
     def _draw_entries(self, ui: Ui, listing: Listing) -> Path | None:
-        """The rows in sight and some around them; each one costs time."""
+        """Draw the rows in sight and some around them; each one costs time."""
         row = imgui.GetTextLineHeightWithSpacing()
         entries = listing.entries
         self._scroll(listing, row)
@@ -104,18 +106,19 @@ class FileDialog:
         return self.choice.go_or_take(entry.name) if entry.is_folder else self.choice.confirm()
 
     def _draw_name(self, ui: Ui) -> None:
-        typed = ui.live_text("file name", self.choice.name, "name of the file to write", focus=self._is_new)
+        hint = "name of the file to write"
+        typed = ui.live_text("file name", self.choice.name, hint, focus=self._is_new)
         self._is_new = False
         if typed != self.choice.name:
             self.choice.name, self.choice.error = typed, ""
 
     def _note_height(self, ui: Ui) -> float:
-        text = self._note()[0]
         width = imgui.GetContentRegionAvail()[0]
-        return float(imgui.CalcTextSize(text, wrap_width=width)[1] + imgui.GetStyle().ItemSpacing[1])
+        height = imgui.CalcTextSize(self._note()[0], wrap_width=width)[1]
+        return float(height + imgui.GetStyle().ItemSpacing[1])
 
     def _note(self) -> tuple[str, bool]:
-        """What to say below the list, and whether it is an error."""
+        """Return what to say below the list, and whether it is an error."""
         choice = self.choice
         listing = choice.listing()
         if choice.error:
@@ -127,7 +130,8 @@ class FileDialog:
         return f"files that end in {', '.join(choice.suffixes)}", False
 
     def _move_by_keys(self) -> None:
-        up, down = imgui.IsKeyPressed(imgui.ImGuiKey_UpArrow), imgui.IsKeyPressed(imgui.ImGuiKey_DownArrow)
+        up = imgui.IsKeyPressed(imgui.ImGuiKey_UpArrow)
+        down = imgui.IsKeyPressed(imgui.ImGuiKey_DownArrow)
         if up and imgui.GetIO().KeyAlt:
             self._go_up()
         elif up or down:
@@ -142,11 +146,13 @@ class FileDialog:
         """Bring the entry that the keyboard marked into sight."""
         names = [entry.name for entry in listing.entries] if self._scroll_to else []
         if self._scroll_to in names:
-            top = names.index(self._scroll_to) * row
-            if not imgui.GetScrollY() <= top <= imgui.GetScrollY() + imgui.GetWindowHeight() - 2 * row:
-                imgui.SetScrollY(max(top - imgui.GetWindowHeight() / 2, 0))
+            top, first = names.index(self._scroll_to) * row, imgui.GetScrollY()
+            height = imgui.GetWindowHeight()
+            if not first <= top <= first + height - 2 * row:
+                imgui.SetScrollY(max(top - height / 2, 0))
         self._scroll_to = ""
 
 
 def _enter_pressed() -> bool:
-    return any(imgui.IsKeyPressed(key, False) for key in (imgui.ImGuiKey_Enter, imgui.ImGuiKey_KeypadEnter))
+    keys = (imgui.ImGuiKey_Enter, imgui.ImGuiKey_KeypadEnter)
+    return any(imgui.IsKeyPressed(key, False) for key in keys)

@@ -23,7 +23,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Listing:
-    """What was found in a folder: folders first, each kind by name; and why that is not everything, or nothing."""
+    """A folder's entries, folders first; and why that is not everything, or nothing."""
 
     entries: tuple[Entry, ...] = ()
     note: str = ""
@@ -31,29 +31,31 @@ class Listing:
 
 
 def read_folder(folder: Path, suffixes: tuple[str, ...]) -> Listing:
-    """List a folder without its hidden files; one that cannot be read has the reason instead of entries."""
+    """List a folder without hidden files; the reason instead if it cannot be read."""
     found = []
     try:
         with os.scandir(folder) as entries:
             for entry in entries:
-                if not entry.name.startswith("."):
-                    is_folder = _is_folder(entry)
-                    if is_folder or has_suffix(entry.name, suffixes):
-                        found.append(Entry(entry.name, is_folder))
+                is_folder = _is_folder(entry)
+                is_shown = is_folder or has_suffix(entry.name, suffixes)
+                if is_shown and not entry.name.startswith("."):
+                    found.append(Entry(entry.name, is_folder))
     except OSError as error:
         return Listing(error=f"{folder} cannot be read: {error.strerror or error}")
     found.sort(key=lambda entry: (not entry.is_folder, entry.name.casefold(), entry.name))
-    note = f"the first {MOST:,} of {len(found):,}: type the name of another one" if len(found) > MOST else ""
+    note = ""
+    if len(found) > MOST:
+        note = f"the first {MOST:,} of {len(found):,}: type the name of another one"
     return Listing(tuple(found[:MOST]), note)
 
 
 def has_suffix(name: str, suffixes: tuple[str, ...]) -> bool:
-    """Whether a file's name ends in one of the suffixes, in capitals or not."""
+    """Return whether a file's name ends in one of the suffixes, in capitals or not."""
     return name.lower().endswith(suffixes) if suffixes else True
 
 
 def shown(path: str | Path) -> str:
-    """A path that can be drawn: bytes that are no text become question marks."""
+    """Return a path that can be drawn: bytes that are no text become question marks."""
     return os.fsencode(path).decode("utf-8", "replace")
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import polyscope.imgui as imgui
 
+from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
 Line = str | tuple[str, str]
@@ -23,9 +24,9 @@ class Message:
 
     def draw(self, ui: Ui) -> bool:
         """Draw the lines; whether they were closed in this frame."""
-        with ui.dialog(self.title, _MESSAGE_WIDTH):
+        with dialog(ui, self.title, _MESSAGE_WIDTH):
             height = imgui.GetIO().DisplaySize[1] * 0.92 - 4 * imgui.GetFrameHeightWithSpacing()
-            with ui.child("lines", height, border=False, shrinks=True):
+            with child(ui, "lines", height, border=False, shrinks=True):
                 for line in self.lines:
                     self._draw_line(ui, line)
             if self.copied:
@@ -58,11 +59,11 @@ class Question:
 
     def draw(self, ui: Ui) -> str | None:
         """Draw the question; the answer that was chosen in this frame."""
-        with ui.dialog(self.title, _QUESTION_WIDTH):
+        with dialog(ui, self.title, _QUESTION_WIDTH):
             ui.note(self.text, "ink")
             imgui.Dummy((0, ui.px(4)))
             chosen = None
-            width = max(float(imgui.CalcTextSize(answer)[0]) for answer in self.answers) + ui.px(32)
+            width = max(map(ui.text_width, self.answers)) + ui.px(32)
             for number, answer in enumerate(self.answers):
                 if number:
                     ui.beside()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -17,9 +18,18 @@ Side = Literal["source", "target"]
 Theme = Literal["light", "dark"]
 Layout = Literal["automatic", "row", "column", "advected only"]
 Coloring = Literal[
-    "function", "speed", "divergence", "curl", "coordinates", "checker", "area distortion", "conformal distortion"
+    "function",
+    "speed",
+    "divergence",
+    "curl",
+    "coordinates",
+    "checker",
+    "area distortion",
+    "conformal distortion",
 ]
-FieldPart = Literal["whole", "curl-free", "divergence-free", "harmonic", "commuting", "carried gradient"]
+FieldPart = Literal[
+    "whole", "curl-free", "divergence-free", "harmonic", "commuting", "carried gradient"
+]
 ClickTool = Literal["nothing", "flow line", "follow a point"]
 
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
@@ -54,6 +64,10 @@ class Channel:
         """The spec of one side."""
         return self.source if side == "source" else self.target
 
+    def changed(self, side: Side, spec: str) -> Channel:
+        """The channel with another spec of one side."""
+        return replace(self, source=spec) if side == "source" else replace(self, target=spec)
+
 
 @dataclass(frozen=True)
 class Point:
@@ -64,35 +78,15 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Camera:
-    """Where a picture of a sheet looks from: position, target and up (3,) each, and the vertical angle in degrees.
-
-    The aspect is width over height; 0 where it does not matter.
-    """
-
-    position: Triple
-    target: Triple
-    up: Triple
-    angle: float
-    aspect: float = 0.0
-
-    @property
-    def front(self) -> Front:
-        """The direction in which it looks, without the distance."""
-        backward = np.array(self.position) - self.target
-        return Front(triple(backward / np.linalg.norm(backward)), self.up)
-
-
-@dataclass(frozen=True)
 class Front:
-    """The side of the mesh that faces the viewer, from which surfaces stand side by side: two unit vectors (3,)."""
+    """The side of the mesh that faces the viewer: two unit vectors (3,)."""
 
     direction: Triple
     up: Triple
 
     @property
     def axes(self) -> FloatArray:
-        """What is to the right, up, and towards the viewer, as rows (3, 3)."""
+        """Return what is to the right, up, and towards the viewer, as rows (3, 3)."""
         return np.stack([np.cross(self.up, self.direction), self.up, self.direction])
 
 
@@ -100,8 +94,9 @@ class Front:
 class Look:
     """How every surface is seen in its slot.
 
-    A zoom of 1 fits it into the slot from every side; the target (3,), in the mesh's units, is in the slot's middle and
-    stays there when the surface turns. Without one it is the middle of what the view's front shows.
+    A zoom of 1 fits it into the slot from every side; the target (3,), in the mesh's units, is in
+    the slot's middle and stays there when the surface turns. Without one it is the middle of what
+    the view's front shows.
     """
 
     front: Front
@@ -110,8 +105,29 @@ class Look:
 
 
 @dataclass(frozen=True)
+class Surface:
+    """A mesh, and the name of the file that it came from.
+
+    The `front` is None until it is chosen, for the mesh or its functions; it is how a surface is
+    seen, and makes it no other one.
+    """
+
+    mesh: TriangleMesh
+    name: str
+    front: Front | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function on a surface by its spec: a side of a channel, or the mask."""
+
+    surface: Surface
+    spec: str
+
+
+@dataclass(frozen=True)
 class View:
-    """Everything that decides how the document is drawn, and nothing that decides what is solved."""
+    """Everything that decides how the document is drawn, and nothing of what is solved."""
 
     theme: Theme = "light"
     ui_scale: float = 1.0
@@ -120,9 +136,8 @@ class View:
     isolines: bool = False
     isoline_count: int = 12
     color_bar: bool = True
-    front: Front | None = None  # until it is chosen, for the mesh or its functions
-    look: Look | None = None  # from the front, fitted
-    large: str = ""  # the surface that has the others' slots, too
+    look: Look | None = None  # from the surface's front, fitted
+    large: str = ""  # the slot that has the others' room, too
     hidden: tuple[str, ...] = ()  # surfaces
     wireframe: bool = False
     flat: bool = False  # each face in one shade
@@ -133,7 +148,8 @@ class View:
     arrows: bool = False
     arrow_length: float = 0.12  # the longest arrow's, of sqrt(area)
     arrow_density: float = 0.3  # share of faces with an arrow
-    part: FieldPart = "whole"  # of the field that is drawn, coloured and traced, or a field that belongs to it
+    # of the field that is drawn, coloured and traced, or a field that belongs to it
+    part: FieldPart = "whole"
     streaks: bool = False  # on the advected surface
     fade: bool = False  # streaks, where the field is slow
     animate: bool = False  # streaks move along the field
@@ -144,13 +160,15 @@ class View:
     @property
     def surfaces(self) -> tuple[str, ...]:
         """All that could be shown, hidden or not, in their order."""
-        wanted = {"linear blend": self.blend, "optimal transport": self.transport, "error": self.error}
-        extra = [name for name, is_wanted in wanted.items() if is_wanted]
-        return ("advected", *extra) if self.layout == "advected only" else ("source", "advected", *extra, "target")
+        wanted = (self.blend, self.transport, self.error)
+        extra = compress(("linear blend", "optimal transport", "error"), wanted)
+        if self.layout == "advected only":
+            return ("advected", *extra)
+        return ("source", "advected", *extra, "target")
 
     @property
     def shown_surfaces(self) -> tuple[str, ...]:
-        """Those that are not hidden; where all are, the advected one."""
+        """Return those that are not hidden; where all are, the advected one."""
         return tuple(name for name in self.surfaces if name not in self.hidden) or ("advected",)
 
 
@@ -158,13 +176,14 @@ class View:
 class Run:
     """The energy of one run: what the plot of the energy shows of it.
 
-    The vertices of each row's mesh, which may be coarser than the document's, and its reach, (n,), are empty where they
-    are not known.
+    The vertices of each row's mesh, which may be coarser than the document's, and its reach, (n,),
+    are empty where they are not known.
     """
 
     energies: FloatArray  # (n, 3): total, regularity and mismatch
     stages: IntArray  # (n,)
-    restarts: tuple[int, ...]  # rows at which a changed problem started the solver again from the field that it had
+    # rows at which a changed problem started the solver again from the field that it had
+    restarts: tuple[int, ...]
     mismatch: float
     label: str  # what was solved, in a few words
     vertices: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -172,16 +191,19 @@ class Run:
 
     @property
     def has_course(self) -> bool:
-        """Whether meshes and reaches are known."""
+        """Return whether meshes and reaches are known."""
         return len(self.vertices) > 0
+
+
+class Identity:
+    """What stays the same of a document while it is edited; equal only to itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class Document:
     """A state of the session that undo returns to and a project file keeps."""
 
-    mesh: TriangleMesh
-    name: str  # of the mesh, in the window
+    surfaces: tuple[Surface, ...]
     channels: tuple[Channel, ...] = ()  # until the default functions of a new mesh are known
     channel: int = 0  # the active one
     side: Side = "source"  # of it, the active one
@@ -194,3 +216,46 @@ class Document:
     lines: tuple[Point, ...] = ()  # where flow lines start
     points: tuple[Point, ...] = ()  # that are followed, at time 0
     view: View = field(default_factory=View)
+    identity: Identity = field(default_factory=Identity)
+
+    @property
+    def active(self) -> Channel | None:
+        """The active channel; None while there are no channels."""
+        return self.channels[self.channel] if self.channels else None
+
+    @property
+    def name(self) -> str:
+        """The name of what it shows."""
+        return self.surface().name
+
+    def surface(self, slot: str = "advected") -> Surface:
+        """The surface that a slot shows, on which a side's functions are.
+
+        There is one surface, which all show.
+        """
+        return self.surfaces[0]
+
+    def facing(self, front: Front) -> Document:
+        """The same with another front."""
+        return replace(self, surfaces=(replace(self.surface(), front=front),))
+
+    def function(self, side: Side, channel: Channel | None = None) -> Function:
+        """A side of a channel, by default of the active one, which there must be."""
+        channel = channel or self.channels[self.channel]
+        return Function(self.surface(side), channel.spec(side))
+
+    @property
+    def mask_function(self) -> Function:
+        """The mask, with an empty spec if there is none."""
+        return Function(self.surface("target"), self.mask)
+
+    @property
+    def functions(self) -> tuple[Function, ...]:
+        """All functions, each once."""
+        found = [self.function(side, channel) for channel in self.channels for side in SIDES]
+        return tuple(dict.fromkeys([*found, self.mask_function] if self.mask else found))
+
+    @property
+    def end(self) -> float:
+        """The end of the time bar."""
+        return EXTRAPOLATION * self.parameters.tau

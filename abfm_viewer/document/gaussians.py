@@ -17,12 +17,12 @@ _WIDTH = 0.1
 
 
 def gaussians(spec: str) -> list[functions.Gaussian]:
-    """The Gaussians among a function's terms, in their order; a `FunctionError` if the text is no spec."""
+    """Find the Gaussians among a function's terms; `FunctionError` if the text is no spec."""
     return [term for term in _terms(functions.parse(spec)) if isinstance(term, functions.Gaussian)]
 
 
 def is_mapped(spec: str) -> bool:
-    """Whether a vertex map stands between the Gaussians and what is seen of them."""
+    """Return whether a vertex map stands between the Gaussians and what is seen of them."""
     return isinstance(functions.parse(spec), functions.Permuted)
 
 
@@ -37,7 +37,8 @@ def changed(spec: str, bump: int, **values: Any) -> str:
 
 
 def added(spec: str, mesh: TriangleMesh) -> str:
-    """The spec with one more Gaussian at the end, as wide as the last and as far as possible from all of them.
+    """The spec with one more Gaussian at the end, as wide as the last and as far as possible from
+    all of them.
 
     One at a vertex that the mesh has not is a `FunctionError`.
     """
@@ -46,12 +47,15 @@ def added(spec: str, mesh: TriangleMesh) -> str:
 
 
 def landmark(specs: Iterable[str], mesh: TriangleMesh) -> str:
-    """The spec of a Gaussian as far as possible from all those of other functions, and as wide as the last.
+    """The spec of a Gaussian as far as possible from all those of other functions, and as wide as
+    the last.
 
-    As source and target of a channel it says what stays in its place while the others move. Gaussians at vertices that
-    the mesh has not do not count.
+    As source and target of a channel it says what stays in its place while the others move.
+    Gaussians at vertices that the mesh has not do not count.
     """
-    return str(_farthest([one for spec in specs for one in gaussians(spec) if _is_on(one, mesh)], mesh))
+    return str(
+        _farthest([one for spec in specs for one in gaussians(spec) if _is_on(one, mesh)], mesh)
+    )
 
 
 def _is_on(gaussian: functions.Gaussian, mesh: TriangleMesh) -> bool:
@@ -65,9 +69,10 @@ def _is_on(gaussian: functions.Gaussian, mesh: TriangleMesh) -> bool:
 def _farthest(known: Sequence[functions.Gaussian], mesh: TriangleMesh) -> functions.Gaussian:
     """A Gaussian as wide as the last one of some, and as far as possible from all of them."""
     width = known[-1].width if known else _WIDTH
-    centres = np.concatenate([gaussian.sources(mesh) for gaussian in known]) if known else np.array([0])
-    gaps = np.min([np.linalg.norm(mesh.vertices - mesh.vertices[centre], axis=1) for centre in centres], axis=0)
-    return functions.Gaussian(vertex=(int(mesh.vertex_ids[int(np.argmax(gaps))]),), width=width)
+    centres = np.concatenate([one.sources(mesh) for one in known]) if known else np.array([0])
+    away = [np.linalg.norm(mesh.vertices - mesh.vertices[centre], axis=1) for centre in centres]
+    vertex = int(mesh.vertex_ids[int(np.argmax(np.min(away, axis=0)))])
+    return functions.Gaussian(vertex=(vertex,), width=width)
 
 
 def removed(spec: str, bump: int) -> str:
@@ -76,7 +81,7 @@ def removed(spec: str, bump: int) -> str:
 
 
 def centre(gaussian: functions.Gaussian, mesh: TriangleMesh) -> int:
-    """The vertex it sits at, as the mesh file counts, of several the first; a `FunctionError` if there is none such."""
+    """Return the first vertex it sits at, as the file counts; `FunctionError` if there is none."""
     return int(mesh.vertex_ids[gaussian.sources(mesh)[0]])
 
 
@@ -89,8 +94,8 @@ def _with_bump(spec: str, bump: int, by: Sequence[functions.Spec]) -> str:
     """The spec with other terms in the place of one Gaussian."""
     tree = functions.parse(spec)
     terms = list(_terms(tree))
-    place = [number for number, term in enumerate(terms) if isinstance(term, functions.Gaussian)][bump]
-    terms[place : place + 1] = by
+    places = [i for i, term in enumerate(terms) if isinstance(term, functions.Gaussian)]
+    terms[places[bump] : places[bump] + 1] = by
     return _put(tree, tuple(terms))
 
 

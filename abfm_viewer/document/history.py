@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from abfm import TriangleMesh
 from abfm_viewer.document.document import Document
 
 LONGEST = 200
@@ -26,10 +25,11 @@ class Step:
 class History:
     """Every change is a step; changes in a row with the same merge key (a drag, a scrub) are one.
 
-    There are at most `LONGEST` steps to take back, and fewer where these hold meshes and results of more than `LARGEST`
-    bytes: then the oldest go.
+    There are at most `LONGEST` steps to take back, and fewer where these hold meshes and results of
+    more than `LARGEST` bytes: then the oldest go.
 
-    How the surfaces are seen goes back only with a step that changed it: what the mouse turned meanwhile stays.
+    How the surfaces are seen goes back only with a step that changed it: what the mouse turned
+    meanwhile stays.
     """
 
     def __init__(self, document: Document) -> None:
@@ -39,18 +39,18 @@ class History:
         self._future: list[Step] = []
 
     @property
-    def meshes(self) -> set[TriangleMesh]:
-        """Those of the present state and of all that undo and redo lead to."""
-        return {self.document.mesh, *(step.document.mesh for step in (*self._past, *self._future))}
+    def documents(self) -> list[Document]:
+        """The present state, and all that undo and redo lead to."""
+        return [self.document, *(step.document for step in (*self._past, *self._future))]
 
     @property
     def undo_label(self) -> str:
-        """What undo would take back; empty if nothing."""
+        """Say what undo would take back; nothing if nothing."""
         return self._past[-1].label if self._past else ""
 
     @property
     def redo_label(self) -> str:
-        """What redo would do again; empty if nothing."""
+        """Say what redo would do again; nothing if nothing."""
         return self._future[-1].label if self._future else ""
 
     @property
@@ -66,7 +66,8 @@ class History:
     def change(self, document: Document, label: str, merge: str = "") -> None:
         """Go on to another state."""
         if not (merge and self._past and self._past[-1].merge == merge):
-            self._past.append(Step(self.document, label, merge, _look_differs(self.document, document)))
+            looks = _look_differs(self.document, document)
+            self._past.append(Step(self.document, label, merge, looks))
             del self._past[: -self._kept_steps()]
         self._future.clear()
         self.document = document
@@ -86,12 +87,12 @@ class History:
         self._move(self._future, self._past)
 
     def _kept_steps(self) -> int:
-        """How many steps can be taken back: the latest one always, and the others as far as there is room for them."""
-        counted, room = {id(self.document.mesh), id(self.document.result)}, LARGEST
+        """Count the steps to take back: always the latest, others as far as there is room."""
+        counted, room = set(_large_parts(self.document)), LARGEST
         for count, step in enumerate(reversed(self._past)):
-            mesh, result = step.document.mesh, step.document.result
-            room -= sum(_bytes(held) for held in (mesh, result) if held is not None and id(held) not in counted)
-            counted |= {id(mesh), id(result)}
+            parts = _large_parts(step.document)
+            room -= sum(_bytes(parts[key]) for key in parts.keys() - counted)
+            counted |= parts.keys()
             if count == LONGEST or (count and room < 0):
                 return count
         return len(self._past)
@@ -107,12 +108,20 @@ class History:
             self.moves += 1
 
 
+def _large_parts(document: Document) -> dict[int, object]:
+    """Meshes and results, by their identity."""
+    meshes = [surface.mesh for surface in document.surfaces]
+    parts = [*meshes, document.result] if document.result is not None else meshes
+    return {id(part): part for part in parts}
+
+
 def _bytes(held: object) -> int:
-    """What the arrays of a mesh or a result take."""
+    """Count what the arrays of a mesh or a result take."""
     return sum(array.nbytes for array in vars(held).values() if isinstance(array, np.ndarray))
 
 
 def _look_differs(before: Document, after: Document) -> bool:
-    """Whether a step changes how surfaces are seen; else they are seen after undo as before, however that came."""
+    """Return whether a step changes how surfaces are seen, which undo takes back then alone."""
     one, other = before.view, after.view
-    return before.mesh is not after.mesh or one.look is not other.look or one.large != other.large
+    is_other = before.identity is not after.identity
+    return is_other or one.look is not other.look or one.large != other.large

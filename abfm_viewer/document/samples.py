@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from abfm.experiments import FIGURES, TITLES
+from abfm.paper import FIGURES, TITLES
 
 MESHES = {
     "human_A.off": "A human, coarse",

@@ -22,7 +22,10 @@ _OTHERWISE = {  # of matches that did not come to their end
     "given": "nothing was solved: Play shows its flow, Match looks for a field of its own",
 }
 _ENDED = {  # of those that are matched, or nearly, without another cause
-    "converged": "it stopped where going on gained little",
+    "converged": "no change of the field gains anything more",
+    "goal reached": "flow lines seldom confirm a closer match",
+    "no progress": "it stopped where going on gained little",
+    "line search failed": "no step lowers the energy any more, which is often rounding",
     "iteration limit": "it stopped after the {iterations} iterations it was given",
 }
 _LEAST = 1e-4  # a smaller mismatch is told as less than this
@@ -30,10 +33,12 @@ _ALL = 0.995  # a share that reads as 100%
 
 
 def headline(match: abfm.Match) -> str:
-    """How well it matches: ``matched to 0.7%``, ``nearly: 8% left``, ``not reached: 33% left``, ``impossible``.
+    """Return how well it matches: ``matched to 0.7%``, ``nearly: 8% left``,
+    ``not reached: 33% left``, ``impossible``.
 
-    The share is the mismatch that the word goes by (`Match.confirmed_mismatch`): a smaller one never has a worse word.
-    Where the word has another cause, such as folds, there is none; `why` has the cause.
+    The share is the mismatch that the word goes by (`Match.confirmed_mismatch`): a smaller one
+    never has a worse word. Where the word has another cause, such as folds, there is none; `why`
+    has the cause.
     """
     kind = match.verdict.kind
     if match.stop_reason == "given":
@@ -42,11 +47,13 @@ def headline(match: abfm.Match) -> str:
         return f"cancelled: {_left(match)}"
     if kind != abfm.matching.kind_of(match.confirmed_mismatch):
         return kind
-    return f"matched to {share(match.confirmed_mismatch)}" if kind == "matched" else f"{kind}: {_left(match)}"
+    if kind == "matched":
+        return f"matched to {share(match.confirmed_mismatch)}"
+    return f"{kind}: {_left(match)}"
 
 
 def _left(match: abfm.Match) -> str:
-    """What is left as a share of the target, or that it is no less than before, or than of nothing at all."""
+    """Say what is left as a share of the target, or that nothing or little was gained."""
     left = match.confirmed_mismatch
     if abfm.matching.kind_of(left) == "not reached":
         if np.nanmax([match.mismatch, match.verified_mismatch]) >= _ALL * match.initial_mismatch:
@@ -64,43 +71,54 @@ def share(value: float) -> str:
 
 
 def tone(match: abfm.Match) -> Tone:
-    """Green for what is matched, failure for what is not reached or impossible, ink for the rest."""
+    """Return good for matched, failure for not reached or impossible, ink for the rest."""
     if match.stop_reason in _OTHERWISE:
         return "ink"
     tones: dict[str, Tone] = {"matched": "good", "nearly": "ink"}
     return tones.get(match.verdict.kind, "failure")
 
 
+def is_broken_off(match: abfm.Match) -> bool:
+    """Return whether it was ended before its end, with a field to go on from."""
+    return match.stop_reason in ("cancelled", "out of memory")
+
+
 def why(match: abfm.Match) -> str:
-    """Why it stopped there, in a line."""
+    """Say why it stopped there, in a line."""
     if match.stop_reason in _OTHERWISE:
         return _OTHERWISE[match.stop_reason]
-    cause = match.verdict.cause
-    return cause or _ENDED.get(match.stop_reason, match.stop_reason).format(iterations=match.parameters.iterations)
+    ended = _ENDED.get(match.stop_reason, match.stop_reason)
+    return match.verdict.cause or ended.format(iterations=match.parameters.iterations)
 
 
 def advice(match: abfm.Match) -> str:
-    """What to try, in a line; empty where nothing is needed."""
+    """Say what to try, in a line; nothing where nothing is needed."""
     return "" if match.stop_reason == "given" else match.verdict.advice
 
 
 def advice_in_options(match: abfm.Match, result: str) -> str:
-    """What to try as options of a command line, if the result is in a file; else in words, empty for nothing."""
-    found = [f"{remedy.label.lower()} ({_options(remedy, result)})" for remedy in match.verdict.remedies]
+    """Say what to try as options of a command line, if the result is in a file; else in words."""
+    found = [
+        f"{remedy.label.lower()} ({_options(remedy, result)})" for remedy in match.verdict.remedies
+    ]
     return ", or ".join(found) or advice(match)
 
 
 def _options(remedy: Remedy, result: str) -> str:
-    """What a remedy adds to a command line: ``--reach 0.6 --start match.npz``."""
-    words = [f"--{name.replace('_', '-')} {_plain(value)}" for name, value in remedy.parameters.items()]
+    """Write what a remedy adds to a command line: ``--reach 0.6 --start match.npz``."""
+    words = [
+        f"--{name.replace('_', '-')} {_plain(value)}" for name, value in remedy.parameters.items()
+    ]
     return " ".join([*words, *([f"--start {result}"] if remedy.goes_on else [])])
 
 
 def changes(remedy: Remedy) -> str:
-    """What a remedy does, for a tooltip: ``a larger reach, such as 1 of sqrt(area): reach 1, from no motion``."""
+    """Say what a remedy does, for a tooltip: ``A larger reach: reach 1, from no motion``."""
     changed = ", ".join(f"{name} {_plain(value)}" for name, value in remedy.parameters.items())
     start = "from the present field" if remedy.goes_on else "from no motion"
-    return f"{sentence(remedy.words)}\nStarts a run {start}{f', with {changed}' if changed else ''}."
+    return (
+        f"{sentence(remedy.words)}\nStarts a run {start}{f', with {changed}' if changed else ''}."
+    )
 
 
 def _plain(value: object) -> str:
@@ -108,7 +126,7 @@ def _plain(value: object) -> str:
 
 
 def numbers(match: abfm.Match) -> str:
-    """The mismatch, and what is known of its verification: ``0.012, 0.03 by flow lines, 0.1% folded``."""
+    """Write the mismatch and its verification: ``0.012, 0.03 by flow lines, 0.1% folded``."""
     parts = [f"{match.mismatch:.3g}"]
     if not math.isnan(match.verified_mismatch):
         parts.append(f"{match.verified_mismatch:.3g} by flow lines")
@@ -123,7 +141,7 @@ def counted(number: int, noun: str) -> str:
 
 
 def place(now: abfm.Iteration) -> str:
-    """Where in its course a match is: ``mesh 1/3, stage 2, reach 0.5``."""
+    """Say where in its course a match is: ``mesh 1/3, stage 2, reach 0.5``."""
     parts = [f"mesh {now.level + 1}/{now.levels}"] if now.levels > 1 else []
     parts.append(f"stage {now.stage + 1}")
     if now.reach:

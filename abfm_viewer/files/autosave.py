@@ -25,7 +25,8 @@ _ABANDONED = 120.0  # seconds without a heartbeat: the process is gone, whatever
 
 
 class Autosave:
-    """Writes a document to the state folder when it has changed, in the background, at most every few seconds.
+    """Writes a document to the state folder when it has changed, in the background, at most every
+    few seconds.
 
     A process may have several, each with a `number` of its own.
     """
@@ -48,11 +49,18 @@ class Autosave:
         self._future: Future[None] | None = None
         _make_room(self.path)
 
-    def offer(self, state: object, content: Callable[[], Content], unsaved: bool, origin: Origin | None = None) -> None:
-        """Call every frame: writes a copy where it is time for one, and removes it where everything is saved.
+    def offer(
+        self,
+        state: object,
+        content: Callable[[], Content],
+        unsaved: bool,
+        origin: Origin | None = None,
+    ) -> None:
+        """Call every frame: writes a copy where it is time for one, and removes it where everything
+        is saved.
 
-        What is written changes with the `state`, objects that are compared by identity; its content is asked for in
-        the background. The copy says which project file is its `origin`.
+        What is written changes with the `state`, objects that are compared by identity; its content
+        is asked for in the background. The copy says which project file is its `origin`.
         """
         if self._future is not None:
             if not self._future.done():
@@ -78,7 +86,7 @@ class Autosave:
 
     @property
     def is_idle(self) -> bool:
-        """Whether there is no copy, and none is being written."""
+        """Return whether there is no copy, and none is being written."""
         return not self._has_copy and self._future is None
 
     def take_over(self, recovery: Recovery) -> None:
@@ -106,13 +114,13 @@ class Autosave:
 
 @dataclass(frozen=True)
 class Recovery:
-    """A copy that a process left which ended without saving: its file, and when it was written (seconds)."""
+    """A copy that a process left which ended without saving, and when it was written."""
 
     path: Path
     written: float
 
     def set_aside(self) -> Path:
-        """Keep one that cannot be read, perhaps by another version only, where it is not found again; its new place."""
+        """Keep one that cannot be read where it is not found again; return its new place."""
         place = self.path.with_name(f"unreadable-{self.path.name}")
         with suppress(OSError):
             self.path.replace(place)
@@ -145,7 +153,7 @@ def _make_room(path: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    """Whether a process runs; Windows, where asking by signal would end it, tells by the heartbeat alone."""
+    """Return whether a process runs; on Windows the heartbeat alone tells."""
     if os.name == "posix":
         try:
             os.kill(process, 0)

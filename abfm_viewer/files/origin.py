@@ -16,7 +16,7 @@ MEMBER = "origin.json"
 
 @dataclass(frozen=True)
 class Origin:
-    """A project file as it was when it was last read or written: when it was modified (ns), and its size in bytes."""
+    """A project file, and when (ns) it was modified and its bytes when last read or written."""
 
     path: Path
     modified: int
@@ -29,12 +29,12 @@ class Origin:
 
     @property
     def exists(self) -> bool:
-        """Whether there is such a file now."""
+        """Return whether there is such a file now."""
         return _state(self.path)[1] >= 0
 
     @property
     def changed(self) -> bool:
-        """Whether there is such a file now, and not as it was."""
+        """Return whether there is such a file now, and not as it was."""
         return self.exists and _state(self.path) != (self.modified, self.size)
 
     def to_json(self) -> str:
@@ -42,7 +42,7 @@ class Origin:
 
 
 def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
-    """What a copy of unsaved work is a copy of; None if of no file, or none that is still there."""
+    """Read what a copy of unsaved work is a copy of; None if of no file that is still there."""
     try:
         with open_archive(copy, "project", "") as archive:
             plain = json.loads(archive.read(MEMBER))

@@ -7,8 +7,7 @@ import tempfile
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
-
-from PIL import Image
+from typing import TYPE_CHECKING
 
 import abfm
 from abfm import ResultError
@@ -16,8 +15,12 @@ from abfm.errors import one_line
 from abfm.io import write_atomically
 from abfm.types import FloatArray
 
+if TYPE_CHECKING:
+    from PIL import Image
+
 SLOWEST = 0.1
-FASTEST = {".mp4": 120.0, ".gif": 50.0}  # frames a second by suffix; browsers slow down a GIF that is faster
+# frames a second by suffix; browsers slow down a GIF that is faster
+FASTEST = {".mp4": 120.0, ".gif": 50.0}
 
 
 def check(path: Path, suffixes: Collection[str]) -> None:
@@ -34,13 +37,19 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        raise ResultError(f"cannot make the folder {path}: {one_line(error)}; choose another") from None
+        raise ResultError(
+            f"cannot make the folder {path}: {one_line(error)}; choose another"
+        ) from None
 
 
 WRITERS: dict[str, Callable[[Path, abfm.Match], None]] = {
     ".npz": lambda path, match: match.save(path),
-    ".ply": lambda path, match: abfm.io.export_ply(path, match.mesh, _point_data(match), _cell_data(match)),
-    ".vtu": lambda path, match: abfm.io.export_vtu(path, match.mesh, _point_data(match), _cell_data(match)),
+    ".ply": lambda path, match: abfm.io.export_ply(
+        path, match.mesh, _point_data(match), _cell_data(match)
+    ),
+    ".vtu": lambda path, match: abfm.io.export_vtu(
+        path, match.mesh, _point_data(match), _cell_data(match)
+    ),
     ".csv": lambda path, match: abfm.io.export_energy_csv(path, match.energy_history, match.stages),
 }
 
@@ -56,8 +65,8 @@ def write_all(paths: Sequence[Path], match: abfm.Match) -> None:
     Raises
     ------
     ResultError
-        If a file could not be written. All others are, and the result is in one of them or in another folder, which
-        the error names.
+        If a file could not be written. All others are, and the result is in one of them or in
+        another folder, which the error names.
     """
     problem, kept = None, False
     for path in paths:

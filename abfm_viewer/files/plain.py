@@ -13,19 +13,21 @@ class PlainError(ValueError):
 
 
 def to_plain(value: Any, without: tuple[str, ...] = ()) -> Any:
-    """Dataclasses as dictionaries, the outermost without some fields, and tuples as lists, all the way down."""
+    """Make dictionaries of dataclasses, the outermost without some fields, and lists of tuples."""
     if is_dataclass(value):
         names = [entry.name for entry in fields(value) if entry.name not in without]
         return {name: to_plain(getattr(value, name)) for name in names}
-    return [to_plain(part) for part in value] if isinstance(value, tuple | list) else value
+    if isinstance(value, tuple | list):
+        return [to_plain(part) for part in value]
+    return str(value) if isinstance(value, str) else value  # also words of an enumeration
 
 
 def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
-    """What `to_plain` was given, for a type hint; missing fields take their defaults.
+    """Return what `to_plain` was given, for a type hint; missing fields take their defaults.
 
-    Fields that are given are not looked for in the value. A dataclass that has a `from_dict` of its own is made by
-    that, which knows what older versions left out. A value of another type, not finite or not one of the choices, and
-    a field that is unknown or missing, are a `PlainError`.
+    Fields that are given are not looked for in the value. A dataclass that has a `from_dict` of its
+    own is made by that, which knows what older versions left out. A value of another type, not
+    finite or not one of the choices, and a field that is unknown or missing, are a `PlainError`.
     """
     origin, options = get_origin(hint), get_args(hint)
     if origin is Literal:
@@ -45,7 +47,9 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
         _check(isinstance(value, dict), where, value, "an object")
         return value
     if hint is float:
-        is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        is_number = (
+            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        )
         _check(is_number, where, value, "a finite number")
         return float(value)
     _check(type(value) is hint, where, value, f"a value of type {hint.__name__}")
@@ -54,11 +58,14 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
 
 def _dataclass(hint: Any, value: Any, where: str, given: dict[str, Any]) -> Any:
     _check(isinstance(value, dict), where, value, "an object")
-    hints = get_type_hints(hint, localns={"Match": Any})  # a document without a result does not load its type
+    # a document without a result does not load its type
+    hints = get_type_hints(hint, localns={"Match": Any})
     known = {entry.name: entry for entry in fields(hint) if entry.name not in given}
     unknown = sorted(value.keys() - known.keys())
     _check(not unknown, where, unknown, f"only {', '.join(known)}")
-    required = {name for name, e in known.items() if e.default is MISSING and e.default_factory is MISSING}
+    required = {
+        name for name, e in known.items() if e.default is MISSING and e.default_factory is MISSING
+    }
     missing = sorted(required - value.keys())
     _check(not missing, where, value, f"also {', '.join(missing)}")
     parts = {name: from_plain(hints[name], part, f"{where}.{name}") for name, part in value.items()}

@@ -1,8 +1,9 @@
-"""Project files (``.abfm``): a zip of JSON and arrays with everything that is needed to go on elsewhere.
+"""Project files (``.abfm``): a zip of JSON and arrays with everything that is needed to go on
+elsewhere.
 
-``project.json`` holds all that is small; ``mesh/*.npy``, ``result/*.npy`` and ``runs/*/*.npy`` the arrays of the
-document, and ``known/*.npy`` the values of functions that come from other files. Those of mesh and result are what
-result files hold.
+``project.json`` holds all that is small; ``mesh/*.npy``, ``result/*.npy`` and ``runs/*/*.npy`` the
+arrays of the document, and ``known/*.npy`` the values of functions that come from other files.
+Those of mesh and result are what result files hold.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import json
 import os
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -24,26 +25,32 @@ from abfm.io.arrays import Entry, check_arrays, check_version, open_archive, wri
 from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, mesh_arrays, mesh_of
 from abfm.reading import from_json
 from abfm.types import FloatArray
-from abfm_viewer.document.document import Document, Run
-from abfm_viewer.files.older_views import look_through, taken_camera
+from abfm_viewer.document.document import Document, Identity, Run, Surface
 from abfm_viewer.files.origin import MEMBER, Origin
 from abfm_viewer.files.plain import from_plain, to_plain
 from abfm_viewer.files.project_checks import check
 
-_FORMAT = 2  # versions that had one camera for all surfaces wrote 1, and read no later ones
+_FORMAT = 2
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
 _MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
 _RUN = {
     "stages": Entry("integer", ("n",), may_be_empty=True, low=0),
     "energies": Entry("real", ("n", 3), may_be_empty=True),
 }
-_COURSE = _RUN | {"vertices": Entry("integer", ("n",), low=0), "reaches": Entry("real", ("n",), low=0)}
-_RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in ("parameters", "verdict", "remedies")}
+_COURSE = _RUN | {
+    "vertices": Entry("integer", ("n",), low=0),
+    "reaches": Entry("real", ("n",), low=0),
+}
+_RESULT = {
+    name: entry
+    for name, entry in MATCH_ENTRIES.items()
+    if name not in ("parameters", "verdict", "remedies")
+}
 
 
 @dataclass(frozen=True)
 class _Header:
-    """What `project.json` holds; `known` are the functions with values, in the order of their members."""
+    """What `project.json` holds; `known` are functions with values, as their members count."""
 
     file_vertex_count: int
     document: dict[str, Any]
@@ -54,33 +61,37 @@ class _Header:
 
 
 def save_project(
-    path: str | os.PathLike[str], document: Document, known: Mapping[str, FloatArray], origin: Origin | None = None
+    path: str | os.PathLike[str],
+    document: Document,
+    known: Mapping[str, FloatArray],
+    origin: Origin | None = None,
 ) -> None:
     """Write a project, whole or not at all. The same document gives the same bytes.
 
-    Known are the values (V,) of the terms that `terms_from_files` names. A copy of unsaved work says of which project
-    file it is one, for `load_origin`.
+    Known are the values (V,) of the terms that `terms_from_files` names. A copy of unsaved work
+    says of which project file it is one, for `load_origin`.
 
     Raises
     ------
     ResultError
         If it would not open again, or cannot be written.
     """
-    mesh, result = mesh_arrays(document.mesh), document.result
+    surface = document.surface()
+    mesh = mesh_arrays(surface.mesh)
     arrays = {f"mesh/{name}": mesh[name] for name in _MESH}
     for number, run in enumerate(document.runs):
-        arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in (_COURSE if run.has_course else _RUN)}
+        names = _COURSE if run.has_course else _RUN
+        arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in names}
     plain_result = None
-    if result is not None:
-        parts = abfm.matching.match_arrays(result)
-        plain_result = {name: part for name, part in parts.items() if not isinstance(part, np.ndarray)}
-        plain_result.pop("remedies", None)  # they are the verdict's
-        plain_result |= {"parameters": to_plain(result.parameters), "verdict": to_plain(result.verdict)}
-        arrays |= {f"result/{name}": part for name, part in parts.items() if isinstance(part, np.ndarray)}
+    if document.result is not None:
+        plain_result, own = _plain_result(document.result)
+        arrays |= {f"result/{name}": part for name, part in own.items()}
     content = {
-        "file_vertex_count": document.mesh.file_vertex_count,
-        "document": to_plain(document, ("mesh", "result", "runs")),
-        "runs": [to_plain(run, tuple(_COURSE)) | {"has_course": run.has_course} for run in document.runs],
+        "file_vertex_count": surface.mesh.file_vertex_count,
+        "document": _plain_document(document),
+        "runs": [
+            to_plain(run, tuple(_COURSE)) | {"has_course": run.has_course} for run in document.runs
+        ],
         "result": plain_result,
         "result_has_mask": "result/mask" in arrays,
         "known": sorted(known),
@@ -89,8 +100,11 @@ def save_project(
     try:
         text = json.dumps({"format_version": _FORMAT, **content}, indent=1)
         if len(text) > _LARGEST_HEADER:
-            raise ValueError(f"it has {len(text)} bytes besides its arrays, and at most {_LARGEST_HEADER} can be read")
-        _document(content, arrays, document.mesh)
+            raise ValueError(
+                f"it has {len(text)} bytes besides its arrays, and at most {_LARGEST_HEADER} can "
+                "be read"
+            )
+        _document(content, arrays, surface.mesh)
     except ValueError as error:
         raise ResultError(f"{one_line(path)} not written: {one_line(error, 400)}") from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
@@ -110,12 +124,39 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
     """
     with open_archive(path, "project", "take another copy of the file") as archive:
         if "velocity" in archive:
-            raise ResultError("a result file, not a project; open it as a result, under a name that ends in .npz")
+            raise ResultError(
+                "a result file, not a project; open it as a result, under a name that ends in .npz"
+            )
         if archive.packed:
-            raise ValueError(f"{archive.packed[0]} is compressed; expected a zip without compression")
+            raise ValueError(
+                f"{archive.packed[0]} is compressed; expected a zip without compression"
+            )
         content = from_json(archive.read("project.json", _LARGEST_HEADER))
-        check_version(content.pop("format_version", None) if isinstance(content, dict) else None, _FORMAT)
+        check_version(
+            content.pop("format_version", None) if isinstance(content, dict) else None, _FORMAT
+        )
         return _document(content, archive)
+
+
+def _plain_result(result: abfm.Match) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what of a result goes into `project.json`, and its arrays."""
+    parts = abfm.matching.match_arrays(result)
+    arrays = {name: part for name, part in parts.items() if isinstance(part, np.ndarray)}
+    plain = {name: part for name, part in parts.items() if name not in arrays}
+    plain.pop("remedies", None)  # they are the verdict's
+    values = {"parameters": result.parameters, "verdict": result.verdict}
+    return plain | {name: to_plain(value) for name, value in values.items()}, arrays
+
+
+def _plain_document(document: Document) -> dict[str, Any]:
+    """Return what of a document is neither an array nor another part of the file.
+
+    The surface's name is the document's there, and its front the view's.
+    """
+    plain: dict[str, Any] = to_plain(document, ("identity", "surfaces", "result", "runs"))
+    surface = document.surface()
+    plain["view"]["front"] = to_plain(surface.front)
+    return {"name": surface.name} | plain
 
 
 def _document(
@@ -126,17 +167,32 @@ def _document(
     mesh_parts = check_arrays(arrays, _MESH, "mesh/")
     mesh = mesh or mesh_of({**mesh_parts, "file_vertex_count": np.array(header.file_vertex_count)})
     runs = tuple(_run(number, state, arrays) for number, state in enumerate(header.runs))
-    result = None if header.result is None else _result(header.result, header.result_has_mask, arrays, mesh)
-    plain, camera = taken_camera(header.document)
-    document = from_plain(Document, plain, "project.document", mesh=mesh, result=result, runs=runs)
-    if camera is not None:
-        look = look_through(camera, document)
-        document = replace(document, view=replace(document.view, look=look))
-    values = {f"the values of {spec}": arrays[f"known/{number}"] for number, spec in enumerate(header.known)}
+    result = None
+    if header.result is not None:
+        result = _result(header.result, header.result_has_mask, arrays, mesh)
+    surface, plain = _surface(header.document, mesh)
+    given = {"surfaces": (surface,), "result": result, "runs": runs, "identity": Identity()}
+    document = from_plain(Document, plain, "project.document", **given)
+    values = {
+        f"the values of {spec}": arrays[f"known/{number}"]
+        for number, spec in enumerate(header.known)
+    }
     entries = dict.fromkeys(header.known, Entry("real", ("V",)))
     known = check_arrays(values, entries, "the values of ", V=len(mesh.vertices))
     check(document)
     return document, known
+
+
+def _surface(document: dict[str, Any], mesh: TriangleMesh) -> tuple[Surface, dict[str, Any]]:
+    """The surface of a document as `_plain_document` gives it, and the rest of that."""
+    view = document.get("view")
+    known = view if isinstance(view, dict) else {}
+    plain = {"name": document.get("name"), "front": known.get("front")}
+    surface: Surface = from_plain(Surface, plain, "project.document", mesh=mesh)
+    rest = {name: value for name, value in document.items() if name != "name"}
+    if known:
+        rest["view"] = {name: value for name, value in known.items() if name != "front"}
+    return surface, rest
 
 
 def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
@@ -145,12 +201,16 @@ def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
     return cast(Run, from_plain(Run, plain, f"project.runs[{number}]", **parts))
 
 
-def _result(state: dict[str, Any], has_mask: bool, arrays: Mapping[str, Any], mesh: TriangleMesh) -> abfm.Match:
+def _result(
+    state: dict[str, Any], has_mask: bool, arrays: Mapping[str, Any], mesh: TriangleMesh
+) -> abfm.Match:
     known = {name: value for name, value in state.items() if value is not None}
     entries = _RESULT | {"mask": _RESULT["mask"]._replace(required=has_mask)}
     given = {place: arrays[place] for name in entries if (place := f"result/{name}") in arrays}
     given |= {f"result/{name}": value for name, value in known.items()}
     parts = check_arrays(given, entries, "result/", V=len(mesh.vertices), F=len(mesh.faces))
     parameters = from_plain(Parameters, known.get("parameters"), "project.result.parameters")
-    verdict = from_plain(abfm.matching.Verdict | None, known.get("verdict"), "project.result.verdict")
+    verdict = from_plain(
+        abfm.matching.Verdict | None, known.get("verdict"), "project.result.verdict"
+    )
     return abfm.matching.match_of(mesh, parts, parameters, verdict)

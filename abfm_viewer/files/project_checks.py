@@ -6,11 +6,12 @@ import numpy as np
 
 import abfm
 from abfm_viewer.appearance.colormaps import NAMES
-from abfm_viewer.document.document import EXTRAPOLATION, FARTHEST, NEAREST, Document, Front
+from abfm_viewer.document.document import FARTHEST, NEAREST, Document, Front, View
 
 
 def terms_from_files(spec: str) -> list[str]:
-    """The terms of a function that read files, in their text form: what a project must hold the values of.
+    """The terms of a function that read files, in their text form: what a project must hold the
+    values of.
 
     A text that is no spec is a `FunctionError`.
     """
@@ -27,42 +28,55 @@ def terms_from_files(spec: str) -> list[str]:
     return [str(term) for term in terms if reads_files(term)]
 
 
+_VIEW_BOUNDS: dict[str, tuple[float, float]] = {
+    "ui_scale": (0, 10),
+    "arrow_length": (0, 10),
+    "arrow_density": (0, 1),
+    "isoline_count": (1, 1000),
+}
+_ABOVE_0 = ("ui_scale", "arrow_length")
+
+
 def check(document: Document) -> None:
-    """Refuse a document that does not fit together or could not be drawn, by a `ValueError` that says why."""
+    """Refuse a document that does not fit together, by a `ValueError` that says why."""
     for number, run in enumerate(document.runs):
         rows = run.stages.size
-        _require(all(0 <= row <= rows for row in run.restarts), f"run {number} of {rows} rows restarts outside them")
-    for channel in document.channels:
-        terms_from_files(channel.source)
-        terms_from_files(channel.target)
-        _require(0 <= channel.weight < np.inf, f"a channel has the weight {channel.weight}; expected 0 or more")
-    if document.mask:
-        terms_from_files(document.mask)
-    count, end = max(len(document.channels), 1), EXTRAPOLATION * document.parameters.tau
-    _require(0 <= document.channel < count, f"channel is {document.channel}; expected 0 to {count - 1}")
+        inside = all(0 <= row <= rows for row in run.restarts)
+        _require(inside, f"run {number} of {rows} rows restarts outside them")
+    for function in document.functions:
+        terms_from_files(function.spec)
+    for weight in (channel.weight for channel in document.channels):
+        _require(0 <= weight < np.inf, f"a channel has the weight {weight}; expected 0 or more")
+    _within("channel", document.channel, 0, max(len(document.channels), 1) - 1)
     _require(document.bump >= 0, f"bump is {document.bump}; expected 0 or more")
-    _require(0 <= document.time <= end, f"time is {document.time}; expected 0 to {end}")
-    F = len(document.mesh.faces)
+    _within("time", document.time, 0, document.end)
+    F = len(document.surface().mesh.faces)
     for point in document.lines + document.points:
         inside = min(point.barycentric) >= -1e-9 and abs(sum(point.barycentric) - 1) <= 1e-9
         _require(0 <= point.face < F, f"a point lies on face {point.face}; expected 0 to {F - 1}")
         _require(inside, f"a point has weights {point.barycentric}; expected 0 or more, with sum 1")
-    view, colormaps = document.view, ("automatic", *NAMES)
-    _require(view.colormap in colormaps, f"colormap is {view.colormap!r}; expected {' or '.join(colormaps)}")
-    _require(0 < view.ui_scale <= 10, f"ui_scale is {view.ui_scale}; expected above 0 to 10")
-    _require(0 < view.arrow_length <= 10, f"arrow_length is {view.arrow_length}; expected above 0 to 10")
-    _require(0 <= view.arrow_density <= 1, f"arrow_density is {view.arrow_density}; expected 0 to 1")
-    _require(0 < view.isoline_count <= 1000, f"isoline_count is {view.isoline_count}; expected 1 to 1000")
-    for front in (view.front, view.look.front if view.look else None):
-        _require(front is None or _is_upright(front), f"front is {front}; expected two unit vectors at a right angle")
+    _check_view(document.view, document.surface().front)
+
+
+def _check_view(view: View, front: Front | None) -> None:
+    colormaps = ("automatic", *NAMES)
+    expected = " or ".join(colormaps)
+    _require(view.colormap in colormaps, f"colormap is {view.colormap!r}; expected {expected}")
+    for name, (low, high) in _VIEW_BOUNDS.items():
+        value = getattr(view, name)
+        if name in _ABOVE_0:
+            _require(0 < value <= high, f"{name} is {value}; expected above 0 to {high:g}")
+        _within(name, value, low, high)
     if view.look is not None:
-        zoom = view.look.zoom
-        _require(FARTHEST <= zoom <= NEAREST, f"zoom is {zoom}; expected {FARTHEST:g} to {NEAREST:g}")
+        _within("zoom", view.look.zoom, FARTHEST, NEAREST)
+    for one in (front, view.look.front if view.look else None):
+        axes = np.eye(3)[:2] if one is None else np.array([one.direction, one.up])
+        is_upright = bool(np.allclose(axes @ axes.T, np.eye(2), atol=1e-6))
+        _require(is_upright, f"front is {one}; expected two unit vectors at a right angle")
 
 
-def _is_upright(front: Front) -> bool:
-    axes = np.array([front.direction, front.up])
-    return bool(np.allclose(axes @ axes.T, np.eye(2), atol=1e-6))
+def _within(name: str, value: float, low: float, high: float) -> None:
+    _require(low <= value <= high, f"{name} is {value}; expected {low} to {high}")
 
 
 def _require(fits: bool, problem: str) -> None:

@@ -20,11 +20,14 @@ VARIABLE = "ABFM_STATE_FOLDER"
 class StateFolder:
     """A folder of the user's; where it cannot be read or written, the app starts afresh every time.
 
-    It is by default what the environment variable ABFM_STATE_FOLDER says, or the system's place for such things.
+    It is by default what the environment variable ABFM_STATE_FOLDER says, or the system's place for
+    such things.
     """
 
     def __init__(self, path: Path | None = None) -> None:
-        self.path = path or Path(os.environ.get(VARIABLE) or platformdirs.user_state_dir("abfm", appauthor=False))
+        self.path = path or Path(
+            os.environ.get(VARIABLE) or platformdirs.user_state_dir("abfm", appauthor=False)
+        )
 
     def recent(self) -> list[Path]:
         """Files that were opened or saved and still exist, the latest first."""
@@ -47,7 +50,7 @@ class StateFolder:
         self._write("recent.json", [])
 
     def preferences(self) -> dict[str, Any]:
-        """What the user set for all projects, by name."""
+        """Return what the user set for all projects, by name."""
         found = self._read("preferences.json", {})
         return found if isinstance(found, dict) else {}
 

@@ -1,15 +1,18 @@
-"""Cards at the top of the viewport: what went wrong, what can be done about it, and what one waits for."""
+"""Cards over the surfaces: what went wrong, what can be done about it, what one waits for."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 import polyscope.imgui as imgui
 
+from abfm_viewer.appearance.theme import Color
 from abfm_viewer.document.wording import capital
 from abfm_viewer.panels.context import Context
-from abfm_viewer.session.loading import Load
 from abfm_viewer.session.notices import Card
-from abfm_viewer.session.waiting import Waiting
+from abfm_viewer.session.session import Session
+from abfm_viewer.widgets.containers import card
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
@@ -26,97 +29,99 @@ _SUDDENLY = 0.3  # seconds that something may take without a card
 _ALMOST = 0.97  # of a progress bar: an estimate is no promise
 
 
+@dataclass(frozen=True)
+class _Work:
+    """What goes on, and what Cancel does, with its tooltip; a share that nobody knows is None."""
+
+    name: str
+    text: str
+    elapsed: float
+    share: float | None
+    doing: str = ""
+    cancel: Callable[[], None] | None = None
+    tip: str = ""
+
+
+class _Column:
+    """Places cards one below the other, in the middle of a rectangle of the window."""
+
+    def __init__(self, ui: Ui, rect: Rect) -> None:
+        self._ui = ui
+        self._left, self._top, self._right, self._bottom = rect
+        self._top += ui.px(_EDGE)
+
+    @contextmanager
+    def card(self, name: str, color: Color) -> Iterator[None]:
+        ui = self._ui
+        width = min(ui.px(_WIDTH), self._right - self._left - 2 * ui.px(_EDGE))
+        place = (self._left + self._right - width) / 2, self._top, width
+        with card(ui, name, place, color, self._bottom - self._top):
+            yield
+            end = imgui.GetWindowPos()[1] + imgui.GetWindowHeight()
+        self._top = float(end) + ui.px(_EDGE / 2)
+
+
 def draw(context: Context, rect: Rect) -> None:
     """Draw what one waits for and the latest cards below it, in a rectangle of the window."""
+    column, cards = _Column(context.ui, rect), context.session.notices.cards
+    for work in (_opening(context.session), _ending(context)):
+        if work is not None and work.elapsed > _SUDDENLY:
+            with column.card(work.name, context.ui.colors.accent):
+                _draw_work(context.ui, work)
+    for number, message in enumerate(cards[:MOST], 1):
+        with column.card(f"message {number}", context.ui.colors.failure):
+            _draw_message(context, message)
+            if number == MOST < len(cards):
+                context.ui.note(f"and {len(cards) - MOST} more")
+
+
+def _draw_message(context: Context, message: Card) -> None:
     ui, session = context.ui, context.session
-    top = rect[1] + ui.px(_EDGE)
-    if (load := session.loading) is not None and load.elapsed > _SUDDENLY:
-        top = _draw_loading(context, load, rect, top)
-    elif session.bare_since is not None and (since := time.perf_counter() - session.bare_since) > _SUDDENLY:
-        top = _draw_functions(context, since, rect, top)
-    if (waiting := context.files.waiting) is not None and waiting.elapsed > _SUDDENLY:
-        top = _draw_waiting(context, waiting, rect, top)
-    shown = session.cards[:MOST]
-    for number, card in enumerate(shown, 1):
-        more = len(session.cards) - MOST if number == MOST else 0
-        top = _draw_card(context, card, number, more, rect, top)
+    ui.note(message.text, "ink")
+    remedies = session.notices.offered(message)
+    labels = [*remedies, "Dismiss"]
+    for number, (label, do) in enumerate(remedies.items()):
+        if ui.button(label, primary=number == 0):
+            session.notices.dismiss(message)
+            do()
+        ui.beside_if_fits(labels[number + 1])
+    if ui.button("Dismiss", "Take this message away (Esc). Help, Messages has all of them."):
+        session.notices.dismiss(message)
 
 
-def _draw_card(context: Context, card: Card, number: int, more: int, rect: Rect, top: float) -> float:
-    """Draw one, and those that are not shown in a line; where the next one begins."""
-    ui, session = context.ui, context.session
-    name = f"message {number}"
-    with ui.card(name, _place(ui, rect, top), ui.colors.failure, rect[3] - top), ui.group(name):
-        ui.note(card.text, "ink")
-        remedies = session.offered(card)
-        following = [*remedies, "Dismiss"][1:]
-        for (label, do), next_label in zip(remedies.items(), following, strict=True):
-            if ui.button(label, primary=label == next(iter(remedies))):
-                session.dismiss(card)
-                do()
-            ui.beside_if_fits(next_label)
-        if ui.button("Dismiss", "Take this message away (Esc). Help, Messages has all of them."):
-            session.dismiss(card)
-        if more > 0:
-            ui.note(f"and {more} more")
-        return _below(ui)
-
-
-def _draw_loading(context: Context, load: Load, rect: Rect, top: float) -> float:
-    """Draw what is being opened; where the next card begins."""
-    about = f" of about {load.seconds:.0f} s" if load.seconds else ""
-    text = f"{capital(load.what)}: {load.elapsed:.0f} s{about}"
-    share = min(load.elapsed / load.seconds, _ALMOST) if load.seconds else None
-    cancel = ("Go on without it.", context.session.cancel_loading)
-    return _draw_work(context.ui, LOADING, text, share, load.elapsed, rect, top, cancel=cancel)
-
-
-def _draw_functions(context: Context, since: float, rect: Rect, top: float) -> float:
-    """Draw how far the first functions of a mesh are, after so many seconds; where the next card begins."""
-    session = context.session
+def _opening(session: Session) -> _Work | None:
+    """Return what is being opened, or how far the first functions of a mesh are."""
+    load = session.loading.now
+    if load is not None and load.elapsed > _SUDDENLY:
+        about = f" of about {load.seconds:.0f} s" if load.seconds else ""
+        text = f"{load.what}: {load.elapsed:.0f} s{about}"
+        share = min(load.elapsed / load.seconds, _ALMOST) if load.seconds else None
+        cancel, tip = session.loading.cancel, "Go on without it."
+        return _Work(LOADING, text, load.elapsed, share, cancel=cancel, tip=tip)
+    if session.functions.bare_since is None:
+        return None
+    elapsed = time.perf_counter() - session.functions.bare_since
     share = session.step.share() if session.step else None
-    return _draw_work(context.ui, FUNCTIONS, session.busy or "computing functions", share, since, rect, top)
+    return _Work(FUNCTIONS, session.busy or "computing functions", elapsed, share)
 
 
-def _draw_waiting(context: Context, waiting: Waiting, rect: Rect, top: float) -> float:
-    """Draw what begins when the run has ended; where the next card begins."""
+def _ending(context: Context) -> _Work | None:
+    """Return what begins when the run has ended."""
+    if (waiting := context.files.waiting) is None:
+        return None
     step, elapsed = context.session.solver.step, waiting.elapsed
-    text = f"{capital(waiting.what)} when the run has ended: {elapsed:.0f} s"
+    text = f"{waiting.what} when the run has ended: {elapsed:.0f} s"
     share, doing = (step.share(), step.words()) if step else (None, "taking its best field")
-    cancel = ("Not now. The run ends all the same, with its best field.", context.files.stop_waiting)
-    return _draw_work(context.ui, WAITING, text, share, elapsed, rect, top, doing, cancel)
+    tip = "Not now. The run ends all the same, with its best field."
+    return _Work(WAITING, text, elapsed, share, doing, context.files.stop_waiting, tip)
 
 
-def _draw_work(
-    ui: Ui,
-    name: str,
-    text: str,
-    share: float | None,
-    elapsed: float,
-    rect: Rect,
-    top: float,
-    doing: str = "",
-    cancel: tuple[str, Callable[[], None]] | None = None,
-) -> float:
-    """Draw what goes on, with a bar that runs where nobody knows how far it is; where the next card begins."""
-    with ui.card(name, _place(ui, rect, top), ui.colors.accent, rect[3] - rect[1]), ui.group(name):
-        ui.note(capital(text), "ink")
-        imgui.ProgressBar(-0.5 * elapsed if share is None else share, (-1, ui.px(8)), "")
-        if doing:
-            ui.note(capital(doing))
-        if cancel is not None:
-            tip, do = cancel
-            if ui.button("Cancel", tip):
-                do()
-        return _below(ui)
-
-
-def _below(ui: Ui) -> float:
-    """Where the card after the one that is being drawn begins."""
-    return float(imgui.GetWindowPos()[1] + imgui.GetWindowHeight()) + ui.px(_EDGE / 2)
-
-
-def _place(ui: Ui, rect: Rect, top: float) -> tuple[float, float, float]:
-    """Left end, top and width of a card: in the middle of the viewport."""
-    width = min(ui.px(_WIDTH), rect[2] - rect[0] - 2 * ui.px(_EDGE))
-    return (rect[0] + rect[2] - width) / 2, top, width
+def _draw_work(ui: Ui, work: _Work) -> None:
+    """Draw what goes on, with a bar that runs where nobody knows how far it is."""
+    ui.note(capital(work.text), "ink")
+    share = -0.5 * work.elapsed if work.share is None else work.share
+    imgui.ProgressBar(share, (-1, ui.px(8)), "")
+    if work.doing:
+        ui.note(capital(work.doing))
+    if work.cancel is not None and ui.button("Cancel", work.tip):
+        work.cancel()

@@ -15,11 +15,16 @@ from abfm_viewer.appearance.theme import Color
 from abfm_viewer.document.document import Run
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
+from abfm_viewer.widgets.containers import plot
 from abfm_viewer.widgets.toolkit import Ui
 
 _LOWEST, _HIGHEST = 150, 240
 _NAMES = ("energy", "smoothness", "closeness")
 _SHORTEST_AXIS = 10  # iterations
+_NO_RUN = (
+    "Appears here while the solver runs: the energy of each iteration, with its smoothness and "
+    "closeness terms."
+)
 _PLOT = (
     implot.ImPlotFlags_NoTitle
     | implot.ImPlotFlags_NoMenus
@@ -38,23 +43,24 @@ def draw(context: Context) -> None:
     previous = runs if live else runs[:-1]
     tip = "Draw the total energy of earlier runs as faint curves."
     shown = ui.checkbox("previous runs", session.view.previous_runs, tip)
-    session.set_view("show previous runs" if shown else "hide previous runs", previous_runs=shown)
+    step = f"{'show' if shown else 'hide'} previous runs"
+    session.editor.set_view(step, previous_runs=shown)
     ui.beside_if_fits("Clear")
-    if ui.button("Clear", "Forget the runs before this one.", enabled=bool(previous), name="Clear previous"):
-        session.change("clear previous runs", runs=() if live else runs[-1:])
+    tip = "Forget the runs before this one."
+    if ui.button("Clear##Clear previous", tip, enabled=bool(previous)):
+        session.editor.change("clear previous runs", runs=() if live else runs[-1:])
     ui.beside_if_fits("Export CSV...")
     tip = "Write the three energies of each iteration of this run to a table."
     if ui.button("Export CSV...", tip, enabled=run is not None) and run is not None:
-        context.dialogs.save("Export the energy", (".csv",), "energy.csv", partial(_export, session, run))
+        write = partial(_export, session, run)
+        context.dialogs.save("Export the energy", (".csv",), "energy.csv", write)
     if run is None:
-        ui.note(
-            "Appears here while the solver runs: the energy of each iteration, with its smoothness and closeness terms."
-        )
+        ui.note(_NO_RUN)
         return
     marks = ["grey: stage"] if _stage_starts(run) else []
     marks += ["wide: mesh"] if _mesh_starts(run) else []
     marks += ["green: restart"] if run.restarts else []
-    about = "Lines are where a stage began (grey), a finer mesh (wide), or a changed problem (green)."
+    about = "Lines: where a stage began (grey), a finer mesh (wide), or a changed problem (green)."
     ui.line("; ".join(filter(None, [run.label, ", ".join(marks)])), tip=about if marks else "")
     _plot(ui, run, previous if session.view.previous_runs else ())
 
@@ -64,9 +70,9 @@ def _export(session: Session, run: Run, path: Path) -> None:
     try:
         abfm.io.export_energy_csv(path, run.energies, run.stages)
     except AbfmError as error:
-        session.say(str(error), is_error=True)
+        session.notices.say(str(error), is_error=True)
     else:
-        session.say(f"wrote {path}")
+        session.notices.say(f"wrote {path}")
 
 
 def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
@@ -75,8 +81,9 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
     last = max(len(run.stages), *(len(total) for total in totals), _SHORTEST_AXIS + 1) - 1
     colors = (ui.colors.muted, ui.colors.smoothness, ui.colors.closeness)
     _legend(ui, colors)
-    room = imgui.GetContentRegionAvail()[1]  # as high as fits
-    with ui.plot("energy plot", min(max(room, ui.px(_LOWEST)), ui.px(_HIGHEST)), _PLOT) as is_drawn:
+    room = imgui.GetContentRegionAvail()[1]
+    height = min(max(room, ui.px(_LOWEST)), ui.px(_HIGHEST))  # as high as fits
+    with plot(ui, "energy plot", height, _PLOT) as is_drawn:
         if not is_drawn:
             return
         implot.SetupAxis(implot.ImAxis_X1, "", implot.ImPlotAxisFlags_None)
@@ -95,14 +102,15 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
 
 
 def _legend(ui: Ui, colors: Sequence[Color]) -> None:
-    """What the colours of the curves mean."""
+    """Draw what the colours of the curves mean."""
     side, (_, spacing) = 0.6 * imgui.GetTextLineHeight(), imgui.GetStyle().ItemSpacing
     for number, (name, color) in enumerate(zip(_NAMES, colors, strict=True)):
         if number:
             ui.beside_if_fits(name)
         left, top = imgui.GetCursorScreenPos()
         top += (imgui.GetTextLineHeight() - side) / 2
-        imgui.GetWindowDrawList().AddRectFilled((left, top), (left + side, top + side), imgui.GetColorU32(color))
+        corners, ink = ((left, top), (left + side, top + side)), imgui.GetColorU32(color)
+        imgui.GetWindowDrawList().AddRectFilled(*corners, ink)
         imgui.Dummy((side, side))
         ui.beside(spacing)
         ui.line(name, "ink")
@@ -128,14 +136,14 @@ def _line(label: str, values: FloatArray, color: Color, weight: float) -> None:
 
 
 def _marks(label: str, iterations: Sequence[int], color: Color, weight: float) -> None:
-    """Vertical lines."""
+    """Draw vertical lines."""
     if iterations:
         implot.SetNextLineStyle(color, weight)
         implot.PlotInfLines(label, np.array(iterations, dtype=np.float64))
 
 
 def _course(run: Run, at: int) -> str:
-    """Where in the course of the match an iteration is: ``mesh of 2,500 vertices, reach 0.5, stage 2``."""
+    """Return an iteration's ``mesh of 2,500 vertices, reach 0.5, stage 2``."""
     parts = [f"stage {run.stages[at] + 1}"]
     if run.has_course:
         reach = [f"reach {run.reaches[at]:g}"] if run.reaches[at] else []
@@ -144,24 +152,24 @@ def _course(run: Run, at: int) -> str:
 
 
 def _stage_starts(run: Run) -> list[int]:
-    """Iterations at which another stage began on the same mesh, unless a restart skipped stages there."""
+    """Return where another stage began on the same mesh, unless a restart skipped stages."""
     starts: list[int] = (np.flatnonzero(np.diff(run.stages)) + 1).tolist()
     return [start for start in starts if start not in (*run.restarts, *_mesh_starts(run))]
 
 
 def _mesh_starts(run: Run) -> list[int]:
-    """Iterations at which a finer mesh began, but not restarts."""
+    """Return where a finer mesh began, but not restarts."""
     starts: list[int] = (np.flatnonzero(np.diff(run.vertices) > 0) + 1).tolist()
     return [start for start in starts if start not in run.restarts]
 
 
 def _positive(values: FloatArray) -> FloatArray:
-    """Values for a logarithmic axis: what it cannot show is left out."""
+    """Return values for a logarithmic axis: what it cannot show is left out."""
     return np.where(np.isfinite(values) & (values > 0), values, np.nan)
 
 
 def _range(curves: Sequence[FloatArray]) -> tuple[float, float]:
-    """A little more than the curves need."""
+    """Return a little more than the curves need."""
     values = np.concatenate(curves)
     values = values[np.isfinite(values)]
     return (0.7 * float(values.min()), 1.5 * float(values.max())) if len(values) else (0.1, 10.0)

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 from abfm import TriangleMesh, functions
 from abfm_viewer.document.wording import sentence
+from abfm_viewer.widgets.slider_range import Range
 from abfm_viewer.widgets.toolkit import Ui
-
-if TYPE_CHECKING:
-    from abfm.functions.family import Slider
 
 Put: TypeAlias = "Callable[[functions.Family, str], None]"
 """Takes a changed function and the label of the widget that changed it."""
 
 
 def begun(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
-    """A family's example, made for a mesh and a vertex as its file counts."""
-    return functions.parse(example.format(vertex=vertex, middle=f"{mesh.vertices[:, 1].mean():.3g}"))
+    """Return a family's example, made for a mesh and a vertex as its file counts."""
+    middle = f"{mesh.vertices[:, 1].mean():.3g}"
+    return functions.parse(example.format(vertex=vertex, middle=middle))
 
 
 def draw(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> None:
@@ -27,7 +26,8 @@ def draw(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> No
 
     Those without a slider come first, two in a line where there is room.
     """
-    function = _draw_shape(ui, function, mesh, put)
+    controls = _Controls(ui, _draw_shape(ui, function, mesh, put), mesh, put)
+    function = controls.function
     shape = function.shapes.get(function.shape())
     drawn = [
         parameter
@@ -35,31 +35,26 @@ def draw(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> No
         if not (parameter.instead_of and getattr(function, parameter.name) is None)
         and (shape is None or parameter.name in shape.parameters)
     ]
-    short = [parameter for parameter in drawn if _slider(function, parameter, mesh) is None]
+    short = [parameter for parameter in drawn if controls.ends(parameter) is None]
     for left, right in zip(short[::2], short[1::2], strict=False):
         widths = ui.halves(left.name, right.name)
-        _draw_parameter(ui, function, left, mesh, put, widths[0])
+        controls.draw(left, widths[0])
         if widths[1]:
             ui.beside()
-        _draw_parameter(ui, function, right, mesh, put, widths[1])
+        controls.draw(right, widths[1])
         for parameter in (left, right):
             ui.refusal(parameter.name)
     if len(short) % 2:
-        _draw_parameter(ui, function, short[-1], mesh, put)
+        controls.draw(short[-1])
         ui.refusal(short[-1].name)
     for parameter in drawn:
         if parameter not in short:
-            _draw_parameter(ui, function, parameter, mesh, put)
+            controls.draw(parameter)
 
 
-def _slider(function: functions.Family, parameter: functions.Parameter, mesh: TriangleMesh) -> Slider | None:
-    """The ends of the slider of a parameter; None for one that is chosen or typed."""
-    if parameter.kind.choices or getattr(function, parameter.name) is None:
-        return None
-    return parameter.slider(function, mesh) if callable(parameter.slider) else parameter.slider
-
-
-def _draw_shape(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> functions.Family:
+def _draw_shape(
+    ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put
+) -> functions.Family:
     if not function.shapes:
         return function
     about = ", or ".join(shape.summary for shape in function.shapes.values())
@@ -73,42 +68,58 @@ def _draw_shape(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put
     return function
 
 
-def _draw_parameter(
-    ui: Ui,
-    function: functions.Family,
-    parameter: functions.Parameter,
-    mesh: TriangleMesh,
-    put: Put,
-    width: float = 0,
-) -> None:
-    """Draw a combo, a slider or a box to type into, whichever the kind of value asks for."""
-    name, kind, value = parameter.name, parameter.kind, getattr(function, parameter.name)
-    unit = f" ({parameter.unit})" if parameter.unit else ""
-    tip = sentence(f"{parameter.summary}{unit}")
-    ends = _slider(function, parameter, mesh)
-    new: object = value
-    if kind.choices and value is not None:
-        new = ui.combo(name, value, kind.choices, tip, width)
-    elif ends is not None:
-        number = ui.number(name, float(value), ends.low, ends.high, tip, log=ends.log, whole=kind.whole)
-        if number is not None:
-            new = round(number) if kind.whole and number == round(number) else number
-    else:
-        written = ",".join(map(str, value)) if isinstance(value, tuple) else str("" if value is None else value)
-        typed = ui.text(name, written, tip, hint="" if parameter.required else parameter.empty, width=width)
-        if typed is not None:
-            new = typed if typed.strip() or parameter.required else parameter.default
-    if new != value:
-        _change(ui, function, name, new, mesh, put)
+@dataclass(frozen=True)
+class _Controls:
+    """Draws widgets of a function's parameters, and puts the changed function into its place."""
+
+    ui: Ui
+    function: functions.Family
+    mesh: TriangleMesh
+    put: Put
+
+    def ends(self, parameter: functions.Parameter) -> Range | None:
+        """Return the ends of a parameter's slider; None for one that is chosen or typed."""
+        if parameter.kind.choices or getattr(self.function, parameter.name) is None:
+            return None
+        slider = parameter.slider
+        found = slider(self.function, self.mesh) if callable(slider) else slider
+        return found and Range(found.low, found.high, found.log, parameter.kind.whole)
+
+    def draw(self, parameter: functions.Parameter, width: float = 0) -> None:
+        """Draw a combo, a slider or a box to type into, whichever the kind of value asks for."""
+        name, kind, value = parameter.name, parameter.kind, getattr(self.function, parameter.name)
+        unit = f" ({parameter.unit})" if parameter.unit else ""
+        tip = sentence(f"{parameter.summary}{unit}")
+        new: object = value
+        if kind.choices and value is not None:
+            new = self.ui.combo(name, value, kind.choices, tip, width)
+        elif (ends := self.ends(parameter)) is not None:
+            number = self.ui.number(name, float(value), ends, tip)
+            if number is not None:
+                new = round(number) if kind.whole and number == round(number) else number
+        else:
+            hint = "" if parameter.required else parameter.empty
+            typed = self.ui.text(name, _written(value), tip, hint=hint, width=width)
+            if typed is not None:
+                new = typed if typed.strip() or parameter.required else parameter.default
+        if new != value:
+            self._change(name, new)
+
+    def _change(self, name: str, new: object) -> None:
+        """Take a new value, or say in place why not."""
+        parameters = self.function.parameters()
+        replaced = {other.name: None for other in parameters if other.instead_of == name}
+        with self.ui.refusals.refusing(name):
+            changed = replace(self.function, **{name: new}, **replaced)
+            for parameter in changed.parameters():
+                if parameter.kind is functions.VERTICES:
+                    for vertex in getattr(changed, parameter.name) or ():
+                        self.mesh.local_vertex(vertex)
+            self.put(changed, name)
 
 
-def _change(ui: Ui, function: functions.Family, name: str, new: object, mesh: TriangleMesh, put: Put) -> None:
-    """Take a new value, or say in place why not."""
-    replaced = {other.name: None for other in function.parameters() if other.instead_of == name}
-    with ui.refusing(name):
-        changed = replace(function, **{name: new}, **replaced)
-        for parameter in changed.parameters():
-            if parameter.kind is functions.VERTICES:
-                for vertex in getattr(changed, parameter.name) or ():
-                    mesh.local_vertex(vertex)
-        put(changed, name)
+def _written(value: object) -> str:
+    """Return a value as it is typed."""
+    if isinstance(value, tuple):
+        return ",".join(map(str, value))
+    return "" if value is None else str(value)

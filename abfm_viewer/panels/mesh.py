@@ -7,13 +7,14 @@ _OPEN = "Open mesh..."
 
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
-    mesh = session.mesh
+    mesh = session.surface().mesh
     if ui.button(_OPEN, "Choose a mesh file. It can also be dropped on the window."):
         context.open_mesh()
     loops = mesh.boundary_loop_count
     boundary = "" if mesh.is_closed else f", {loops} boundary loop{'s' if loops > 1 else ''}"
     topology = f"{'closed, ' if mesh.is_closed else ''}genus {mesh.genus}{boundary}"
-    area = f"Area {mesh.length_scale**2:.4g}; widths are fractions of its root, {mesh.length_scale:.4g}."
+    scale = mesh.length_scale
+    area = f"Area {scale**2:.4g}; widths are fractions of its root, {scale:.4g}."
     ui.beside()
     ui.align()
     ui.line(session.document.name, "ink", area)

@@ -1,17 +1,18 @@
 """Parameters of the match."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cache
 from typing import Any, NamedTuple
 
 from abfm import Parameters
-from abfm.experiments import TITLES
-from abfm.experiments.table_1 import NOTE, TABLE_1, row_of
+from abfm.paper import NOTE, TABLE_1, TITLES, row_of
 from abfm.parameters import CHOICES
 from abfm_viewer.document.wording import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
 from abfm_viewer.session.session import Session
+from abfm_viewer.widgets.containers import section
+from abfm_viewer.widgets.slider_range import Range
 from abfm_viewer.widgets.toolkit import Ui
 
 _OWN, _DEFAULTS = "own values", "defaults"
@@ -22,14 +23,12 @@ _FIELDS = {entry.name: entry for entry in fields(Parameters)}
 
 
 class _About(NamedTuple):
-    """What a parameter is called, where the paper has it, what to try when the result is bad, and a number's slider."""
+    """What a parameter is called, where the paper has it, what it mends, and its slider."""
 
     label: str
     place: str
     remedy: str
-    low: float = 0
-    high: float = 0
-    log: bool = False
+    slider: Range = Range(0, 1)
 
 
 _ABOUT = {
@@ -37,77 +36,110 @@ _ABOUT = {
         "smoothness α",
         "section 3, Eq. 3",
         "Smaller if the target is missed, larger if the field is rough.",
-        1e-4,
-        1e4,
-        log=True,
+        Range(1e-4, 1e4, log=True),
     ),
     "sigma": _About(
         "closeness σ",
         "Eq. 3, section 7, where it is absolute",
-        "Smaller if the match is loose, larger if the field is wild. It is relative to the functions, whatever their "
-        "scale and width, unless the unit of σ is absolute: half as large asks for half the mismatch.",
-        1e-4,
-        1,
-        log=True,
+        "Smaller if the match is loose, larger if the field is wild. It is relative to the "
+        "functions, whatever their scale and width, unless the unit of σ is absolute: half as "
+        "large asks for half the mismatch.",
+        Range(1e-4, 1, log=True),
     ),
     "beta": _About(
         "slopes β",
         "section 3, Eq. 3",
         "0 is mostly best; try 1e-4 if the target's edges are blurred.",
-        0,
-        1,
-        log=True,
+        Range(0, 1, log=True),
     ),
     "tau": _About(
         "time τ",
         "Eq. 3, section 7",
         "Leave it and change the smoothness: mostly only speed and time trade places.",
-        0.1,
-        10,
-        log=True,
+        Range(0.1, 10, log=True),
     ),
-    "reach": _About("reach", "", "Larger if the source shrinks where it is instead of moving to the target.", 0, 2),
-    "iterations": _About("iterations", "section 7", "More if it ended at the iteration limit.", 1, 2000, log=True),
-    "sigma_unit": _About("unit of σ", "absolute", "relative, which fits functions of any scale and width."),
-    "cooling_stages": _About("stages of σ", "section 7, Table 1", "More if functions far apart do not meet.", 1, 6),
+    "reach": _About(
+        "reach",
+        "",
+        "Larger if the source shrinks where it is instead of moving to the target.",
+        Range(0, 2),
+    ),
+    "iterations": _About(
+        "iterations",
+        "section 7",
+        "More if it ended at the iteration limit.",
+        Range(1, 2000, log=True),
+    ),
+    "sigma_unit": _About(
+        "unit of σ", "absolute", "relative, which fits functions of any scale and width."
+    ),
+    "cooling_stages": _About(
+        "stages of σ", "section 7, Table 1", "More if functions far apart do not meet.", Range(1, 6)
+    ),
     "cooling_factor": _About(
-        "σ divided by", "section 7, Table 1", "Smaller if a new stage undoes the last one.", 1.5, 100, log=True
+        "σ divided by",
+        "section 7, Table 1",
+        "Smaller if a new stage undoes the last one.",
+        Range(1.5, 100, log=True),
     ),
     "stage_iterations": _About(
-        "stage length", "section 7", "More if the energy still falls where a stage ends.", 0, 200
+        "stage length",
+        "section 7",
+        "More if the energy still falls where a stage ends.",
+        Range(0, 200),
     ),
     "levels": _About(
-        "mesh levels", "", "More if a large mesh takes long, 1 if its coarser ones lose thin parts.", 0, 5
+        "mesh levels",
+        "",
+        "More if a large mesh takes long, 1 if its coarser ones lose thin parts.",
+        Range(0, 5),
     ),
     "order": _About(
         "norm's order",
         "only 1",
         "2 keeps fields continuous; 1 fits more closely, with fields whose flow differs.",
-        1,
-        2,
+        Range(1, 2),
     ),
     "balance": _About(
-        "flow lines", "", "Larger if flow lines confirm less than the match shows, 0 for the match alone.", 0, 1
+        "flow lines",
+        "",
+        "Larger if flow lines confirm less than the match shows, 0 for the match alone.",
+        Range(0, 1),
     ),
     "method": _About("method", "Eqs. 4 and 5, section 5", "nonlinear if the result is jagged."),
-    "segments": _About("fields in a row", "Eq. 6, section 5", "More if linearised steps leave noise.", 1, 40),
-    "gradient": _About("gradient", "Eqs. 7 and 9", "adjoint, which is exact."),
-    "substeps": _About("sub-steps n", "section 7", "More if the line search fails early.", 1, 200, log=True),
-    "quadrature": _About("intervals k", "Eq. 9", "More if the line search fails early.", 1, 50),
-    "memory": _About("memory", "section 7", "More if it is slow, fewer if memory runs out.", 1, 100),
-    "max_displacement": _About(
-        "longest step", "", "Smaller if the field overshoots in the first iterations.", 0.01, 1, log=True
+    "segments": _About(
+        "fields in a row", "Eq. 6, section 5", "More if linearised steps leave noise.", Range(1, 40)
     ),
-    "tolerance": _About("tolerance", "", "Smaller if it converges too early.", 0, 0.1, log=True),
-    "preconditioner": _About("preconditioner", "section 7", "hodge, which is faster on all but the coarsest meshes."),
+    "gradient": _About("gradient", "Eqs. 7 and 9", "adjoint, which is exact."),
+    "substeps": _About(
+        "sub-steps n", "section 7", "More if the line search fails early.", Range(1, 200, log=True)
+    ),
+    "quadrature": _About(
+        "intervals k", "Eq. 9", "More if the line search fails early.", Range(1, 50)
+    ),
+    "memory": _About(
+        "memory", "section 7", "More if it is slow, fewer if memory runs out.", Range(1, 100)
+    ),
+    "max_displacement": _About(
+        "longest step",
+        "",
+        "Smaller if the field overshoots in the first iterations.",
+        Range(0.01, 1, log=True),
+    ),
+    "tolerance": _About(
+        "tolerance", "", "Smaller if it converges too early.", Range(0, 0.1, log=True)
+    ),
+    "preconditioner": _About(
+        "preconditioner", "section 7", "hodge, which is faster on all but the coarsest meshes."
+    ),
 }
 """In the order in which they are drawn."""
 _MAIN = ("alpha", "sigma", "beta", "tau", "reach")
 _NONLINEAR, _OF_BRACKETS = ("gradient",), ("substeps", "quadrature")
 _MASK_TIP = (
-    "A function that weighs the mismatch at each vertex, 0 or more: where it is 0, anything may happen. Any spec, for "
-    "example indicator:vertex=12,radius=0.3 or expression:x>0. Empty: every vertex counts alike.\n"
-    "Not in the paper. Bad result in one region: give it more weight."
+    "A function that weighs the mismatch at each vertex, 0 or more: where it is 0, anything may "
+    "happen. Any spec, for example indicator:vertex=12,radius=0.3 or expression:x>0. Empty: every "
+    "vertex counts alike.\nNot in the paper. Bad result in one region: give it more weight."
 )
 
 
@@ -118,9 +150,10 @@ def draw(context: Context) -> None:
     for name in _MAIN:
         _control(ui, session, name)
     draw_switches(ui, session)
-    with ui.section("Advanced", False) as is_open:
+    with section(ui, "Advanced", False) as is_open:
         if is_open:
-            is_linearised, is_adjoint = parameters.method == "linearised", parameters.gradient == "adjoint"
+            is_linearised = parameters.method == "linearised"
+            is_adjoint = parameters.gradient == "adjoint"
             for name in [name for name in _ABOUT if name not in _MAIN]:
                 useless = is_linearised and name in (*_NONLINEAR, *_OF_BRACKETS)
                 with ui.disabled(useless or (is_adjoint and name in _OF_BRACKETS)):
@@ -128,39 +161,40 @@ def draw(context: Context) -> None:
             _mask(ui, session)
             tip = "All parameters as they are at first."
             if ui.button("Reset to defaults", tip, enabled=parameters != _INITIAL, width=-1):
-                session.reset_parameters()
+                session.editor.reset_parameters()
 
 
 def _preset(ui: Ui, session: Session) -> None:
-    """The combo of the paper's rows of parameters, which says which of them are set."""
+    """Draw the combo of the paper's rows of parameters, which says which of them are set."""
     now = row_of(session.parameters)
     shown = now.name if now else _DEFAULTS if session.parameters == _INITIAL else _OWN
     rows = {row.name: row for row in TABLE_1.values()}
-    choices = (_DEFAULTS, *rows) if shown != _OWN else (_OWN, _DEFAULTS, *rows)
-    tips = {name: f"{TITLES[row.figure]}\n\n{NOTE}" for name, row in rows.items()} | {_DEFAULTS: _DEFAULTS_TIP}
-    chosen = ui.combo("preset", shown, choices, f"{_PRESET_TIP}\n\n{tips.get(shown, '')}".strip(), tips=tips)
+    tips = {_OWN: ""} if shown == _OWN else {}
+    tips[_DEFAULTS] = _DEFAULTS_TIP
+    tips |= {name: f"{TITLES[row.figure]}\n\n{NOTE}" for name, row in rows.items()}
+    chosen = ui.combo("preset", shown, tips, f"{_PRESET_TIP}\n\n{tips[shown]}".strip())
     if chosen == shown:
         return
     if chosen == _DEFAULTS:
-        session.reset_parameters()
+        session.editor.reset_parameters()
     elif chosen in rows:
-        session.set_parameter(label=f"preset {chosen}", **rows[chosen].values)
+        session.editor.set_parameter(label=f"preset {chosen}", **rows[chosen].values)
 
 
 def _control(ui: Ui, session: Session, name: str) -> None:
     """Draw the widget of a parameter, which says in place why a value is refused."""
     about, value = _ABOUT[name], getattr(session.parameters, name)
+    label, whole = f"{about.label}##{name}", _FIELDS[name].type == "int"
     new: Any
     if name in CHOICES:
-        new = ui.combo(about.label, value, CHOICES[name], _tip(name), name=name)
+        new = ui.combo(label, value, CHOICES[name], _tip(name))
     else:
-        whole = _FIELDS[name].type == "int"
-        new = ui.number(about.label, value, about.low, about.high, _tip(name), log=about.log, whole=whole, name=name)
-    if isinstance(new, float) and new.is_integer() and _FIELDS[name].type == "int":
+        new = ui.number(label, value, replace(about.slider, whole=whole), _tip(name))
+    if whole and isinstance(new, float) and new.is_integer():
         new = int(new)
     if new is not None and new != value:
-        with ui.refusing(name, about.label):
-            session.set_parameter(name, f"change {about.label}", **{name: new})
+        with ui.refusals.refusing(name, about.label):
+            session.editor.set_parameter(name, f"change {about.label}", **{name: new})
     if name in CHOICES:
         ui.refusal(name)
 
@@ -168,9 +202,9 @@ def _control(ui: Ui, session: Session, name: str) -> None:
 def _mask(ui: Ui, session: Session) -> None:
     spec = ui.text("mask", session.document.mask, _MASK_TIP, hint="none: all vertices count")
     if spec is not None:
-        with ui.refusing("mask"):
-            session.set_mask(spec.strip())
-    ui.refusal("mask", otherwise=session.error(session.document.mask))
+        with ui.refusals.refusing("mask"):
+            session.editor.set_mask(spec.strip())
+    ui.refusal("mask", otherwise=session.error("mask"))
 
 
 @cache
@@ -180,6 +214,6 @@ def _tip(name: str) -> str:
     shown = f"{default:g}" if isinstance(default, int | float) else default
     in_paper = ", ".join(filter(None, [symbol.strip("*"), about.place])) or "not there"
     return (
-        f"{sentence(help)} Default: {shown}.\nIn the paper: {in_paper}.\nIn files and on the command line: "
-        f"{name}.\nBad result? {about.remedy}"
+        f"{sentence(help)} Default: {shown}.\nIn the paper: {in_paper}.\n"
+        f"In files and on the command line: {name}.\nBad result? {about.remedy}"
     )

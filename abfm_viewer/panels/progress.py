@@ -1,8 +1,8 @@
-"""What goes on while the solver runs: how far it is, where in its course, and how long it may still take."""
+"""What goes on while the solver runs: how far it is, where, and how long it may take."""
 
 import polyscope.imgui as imgui
 
-from abfm.progress import Step, rounded
+from abfm.workers.progress import Step, rounded
 from abfm_viewer.document.verdict_words import place
 from abfm_viewer.document.wording import capital, sentence
 from abfm_viewer.session.session import Session
@@ -20,7 +20,8 @@ def draw(ui: Ui, session: Session) -> None:
     now, limit = snapshot.iteration, snapshot.problem.parameters.iterations
     imgui.ProgressBar(now.iteration / max(limit, 1), (-1, ui.px(_BAR)), "")
     each = None if step else solver.seconds_each
-    at_most = f", at most {rounded(each * (limit - now.iteration))} more" if each and limit > now.iteration else ""
+    left = limit - now.iteration
+    at_most = f", at most {rounded(each * left)} more" if each and left > 0 else ""
     ui.note(f"Iteration {now.iteration}/{limit}, mismatch {now.mismatch:.3g}", "ink")
     ui.note(capital(step.words() if step else f"{place(now)}{at_most}"))
     if now.warning:

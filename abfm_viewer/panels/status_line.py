@@ -5,20 +5,25 @@ import polyscope.imgui as imgui
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document.verdict_words import headline, place
 from abfm_viewer.panels.context import Context
+from abfm_viewer.widgets.containers import window
 from abfm_viewer.widgets.widget_record import Rect
 
 
 def draw(context: Context, rect: Rect) -> None:
-    """Draw a notice or what goes on, and at the right the mesh's name and size and the frames per second."""
+    """Draw a notice or what goes on; at the right the mesh, its size and frames per second."""
     ui, session = context.ui, context.session
-    with ui.window("status line", rect):
-        left, right = imgui.GetCursorPosX(), imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
-        name = cut(session.document.name, (right - left) / 3, _width)
-        details = f"{name}   {len(session.mesh.vertices):,} vertices   {imgui.GetIO().Framerate:.0f} fps"
-        start = right - imgui.CalcTextSize(details)[0] - ui.px(2)  # else a fraction of a pixel makes it two lines
-        text = "" if session.notice.is_error else session.notice.text  # errors are cards in the viewport
+    with window(ui, "status line", rect):
+        left = imgui.GetCursorPosX()
+        right = left + imgui.GetContentRegionAvail()[0]
+        name = cut(session.document.name, (right - left) / 3, ui.text_width)
+        size = f"{len(session.surface().mesh.vertices):,} vertices"
+        details = f"{name}   {size}   {imgui.GetIO().Framerate:.0f} fps"
+        # else a fraction of a pixel makes it two lines
+        start = right - ui.text_width(details) - ui.px(2)
+        # errors are cards in the viewport
+        text = "" if session.notices.latest.is_error else session.notices.latest.text
         text = text or _state(context)
-        shown = cut(text, start - left - ui.px(16), _width)
+        shown = cut(text, start - left - ui.px(16), ui.text_width)
         ui.note(shown, "ink")
         if shown != text:
             ui.tip(text)
@@ -38,7 +43,3 @@ def _state(context: Context) -> str:
     if solver.failed:
         return f"the solver stopped: {solver.reason}"
     return f"{headline(result)}{', outdated' if session.outdated else ''}" if result else "ready"
-
-
-def _width(text: str) -> float:
-    return float(imgui.CalcTextSize(text)[0])

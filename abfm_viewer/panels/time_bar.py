@@ -5,12 +5,14 @@ import polyscope.imgui as imgui
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.player import REPEATS
 from abfm_viewer.session.session import Session
+from abfm_viewer.widgets.containers import window
+from abfm_viewer.widgets.slider_range import Range
 from abfm_viewer.widgets.toolkit import Ui, finite
 from abfm_viewer.widgets.widget_record import Rect
 
 STEP = 1 / 20
 """Of tau: how far a step moves in time."""
-_SLOWEST, _FASTEST = 0.1, 4.0
+_SPEEDS = Range(0.1, 4.0, log=True)
 _PADDING, _ROW, _GAP = 20, 32, 8
 _GROUPS = (180, 153, 106, 136)  # widths at a scale of 1: buttons, repeat, beyond tau, speed
 _NARROW_GROUPS = (180, 70, 106, 136)
@@ -18,12 +20,12 @@ _NARROW = 430  # at a scale of 1: below, repeat has no caption
 
 
 def height(width: float, scale: float) -> float:
-    """How high a bar of a certain width must be, in pixels."""
+    """Return how high a bar of a certain width must be, in pixels."""
     return (_PADDING - 6 + _ROW * (1 + len(set(_rows(width / scale))))) * scale
 
 
 def _rows(width: float) -> list[int]:
-    """In which row above the slider each group of widgets is, for a width at a scale of 1: as many as fit into it."""
+    """Return in which row each group of widgets is, for a width at a scale of 1."""
     rows, used = [0], 0.0
     for needed in _groups(width):
         fits = used + needed <= width - _PADDING
@@ -39,7 +41,7 @@ def _groups(width: float) -> tuple[int, ...]:
 def draw(context: Context, rect: Rect) -> None:
     ui, session = context.ui, context.session
     width = (rect[2] - rect[0]) / ui.scale
-    with ui.window("time bar", rect), ui.group("time bar"):
+    with window(ui, "time bar", rect), ui.group("time bar"):
         before = -1
         for row, draw_group in zip(_rows(width), (_buttons, _repeat, _beyond, _speed), strict=True):
             if row == before:
@@ -55,7 +57,8 @@ def _buttons(ui: Ui, session: Session) -> None:
     tip = "Hold (Space)." if player.playing else "Show the function on its way (Space)."
     if ui.button("Pause" if player.playing else "Play", tip, width=ui.px(52)):
         player.toggle()
-    for label, seconds, tip in (("<", -step, "A twentieth of τ back."), (">", step, "A twentieth of τ on.")):
+    steps = (("<", -step, "A twentieth of τ back."), (">", step, "A twentieth of τ on."))
+    for label, seconds, tip in steps:
         ui.beside(ui.px(4))
         if ui.button(label, tip, width=ui.px(26)):
             session.set_time(session.time + seconds)
@@ -65,23 +68,23 @@ def _buttons(ui: Ui, session: Session) -> None:
 
 
 def _repeat(ui: Ui, session: Session) -> None:
-    player = session.player
     is_narrow = imgui.GetWindowWidth() < ui.px(_NARROW)
-    tip, width = "Repeat: what happens at the end.", ui.px(_NARROW_GROUPS[1] if is_narrow else 104)
-    player.repeat = ui.combo("repeat", player.repeat, REPEATS, tip, width, captioned=not is_narrow)
+    label, width = ("##repeat", _NARROW_GROUPS[1]) if is_narrow else ("repeat", 104)
+    tip, player = "Repeat: what happens at the end.", session.player
+    player.repeat = ui.combo(label, player.repeat, REPEATS, tip, ui.px(width))
 
 
 def _beyond(ui: Ui, session: Session) -> None:
     player = session.player
-    player.beyond = ui.checkbox(
-        "beyond τ", player.beyond, "Play on to 2τ, where the flow extrapolates.", name="beyond tau"
-    )
+    tip = "Play on to 2τ, where the flow extrapolates."
+    player.beyond = ui.checkbox("beyond τ##beyond tau", player.beyond, tip)
 
 
 def _speed(ui: Ui, session: Session) -> None:
     player = session.player
     tip = "1 goes from 0 to τ in four seconds."
-    speed = ui.slider("speed", player.speed, _SLOWEST, _FASTEST, tip, width=ui.px(64), log=True)
+    imgui.SetNextItemWidth(ui.px(64))
+    speed = ui.slider("speed", player.speed, _SPEEDS, tip)
     if speed is not None:
         player.speed = float(f"{speed:.2g}")
     ui.beside(ui.px(6))
@@ -90,18 +93,19 @@ def _speed(ui: Ui, session: Session) -> None:
 
 
 def _slider(context: Context) -> None:
-    """The slider over 0 to 2 tau; right of its tick at tau is what no target was given for."""
+    """Draw the slider over 0 to 2 tau; right of its tick at tau the flow extrapolates."""
     ui, session, note = context.ui, context.session, context.shown.flow.note
     box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]
     width = imgui.GetContentRegionAvail()[0] - box - 2 * spacing - ui.text_width("time")
     left, top = imgui.GetCursorScreenPos()
     track = (left, top, left + width, top + imgui.GetFrameHeight())
-    _track(ui, note, track, session.time / session.end)
+    _track(ui, note, track, session.time / session.document.end)
     grounds = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
     for color in grounds:  # the track stays in sight
         imgui.PushStyleColor(color, (0, 0, 0, 0))
     tip = note or "0 is the source, τ the match; beyond, the flow goes on by itself."
-    slid = ui.slider("time", session.time, 0.0, session.end, tip, width=width, tip_above=True)
+    imgui.SetNextItemWidth(width)
+    slid = ui.slider("time", session.time, Range(0.0, session.document.end), tip, tip_above=True)
     imgui.PopStyleColor(len(grounds))
     _mark(ui, track)
     if slid is not None:
@@ -110,13 +114,13 @@ def _slider(context: Context) -> None:
     typed = ui.text("time", f"{session.time:.4g}", "The time that is shown, 0 to 2τ.", width=box)
     if typed is not None:
         if (time := finite(typed)) is None:
-            session.say(f"time: {typed!r} is no number", is_error=True)
+            session.notices.say(f"time: {typed!r} is no number", is_error=True)
         else:
             session.set_time(time)
 
 
 def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
-    """The ground of the slider, whose grab is at a share of it, with words where the grab hides none."""
+    """Draw the slider's ground, with words where the grab, at a share of it, hides none."""
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
     middle, gap = (left + right) / 2, ui.px(12)
@@ -127,7 +131,8 @@ def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
     width, height = imgui.CalcTextSize(text)
     y, tau = (top + bottom - height) / 2, ui.text_width("τ")
     grab = left + share * (right - left)
-    beyond = middle + gap if middle - tau - 2 * gap < grab < middle - gap / 2 else middle - gap - tau
+    hides_tau = middle - tau - 2 * gap < grab < middle - gap / 2
+    beyond = middle + gap if hides_tau else middle - gap - tau
     canvas.AddText((beyond, y), _packed(colors.ink), "τ")
     end, start = max(middle, beyond + tau), right - ui.px(6) - width
     if grab > start - gap:
@@ -137,10 +142,11 @@ def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
 
 
 def _mark(ui: Ui, rect: Rect) -> None:
-    """The tick at tau, also over the grab."""
+    """Draw the tick at tau, also over the grab."""
     left, top, right, bottom = rect
     middle = (left + right) / 2
-    imgui.GetWindowDrawList().AddLine((middle, top), (middle, bottom), _packed(ui.colors.ink), ui.px(1.5))
+    canvas, ink = imgui.GetWindowDrawList(), _packed(ui.colors.ink)
+    canvas.AddLine((middle, top), (middle, bottom), ink, ui.px(1.5))
 
 
 def _packed(color: tuple[float, float, float, float]) -> int:

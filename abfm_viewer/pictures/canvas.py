@@ -1,4 +1,4 @@
-"""Pictures of any size off the screen: every pixel is the mean of several samples, and edges fade without a halo."""
+"""Pictures of any size off the screen: every pixel is the mean of several samples."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -13,7 +13,8 @@ from abfm_viewer.scene.opengl import ps
 
 Pixels = NDArray[np.uint8]
 
-_MOST_SAMPLES = {4: 40e6, 3: 80e6, 2: 140e6}  # samples along a side of a pixel, and the most of them in a picture
+# samples along a side of a pixel, and the most of them in a picture
+_MOST_SAMPLES = {4: 40e6, 3: 80e6, 2: 140e6}
 _LONGEST_SIDE = 16384  # in samples: what graphics cards take
 _SMALL = 64
 # polyscope's tone mapping
@@ -23,7 +24,8 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @contextmanager
 def canvas(width: int, height: int) -> Iterator[None]:
-    """Make polyscope draw pictures of a size in pixels while the block lasts, and no window at the same time.
+    """Make polyscope draw pictures of a size in pixels while the block lasts, and no window at the
+    same time.
 
     Raises
     ------
@@ -40,14 +42,16 @@ def canvas(width: int, height: int) -> Iterator[None]:
     except RuntimeError as error:
         if "OpenGl error" not in str(error):
             raise
-        raise DrawingError(f"OpenGL cannot draw a picture of {width} x {height} pixels; choose a smaller one") from None
+        raise DrawingError(
+            f"OpenGL cannot draw a picture of {width} x {height} pixels; choose a smaller one"
+        ) from None
     finally:
         with suppress(RuntimeError):
             _resize(_SMALL, _SMALL, 1)
 
 
 def drawn(transparent: bool) -> Pixels:
-    """What polyscope shows, (H, W, 3) on its background, or (H, W, 4) without."""
+    """Return what polyscope shows, (H, W, 3) on its background, or (H, W, 4) without."""
     if not transparent:
         return np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3])
     ps.set_background_color((0.0, 0.0, 0.0, 0.0))
@@ -65,7 +69,7 @@ def _resize(width: int, height: int, side: int) -> None:
 
 
 def _without_black(colors: Pixels, alpha: Pixels) -> Pixels:
-    """Colours (n, 3) at an edge, which were mixed with black before their tones were mapped, without the black."""
+    """Take the black out of colours (n, 3) at an edge, mixed before their tones were mapped."""
     share = alpha / 255
     light = (np.maximum(colors, 1) / 255) ** _GAMMA
     mapped = light @ _LUMINANCE[:, None]

@@ -1,6 +1,8 @@
-"""Pictures of a document as its window shows it, drawn off the screen: any size, any time, frame by frame.
+"""Pictures of a document as its window shows it, drawn off the screen: any size, any time, frame by
+frame.
 
-Nothing is blended or waited for: everything is computed when it is drawn. A process draws either windows or these.
+Nothing is blended or waited for: everything is computed when it is drawn. A process draws either
+windows or these.
 """
 
 from collections.abc import Iterator
@@ -26,7 +28,8 @@ from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
 
 LARGEST = 8192  # pixels along a side
-_TEXT, _SMALLEST_TEXT, _WINDOW_TEXT = 1 / 42, 11.0, 16.0  # of the shorter side; pixels; pixels at a scale of 1
+# of the shorter side; pixels; pixels at a scale of 1
+_TEXT, _SMALLEST_TEXT, _WINDOW_TEXT = 1 / 42, 11.0, 16.0
 
 
 @dataclass(frozen=True)
@@ -36,19 +39,22 @@ class PictureOptions:
     transparent: bool = False  # no ground
     color_bar: bool = True  # unless the document's view hides it
     labels: bool = True  # the surfaces' names
-    turns: bool = False  # the surfaces get room to turn in; the document's look then gives only the direction
+    # the surfaces get room to turn in; the document's look then gives only the direction
+    turns: bool = False
 
 
 _EVERYTHING = PictureOptions()
 
 
 class DocumentRenderer:
-    """Draws one document, with values (V,) of its functions from files, in a size (width, height) in pixels.
+    """Draws one document, with values (V,) of its functions from files, in a size (width, height)
+    in pixels.
 
     Raises
     ------
     AbfmError
-        If the size is out of range, the document's functions cannot be evaluated, or the machine cannot draw.
+        If the size is out of range, the document's functions cannot be evaluated, or the machine
+        cannot draw.
     """
 
     def __init__(
@@ -59,12 +65,15 @@ class DocumentRenderer:
         options: PictureOptions = _EVERYTHING,
     ) -> None:
         if not all(16 <= length <= LARGEST for length in size):
-            raise ParameterError(f"size is {size[0]}x{size[1]}; expected 16 to {LARGEST} pixels along each side")
+            raise ParameterError(
+                f"size is {size[0]}x{size[1]}; expected 16 to {LARGEST} pixels along each side"
+            )
         self._document, self._known, self._size, self._options = document, known, size, options
         self._color_bar = options.color_bar and document.view.color_bar
         height = max(_SMALLEST_TEXT, min(size) * _TEXT)
         self._font = ImageFont.load_default(height)
-        self._pen = Pen(height / _WINDOW_TEXT, 1.2 * height, self._font.getlength)
+        inks = theme.palette(document.view.theme)
+        self._pen = Pen(height / _WINDOW_TEXT, 1.2 * height, self._font.getlength, inks)
 
     def __enter__(self) -> Self:
         with ExitStack() as opened:
@@ -73,28 +82,32 @@ class DocumentRenderer:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self._open.__exit__(kind, error, trace)
 
     def _start(self, opened: ExitStack) -> None:
         opened.enter_context(canvas(*self._size))
-        self._session = session = Session(self._document.mesh, self._document.name, at_once=True)
+        surface = self._document.surface()
+        self._session = session = Session(surface.mesh, surface.name, at_once=True)
         opened.callback(session.close)
         self._shown = Shown(session)
         opened.callback(self._shown.close)
         session.restore(self._document, self._known, None)
         session.update()
-        for spec in session.specs:
-            if session.error(spec):
-                raise FunctionError(f"{spec}: {session.error(spec)}")
+        if problem := session.functions.problem(session.document):
+            raise FunctionError(problem)
         self._scene = Scene(self._shown, self._options.turns)
         self._scene.name_height = name_height(self._pen) if self._options.labels else 0.0
         self._scene.room_below = bar_room(self._pen, self._size[1]) if self._color_bar else 0.0
         self._scene.update(self._rect)
 
     def picture(self, time: float, degrees: float = 0.0, phase: float = 0.0) -> Image.Image:
-        """The document at a time, its surfaces turned by an angle: RGB, or RGBA if it is transparent.
+        """The document at a time, its surfaces turned by an angle: RGB, or RGBA if it is
+        transparent.
 
         Streaks that move are drawn at a phase of their way, from 0 to 1.
 
@@ -111,16 +124,18 @@ class DocumentRenderer:
             raise AbfmError(f"no picture of time {time:g}: {problem}")
         self._scene.turn(degrees)
         picture = Image.fromarray(drawn(self._options.transparent))
-        whole, colors = (0.0, 0.0, *self._size), theme.palette(self._document.view.theme)
-        parts = laid_out(self._scene, whole, colors, self._pen, self._color_bar, self._options.labels)
+        parts = laid_out(self._scene, self._rect, self._pen, self._color_bar, self._options.labels)
         letter(picture, parts, self._pen, self._font)
         return picture
 
-    def frames(self, start: float, end: float, count: int, turntable: float, cycles: int = 1) -> Iterator[Pixels]:
-        """Frames (H, W, 3) of a movie from one time to another, while the surfaces turn by an angle in degrees.
+    def frames(
+        self, start: float, end: float, count: int, turntable: float, cycles: int = 1
+    ) -> Iterator[Pixels]:
+        """Frames (H, W, 3) of a movie from one time to another, while the surfaces turn by an angle
+        in degrees.
 
-        Streaks that move go through their phases ``cycles`` times. The first frame follows the last, for turning
-        surfaces and streaks, when the movie is repeated.
+        Streaks that move go through their phases ``cycles`` times. The first frame follows the
+        last, for turning surfaces and streaks, when the movie is repeated.
         """
         if self._document.view.error:
             self._scene.painter.largest_error = max(self._error(start), self._error(end))
@@ -133,8 +148,10 @@ class DocumentRenderer:
         session = self._session
         end = EXTRAPOLATION * session.parameters.tau
         if not 0 <= time <= end * (1 + 1e-9):
-            raise ParameterError(f"time is {time:g}; expected 0 to {end:g}, which is {EXTRAPOLATION:g} tau")
-        session.amend(time=min(time, session.end))
+            raise ParameterError(
+                f"time is {time:g}; expected 0 to {end:g}, which is {EXTRAPOLATION:g} tau"
+            )
+        session.editor.amend(time=min(time, session.document.end))
         session.update()
 
     def _error(self, time: float) -> float:

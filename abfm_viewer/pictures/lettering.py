@@ -13,12 +13,14 @@ Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 
 def letter(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font) -> None:
-    """Write texts and draw colour bars on a picture, RGB or RGBA, as they were laid out for a pen of a font."""
+    """Write texts and draw colour bars, as they were laid out for a pen of a font."""
     for part in parts:
         if isinstance(part, Text):
             _write(picture, part, pen, font)
         elif isinstance(part, Line):
-            ImageDraw.Draw(picture).line(part.points, fill=rgb(part.color), width=max(round(part.width), 1))
+            ImageDraw.Draw(picture).line(
+                part.points, fill=rgb(part.color), width=max(round(part.width), 1)
+            )
         else:
             _color(picture, part)
 
@@ -28,16 +30,20 @@ def _color(picture: Image.Image, strip: Strip) -> None:
     length, across = (bottom - top, right - left) if strip.upright else (right - left, bottom - top)
     row = np.round(255 * table(strip.colormap, max(length, 2))).astype(np.uint8)
     colors = Image.fromarray(np.tile(row, (across, 1, 1)))
-    picture.paste(colors.transpose(Image.Transpose.ROTATE_90) if strip.upright else colors, (left, top))
+    picture.paste(
+        colors.transpose(Image.Transpose.ROTATE_90) if strip.upright else colors, (left, top)
+    )
 
 
 def _write(picture: Image.Image, text: Text, pen: Pen, font: Font) -> None:
-    """Write a text on a layer of its colour, so that its edges fade to nothing else where there is no ground."""
+    """Write a text on a layer of its colour, so that its edges fade to nothing else."""
     left, top = round(text.left), round(text.top)
     red, green, blue = rgb(text.color)
     size = round(pen.width(text.text)) + 2, round(pen.line) + 2
     layer = Image.new("RGBA", size, (red, green, blue, 0))
-    ImageDraw.Draw(layer).text((0, 0), text.text, fill=(red, green, blue, 255), font=font, anchor="la")
+    ImageDraw.Draw(layer).text(
+        (0, 0), text.text, fill=(red, green, blue, 255), font=font, anchor="la"
+    )
     if picture.mode == "RGBA":
         hidden = min(max(-left, 0), layer.width), min(max(-top, 0), layer.height)
         picture.alpha_composite(layer, (max(left, 0), max(top, 0)), hidden)

@@ -1,8 +1,9 @@
-"""Frames become an MP4 or GIF file, none lost and none twice, in memory that does not grow with their number."""
+"""Frames become an MP4 or GIF file, in memory that does not grow with their number."""
 
 import math
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Literal
@@ -20,16 +21,22 @@ from abfm_viewer.files.outputs import FASTEST, SLOWEST
 
 Frame = NDArray[np.uint8]
 
-_H264 = {"crf": "16", "colorspace": "bt709", "color_primaries": "bt709", "color_trc": "bt709", "color_range": "tv"}
+_BT709 = dict.fromkeys(("colorspace", "color_primaries", "color_trc"), "bt709")
+_H264 = {"crf": "16"} | _BT709 | {"color_range": "tv"}
 
 
 def write_movie(
-    path: Path, frames: Iterable[Frame], fps: float, count: int, on_frame: Callable[[int], None] | None = None
+    path: Path,
+    frames: Iterable[Frame],
+    fps: float,
+    count: int,
+    on_frame: Callable[[int], None] | None = None,
 ) -> None:
     """Write an MP4 (H.264, 4:2:0, BT.709) or GIF (one palette, endless), whole or not at all.
 
-    An MP4 loses the last row or column of a picture of odd size, which the format cannot hold. A GIF counts time in
-    hundredths of a second: its frames differ by one such tick where they must, so that the whole takes ``count / fps``.
+    An MP4 loses the last row or column of a picture of odd size, which the format cannot hold. A
+    GIF counts time in hundredths of a second: its frames differ by one such tick where they must,
+    so that the whole takes ``count / fps``.
 
     Parameters
     ----------
@@ -38,8 +45,8 @@ def write_movie(
     fps : float
         Frames per second, 0.1 to 120, for a GIF to 50.
     on_frame : callable, optional
-        Called with the number of frames that were taken so far. What it or ``frames`` raises ends the movie and leaves
-        the file as it was.
+        Called with the number of frames that were taken so far. What it or ``frames`` raises ends
+        the movie and leaves the file as it was.
 
     Raises
     ------
@@ -50,21 +57,30 @@ def write_movie(
         raise ResultError(f"cannot write {path}: its name must end in {', '.join(FASTEST)}")
     fastest = FASTEST[path.suffix]
     if not SLOWEST <= fps <= fastest:
-        raise ResultError(f"cannot write {path} with {fps:g} frames a second; expected {SLOWEST} to {fastest:g}")
+        raise ResultError(
+            f"cannot write {path} with {fps:g} frames a second; expected {SLOWEST} to {fastest:g}"
+        )
     if count < 1:
         raise ResultError(f"cannot write {path} with {count} frames; a movie needs at least one")
     write = _write_mp4 if path.suffix == ".mp4" else _write_gif
     with write_atomically(path) as temporary:
         try:
-            write(temporary, _checked(frames, count, on_frame), Fraction(fps).limit_denominator(1001), count)
+            rate = Fraction(fps).limit_denominator(1001)
+            write(temporary, _checked(frames, count, on_frame), rate, count)
         except av.FFmpegError as error:
             reason = error.strerror or error
-            raise ResultError(f"cannot write {path}: {reason}; choose another place or a smaller size") from error
+            raise ResultError(
+                f"cannot write {path}: {reason}; choose another place or a smaller size"
+            ) from error
         except UnknownCodecError as error:
-            raise ResultError(f"cannot write {path}: FFmpeg here has no {error}; install av by pip") from error
+            raise ResultError(
+                f"cannot write {path}: FFmpeg here has no {error}; install av by pip"
+            ) from error
 
 
-def _checked(frames: Iterable[Frame], count: int, on_frame: Callable[[int], None] | None) -> Iterator[Frame]:
+def _checked(
+    frames: Iterable[Frame], count: int, on_frame: Callable[[int], None] | None
+) -> Iterator[Frame]:
     number, shape = 0, None
     for number, frame in enumerate(frames, 1):
         shape = shape or frame.shape
@@ -80,6 +96,22 @@ def _checked(frames: Iterable[Frame], count: int, on_frame: Callable[[int], None
         raise ResultError(f"the movie got {number} frames; expected {count}")
 
 
+@dataclass(frozen=True)
+class _Format:
+    """How a file holds frames, as FFmpeg names it."""
+
+    container: str
+    codec: Literal["libx264", "ffv1", "gif"]
+    pixels: str
+    codec_options: dict[str, str] | None = None
+    container_options: dict[str, str] | None = None
+
+
+_MP4 = _Format("mp4", "libx264", "yuv420p", _H264, {"movflags": "faststart"})
+_LOSSLESS = _Format("matroska", "ffv1", "bgr0")
+_GIF = _Format("gif", "gif", "pal8", {})
+
+
 def _write_mp4(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) -> None:
     pictures = (
         _picture(frame[: len(frame) // 2 * 2, : frame.shape[1] // 2 * 2]).reformat(
@@ -87,36 +119,30 @@ def _write_mp4(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) 
         )
         for frame in frames
     )
-    _encode(path, pictures, rate, "mp4", "libx264", "yuv420p", _H264, {"movflags": "faststart"})
+    _encode(path, pictures, rate, _MP4)
 
 
 def _write_gif(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) -> None:
-    """The palette needs all frames before the first can be written: they wait in a file, compressed without loss."""
-    ticks, ticks_before = (math.floor(100 * number / rate + Fraction(1, 2)) for number in (count, count - 1))
+    """Write a GIF; all frames wait for the palette in a file, compressed without loss."""
+    ticks, ticks_before = (
+        math.floor(100 * number / rate + Fraction(1, 2)) for number in (count, count - 1)
+    )
     with temporary_folder(Path(tempfile.gettempdir())) as folder:
         waiting = folder / "frames.mkv"
-        _encode(waiting, map(_picture, frames), rate, "matroska", "ffv1", "bgr0")
+        _encode(waiting, map(_picture, frames), rate, _LOSSLESS)
         pictures = _in_palette(waiting, _palette(waiting))
-        _encode(path, pictures, rate, "gif", "gif", "pal8", {}, {"final_delay": str(ticks - ticks_before)})
+        delay = {"final_delay": str(ticks - ticks_before)}
+        _encode(path, pictures, rate, replace(_GIF, container_options=delay))
 
 
 def _picture(frame: Frame) -> av.VideoFrame:
     return av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), "rgb24")
 
 
-def _encode(
-    path: Path,
-    pictures: Iterable[av.VideoFrame],
-    rate: Fraction,
-    container: str,
-    codec: Literal["libx264", "ffv1", "gif"],
-    pixel_format: str,
-    codec_options: dict[str, str] | None = None,
-    container_options: dict[str, str] | None = None,
-) -> None:
-    with av.open(str(path), "w", container, options=container_options) as file:
-        stream = file.add_stream(codec, rate, options=codec_options)
-        stream.pix_fmt = pixel_format
+def _encode(path: Path, pictures: Iterable[av.VideoFrame], rate: Fraction, to: _Format) -> None:
+    with av.open(str(path), "w", to.container, options=to.container_options) as file:
+        stream = file.add_stream(to.codec, rate, options=to.codec_options)
+        stream.pix_fmt = to.pixels
         for number, picture in enumerate(pictures):
             if number == 0:
                 stream.width, stream.height = picture.width, picture.height
@@ -130,7 +156,9 @@ def _palette(movie: Path) -> av.VideoFrame:
     with av.open(str(movie)) as file:
         graph = Graph()
         source = graph.add_buffer(template=file.streams.video[0])
-        graph.link_nodes(source, graph.add("palettegen", "reserve_transparent=0"), graph.add("buffersink")).configure()
+        graph.link_nodes(
+            source, graph.add("palettegen", "reserve_transparent=0"), graph.add("buffersink")
+        ).configure()
         for picture in file.decode(video=0):
             source.push(picture)
         source.push(None)
@@ -138,7 +166,7 @@ def _palette(movie: Path) -> av.VideoFrame:
 
 
 def _in_palette(movie: Path, palette: av.VideoFrame) -> Iterator[av.VideoFrame]:
-    """The frames of a movie in the nearest colours of a palette; without dithering, which would flicker."""
+    """Draw frames in the nearest colours of a palette; without dithering, which would flicker."""
     with av.open(str(movie)) as file:
         graph = Graph()
         source = graph.add_buffer(template=file.streams.video[0])

@@ -1,16 +1,43 @@
-"""A camera at a distance that fills the picture."""
+"""Cameras that fill a picture with one mesh, as panels of sheets do."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
+from abfm import TriangleMesh
 from abfm.types import FloatArray
-from abfm_viewer.document.document import Camera, Front, triple
+from abfm_viewer.document.document import Front, Triple, triple
+from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.viewport import viewport
 
 
-def fitted(vertices: FloatArray, front: Front, aspect: float | None, angle: float, margin: float) -> Camera:
-    """The nearest camera in a direction that sees all vertices (V, 3).
+@dataclass(frozen=True)
+class Camera:
+    """A position, a target and an upward direction (3,) each, and the vertical angle in degrees.
 
-    Its aspect is by default the shape's own, its angle is in degrees, and the margin that stays free on each side is a
-    share of what the vertices take.
+    The aspect is width over height.
+    """
+
+    position: Triple
+    target: Triple
+    up: Triple
+    angle: float
+    aspect: float
+
+    @property
+    def front(self) -> Front:
+        """The direction in which it looks, without the distance."""
+        backward = np.array(self.position) - self.target
+        return Front(triple(backward / np.linalg.norm(backward)), self.up)
+
+
+def fitted(
+    vertices: FloatArray, front: Front, aspect: float | None, angle: float, margin: float
+) -> Camera:
+    """Return the nearest camera in a direction that sees all vertices (V, 3).
+
+    Its aspect is by default the shape's own, its angle is in degrees, and the margin that stays
+    free on each side is a share of what the vertices take.
     """
     x, y, z = front.axes @ vertices.T
     middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])
@@ -20,4 +47,16 @@ def fitted(vertices: FloatArray, front: Front, aspect: float | None, angle: floa
     extent = np.maximum(half_width / aspect, half_height) * (1 + 2 * margin)
     distance = float((z - middle[2] + extent / np.tan(np.radians(angle / 2))).max())
     target = middle @ front.axes
-    return Camera(triple(target + distance * np.array(front.direction)), triple(target), front.up, angle, aspect)
+    position = target + distance * np.array(front.direction)
+    return Camera(triple(position), triple(target), front.up, angle, aspect)
+
+
+def look(camera: Camera, mesh: TriangleMesh) -> None:
+    """Make polyscope draw what a camera sees of a mesh, and no farther."""
+    places = viewport(mesh).drawn(mesh.vertices)
+    low, high = places.min(axis=0), places.max(axis=0)
+    ps.set_bounding_box(low, high)
+    ps.set_length_scale(2 * float(np.linalg.norm(high - low)))
+    position, target = viewport(mesh).drawn(np.array([camera.position, camera.target]))
+    ps.set_vertical_fov_degrees(camera.angle)
+    ps.look_at_dir(position, target, np.array(camera.up))

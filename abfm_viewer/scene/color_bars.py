@@ -1,4 +1,4 @@
-"""Colour bars of windows, pictures and sheets: a strip with the colours, its title, and the numbers along it."""
+"""Colour bars of windows, pictures and sheets: a strip with its title and numbers."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -10,7 +10,8 @@ from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.widgets.widget_record import Rect
 
 GAP = 3  # between a bar and its texts, in pixels at a scale of 1
-_SHORTEST, _LONGEST = 30, 300  # strip in a line, and what a line is longer where there is room, likewise
+# strip in a line, and what a line is longer where there is room, likewise
+_SHORTEST, _LONGEST = 30, 300
 _APART = 16  # lines, likewise
 
 
@@ -48,22 +49,25 @@ Part = Text | Strip | Line
 
 @dataclass(frozen=True)
 class Pen:
-    """How large things are written.
+    """How large things are written, and in which colours.
 
-    Colour bars with ticks are outlined and have round numbers. Without ticks only the ends and the middle have numbers,
-    and nothing stands out beyond the ends.
+    Colour bars with ticks are outlined and have round numbers. Without ticks only the ends and the
+    middle have numbers, and nothing stands out beyond the ends.
     """
 
     scale: float  # of all lengths but the text's
     line: float  # height of a line of text
     width: Callable[[str], float]  # of a text
+    inks: Palette
     tick: float = 0.0  # length
 
 
-def bar_parts(title: str, colors: ColorRange, rect: Rect, pen: Pen, inks: Palette, upright: bool = False) -> list[Part]:
-    """A bar in a rectangle, its title above, its numbers below; an upright one has only numbers, to its right."""
+def bar_parts(
+    title: str, colors: ColorRange, rect: Rect, pen: Pen, upright: bool = False
+) -> list[Part]:
+    """Lay out a bar in a rectangle, its title above, its numbers below or to its right."""
     left, top, right, bottom = rect
-    gap = GAP * pen.scale
+    gap, inks = GAP * pen.scale, pen.inks
     is_cut = not upright and pen.width(title) > right - left
     found: list[Part] = [Strip(rect, colors.colormap, upright, title if is_cut else "")]
     if pen.tick:
@@ -74,7 +78,8 @@ def bar_parts(title: str, colors: ColorRange, rect: Rect, pen: Pen, inks: Palett
         indent = (right - left - pen.width(title)) / 2 if pen.tick else 0.0
         found.append(Text(left + indent, top - gap - pen.line, title, inks.muted))
     length = bottom - top if upright else right - left
-    for value in _round_numbers(colors, length, pen, upright) if pen.tick else _ends_and_middle(colors, length, pen):
+    round_numbers = _round_numbers(colors, length, pen, upright) if pen.tick else None
+    for value in round_numbers or _ends_and_middle(colors, length, pen):
         text = f"{value:.4g}" if pen.tick else f"{value:.3g}"
         along = (value - colors.low) / (colors.high - colors.low) * length
         x, y = (right, bottom - along) if upright else (left + along, bottom)
@@ -91,25 +96,29 @@ def bar_parts(title: str, colors: ColorRange, rect: Rect, pen: Pen, inks: Palett
     return found
 
 
-def bars_in_a_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen, inks: Palette) -> list[Part]:
-    """Bars by their titles, as high as a line of text and side by side, with the ends of their ranges at their sides.
+def bars_in_a_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> list[Part]:
+    """Lay out bars by their titles, as high as a line of text, between the ends of their ranges.
 
     Where there is little room titles are written up to a comma, or left away, the last ones first.
     """
     left, top, right, bottom = rect
-    gap, apart, thin, shortest = 2 * GAP * pen.scale, _APART * pen.scale, pen.line / 4, _SHORTEST * pen.scale
+    gap, apart, thin = 2 * GAP * pen.scale, _APART * pen.scale, pen.line / 4
+    shortest, inks = _SHORTEST * pen.scale, pen.inks
     ends = [(f"{colors.low:.3g}", f"{colors.high:.3g}") for colors in ranges.values()]
     room = right - left - max(len(ranges) - 1, 0) * apart
     for titles in _shorter(list(ranges)):
+        before = [pen.width(title) + 2 * gap if title else 0.0 for title in titles]
         needed = [
-            shortest + pen.width(low) + pen.width(high) + 2 * gap + (pen.width(title) + 2 * gap if title else 0.0)
-            for title, (low, high) in zip(titles, ends, strict=True)
+            shortest + pen.width(low) + pen.width(high) + 2 * gap + start
+            for start, (low, high) in zip(before, ends, strict=True)
         ]
         if sum(needed) <= room:
             break
     spare = min((room - sum(needed)) / max(len(ranges), 1), _LONGEST * pen.scale)
     found: list[Part] = []
-    for (whole, colors), title, (low, high), length in zip(ranges.items(), titles, ends, needed, strict=True):
+    for (whole, colors), title, (low, high), length in zip(
+        ranges.items(), titles, ends, needed, strict=True
+    ):
         begin = left + (pen.width(title) + 2 * gap if title else 0.0)
         stop = left + length + spare
         start, end = begin + pen.width(low) + gap, stop - pen.width(high) - gap
@@ -141,10 +150,11 @@ def _ends_and_middle(colors: ColorRange, length: float, pen: Pen) -> list[float]
 
 
 def _round_numbers(colors: ColorRange, length: float, pen: Pen, upright: bool) -> list[float]:
-    """Those of a range's ticks whose numbers stand apart: all, or every second, third, ..."""
+    """Choose of a range's ticks all, or every second, third, ... so that numbers stand apart."""
     values = ticks(colors.low, colors.high)
     step = values[1] - values[0]
-    needed = pen.line if upright else max(pen.width(f"{value:.4g}") for value in values) + pen.line / 2
+    widest = max(pen.width(f"{value:.4g}") for value in values)
+    needed = pen.line if upright else widest + pen.line / 2
     every = math.ceil(needed * (colors.high - colors.low) / (step * length))
     return [value for value in values if round(value / step) % every == 0]
 
@@ -154,4 +164,6 @@ def ticks(low: float, high: float) -> list[float]:
     rough = (high - low) / 6
     power = 10 ** math.floor(math.log10(rough))
     step = next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= rough)
-    return [step * k for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+    return [
+        step * k for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
+    ]

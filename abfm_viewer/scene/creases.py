@@ -1,4 +1,4 @@
-"""Vertices that are drawn once for every smooth side of a crease: shading stays smooth, and creases sharp."""
+"""Vertices that are drawn once for every smooth side of a crease, which stays sharp."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +10,8 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.topology import connected, edge_slots
 from abfm.types import IntArray
 
-_FLAT, _CREASED, _HALF_SHARP, _SHARP = 1.0, 25.0, 20.0, 40.0  # degrees between the normals at an edge
+# degrees between the normals at an edge
+_FLAT, _CREASED, _HALF_SHARP, _SHARP = 1.0, 25.0, 20.0, 40.0
 _MOST = 0.5  # of the edges
 
 
@@ -22,7 +23,7 @@ class DrawnMesh:
     faces: IntArray  # (F, 3): in the mesh's order, of drawn vertices
 
     def values(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values (V, ...) of vertices for what is drawn, (D, ...): the same array where nothing is split."""
+        """Return values (V, ...) of vertices as (D, ...); the same array if nothing is split."""
         return values if len(self.origin) == len(values) else values[self.origin]
 
 
@@ -30,9 +31,10 @@ class DrawnMesh:
 def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
     """Split the vertices of a mesh along its creases.
 
-    A shape has creases if more of its edges are sharp than half sharp. Where most are half sharp, as on coarse meshes
-    of bodies and on folded cortices, the sharp ones are no creases but bends, and nothing is split. Where most edges
-    lie in planes, as on mechanical parts, the half sharp ones are creases, too.
+    A shape has creases if more of its edges are sharp than half sharp. Where most are half sharp,
+    as on coarse meshes of bodies and on folded cortices, the sharp ones are no creases but bends,
+    and nothing is split. Where most edges lie in planes, as on mechanical parts, the half sharp
+    ones are creases, too.
     """
     first, second = edge_slots(mesh.face_edges, len(mesh.edges)).T
     (f, c), (g, k) = (np.divmod(slots[second >= 0], 3) for slots in (first, second))
@@ -42,7 +44,10 @@ def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
     cosines = (normals[f] * normals[g]).sum(axis=1)
     of_planes = (cosines > np.cos(np.radians(_FLAT))).mean() >= _MOST
     smooth = cosines > np.cos(np.radians(_CREASED if of_planes else _SHARP))
-    bends = not of_planes and (~smooth).sum() <= (smooth & (cosines < np.cos(np.radians(_HALF_SHARP)))).sum()
+    bends = (
+        not of_planes
+        and (~smooth).sum() <= (smooth & (cosines < np.cos(np.radians(_HALF_SHARP)))).sum()
+    )
     if bends or smooth.all():
         return DrawnMesh(np.arange(len(mesh.vertices)), mesh.faces)
     f, c, g, k = f[smooth], c[smooth], g[smooth], k[smooth]

@@ -23,7 +23,9 @@ class GaussianMarkers:
     """Draws them while Shift is held over the surfaces, and where a side has several Gaussians."""
 
     def __init__(self) -> None:
-        self._centres: dict[Side, Memo[tuple[FloatArray, FloatArray] | None]] = {side: Memo() for side in SIDES}
+        self._centres: dict[Side, Memo[tuple[FloatArray, FloatArray] | None]] = {
+            side: Memo() for side in SIDES
+        }
 
     def draw(self, ui: Ui, session: Session, scene: Scene, rect: Rect) -> None:
         """Draw a ring on each side that has one to draw."""
@@ -36,7 +38,7 @@ class GaussianMarkers:
                 self._draw_side(ui, session, scene, side, wanted)
 
     def _draw_side(self, ui: Ui, session: Session, scene: Scene, side: Side, wanted: bool) -> None:
-        chosen, mesh = active_gaussian(session, side), session.mesh
+        chosen, mesh = active_gaussian(session, side), session.surface(side).mesh
         if chosen is None or session.active is None:
             return
         spec = session.active.spec(side)
@@ -44,10 +46,12 @@ class GaussianMarkers:
             return
 
         def centre() -> tuple[FloatArray, FloatArray] | None:
-            """A place and a normal; None for a vertex that is not there, of which the panel tells."""
+            """Return a place and a normal; None for a vertex that is not there."""
             with suppress(FunctionError):
                 vertex = gaussians.gaussians(spec)[chosen].sources(mesh)[0]
-                a, b, c = np.moveaxis(mesh.vertices[mesh.faces[(mesh.faces == vertex).any(axis=1)]], 1, 0)
+                a, b, c = np.moveaxis(
+                    mesh.vertices[mesh.faces[(mesh.faces == vertex).any(axis=1)]], 1, 0
+                )
                 return mesh.vertices[vertex], np.cross(b - a, c - a).sum(axis=0)
             return None
 

@@ -1,15 +1,19 @@
 """The one door to polyscope: every other file takes `ps` from here.
 
-Where the machine cannot draw, importing this file or starting polyscope raises a `DrawingError` of one clear line;
-polyscope itself would crash without libEGL, and could not be imported without libX11.
+Where the machine cannot draw, importing this file or starting polyscope raises a `DrawingError` of
+one clear line; polyscope itself would crash without libEGL, and could not be imported without
+libX11.
 """
 
 import ctypes
 import os
+import re
 import sys
 import tempfile
 from pathlib import Path
 from typing import Literal
+
+from PIL import Image
 
 from abfm.io import temporary_folder
 from abfm_viewer.appearance import colormaps, material
@@ -33,29 +37,34 @@ OFFSCREEN: Backend = "openGL3_egl" if sys.platform == "linux" else "auto"
 
 
 def spare_a_core() -> None:
-    """Where Mesa draws in software, let it leave a core to the solver: call before `start`.
+    """Let Mesa leave a core to the solver where it draws in software: call before `start`.
 
-    Its threads, by default as many as there are cores, would stop the solver's at every frame; the one that asks for
-    the drawing works beside them.
+    Its threads, by default as many as there are cores, would stop the solver's at every frame; the
+    one that asks for the drawing works beside them.
     """
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
     os.environ.setdefault("LP_NUM_THREADS", str(max(cores - 2, 0)))
 
 
 def start(backend: Backend, width: int, height: int, title: str = "abfm") -> None:
-    """Start polyscope with a backend of its own naming, or only change the size in pixels of what it draws.
+    """Start polyscope with a backend of its own naming, or only change the size in pixels of what
+    it draws.
 
     Raises
     ------
     DrawingError
         Without a screen for a window, or where OpenGL does not start.
     """
-    if not ps.is_initialized() or tuple(ps.get_window_size()) != (width, height):  # GLFW waits for ever for no change
+    # GLFW waits for ever for no change
+    if not ps.is_initialized() or tuple(ps.get_window_size()) != (width, height):
         ps.set_window_size(width, height)
     if ps.is_initialized():
         return
-    if backend == WINDOW and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
-        raise DrawingError("no screen to open a window on; without one use `abfm match` and `abfm render`")
+    has_screen = sys.platform != "linux" or {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
+    if backend == WINDOW and not has_screen:
+        raise DrawingError(
+            "no screen to open a window on; without one use `abfm match` and `abfm render`"
+        )
     ps.set_verbosity(0)
     ps.set_use_prefs_file(False)
     ps.set_display_message_popups(False)
@@ -63,21 +72,24 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
     try:
         ps.init(backend)
     except RuntimeError as error:
-        ps.init("openGL_mock")  # polyscope fails once more when Python exits unless something is running
-        reason = str(error).replace("[polyscope]", "").replace("[EXCEPTION]", "").replace("ERROR:", "").strip()
-        raise DrawingError(f"OpenGL did not start ({reason}); check the screen and the graphics driver") from None
+        # polyscope fails once more when Python exits unless something is running
+        ps.init("openGL_mock")
+        reason = re.sub(r"\[polyscope\]|\[EXCEPTION\]|ERROR:", "", str(error)).strip()
+        raise DrawingError(
+            f"OpenGL did not start ({reason}); check the screen and the graphics driver"
+        ) from None
     with temporary_folder(Path(tempfile.gettempdir())) as folder:
-        for name, image in colormaps.images().items():
-            image.save(f"{folder}/{name}.png")
+        for name, pixels in colormaps.pictures().items():
+            Image.fromarray(pixels).save(f"{folder}/{name}.png")
             ps.load_color_map(colormaps.loaded_name(name), f"{folder}/{name}.png")
         files = [f"{folder}/material {channel}.png" for channel in range(4)]
-        for image, file in zip(material.images(), files, strict=True):
-            image.save(file)
+        for pixels, file in zip(material.pictures(), files, strict=True):
+            Image.fromarray(pixels).save(file)
         ps.load_blendable_material(material.NAME, filenames=files)
 
 
 def clear() -> None:
-    """Leave nothing of what was drawn before, nor of how: slots are in parallel projection, and clipped."""
+    """Leave nothing of what was drawn before, nor of how it was seen."""
     ps.remove_all_structures()
     ps.remove_all_slice_planes()
     ps.set_ground_plane_mode("none")

@@ -1,20 +1,16 @@
-"""Lines that lie on a surface, as flat ribbons: they bend with it, and neither stick out of it nor float above it."""
+"""Lines that lie on a surface, as flat ribbons that bend with it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 import abfm
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from abfm.flow.flow_lines import FacePoints
 
 _LIFT = 0.0025  # of sqrt(area): a flat strip is hidden by the surface where that bends
 _HEAD_WIDTH, _HEAD_LENGTH = 2.6, 7.5  # in half widths of the shaft
@@ -27,14 +23,14 @@ Triangles = tuple[FloatArray, IntArray]  # vertices (V, 3) and faces (F, 3)
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A way on a surface: places (K, 3) and the surface's unit normals there, in sqrt(area) as the unit of length."""
+    """A way on a surface: places (K, 3) in units of sqrt(area), and unit normals there."""
 
     places: FloatArray
     normals: FloatArray
 
     @property
     def lengths(self) -> FloatArray:
-        """How far each place is from the start, along the way, (K,)."""
+        """Measure how far each place is from the start, along the way, (K,)."""
         steps = np.linalg.norm(np.diff(self.places, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -49,19 +45,21 @@ class Course:
 
 
 def course_of(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> Course:
-    """The way of a flow line in the direction of the flow, also where it was walked against that."""
+    """Return the way of a flow line in the flow's direction, however it was walked."""
     order = slice(None) if line.times[-1] >= 0 else slice(None, None, -1)
-    return Course(line.positions[order] / mesh.length_scale, _normals(mesh, line)[order])
+    normals = _normals(mesh, line.faces, line.barycentric)
+    return Course(line.positions[order] / mesh.length_scale, normals[order])
 
 
 def course_through(mesh: TriangleMesh, places: FloatArray) -> Course:
     """The way through places (K, 3) on a surface, in the mesh's units."""
-    return Course(places / mesh.length_scale, _normals(mesh, abfm.maps.project_onto_surface(mesh, places)))
+    found = abfm.maps.project_onto_surface(mesh, places)
+    return Course(places / mesh.length_scale, _normals(mesh, found.faces, found.barycentric))
 
 
-def _normals(mesh: TriangleMesh, points: FacePoints) -> FloatArray:
-    """Unit normals at points of a surface, which turn smoothly from face to face, (K, 3)."""
-    return _unit(np.einsum("kc,kcx->kx", points.barycentric, _vertex_normals(mesh)[mesh.faces[points.faces]]))
+def _normals(mesh: TriangleMesh, faces: IntArray, barycentric: FloatArray) -> FloatArray:
+    """Return unit normals at points of a surface, which turn smoothly from face to face, (K, 3)."""
+    return _unit(np.einsum("kc,kcx->kx", barycentric, _vertex_normals(mesh)[mesh.faces[faces]]))
 
 
 @per_mesh
@@ -70,30 +68,27 @@ def _vertex_normals(mesh: TriangleMesh) -> FloatArray:
 
 
 def _outward(mesh: TriangleMesh) -> int:
-    """What turns the faces' normals outward."""
+    """Return what turns the faces' normals outward."""
     return -1 if mesh.is_inside_out else 1
 
 
 def arrow_ribbons(courses: Sequence[Course], half_width: float) -> Triangles:
-    """An arrow along each way from its start to its end; it is thinner where the way is too short for its head."""
+    """Make an arrow along each way, thinner where the way is too short for its head."""
     if not courses:
         return _joined([])
     lengths = np.array([course.lengths[-1] for course in courses])
     heads = np.minimum(_HEAD_LENGTH * half_width, _LONGEST_HEAD * lengths)
     along_shaft, along_head = np.linspace(0, 1, _SHAFT_NODES), np.linspace(0, 1, _HEAD_NODES)
-    nodes = np.concatenate(
-        [(lengths - heads)[:, None] * along_shaft, (lengths - heads)[:, None] + heads[:, None] * along_head], axis=1
-    )
+    shafts, heads_along = (lengths - heads)[:, None], heads[:, None] * along_head
+    nodes = np.concatenate([shafts * along_shaft, shafts + heads_along], axis=1)
     found = [course.at(places) for course, places in zip(courses, nodes, strict=True)]
-    places, normals = np.stack([one.places for one in found]), np.stack([one.normals for one in found])
+    places = np.stack([one.places for one in found])
+    normals = np.stack([one.normals for one in found])
     thick = heads[:, None] / _HEAD_LENGTH
     shaft, head = np.s_[:, :_SHAFT_NODES], np.s_[:, _SHAFT_NODES:]
-    return _joined(
-        [
-            _strips(places[shaft], normals[shaft], thick * np.ones(_SHAFT_NODES)),
-            _strips(places[head], normals[head], _HEAD_WIDTH * thick * (1 - along_head)),
-        ]
-    )
+    shafts_of = _strips(places[shaft], normals[shaft], thick * np.ones(_SHAFT_NODES))
+    heads_of = _strips(places[head], normals[head], _HEAD_WIDTH * thick * (1 - along_head))
+    return _joined([shafts_of, heads_of])
 
 
 def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
@@ -102,7 +97,8 @@ def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
     for course in courses:
         length = float(course.lengths[-1])
         nodes = course.at(np.linspace(0, length, max(int(np.ceil(length / _NODE)), 1) + 1))
-        parts.append(_strips(nodes.places[None], nodes.normals[None], np.full((1, len(nodes.places)), half_width)))
+        half_widths = np.full((1, len(nodes.places)), half_width)
+        parts.append(_strips(nodes.places[None], nodes.normals[None], half_widths))
         head = min(_HEAD_LENGTH * half_width, _LONGEST_HEAD * length)
         count = max(round(length / _APART), 1)
         for middle in (np.arange(count) + 0.5) * length / count:
@@ -113,35 +109,43 @@ def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
 def isoline_ribbons(
     mesh: TriangleMesh, values: FloatArray, levels: Sequence[float] | FloatArray, half_width: float
 ) -> Triangles:
-    """Lines where a function (V,) has certain values: in every triangle that it crosses a strip in its plane.
+    """Lines where a function (V,) has certain values: in every triangle that it crosses a strip in
+    its plane.
 
     Where the function is constant there is no line, whatever its value.
     """
-    corners, normals = mesh.vertices[mesh.faces] / mesh.length_scale, _outward(mesh) * abfm.calculus.face_normals(mesh)
+    corners = mesh.vertices[mesh.faces] / mesh.length_scale
+    normals = _outward(mesh) * abfm.calculus.face_normals(mesh)
     at_corners = values[mesh.faces]
     low, high = at_corners.min(axis=1), at_corners.max(axis=1)
     parts: list[Triangles] = []
     for level in levels:
         crossed = np.flatnonzero((low < level) & (level <= high))
         if crossed.size:
-            parts.append(_crossings(corners[crossed], at_corners[crossed], level, normals[crossed], half_width))
+            triangles = corners[crossed], at_corners[crossed], level, normals[crossed]
+            parts.append(_crossings(*triangles, half_width))
     return _joined(parts)
 
 
-def _crossings(corners: FloatArray, values: FloatArray, level: float, normals: FloatArray, half: float) -> Triangles:
-    """Strips in triangles (n, 3, 3) where a function with these values (n, 3) at the corners has one value."""
+def _crossings(
+    corners: FloatArray, values: FloatArray, level: float, normals: FloatArray, half: float
+) -> Triangles:
+    """Make strips in triangles (n, 3, 3) where a function (n, 3) at the corners has a value."""
     above = values >= level
     alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
     rows = np.arange(len(corners))
     ends = []
     for other in ((alone + 1) % 3, (alone + 2) % 3):
         share = (level - values[rows, alone]) / (values[rows, other] - values[rows, alone])
-        ends.append(corners[rows, alone] + share[:, None] * (corners[rows, other] - corners[rows, alone]))
+        start = corners[rows, alone]
+        ends.append(start + share[:, None] * (corners[rows, other] - start))
     along = _unit(ends[1] - ends[0])
     side = half * np.cross(normals, along)
-    first, last = ends[0] - half / 2 * along, ends[1] + half / 2 * along  # else a gap would show between two strips
+    # else a gap would show between two strips
+    first, last = ends[0] - half / 2 * along, ends[1] + half / 2 * along
     lift = _LIFT * normals
-    vertices = np.stack([first - side + lift, last - side + lift, last + side + lift, first + side + lift], axis=1)
+    around = first - side, last - side, last + side, first + side
+    vertices = np.stack([corner + lift for corner in around], axis=1)
     faces = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * rows[:, None, None]
     return vertices.reshape(-1, 3), faces.reshape(-1, 3)
 
@@ -155,7 +159,7 @@ def _head(course: Course, start: float, length: float) -> Triangles:
 
 
 def _strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> Triangles:
-    """Strips through places (n, K, 3) of some half widths (n, K), with faces counterclockwise from outside."""
+    """Make strips of half widths (n, K) through places (n, K, 3), counterclockwise from outside."""
     count, nodes = half_widths.shape
     side = half_widths[:, :, None] * _unit(np.cross(normals, np.gradient(places, axis=1)))
     middle = places + _LIFT * normals

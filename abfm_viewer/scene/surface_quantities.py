@@ -1,4 +1,4 @@
-"""Surfaces in polyscope, and what they can show: the one place for windows, pictures and figures."""
+"""Surfaces in polyscope, and what they can show, in windows, pictures and figures."""
 
 import math
 from typing import Any
@@ -6,42 +6,47 @@ from typing import Any
 from numpy.typing import NDArray
 
 from abfm.mesh import TriangleMesh
-from abfm.types import FloatArray
 from abfm_viewer.appearance import material
 from abfm_viewer.appearance.colormaps import CHECKER_COLORS, DARK_CHECKER_COLORS, loaded_name
 from abfm_viewer.appearance.theme import linear, palette
 from abfm_viewer.document.document import Theme
 from abfm_viewer.scene.creases import drawn_mesh
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.viewport import viewport
 from abfm_viewer.shown.paint import Paint
 
-_PLAIN: dict[Theme, tuple[float, float, float]] = {"light": (0.8, 0.81, 0.83), "dark": (0.3, 0.3, 0.32)}
+_PLAIN: dict[Theme, tuple[float, float, float]] = {
+    "light": (0.8, 0.81, 0.83),
+    "dark": (0.3, 0.3, 0.32),
+}
 _CORNERS = "texture corners"
 _EDGE = 1.0  # polyscope's unit: about a pixel
 _LONG_EDGE, _THINNEST = 12.0, 0.3  # pixels of an edge that is drawn in full width; share of it
 
 
 def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None) -> None:
-    """Show a paint on the surface of this name, with as little work as what it showed before allows."""
+    """Show a paint on a surface, with as little work as what it showed allows."""
     surface, kind = ps.get_surface_mesh(name), paint.kind
     if before is not None and before.kind == kind:
-        if before.colors == paint.colors and before.values is paint.values and before.is_dark == paint.is_dark:
+        same_colors, same_ground = before.colors == paint.colors, before.is_dark == paint.is_dark
+        if same_colors and same_ground and before.values is paint.values:
             return
-        if before.colors == paint.colors and kind in ("vertex values", "face values"):
+        if same_colors and kind in ("vertex values", "face values"):
             surface.get_quantity_buffer(kind, "values").update_data(drawn_values(mesh, paint))
             return
         if kind == "texture" and before.corners is paint.corners:
-            surface.get_quantity_buffer(kind, "colors").update_data(paint.values.reshape(-1, 3))  # cheaper than anew
+            # cheaper than anew
+            surface.get_quantity_buffer(kind, "colors").update_data(paint.values.reshape(-1, 3))
             return
     show(surface, mesh, paint)
 
 
-def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
-    """A surface with its vertices at places (V, 3) in drawing units; its creases are sharp."""
+def register(name: str, mesh: TriangleMesh) -> Any:
+    """Give polyscope a surface; its creases are sharp."""
     split = drawn_mesh(mesh)
     return ps.register_surface_mesh(
         name,
-        split.values(places),
+        split.values(viewport(mesh).drawn(mesh.vertices)),
         split.faces,
         smooth_shade=True,
         material=material.NAME,
@@ -51,13 +56,14 @@ def register(name: str, mesh: TriangleMesh, places: FloatArray) -> Any:
 
 
 def back_faces(mesh: TriangleMesh) -> str:
-    """How polyscope draws faces from behind: not at all where only the inside of a closed surface is behind them."""
+    """Return how faces are drawn from behind: not where only a closed inside is there."""
     only_inside = mesh.is_closed and not mesh.is_inside_out
     return "cull" if only_inside else "identical"
 
 
 def edge_width(faces: int, scale: float) -> float:
-    """Of a wireframe of so many faces of a surface of area 1, whose lengths of 1 have so many pixels.
+    """Of a wireframe of so many faces of a surface of area 1, whose lengths of 1 have so many
+    pixels.
 
     It is thin where edges are short, or they would hide the colours.
     """
@@ -66,7 +72,7 @@ def edge_width(faces: int, scale: float) -> float:
 
 
 def set_style(surface: Any, edges: float, flat: bool, theme: Theme) -> None:
-    """Show a surface's edges in a width, 0 for none, its faces each in one shade or smoothly, grey until painted."""
+    """Show edges in a width, 0 for none, and faces each in one shade or smoothly."""
     surface.set_color(_PLAIN[theme])
     surface.set_edge_color(linear(palette(theme).ink)[:3])
     surface.set_edge_width(edges)
@@ -75,18 +81,22 @@ def set_style(surface: Any, edges: float, flat: bool, theme: Theme) -> None:
 
 def drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:
     """A paint's values as polyscope's mesh needs them."""
-    return paint.values if paint.kind in ("face values", "texture") else drawn_mesh(mesh).values(paint.values)
+    if paint.kind in ("face values", "texture"):
+        return paint.values
+    return drawn_mesh(mesh).values(paint.values)
 
 
 def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) -> None:
-    """Show a paint on a surface of a mesh, as a quantity of its kind's name; `square` is a checkerboard's unit."""
+    """Show a paint as a quantity of its kind's name; `square` is a checkerboard's unit."""
     values = drawn_values(mesh, paint)
     if paint.kind == "colors":
         surface.add_color_quantity(paint.kind, values, enabled=True)
     elif paint.kind == "checker":
         colors = DARK_CHECKER_COLORS if paint.is_dark else CHECKER_COLORS
         look = {"viz_style": "checker", "checker_size": square, "checker_colors": colors}
-        surface.add_parameterization_quantity(paint.kind, values, coords_type="unit", enabled=True, **look)
+        surface.add_parameterization_quantity(
+            paint.kind, values, coords_type="unit", enabled=True, **look
+        )
     elif paint.kind == "texture":
         surface.add_parameterization_quantity(_CORNERS, paint.corners, defined_on="corners")
         place = {"defined_on": "texture", "param_name": _CORNERS, "image_origin": "lower_left"}

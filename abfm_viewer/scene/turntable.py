@@ -1,4 +1,4 @@
-"""Surfaces that turn in a movie, each about its own upright axis, in front of a camera that stays."""
+"""Surfaces that turn in a movie, each about its own upright axis, before a camera that stays."""
 
 from dataclasses import dataclass
 
@@ -24,8 +24,12 @@ class Turntable:
         """Points (2 n, 3) of the cylinder's upper and lower rim."""
         first = np.roll(self.axis, 1)
         angles = np.linspace(0, 2 * np.pi, _POINTS_OF_A_RIM, endpoint=False)[:, None]
-        circle = self.radius * (np.cos(angles) * first + np.sin(angles) * np.cross(self.axis, first))
-        return np.concatenate([self.middle + circle + end * self.axis for end in (self.low, self.high)])
+        circle = self.radius * (
+            np.cos(angles) * first + np.sin(angles) * np.cross(self.axis, first)
+        )
+        return np.concatenate(
+            [self.middle + circle + end * self.axis for end in (self.low, self.high)]
+        )
 
     def turned(self, degrees: float, center: FloatArray) -> FloatArray:
         """The matrix (4, 4) that turns about a parallel of the axis through a point (3,)."""
@@ -38,7 +42,7 @@ class Turntable:
 
 
 def turntable(mesh: TriangleMesh, up: FloatArray) -> Turntable:
-    """Turn a mesh about the coordinate axis that points up most, through the middle of its bounding box."""
+    """Turn a mesh about the coordinate axis that points up most, through its middle."""
     upright = int(np.argmax(np.abs(up)))
     axis = np.sign(up[upright]) * np.eye(3)[upright]
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2

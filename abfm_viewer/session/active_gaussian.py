@@ -9,7 +9,7 @@ NARROWEST, WIDEST = 0.005, 2.0
 
 
 def active_gaussian(session: Session, side: Side) -> int | None:
-    """Which of the Gaussians of the active channel's source or target it is; None if there are none."""
+    """Return which Gaussian of the active channel's side it is; None if there are none."""
     if session.active is None:
         return None
     count = len(gaussians.gaussians(session.active.spec(side)))
@@ -18,31 +18,38 @@ def active_gaussian(session: Session, side: Side) -> int | None:
 
 
 def why_fixed(session: Session, side: Side) -> str:
-    """Why the mouse cannot move it, and what to do; empty if it can."""
+    """Say why the mouse cannot move it, and what to do; nothing if it can."""
     if session.active is None:
         return f"the {side} is still being chosen"
     if active_gaussian(session, side) is None:
-        return f"the {side} has no Gaussian to move: choose the family gaussian in the tab Functions"
+        return (
+            f"the {side} has no Gaussian to move: choose the family gaussian in the tab Functions"
+        )
     if gaussians.is_mapped(session.active.spec(side)):
-        return f"the {side} goes through a vertex map: type its Gaussian's vertex in the tab Functions"
+        return (
+            f"the {side} goes through a vertex map: type its Gaussian's vertex in the tab Functions"
+        )
     return ""
 
 
 def move(session: Session, side: Side, vertex: int, merge: str) -> None:
     """Put it at a vertex of the mesh (not the file)."""
-    chosen, in_file = active_gaussian(session, side), int(session.mesh.vertex_ids[vertex])
+    chosen = active_gaussian(session, side)
+    in_file = int(session.surface(side).mesh.vertex_ids[vertex])
     if chosen is not None and session.active is not None:
         spec = gaussians.changed(session.active.spec(side), chosen, vertex=(in_file,))
-        session.set_spec(side, spec, merge, chosen)
+        session.editor.set_spec(side, spec, merge, chosen)
 
 
 def widen(session: Session, side: Side, notches: float, merge: str) -> None:
     """Make it wider by so many turns of the wheel, or narrower if negative."""
     chosen = active_gaussian(session, side)
     if chosen is None or session.active is None:
-        session.say(f"the {side} has no Gaussian to widen: choose the family gaussian in the tab Functions")
+        session.notices.say(
+            f"the {side} has no Gaussian to widen: choose the family gaussian in the tab Functions"
+        )
         return
     spec = session.active.spec(side)
     width = gaussians.gaussians(spec)[chosen].width * _WIDTH_PER_NOTCH**notches
     width = float(f"{min(max(width, NARROWEST), WIDEST):.3g}")
-    session.set_spec(side, gaussians.changed(spec, chosen, width=width), merge, chosen)
+    session.editor.set_spec(side, gaussians.changed(spec, chosen, width=width), merge, chosen)

@@ -1,4 +1,4 @@
-"""Writes pictures, movies and data beside the running app: pictures in a process of their own, which can be ended."""
+"""Pictures, movies and data written beside the running app, pictures in a process that can end."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,10 +19,10 @@ from pathlib import Path
 import abfm
 from abfm import AbfmError
 from abfm.io import temporary_folder, write_atomically
-from abfm.numerics.own_process import factoring_apart
-from abfm.progress import Step
+from abfm.numerics.factoring_apart import factoring_apart
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import error_line
+from abfm.workers.progress import Step
+from abfm_viewer.computing.background import THREADS, error_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.files import outputs
 from abfm_viewer.files.project import save_project
@@ -43,12 +43,13 @@ class PictureSettings:
 
     def words(self) -> list[str]:
         """As options of `abfm render`, but for the ground."""
-        return [f"--size={self.width}x{self.height}", *([] if self.color_bar else ["--no-color-bar"])]
+        size = f"--size={self.width}x{self.height}"
+        return [size] if self.color_bar else [size, "--no-color-bar"]
 
 
 @dataclass(frozen=True)
 class MovieSettings:
-    """A movie's length, which part of the flow it shows, in units of tau, and how far the surfaces turn meanwhile."""
+    """A movie's length, its part of the flow in units of tau, and the surfaces' turning."""
 
     seconds: float = 4.0
     fps: float = 30.0
@@ -59,13 +60,15 @@ class MovieSettings:
     def words(self, tau: float) -> list[str]:
         """As options of `abfm render`."""
         times = [f"--from={self.start * tau}", f"--to={self.end * tau}"]
-        return [f"--seconds={self.seconds}", f"--fps={self.fps}", *times, f"--turntable={self.turntable}"]
+        rate = [f"--seconds={self.seconds}", f"--fps={self.fps}"]
+        return [*rate, *times, f"--turntable={self.turntable}"]
 
 
 class Exporter:
     """One export at a time; `progress` is the share of the frames that are drawn, 0 to 1.
 
-    `message` says at its end what was written, or why nothing was, if it `failed` or was cancelled; `say` is told, too.
+    `message` says at its end what was written, or why nothing was, if it `failed` or was cancelled;
+    `say` is told, too.
     """
 
     def __init__(self, say: Callable[[str, bool], None]) -> None:
@@ -77,18 +80,18 @@ class Exporter:
         self.picture = PictureSettings()
         self.movie = MovieSettings()
         self._process: subprocess.Popen[str] | None = None
-        self._thread: threading.Thread | None = None
+        self._work: Future[None] | None = None
         self._cancelled = False
         self._task, self._began = "", 0.0
 
     @property
     def step(self) -> Step:
-        """What is being written, and how far it is."""
+        """Return what is being written, and how far it is."""
         return Step(self._task, done=self.progress or None, began=self._began)
 
     @property
     def running(self) -> bool:
-        return self._thread is not None and self._thread.is_alive()
+        return self._work is not None and not self._work.done()
 
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
         """Draw the document as the window shows it."""
@@ -110,8 +113,8 @@ class Exporter:
             process.kill()  # all that it has written is in the folder that is removed with it
 
     def wait(self) -> None:
-        if self._thread is not None:
-            self._thread.join()
+        if self._work is not None:
+            wait([self._work])
 
     def close(self) -> None:
         self.cancel()
@@ -134,26 +137,29 @@ class Exporter:
                 self.message = "export cancelled" if self._cancelled else error_line(error)
             self._say(self.message, self.failed)
 
-        self._thread = threading.Thread(target=work, name="export", daemon=True)
-        self._thread.start()
+        self._work = THREADS.submit(work)
 
     def _render(self, path: Path, document: Document, known: Known, words: list[str]) -> None:
-        """Draw a copy of the document in a process of its own, and put the file in its place when it is whole."""
+        """Draw a copy of the document in a process of its own; put the file in place when whole."""
         if self.movie.fps > (fastest := outputs.FASTEST.get(path.suffix, math.inf)):
-            raise AbfmError(f"fps is {self.movie.fps:g}; a {path.suffix} file takes at most {fastest:g}")
+            raise AbfmError(
+                f"fps is {self.movie.fps:g}; a {path.suffix} file takes at most {fastest:g}"
+            )
         with temporary_folder(Path(tempfile.gettempdir())) as folder:
-            project, drawn, errors = folder / "export.abfm", folder / f"drawn{path.suffix}", folder / "errors.txt"
-            save_project(project, replace(document, view=replace(document.view, color_bar=True)), known())
-            command = [sys.executable, "-m", "abfm_viewer.cli", "render", str(project), "--out", str(drawn), *words]
+            project, drawn = folder / "export.abfm", folder / f"drawn{path.suffix}"
+            errors, view = folder / "errors.txt", replace(document.view, color_bar=True)
+            save_project(project, replace(document, view=view), known())
+            render = ["-m", "abfm_viewer.cli", "render", str(project), "--out", str(drawn)]
             environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
             with errors.open("w") as file:
                 self._process = subprocess.Popen(
-                    [*command, "--progress"],
+                    [sys.executable, *render, *words, "--progress"],
                     stdout=subprocess.PIPE,
                     stderr=file,
                     text=True,
                     env=environment,
-                    process_group=0 if os.name == "posix" else None,  # Ctrl-C on a terminal is this process's business
+                    # Ctrl-C on a terminal is this process's business
+                    process_group=0 if os.name == "posix" else None,
                 )
             with self._process as process:
                 if self._cancelled:
@@ -164,8 +170,8 @@ class Exporter:
                         self.progress = told["frame"] / told["count"]
             self._process = None
             if process.returncode != 0 or self._cancelled:
-                lines = errors.read_text().strip().splitlines()
-                reason = lines[-1] if lines else f"the process that draws ended with status {process.returncode}"
-                raise AbfmError(reason.removeprefix("abfm: "))
+                unsaid = f"the process that draws ended with status {process.returncode}"
+                lines = errors.read_text().strip().splitlines() or [unsaid]
+                raise AbfmError(lines[-1].removeprefix("abfm: "))
             with write_atomically(path) as temporary:
                 shutil.copyfile(drawn, temporary)

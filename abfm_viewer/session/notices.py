@@ -22,7 +22,10 @@ class Notice:
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """A problem that stays in view until it is dismissed, or mended with all that are `about` the same thing."""
+    """A problem that stays in view until it is dismissed or mended.
+
+    All that are `about` the same thing are mended together.
+    """
 
     text: str
     about: str = ""
@@ -39,31 +42,38 @@ class Entry:
 
 
 class Notices:
-    """At most one notice, the `latest`, for as long as it takes to read it; an empty one where there is none.
+    """At most one notice, the `latest`, for as long as it takes to read it; else an empty one.
 
-    Errors are `cards`, too, the latest first; of so many that nobody reads them the oldest go. The `log` has everything
-    of late, the oldest first.
+    Errors are `cards`, too, the latest first; of so many that nobody reads them the oldest go. The
+    `log` has everything of late, the oldest first. `moves` counts what the user did so far.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, moves: Callable[[], int]) -> None:
         self.latest = Notice("")
         self.cards: tuple[Card, ...] = ()
         self.log: deque[Entry] = deque(maxlen=_LONGEST_LOG)
-        self._said_at = 0.0
-        self._moves = 0
+        self._moves = moves
+        self._said: tuple[float, int] = 0.0, 0  # when, and how many moves there were
 
-    def say(self, text: str, is_error: bool, moves: int, about: str = "", remedies: WaysOut | None = None) -> None:
-        """Replace the notice; `moves` counts what the user did so far. What is told again and again is told once."""
+    def say(
+        self, text: str, is_error: bool = False, about: str = "", remedies: WaysOut | None = None
+    ) -> None:
+        """Tell something; an error also as a card with its remedies.
+
+        What is told again and again is told once.
+        """
         text = " ".join(text.split())
-        is_known = any(card.text == text for card in self.cards) if is_error else self.latest == Notice(text)
+        cards = self.cards
+        told = {card.text for card in cards} if is_error else {self.latest.text}
+        is_known = text in told and (is_error or not self.latest.is_error)
         if text and not is_known:
             self.log.append(Entry(time.time(), "error" if is_error else "notice", text))
         if text and is_error:
             new = Card(text, about, remedies or {})
-            known = tuple(new if card.text == text else card for card in self.cards)
-            self.cards = (known if is_known else (new, *known))[:_MOST_CARDS]
+            cards = tuple(new if card.text == text else card for card in cards)
+            self.cards = (cards if is_known else (new, *cards))[:_MOST_CARDS]
         self.latest = Notice(text, is_error)
-        self._said_at, self._moves = time.perf_counter(), moves
+        self._said = time.perf_counter(), self._moves()
 
     def offered(self, card: Card) -> WaysOut:
         """The remedies of a card, but not those that a newer one offers, too."""
@@ -78,7 +88,7 @@ class Notices:
             self.clear()
 
     def mend(self, about: str) -> None:
-        """Take all cards about something away, as it is in order now."""
+        """Take all cards about something away: it is in order now."""
         for card in self.cards:
             if card.about == about:
                 self.dismiss(card)
@@ -87,9 +97,13 @@ class Notices:
         """Take the notice away; cards stay."""
         self.latest = Notice("")
 
-    def forget(self, moves: int) -> None:
-        """Take the notice away when it was there for long enough; an error's also when the user did something since."""
-        age = time.perf_counter() - self._said_at
-        answered = self.latest.is_error and self._moves != moves
-        if answered or age > (_SECONDS_OF_ERROR if self.latest.is_error else _SECONDS_OF_NOTICE):
+    def update(self) -> None:
+        """Take the notice away when it was there for long enough.
+
+        An error's goes also when the user did something since.
+        """
+        at, moves = self._said
+        answered = self.latest.is_error and moves != self._moves()
+        longest = _SECONDS_OF_ERROR if self.latest.is_error else _SECONDS_OF_NOTICE
+        if answered or time.perf_counter() - at > longest:
             self.clear()

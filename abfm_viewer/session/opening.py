@@ -12,7 +12,7 @@ from abfm import AbfmError, load_mesh
 from abfm.mesh.files import READERS
 from abfm.types import FloatArray
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.document.document import Channel, Document, Run
+from abfm_viewer.document.document import Channel, Document, Run, Surface
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import load_project
 from abfm_viewer.files.project_checks import terms_from_files
@@ -30,20 +30,22 @@ def open_session(path: Path, largest_component: bool = False) -> Session:
         return Session(load_mesh(path, largest_component=largest_component), path.name)
     origin = Origin.of(path.absolute()) if is_project(path) else None
     document, known = read_document(path)
-    session = Session(document.mesh, document.name)
+    session = Session(document.surface().mesh, document.name)
     session.restore(document, known, origin)
     session.reset_history()
     return session
 
 
 def is_project(path: Path) -> bool:
-    """Whether a file is a project, by its name."""
+    """Return whether a file is a project, by its name."""
     return path.name.lower().endswith(PROJECT)
 
 
 def read_document(path: Path) -> Opened:
-    """What a project file holds, or a document that shows the result in a file."""
-    return load_project(path) if is_project(path) else document_of_result(abfm.load_match(path), path)
+    """Read a project file, or make a document that shows the result in a file."""
+    if is_project(path):
+        return load_project(path)
+    return document_of_result(abfm.load_match(path), path)
 
 
 def document_of_result(match: abfm.Match, path: Path) -> Opened:
@@ -55,13 +57,11 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
         known[text] = np.array(values)
         return text
 
-    channels = tuple(
-        Channel(spec(f"source {i}", match.source[:, i]), spec(f"target {i}", match.target[:, i]), float(weight))
-        for i, weight in enumerate(match.weights)
-    )
+    sources = [spec(f"source {i}", values) for i, values in enumerate(match.source.T)]
+    targets = [spec(f"target {i}", values) for i, values in enumerate(match.target.T)]
+    channels = tuple(map(Channel, sources, targets, match.weights.tolist()))
     document = Document(
-        mesh=match.mesh,
-        name=path.name,
+        (Surface(match.mesh, path.name),),
         channels=channels,
         parameters=match.parameters,
         mask="" if match.mask is None else spec("mask", match.mask),
@@ -73,10 +73,9 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
 
 
 def known_values(document: Document, functions: Functions) -> dict[str, FloatArray]:
-    """Values (V,) of the document's functions from files, so that a project does not need these files."""
-    specs = [spec for channel in document.channels for spec in (channel.source, channel.target)]
+    """Return the values (V,) of a document's functions from files, which a project holds."""
     known = {}
-    for term in {term for spec in filter(None, [*specs, document.mask]) for term in terms_from_files(spec)}:
+    for term in {term for one in document.functions for term in terms_from_files(one.spec)}:
         with suppress(AbfmError):  # what cannot be evaluated now has no values to keep
             known[term] = functions.evaluate(term)
     return known

@@ -14,8 +14,8 @@ _LONGEST_FRAME = 0.1  # seconds: after a hang the time does not leap
 class Player:
     """Moves a time between 0 and tau or, if it plays `beyond`, the end of the time bar.
 
-    A `speed` of 1 goes from 0 to tau in `SECONDS`; `phase` is that of moving streaks, 0 to 1. While it is `held`, the
-    time stands, as what is to be shown is still being computed.
+    A `speed` of 1 goes from 0 to tau in `SECONDS`; `phase` is that of moving streaks, 0 to 1. While
+    it is `held`, the time stands, as what is to be shown is still being computed.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class Player:
         self._direction, self._to_tau = 1.0, False
 
     def play_once(self) -> None:
-        """Play from the time that is shown to tau, and stop there, however the user wants it to be repeated."""
+        """Play from the time that is shown to tau, and stop there, whatever `repeat` says."""
         self.playing, self._starting, self._to_tau = True, False, True
 
     def move_streaks(self, seconds: float) -> None:

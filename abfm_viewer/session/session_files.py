@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,18 +13,23 @@ from weakref import WeakKeyDictionary
 
 from abfm import MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
+from abfm.types import FloatArray
 from abfm_viewer.computing.background import error_line
-from abfm_viewer.document.document import Document
-from abfm_viewer.document.presets import figure_document
+from abfm_viewer.document.document import Document, Identity, View
 from abfm_viewer.document.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.document.wording import capital
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import save_project
-from abfm_viewer.session.housekeeping import OPENING
-from abfm_viewer.session.loading import Load
-from abfm_viewer.session.opening import MESHES, PROJECT, RESULT, is_project, known_values, read_document
+from abfm_viewer.session.loading import OPENING, Load
+from abfm_viewer.session.opening import (
+    MESHES,
+    PROJECT,
+    RESULT,
+    is_project,
+    known_values,
+    read_document,
+)
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.waiting import Waiting
 
 if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder
@@ -32,7 +38,23 @@ LARGEST, OTHER_MESH, OTHER_NAME = "Open the largest component", "Open another me
 """Labels of what can be done about a file."""
 SAVING = "saving"
 """What cards are about."""
+Make = Callable[[View], tuple[Document, dict[str, FloatArray]]]
+"""Makes a document, drawn in a view's theme, and the values of functions that no text describes."""
 Ask = Callable[[str, str, Mapping[str, Callable[[], None] | None]], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Waiting:
+    """Something to be done when a run has ended; `what` is such as "opening camel.off"."""
+
+    what: str
+    do: Callable[[], None]
+    started: float = field(default_factory=time.perf_counter, init=False)
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since it waits."""
+        return time.perf_counter() - self.started
 
 
 @dataclass
@@ -47,8 +69,9 @@ class _Writing:
 class SessionFiles:
     """Opens and saves a session's files, and keeps recent ones in `state`.
 
-    `ask` puts a question to the user: title, text, and the answers with what they do. `ways_out` are what the window
-    offers where a file cannot be read or written, by their labels `OTHER_MESH` and `OTHER_NAME`.
+    `ask` puts a question to the user: title, text, and the answers with what they do. `ways_out`
+    are what the window offers where a file cannot be read or written, by their labels `OTHER_MESH`
+    and `OTHER_NAME`.
     """
 
     def __init__(self, session: Session, state: StateFolder | None, ask: Ask) -> None:
@@ -57,15 +80,16 @@ class SessionFiles:
         self._ask = ask
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="save")
         self._writing: list[_Writing] = []
-        self._samples: WeakKeyDictionary[TriangleMesh, str] = WeakKeyDictionary()
+        self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self.waiting: Waiting | None = None  # for the end of a run
         self.ways_out: dict[str, Callable[[], None]] = {}
 
     @property
     def sample(self) -> str:
-        """Which sample the document is of, by its name in the menu; empty if of none."""
-        session = self._session
-        return self._samples.get(session.mesh, session.document.name if session.document.name in MESH_SAMPLES else "")
+        """Return which sample the document is, by its name in the menu; empty if none."""
+        document = self._session.document
+        name = document.name if document.name in MESH_SAMPLES else ""
+        return self._samples.get(document.identity, name)
 
     @property
     def saving(self) -> bool:
@@ -79,37 +103,43 @@ class SessionFiles:
             read = self._read_document if name.endswith((PROJECT, RESULT)) else self._read_mesh
             remedies = self._offered(OTHER_MESH, partial(self.open, path))
             source = Origin.of(path)  # as it is now
-            self.load(Load(f"opening {path.name}", partial(read, path), remedies=remedies, source=source))
+            what = f"opening {path.name}"
+            self.load(Load(what, partial(read, path), remedies=remedies, source=source))
         else:
             text = f"{path.name} cannot be opened: expected a file that ends in {', '.join(known)}"
-            self._session.say(text, True, OPENING, self._offered(OTHER_MESH))
+            self._session.notices.say(text, True, OPENING, self._offered(OTHER_MESH))
 
     def open_first(self, paths: list[Path]) -> None:
         """Open the first of several files that were dropped on the window."""
         self.open(paths[0])
         if len(paths) > 1:
-            self._session.say(f"opening {paths[0].name}, the first of {len(paths)} files ...")
+            text = f"opening {paths[0].name}, the first of {len(paths)} files ..."
+            self._session.notices.say(text)
 
-    def open_figure(self, figure: int) -> None:
-        """Open a figure of the paper in the background, ready to match."""
-        remedies = self._offered("", partial(self.open_figure, figure))
-        self.load(Load(f"setting up figure {figure}", partial(self._read_figure, figure), remedies=remedies))
+    def open_made(self, name: str, make: Make) -> None:
+        """Open a sample that is made in the background, ready to match."""
+        remedies = self._offered("", partial(self.open_made, name, make))
+        read = partial(self._read_made, name, make)
+        self.load(Load(f"setting up {name}", read, remedies=remedies))
 
     def load(self, load: Load) -> None:
-        """Read something that takes the document's place, when no run is under way or the user lets it end."""
-        self.when_free(load.what, partial(self._session.load, load))
+        """Read something that takes the document's place, when no run is under way or may end."""
+        self.when_free(load.what, partial(self._session.loading.begin, load))
 
     def when_free(self, what: str, do: Callable[[], None]) -> None:
         """Do something that takes the document's place; a run is ended only if the user says so."""
         if not self._session.solver.running:
             do()
             return
-        text = f"{self._session.document.name} is being matched. {capital(what)} ends the run; the best field so "
-        text += "far stays, and Undo returns to it."
-        self._ask("End the run?", text, {"End the run": partial(self.end_run, what, do), "Go back": None})
+        text = (
+            f"{self._session.document.name} is being matched. {capital(what)} ends the run; the "
+            "best field so far stays, and Undo returns to it."
+        )
+        answers = {"End the run": partial(self.end_run, what, do), "Go back": None}
+        self._ask("End the run?", text, answers)
 
     def end_run(self, what: str, then: Callable[[], None]) -> None:
-        """End the run that is under way, and do something when its best field is there; frames go on meanwhile."""
+        """End the run that is under way, and do something when its best field is there."""
         self._session.solver.cancel()
         self.waiting = Waiting(what, then)
 
@@ -117,11 +147,14 @@ class SessionFiles:
         """Do nothing when the run has ended; it ends all the same, with its best field."""
         self.waiting = None
 
-    def save(self, path: Path, then: Callable[[], None] | None = None, document: Document | None = None) -> None:
-        """Write the project, or another unsaved document of the session, in the background; then do something."""
+    def save(
+        self, path: Path, then: Callable[[], None] | None = None, document: Document | None = None
+    ) -> None:
+        """Write the project, or another document, in the background; then do something."""
         document = document or self._session.document
-        functions, left = self._session.functions_of(document.mesh), self._session.left(document.mesh)
-        self._session.say(f"saving {path.name} ...")
+        functions = self._session.functions_of(document)
+        left = self._session.saves.left(document)
+        self._session.notices.say(f"saving {path.name} ...")
 
         def write() -> Origin:
             save_project(path, document, known_values(document, functions))
@@ -135,7 +168,7 @@ class SessionFiles:
         self._writing[-1].then.append(then)
 
     def update(self) -> None:
-        """Take in which files were written, and that a run has ended: call once per frame, after the session's."""
+        """Take in which files were written, and that a run has ended: call once per frame."""
         if self.waiting is not None and not self._session.solver.running:
             waiting, self.waiting = self.waiting, None
             waiting.do()
@@ -145,10 +178,11 @@ class SessionFiles:
             if error is not None:
                 again = partial(self.save, done.path, _all(done.then), done.document)
                 remedies = self._offered(OTHER_NAME, again)
-                self._session.say(f"not saved: {error_line(error)}", True, SAVING, remedies)
+                self._session.notices.say(f"not saved: {error_line(error)}", True, SAVING, remedies)
                 continue
-            self._session.mend(SAVING)
-            self._session.mark_saved(done.document, done.future.result(), done.left)
+            self._session.notices.mend(SAVING)
+            self._session.saves.mark(done.document, done.future.result(), done.left)
+            self._session.notices.say(f"saved {done.path}")
             self._remember(done.path)
             for then in done.then:
                 then()
@@ -183,47 +217,50 @@ class SessionFiles:
             self.when_free, f"opening {path.name}", partial(self._show_mesh, path, largest)
         )
         remedies = {LARGEST: show} | self._offered(OTHER_MESH)
-        return partial(self._session.say, text, True, OPENING, remedies)
+        return partial(self._session.notices.say, text, True, OPENING, remedies)
 
     def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
-        self._samples[mesh] = path.name if path in map(asset_path, MESH_SAMPLES) else ""
         self._show(path, partial(self._session.set_mesh, mesh, path.name), mesh.messages)
+        is_sample = path in map(asset_path, MESH_SAMPLES)
+        self._samples[self._session.document.identity] = path.name if is_sample else ""
 
     def _read_document(self, path: Path) -> Callable[[], None]:
         origin = Origin.of(path) if is_project(path) else None
         document, known = read_document(path)
 
         def restore() -> None:
-            view = replace(self._session.view, look=None, front=None, large="")
+            view = replace(self._session.view, look=None, large="")
             if origin:  # with a view of its own, in the size that the user needs on this screen
                 view = replace(document.view, ui_scale=view.ui_scale)
             self._session.restore(replace(document, view=view), known, origin)
 
         return partial(self._show, path, restore)
 
-    def _read_figure(self, figure: int) -> Callable[[], None]:
-        document, known = figure_document(figure, self._session.view)
+    def _read_made(self, name: str, make: Make) -> Callable[[], None]:
+        document, known = make(self._session.view)
         ready = "press Play, its field is given" if document.result else "press Match"
 
         def show() -> None:
             self._session.restore(document, known, None)
-            self._samples[document.mesh] = f"Figure {figure}"
-            self._session.say(f"figure {figure} is ready: {ready}")
+            self._samples[document.identity] = capital(name)
+            self._session.notices.say(f"{name} is ready: {ready}")
 
         return show
 
-    def _offered(self, label: str, again: Callable[[], None] | None = None) -> dict[str, Callable[[], None]]:
+    def _offered(
+        self, label: str, again: Callable[[], None] | None = None
+    ) -> dict[str, Callable[[], None]]:
         """Trying again, and a way out that the window has."""
         first = {"Try again": again} if again else {}
         return first | ({label: self.ways_out[label]} if label in self.ways_out else {})
 
     def _show(self, path: Path, show: Callable[[], None], messages: tuple[str, ...] = ()) -> None:
-        left, unsaved = self._session.document.name, self._session.unsaved
+        left, unsaved = self._session.document.name, self._session.saves.unsaved
         show()
-        self._session.mend(OPENING)
+        self._session.notices.mend(OPENING)
         self._remember(path)
         back = f" Undo returns to {left}, which was not saved." if unsaved else ""
-        self._session.say(f"{'; '.join([f'opened {path.name}', *messages])}.{back}")
+        self._session.notices.say(f"{'; '.join([f'opened {path.name}', *messages])}.{back}")
 
 
 def _all(actions: list[Callable[[], None]]) -> Callable[[], None]:

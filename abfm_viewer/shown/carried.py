@@ -1,4 +1,4 @@
-"""Functions carried along the flow that is shown: spans of times in memory, so that scrubbing costs a blend."""
+"""Functions carried along the flow: spans of times in memory, so that scrubbing costs a blend."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,7 +22,8 @@ _LARGEST = 1e37  # value that can be shown in single precision
 class FlowState:
     """A field and the parameters it was found with; two are the same only if they are one object.
 
-    The field (N, F, 3) may be given by what computes it: that of a coarse mesh takes a while to be read on a fine one.
+    The field (N, F, 3) may be given by what computes it: that of a coarse mesh takes a while to be
+    read on a fine one.
     """
 
     mesh: TriangleMesh
@@ -43,15 +44,19 @@ class FlowState:
         AdvectionError
             If the flow is too long, or overflows the single precision of what can be shown.
         """
-        carried = abfm.Flow(self.mesh, self.velocity, self.parameters.tau, self.parameters.method).push(function, times)
+        carried = abfm.Flow(
+            self.mesh, self.velocity, self.parameters.tau, self.parameters.method
+        ).push(function, times)
         if np.abs(carried).max() > _LARGEST:
-            raise abfm.AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
+            raise abfm.AdvectionError(
+                "the function overflows on its way: the discrete flow is unstable over this time"
+            )
         return carried
 
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """A function at evenly spaced times (T,), as (T, V) or (T, V, C) in single precision, blended between two times."""
+    """A function at evenly spaced times (T,), as (T, V) or (T, V, C) in single precision."""
 
     times: FloatArray
     frames: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
@@ -62,7 +67,9 @@ class Span:
         position = float(np.interp(time, self.times, np.arange(len(self.times))))
         before = min(int(position), len(self.times) - 2)
         blend = np.float32(position - before)
-        return np.asarray(self.frames[before] + blend * (self.frames[before + 1] - self.frames[before]))
+        return np.asarray(
+            self.frames[before] + blend * (self.frames[before + 1] - self.frames[before])
+        )
 
 
 def span(state: FlowState, function: FloatArray) -> Span:
@@ -75,48 +82,58 @@ def span(state: FlowState, function: FloatArray) -> Span:
         return Span(times, state.carry(function, times).astype(np.float32))
     except AbfmError as error:
         times = np.linspace(0, tau, count)
-        return Span(times, state.carry(function, times).astype(np.float32), f"not beyond τ: {error}")
+        return Span(
+            times, state.carry(function, times).astype(np.float32), f"not beyond τ: {error}"
+        )
 
 
 class Carried:
-    """One function, carried to the time that is shown: at once from a span, and exactly as soon as possible.
+    """One function, carried to the time that is shown: at once from a span, and exactly as soon as
+    possible.
 
-    Asked for the same again, it gives the same array, by which others know that nothing changed. It is `behind` while
-    what it gave last is of another flow or time than it was asked for.
+    Asked for the same again, it gives the same array, by which others know that nothing changed. It
+    is `behind` while what it gave last is of another flow or time than it was asked for.
     """
 
-    def __init__(self, name: str, jobs: Jobs) -> None:
-        self._span: Latest[Span] = jobs.latest(f"{name}: times")
-        self._exact: Latest[FloatArray] = jobs.latest(f"{name}: exact")
+    def __init__(self, jobs: Jobs) -> None:
+        self._span: Latest[Span] = jobs.latest()
+        self._exact: Latest[FloatArray] = jobs.latest()
         self._blended = Memo[FloatArray]()
         self._at_once = jobs.at_once
         self.behind = False
 
     @property
     def problem(self) -> str:
-        """Why the exact values at the time asked for last could not be computed; empty if they could."""
+        """Say why the exact values asked for last could not be computed."""
         return self._exact.error
 
     @property
     def error(self) -> str:
-        """Why there are no values, or only up to tau; empty if all is well."""
+        """Say why there are no values, or only up to tau; nothing if all is well."""
         return self._span.error or (self._span.value.note if self._span.value else "")
 
     def is_ready(self, state: FlowState, function: FloatArray) -> bool:
-        """Whether a function is known at all times of a flow, or cannot be; if not, it will be."""
+        """Return whether a function is known at all times of a flow, or cannot be."""
         if not self._at_once:
             self._span.newest(function.shape, (state, function), partial(span, state, function))
         return not self._span.busy
 
-    def at(self, state: FlowState, function: FloatArray, time: float, settled: bool) -> FloatArray | None:
-        """Values at a time, those of an earlier flow or function while new ones come, None before any.
+    def at(
+        self, state: FlowState, function: FloatArray, time: float, settled: bool
+    ) -> FloatArray | None:
+        """Values at a time, those of an earlier flow or function while new ones come, None before
+        any.
 
         A time that is settled, as it does not move at present, is computed exactly.
         """
         self.behind = False
         if time == 0:
             return function
-        exact = partial(self._exact.ask, (state, function, time), lambda: state.carry(function, np.array([time]))[0])
+        exact = partial(
+            self._exact.ask,
+            (state, function, time),
+            lambda: state.carry(function, np.array([time]))[0],
+        )
         if self._at_once:
             return exact()
         known = self._span.newest(function.shape, (state, function), partial(span, state, function))
@@ -126,4 +143,6 @@ class Carried:
         values = None
         if settled and state.final and not self._span.busy and time <= known.times[-1]:
             values = exact()
-        return self._blended.get((known, time), partial(known.at, time)) if values is None else values
+        if values is not None:
+            return values
+        return self._blended.get((known, time), partial(known.at, time))

@@ -1,4 +1,4 @@
-"""The parts of the flow's field that can be drawn, coloured and traced, and the fields that belong to it."""
+"""Parts of the flow's field that can be drawn, coloured and traced, and related fields."""
 
 from dataclasses import dataclass, field
 
@@ -11,14 +11,16 @@ from abfm.types import FloatArray
 from abfm_viewer.document.document import HODGE_PARTS, FieldPart
 from abfm_viewer.shown.carried import FlowState
 
-_LARGEST = 15_000  # vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte
+# vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte
+_LARGEST = 15_000
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
     """One part of one of the flow's fields, or a field that belongs to it.
 
-    `shares` are those of each Helmholtz-Hodge part in the whole field's squared norm, empty unless asked for.
+    `shares` are those of each Helmholtz-Hodge part in the whole field's squared norm, empty unless
+    asked for.
     """
 
     mesh: TriangleMesh
@@ -30,13 +32,13 @@ class Field:
     dimension: int = 1  # the power of a length in the unit
 
     def relative_speed(self) -> tuple[FloatArray, str]:
-        """The speed (F,) with sqrt(area) as the unit of length, and its unit: in others some meshes' are huge."""
+        """Return the speed (F,) with sqrt(area) as the unit of length, and its unit."""
         unit = self.unit.replace("the mesh's length", "length").replace("length", "sqrt(area)")
         return self.speed * self.mesh.length_scale**-self.dimension, unit
 
 
 def acting_segment(flow: FlowState, time: float) -> int:
-    """Which of N fields acts at a time."""
+    """Return which of N fields acts at a time."""
     count = flow.parameters.segments
     return min(int(time / flow.parameters.tau * count * (1 - 1e-12)), count - 1)
 
@@ -48,22 +50,27 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
         velocity, bracket = commuting(flow, segment)
         note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
     elif part != "whole":
-        parts = dict(zip(HODGE_PARTS, abfm.calculus.helmholtz_hodge(flow.mesh, velocity), strict=True))
-        norms = {name: float(abfm.calculus.face_areas(flow.mesh) @ (v**2).sum(axis=1)) for name, v in parts.items()}
+        found = abfm.calculus.helmholtz_hodge(flow.mesh, velocity)
+        parts, areas = (
+            dict(zip(HODGE_PARTS, found, strict=True)),
+            abfm.calculus.face_areas(flow.mesh),
+        )
+        norms = {name: float(areas @ (v**2).sum(axis=1)) for name, v in parts.items()}
         shares = {name: norm / max(sum(norms.values()), 1e-300) for name, norm in norms.items()}
         velocity = parts[part]
     return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), shares, note=note)
 
 
 def carried_part(flow: FlowState, function: FloatArray, time: float) -> Field:
-    """The gradient of a function (V,), carried along the flow to a time (see `carried_gradient`)."""
+    """Carry the gradient of a function (V,) along the flow to a time (see `carried_gradient`)."""
     velocity = carried_gradient(flow, function, time)
     speed = np.linalg.norm(velocity, axis=1)
     return Field(flow.mesh, velocity, speed, unit="the source's unit per length", dimension=-1)
 
 
 def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
-    """The smoothest field (F, 3) that commutes with one of the flow's, and the bracket relative to both.
+    """The smoothest field (F, 3) that commutes with one of the flow's, and the bracket relative to
+    both.
 
     During a run, on a large mesh and of a field that is zero an `AbfmError` says why there is none.
     """
@@ -71,7 +78,9 @@ def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
         raise AbfmError("the field that commutes is computed when the run has ended")
     count = len(flow.mesh.vertices)
     if count > _LARGEST:
-        raise AbfmError(f"commuting fields are computed on up to {_LARGEST:,} vertices; this mesh has {count:,}")
+        raise AbfmError(
+            f"commuting fields are computed on up to {_LARGEST:,} vertices; this mesh has {count:,}"
+        )
     velocity = flow.velocity[segment]
     if not velocity.any():
         raise AbfmError("the field is zero, with which every field commutes")
@@ -80,11 +89,14 @@ def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
 
 
 def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> FloatArray:
-    """The gradient of a function (V,), carried along the flow's fields one after the other to a time, (F, 3).
+    """The gradient of a function (V,), carried along the flow's fields one after the other to a
+    time, (F, 3).
 
     A flow that is too long and a field that overflows are an `AbfmError`.
     """
-    field = abfm.calculus.to_ambient(flow.mesh, (abfm.calculus.gradient(flow.mesh) @ function).reshape(-1, 2))
+    field = abfm.calculus.to_ambient(
+        flow.mesh, (abfm.calculus.gradient(flow.mesh) @ function).reshape(-1, 2)
+    )
     ends = np.linspace(0, flow.parameters.tau, len(flow.velocity) + 1)
     ends[-1] = max(ends[-1], time)  # beyond tau the last field goes on
     for velocity, start, end in zip(flow.velocity, ends, ends[1:], strict=False):
@@ -95,5 +107,8 @@ def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Floa
 
 def derivative(field: Field, kind: str) -> FloatArray:
     """Divergence or curl at the vertices, (V,)."""
-    operator = abfm.calculus.divergence(field.mesh) if kind == "divergence" else abfm.calculus.curl(field.mesh)
-    return np.asarray(operator @ abfm.calculus.to_frame(field.mesh, field.velocity).ravel())
+    calculus = abfm.calculus
+    operator = calculus.divergence if kind == "divergence" else calculus.curl
+    return np.asarray(
+        operator(field.mesh) @ abfm.calculus.to_frame(field.mesh, field.velocity).ravel()
+    )

@@ -1,50 +1,57 @@
-"""What can be told of the field and its flow besides the advected function; all computed off the frame loop."""
+"""What can be told of the field and its flow, computed off the frame loop."""
 
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 import abfm
-from abfm.types import FloatArray, IntArray
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.document.document import EXTRAPOLATION, Point
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.carried import FlowState
-from abfm_viewer.shown.field_parts import Field, acting_segment, carried_part, derivative, field_part
+from abfm_viewer.shown.field_parts import (
+    Field,
+    acting_segment,
+    carried_part,
+    derivative,
+    field_part,
+)
 from abfm_viewer.shown.shown_flow import ShownFlow
 from abfm_viewer.shown.streaks import Streaks, Texture, coloured, convolved
 
-_TEXELS, _TEXELS_OF_PICTURES = 1024, 2048  # along a side; fewer in the window, where textures change while one looks
+# along a side; fewer in the window, where textures change while one looks
+_TEXELS, _TEXELS_OF_PICTURES = 1024, 2048
 _SHOWN_PHASES = 32  # of moving streaks in the window
 
 
 class FieldQuantities(Jobs):
-    """Answers with what was computed last for the same mesh or field, and None before there is anything."""
+    """Answers with what was computed last for the same mesh or field; None before."""
 
     def __init__(self, session: Session, flow: ShownFlow) -> None:
         super().__init__(session.at_once)
         self._session, self._flow = session, flow
-        self._field: Latest[Field] = self.latest("field")
-        self._scalar: Latest[FloatArray] = self.latest("field values")
-        self._distortion: Latest[abfm.maps.Distortion] = self.latest("distortion")
-        self._quality: Latest[abfm.maps.MapQuality] = self.latest("map's quality")
-        self._streaks: Latest[Streaks] = self.latest("streaks")
-        self._texture: Latest[Texture] = self.latest("coloured streaks")
-        self._lines: Latest[list[abfm.flow.FlowLine]] = self.latest("flow lines")
-        self._paths: Latest[list[abfm.flow.FlowLine]] = self.latest("paths")
+        self._field: Latest[Field] = self.latest()
+        self._scalar: Latest[FloatArray] = self.latest()
+        self._distortion: Latest[abfm.maps.Distortion] = self.latest()
+        self._quality: Latest[abfm.maps.MapQuality] = self.latest()
+        self._streaks: Latest[Streaks] = self.latest()
+        self._texture: Latest[Texture] = self.latest()
+        self._lines: Latest[list[abfm.flow.FlowLine]] = self.latest()
+        self._paths: Latest[list[abfm.flow.FlowLine]] = self.latest()
 
     @property
     def finding(self) -> bool:
-        """Whether the field that the view asks for is still to come."""
+        """Return whether the field that the view asks for is still to come."""
         return self._field.busy
 
     @property
     def convolving(self) -> bool:
-        """Whether streaks that the view asks for are still to come."""
+        """Return whether streaks that the view asks for are still to come."""
         return self._streaks.busy
 
     def field(self) -> Field | None:
@@ -59,7 +66,9 @@ class FieldQuantities(Jobs):
         source = self._session.values("source")
         if source is None:
             return None
-        return self._field.newest(flow.mesh, (flow, time, part, source), partial(carried_part, flow, source, time))
+        return self._field.newest(
+            flow.mesh, (flow, time, part, source), partial(carried_part, flow, source, time)
+        )
 
     def scalar(self) -> FloatArray | None:
         """Divergence or curl of the field at the vertices, (V,)."""
@@ -76,15 +85,16 @@ class FieldQuantities(Jobs):
         return self._distortion.newest(flow.mesh, (flow, time), partial(_distortion, flow, time))
 
     def map_quality(self) -> abfm.maps.MapQuality | None:
-        """Whether what is shown of the flow as a map can be trusted: where values came from, or where faces go."""
+        """Judge the map that is shown: to where values came from, or to where faces go."""
         flow, time = self._flow.state, self._flow.time
         if flow is None:
             return None
-        time = -time if self._session.view.coloring in ("area distortion", "conformal distortion") else time
+        if self._session.view.coloring in ("area distortion", "conformal distortion"):
+            time = -time
         return self._quality.newest(flow.mesh, (flow, time), partial(_quality, flow, time))
 
     def texture(self, values: FloatArray, colors: ColorRange) -> Texture | None:
-        """Streaks along the field, coloured by a function (V,), lately by an earlier one; None before there are any."""
+        """Return streaks coloured by a function (V,), lately an earlier one; None before any."""
         field, view = self.field(), self._session.view
         if field is None or self._session.solver.running:
             return None
@@ -100,7 +110,7 @@ class FieldQuantities(Jobs):
         return self._texture.newest(field, key, partial(coloured, streaks, phase, values, colors))
 
     def lines(self) -> list[abfm.flow.FlowLine]:
-        """Flow lines through the points that were clicked on: against the flow for tau, and with it for tau."""
+        """Follow the points that were clicked on, against the flow for tau, and with it."""
         flow, field, points = self._flow.state, self.field(), self._session.document.lines
         if flow is None or field is None or not points:
             return []
@@ -116,33 +126,34 @@ class FieldQuantities(Jobs):
 
 
 def _distortion(flow: FlowState, time: float) -> abfm.maps.Distortion:
-    """Of the map that takes each vertex to where it is at a time."""
-    return abfm.maps.distortion(flow.mesh, _mapped(flow, -time).positions)
+    """Measure the map that takes each vertex to where it is at a time."""
+    return _mapped(flow, -time).distortion()
 
 
 def _quality(flow: FlowState, time: float) -> abfm.maps.MapQuality:
-    """Of the map to where each vertex's value came from at a time; of its inverse below 0."""
-    return abfm.maps.map_quality(flow.mesh, _mapped(flow, time))
+    """Judge the map to where values came from at a time; below 0 its inverse."""
+    return abfm.maps.map_quality(_mapped(flow, time))
 
 
-def _mapped(flow: FlowState, time: float) -> abfm.maps.SurfacePoints:
-    return abfm.maps.project_onto_surface(flow.mesh, flow.carry(flow.mesh.vertices, np.array([time]))[0])
+def _mapped(flow: FlowState, time: float) -> abfm.PointMap:
+    places = flow.carry(flow.mesh.vertices, np.array([time]))[0]
+    return abfm.PointMap.project(flow.mesh, flow.mesh, places)
 
 
-class _Starts(NamedTuple):
-    faces: IntArray
-    barycentric: FloatArray
-
-
-def _starts(points: tuple[Point, ...]) -> _Starts:
-    return _Starts(np.array([p.face for p in points]), np.array([p.barycentric for p in points]))
+def _starts(mesh: TriangleMesh, points: tuple[Point, ...]) -> abfm.maps.SurfacePoints:
+    faces, weights = zip(*((p.face, p.barycentric) for p in points), strict=True)
+    return abfm.maps.SurfacePoints(mesh, np.array(faces), np.array(weights))
 
 
 def _lines(field: Field, points: tuple[Point, ...], tau: float) -> list[abfm.flow.FlowLine]:
-    starts = _starts(points)
-    return [line for time in (-tau, tau) for line in abfm.flow.flow_lines(field.mesh, field.velocity, starts, time)]
+    starts = _starts(field.mesh, points)
+    return [
+        line
+        for time in (-tau, tau)
+        for line in abfm.flow.flow_lines(field.mesh, field.velocity, starts, time)
+    ]
 
 
 def _paths(flow: FlowState, points: tuple[Point, ...]) -> list[abfm.flow.FlowLine]:
-    tau = flow.parameters.tau
-    return abfm.flow.flow_lines(flow.mesh, flow.velocity, _starts(points), EXTRAPOLATION * tau, tau)
+    tau, starts = flow.parameters.tau, _starts(flow.mesh, points)
+    return abfm.flow.flow_lines(flow.mesh, flow.velocity, starts, EXTRAPOLATION * tau, tau)

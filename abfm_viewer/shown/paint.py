@@ -1,4 +1,4 @@
-"""What each surface shows: values and their range, decided from the session without drawing anything."""
+"""What each surface shows: values and their range, decided without drawing anything."""
 
 from collections import defaultdict
 from collections.abc import Callable
@@ -27,7 +27,8 @@ _SQUARES = 20  # of a checkerboard, across a mesh as it is seen from the front
 class Paint:
     """One surface's colours.
 
-    The values are (V,), (F,), (V, 3) colours in linear light, (V, 2) texture coordinates, or (size, size, 3) texture.
+    The values are (V,), (F,), (V, 3) colours in linear light, (V, 2) texture coordinates, or (size,
+    size, 3) texture.
     """
 
     kind: PaintKind
@@ -40,9 +41,11 @@ class Paint:
 
 
 class Painter:
-    """Decides the paint of every surface; a paint stays the same object while what it is made of does.
+    """Decides the paint of every surface; a paint stays the same object while what it is made of
+    does.
 
-    The error's range ends at the shown error's maximum, or, in a movie, where it must not change, at `largest_error`.
+    The error's range ends at the shown error's maximum, or, in a movie, where it must not change,
+    at `largest_error`.
     """
 
     def __init__(self, shown: Shown) -> None:
@@ -52,17 +55,17 @@ class Painter:
         self._range = Memo[ColorRange]()
 
     def paint(self, name: str) -> Paint | None:
-        """What a surface shows now; None while nothing is known."""
+        """Return what a surface shows now; None while nothing is known."""
         session = self._session
         side = next((side for side in SIDES if side == name), None)
-        if side and session.active and session.error(session.active.spec(side)):
+        if side and session.error(side):
             return self._without_values(name)
         source, target = session.values("source"), session.values("target")
         if source is None or target is None:
             return None
         colors = self._function_range(source, target)
         if side and session.view.coloring in ("coordinates", "checker"):
-            return self._carried(name, session.mesh.vertices, name)
+            return self._carried(name, session.surface(name).mesh.vertices, name)
         if side:
             return self._function(name, source if side == "source" else target, name, colors)
         advected = self._shown.flow.advected()
@@ -77,9 +80,10 @@ class Painter:
         return self._by_coloring(advected, colors) or self._plain(advected, colors)
 
     def _plain(self, advected: FloatArray, colors: ColorRange) -> Paint:
-        """The function, also where the view asks for what is not there yet; the label says when it is to come."""
+        """Show the function, also where what the view asks for is still to come."""
         shown, is_function = self._shown, self._session.view.coloring == "function"
-        is_behind = shown.flow.is_behind if is_function else shown.flow.busy or shown.quantities.busy
+        is_busy = shown.flow.busy or shown.quantities.busy
+        is_behind = shown.flow.is_behind if is_function else is_busy
         title = _labelled(self._extrapolated("advected"), is_behind)
 
         def make() -> Paint:
@@ -89,20 +93,25 @@ class Painter:
         return self._keep("advected", (advected, title, colors), make)
 
     def _without_values(self, name: str) -> Paint:
-        count = len(self._session.mesh.vertices)
+        count = len(self._session.surface(name).mesh.vertices)
         title = f"{name}: no values"
-        return self._keep(name, (count, title), lambda: Paint("colors", np.full((count, 3), _NO_VALUES), title))
+        return self._keep(
+            name, (count, title), lambda: Paint("colors", np.full((count, 3), _NO_VALUES), title)
+        )
 
     def _by_coloring(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
-        """What the view asks for instead of the function's colours; None where there is nothing of it yet."""
+        """Show what the view asks for instead of the function; None where there is none yet."""
         kind = self._session.view.coloring
         if kind == "function":
             return self._textured(advected, colors) if self._session.view.streaks else None
         if kind in ("coordinates", "checker"):
             carried = self._shown.flow.coordinates()
             title = "carried coordinates" if kind == "coordinates" else "carried checker"
-            return None if carried is None else self._carried("advected", carried, self._extrapolated(title))
-        return self._distortion(kind) if kind in ("area distortion", "conformal distortion") else self._of_field(kind)
+            if carried is None:
+                return None
+            return self._carried("advected", carried, self._extrapolated(title))
+        is_distortion = kind in ("area distortion", "conformal distortion")
+        return self._distortion(kind) if is_distortion else self._of_field(kind)
 
     def _of_field(self, kind: str) -> Paint | None:
         """Speed, divergence or curl."""
@@ -118,7 +127,7 @@ class Painter:
         return self._function("advected", values, f"{kind}{suffix}", self._ranged(-top, top), kind)
 
     def _speed(self, field: Field, title: str) -> Paint:
-        """With sqrt(area) as the unit of length: graphics cards know no numbers like some meshes'."""
+        """Show the speed in sqrt(area): graphics cards know no numbers like some meshes'."""
 
         def make() -> Paint:
             values, unit = field.relative_speed()
@@ -131,28 +140,33 @@ class Painter:
         found = self._shown.quantities.distortion()
         if found is None:
             return None
-        of_area, mesh, title = kind == "area distortion", self._session.mesh, self._extrapolated(kind)
+        of_area, title = kind == "area distortion", self._extrapolated(kind)
+        mesh = self._session.surface().mesh
         source = found.area if of_area else found.conformal
 
         def make() -> Paint:
             values = np.log2(np.clip(source, 1e-6, 1e6))
             top = max(_most(np.abs(values), abfm.calculus.face_areas(mesh)), 0.05)
             bar = "log2 of the area's factor" if of_area else "log2 of the stretches' ratio"
-            return Paint("face values", values, title, self._ranged(-top if of_area else 0.0, top), bar)
+            colors = self._ranged(-top if of_area else 0.0, top)
+            return Paint("face values", values, title, colors, bar)
 
         return self._keep("advected", (source, title, *self._look), make)
 
     def _carried(self, name: str, coordinates: FloatArray, title: str) -> Paint:
         """Coordinates as colours, or as places in a checkerboard."""
-        kind, theme, mesh = self._session.view.coloring, self._session.view.theme, self._session.mesh
-        front = self._session.view.front or Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+        kind, theme = self._session.view.coloring, self._session.view.theme
+        surface = self._session.surface(name)
+        mesh, front = surface.mesh, surface.front or Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 
         def make() -> Paint:
             if kind == "coordinates":
                 return Paint("colors", place_colors(mesh.vertices, coordinates), title)
             width, height = np.ptp(mesh.vertices @ front.axes[:2].T, axis=0)
             square = np.sqrt(width * height) / _SQUARES
-            return Paint("checker", coordinates @ front.axes[:2].T / square, title, is_dark=theme == "dark")
+            return Paint(
+                "checker", coordinates @ front.axes[:2].T / square, title, is_dark=theme == "dark"
+            )
 
         return self._keep(name, (coordinates, kind, front, title, theme), make)
 
@@ -183,10 +197,13 @@ class Painter:
         if self._shown.mass_transport.error:
             return self._without_values("optimal transport")
         title = _labelled("optimal transport", self._shown.mass_transport.is_behind)
-        return None if values is None else self._function("optimal transport", values, title, colors)
+        if values is None:
+            return None
+        return self._function("optimal transport", values, title, colors)
 
     def _error(self, target: FloatArray, advected: FloatArray) -> Paint:
-        fixed, title = self.largest_error, _labelled(self._extrapolated("error"), self._shown.flow.is_behind)
+        fixed, is_behind = self.largest_error, self._shown.flow.is_behind
+        title = _labelled(self._extrapolated("error"), is_behind)
 
         def make() -> Paint:
             error = np.abs(target - advected)
@@ -201,8 +218,14 @@ class Painter:
         tau = self._session.parameters.tau
         return f"{title}, extrapolated" if self._session.time > (1 + 1e-9) * tau else title
 
-    def _function(self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = "function") -> Paint:
-        return self._keep(name, (values, title, colors), lambda: Paint("vertex values", values, title, colors, bar))
+    def _function(
+        self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = "function"
+    ) -> Paint:
+        return self._keep(
+            name,
+            (values, title, colors),
+            lambda: Paint("vertex values", values, title, colors, bar),
+        )
 
     def _keep(self, name: str, made_of: tuple[object, ...], make: Callable[[], Paint]) -> Paint:
         """The paint that was made of the same things, or a new one."""
@@ -217,13 +240,15 @@ class Painter:
 
     @property
     def _look(self) -> tuple[str, Theme]:
-        """What of the view decides the colours of functions."""
+        """Return what of the view decides the colours of functions."""
         return self._session.view.colormap, self._session.view.theme
 
     def _ranged(self, low: float, high: float, automatic: str = "") -> ColorRange:
         wanted, theme = self._look
         automatic = automatic or ("abfm diverging" if low < 0 else "abfm sequential")
-        return ColorRange(on_ground(automatic if wanted == "automatic" else wanted, theme == "dark"), low, high)
+        return ColorRange(
+            on_ground(automatic if wanted == "automatic" else wanted, theme == "dark"), low, high
+        )
 
 
 def _labelled(title: str, is_behind: bool) -> str:
@@ -235,11 +260,12 @@ def _with_range(title: str, values: FloatArray, colors: ColorRange) -> str:
     """A title, with the least and the largest value where these leave the colours."""
     low, high = float(values.min()) + 0.0, float(values.max()) + 0.0  # no -0
     slack = _BESIDE * (colors.high - colors.low)
-    return f"{title}: {low:.3g} to {high:.3g}" if low < colors.low - slack or high > colors.high + slack else title
+    is_beyond = low < colors.low - slack or high > colors.high + slack
+    return f"{title}: {low:.3g} to {high:.3g}" if is_beyond else title
 
 
 def _most(values: FloatArray, weights: FloatArray) -> float:
-    """What a twentieth of the weight exceeds: slivers and a few faces that fold do not count."""
+    """Find what a twentieth of the weight exceeds: slivers and some folds do not count."""
     order = np.argsort(values)
     below = np.cumsum(weights[order])
     return float(values[order[np.searchsorted(below, 0.95 * below[-1])]])

@@ -1,4 +1,4 @@
-"""What pictures show of a session: everything that is computed from it, and nothing that it knows of."""
+"""What pictures show of a session: everything that is computed from it."""
 
 import abfm
 from abfm.types import FloatArray
@@ -10,29 +10,30 @@ from abfm_viewer.shown.shown_flow import ShownFlow
 
 
 class MassTransport(Jobs):
-    """Optimal transport between source and target at the shown time, or tau beyond it; lately at an earlier time."""
+    """Optimal transport between source and target at the shown time, at most tau."""
 
     def __init__(self, session: Session) -> None:
         super().__init__(session.at_once)
         self._session = session
-        self._values: Latest[FloatArray] = self.latest("optimal transport")
+        self._values: Latest[FloatArray] = self.latest()
         self._note = Memo[str]()
 
     @property
     def is_behind(self) -> bool:
-        """Whether `values` are those of an earlier time."""
+        """Return whether `values` are those of an earlier time."""
         return self._values.busy
 
     @property
     def note(self) -> str:
-        """What transport leaves out of the functions; empty if nothing."""
+        """Say what transport leaves out of the functions; nothing if nothing."""
         source, target = self._session.values("source"), self._session.values("target")
         if source is None or target is None or self.error:
             return ""
 
         def make() -> str:
             least = min(float(source.min()), float(target.min()))
-            return f"optimal transport takes values below 0, down to {least:.3g}, as 0" if least < 0 else ""
+            text = f"optimal transport takes values below 0, down to {least:.3g}, as 0"
+            return text if least < 0 else ""
 
         return self._note.get((source, target), make)
 
@@ -42,14 +43,15 @@ class MassTransport(Jobs):
         source, target = session.values("source"), session.values("target")
         if source is None or target is None:
             return None
-        problem, share = (session.mesh, source, target), min(session.time / session.parameters.tau, 1.0)
+        problem = (session.surface().mesh, source, target)
+        share = min(session.time / session.parameters.tau, 1.0)
         return self._values.newest(
             problem, share, lambda: abfm.baselines.optimal_transport(*problem, share, sharpen=True)
         )
 
 
 class Shown:
-    """Looks at a session, for windows and pictures: the flow, what is told of it, and what transport makes instead."""
+    """What is shown of a session: the flow, what is told of it, and optimal transport."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -59,12 +61,12 @@ class Shown:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the flow can be played: the player waits for what it would show."""
+        """Return whether the flow can be played: the player waits for what it would show."""
         return self.flow.is_ready and not self.quantities.convolving
 
     @property
     def busy(self) -> str:
-        """What is computed in the background besides the solver, in a word or two; empty if nothing."""
+        """Say in a word or two what is computed in the background besides the solver."""
         if self.session.busy:
             return self.session.busy
         if self.flow.busy:

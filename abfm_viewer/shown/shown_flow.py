@@ -21,8 +21,8 @@ class ShownFlow(Jobs):
     def __init__(self, session: Session) -> None:
         super().__init__(session.at_once)
         self._session = session
-        self._source = Carried("source", self)
-        self._coordinates = Carried("coordinates", self)
+        self._source = Carried(self)
+        self._coordinates = Carried(self)
         self._state = Memo[FlowState]()
         self._column = Memo[FloatArray]()
         self._is_behind = False
@@ -31,14 +31,18 @@ class ShownFlow(Jobs):
     def state(self) -> FlowState | None:
         """The flow, the same object for the same field; None before there is any."""
         session = self._session
-        snapshot, result = session.solver.snapshot, session.result
-        if snapshot is not None and snapshot.problem.mesh is session.mesh:
+        snapshot, result = session.snapshot, session.result
+        if snapshot is not None:
             return self._of(snapshot.shown, snapshot.problem.parameters, final=False)
         return None if result is None else self._of(result, result.parameters, final=True)
 
-    def _of(self, found: abfm.Match | abfm.Iteration, parameters: Parameters, final: bool) -> FlowState:
-        mesh = self._session.mesh
-        return self._state.get((found,), lambda: FlowState(mesh, lambda: found.velocity, parameters, final))
+    def _of(
+        self, found: abfm.Match | abfm.Iteration, parameters: Parameters, final: bool
+    ) -> FlowState:
+        mesh = self._session.surface().mesh
+        return self._state.get(
+            (found,), lambda: FlowState(mesh, lambda: found.velocity, parameters, final)
+        )
 
     @property
     def time(self) -> float:
@@ -70,38 +74,40 @@ class ShownFlow(Jobs):
 
     @property
     def is_behind(self) -> bool:
-        """Whether `advected` gave another flow's or time's values lately, as those to be shown are being computed."""
+        """Return whether `advected` gave another flow's or time's values lately."""
         return self._is_behind
 
     def coordinates(self) -> FloatArray | None:
-        """The coordinates (V, 3) carried along to the shown time: where each vertex's value came from."""
-        flow, vertices = self.state, self._session.mesh.vertices
-        return vertices if flow is None else self._coordinates.at(flow, vertices, self.time, self.settled)
+        """Return the coordinates (V, 3) carried to the shown time: where each value came from."""
+        flow, vertices = self.state, self._session.surface().mesh.vertices
+        if flow is None:
+            return vertices
+        return self._coordinates.at(flow, vertices, self.time, self.settled)
 
     @property
     def is_ready(self) -> bool:
-        """Whether what the view carries along is known at all times of the flow; during a run it never is for long."""
+        """Return whether what the view carries along is known at all times of the flow."""
         session, state = self._session, self.state
         source = session.values("source")
         if state is None or source is None or not state.final:
             return True
-        carries_places = session.view.coloring in ("coordinates", "checker")
-        return self._source.is_ready(state, source) and (
-            not carries_places or self._coordinates.is_ready(state, session.mesh.vertices)
-        )
+        is_ready = self._source.is_ready(state, source)
+        if session.view.coloring not in ("coordinates", "checker"):
+            return is_ready
+        return is_ready and self._coordinates.is_ready(state, session.surface().mesh.vertices)
 
     @property
     def settled(self) -> bool:
-        """Whether the time does not move at present, so that exact values are worth computing."""
-        session = self._session
-        return not session.player.playing and clock.perf_counter() - session.time_changed > _SETTLED
+        """Return whether the time stands, so that exact values are worth computing."""
+        stands_for = clock.perf_counter() - self._session.editor.time_changed
+        return not self._session.player.playing and stands_for > _SETTLED
 
     @property
     def note(self) -> str:
-        """Why the time bar cannot be followed to its end; empty if it can."""
+        """Say why the time bar cannot be followed to its end; nothing if it can."""
         return self._source.error
 
     @property
     def problem(self) -> str:
-        """Why the shown time could not be computed exactly; empty if it could."""
+        """Say why the shown time could not be computed exactly; nothing if it could."""
         return self._source.problem or self._coordinates.problem

@@ -20,7 +20,8 @@ def streak_texture(
     values: FloatArray | None = None,
     colors: ColorRange | None = None,
 ) -> FloatImage:
-    """Colours for a texture on `atlas`, whose `corner_coordinates` say where the faces' corners lie in it.
+    """Colours for a texture on `atlas`, whose `corner_coordinates` say where the faces' corners lie
+    in it.
 
     Parameters
     ----------
@@ -34,17 +35,16 @@ def streak_texture(
     (size, size, 3) array of float32
         In linear light, row 0 at the bottom.
     """
-    texture = np.empty((atlas.size, atlas.size, 3), dtype=np.float32)
     scale = 1 / 255 if image.dtype == np.uint8 else 1.0
     if values is None or colors is None:
         table, affine = np.full((1, 3), _BRIGHT), np.zeros((len(atlas.mesh.faces), 3))
-        _draw(atlas.texel_faces, affine, table, 1 - _DARK / _BRIGHT, scale, image, texture)
-        return texture
+        shade = 1 - _DARK / _BRIGHT
+        return _draw(atlas.texel_faces, affine, table, (shade, shade * scale), image)
     affine = atlas.affine(values)
     affine[:, 0] -= colors.low
     affine *= (_COLORS - 1) / (colors.high - colors.low)
-    _draw(atlas.texel_faces, affine, linear_table(colors.colormap, _COLORS), SHADE, scale, image, texture)
-    return texture
+    table = linear_table(colors.colormap, _COLORS)
+    return _draw(atlas.texel_faces, affine, table, (SHADE, SHADE * scale), image)
 
 
 @kernel
@@ -52,23 +52,29 @@ def _draw(
     owners: NDArray[np.int32],
     affine: FloatArray,
     table: FloatArray,
-    shade: float,
-    scale: float,
+    shades: tuple[float, float],
     image: IndexArray,
-    texture: FloatImage,
-) -> None:
-    """Fill a texture with rows of a table by functions that are affine in each face, darkened where an image is dark.
+) -> FloatImage:
+    """Draw rows of a table by functions that are affine in each face, darkened by an image.
 
+    The shades are how much darker than 1 an image of zeros makes it, and each unit of it brighter.
     A kernel, because the window draws while it runs.
     """
     last = table.shape[0] - 1
+    texture = np.empty((owners.shape[0], owners.shape[1], 3), dtype=np.float32)
+    darkest, slope = shades
     for row in range(owners.shape[0]):
         for column in range(owners.shape[1]):
             face = owners[row, column]
-            light = 1.0 - shade + shade * scale * image[row, column]
+            light = 1.0 - darkest + slope * image[row, column]
             entry = 0
             if face >= 0:
-                share = affine[face, 0] + affine[face, 1] * (column + 0.5) + affine[face, 2] * (row + 0.5)
+                share = (
+                    affine[face, 0]
+                    + affine[face, 1] * (column + 0.5)
+                    + affine[face, 2] * (row + 0.5)
+                )
                 entry = int(min(max(share, 0.0), last))
             for channel in range(3):
                 texture[row, column, channel] = light * table[entry, channel]
+    return texture

@@ -1,4 +1,4 @@
-"""Streaks along a field: grey textures of line integral convolution, and those in the colours of a function."""
+"""Streaks along a field: grey textures, and those in the colours of a function."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ _EXACT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Streaks:
-    """Grey textures (P, size, size), from 0 to 255, with streaks along a field, and the atlas that says what is where.
+    """Grey textures (P, size, size), from 0 to 255, with streaks along a field, and the atlas that
+    says what is where.
 
     More than one show phases of the streaks' way along the field.
     """
@@ -53,12 +54,16 @@ class Texture:
 
 def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
     """Streaks along a field, in textures at least `size` wide, more on meshes with many faces."""
-    size = min(max(size, int(np.sqrt(_LEAST_TEXELS_PER_FACE * len(field.mesh.faces)))), _MOST_TEXELS)
+    size = min(
+        max(size, int(np.sqrt(_LEAST_TEXELS_PER_FACE * len(field.mesh.faces)))), _MOST_TEXELS
+    )
     phases = np.arange(_PHASES) / _PHASES if moving else None
     atlas, images = abfm.streaks.line_integral_convolution(
         field.mesh, field.velocity, size=size, fade=fade, phase=phases
     )
-    steps = [(255 * image + np.float32(0.5)).astype(np.uint8) for image in images.reshape(-1, size, size)]
+    steps = [
+        (255 * image + np.float32(0.5)).astype(np.uint8) for image in images.reshape(-1, size, size)
+    ]
     return Streaks(field, atlas, np.stack(steps))
 
 

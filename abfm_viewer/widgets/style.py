@@ -19,8 +19,14 @@ def apply(theme: Theme, scale: float) -> None:
         (clear, "ChildBg BorderShadow ScrollbarBg TableRowBg"),
         (p.border, "Border Separator TableBorderStrong TableBorderLight"),
         (p.field, "FrameBg TitleBg TitleBgActive TitleBgCollapsed Button Header Tab TableHeaderBg"),
-        (p.hovered, "FrameBgHovered ScrollbarGrab ButtonHovered HeaderHovered SeparatorHovered TabHovered"),
-        (p.pressed, "FrameBgActive ScrollbarGrabHovered ScrollbarGrabActive ButtonActive HeaderActive"),
+        (
+            p.hovered,
+            "FrameBgHovered ScrollbarGrab ButtonHovered HeaderHovered SeparatorHovered TabHovered",
+        ),
+        (
+            p.pressed,
+            "FrameBgActive ScrollbarGrabHovered ScrollbarGrabActive ButtonActive HeaderActive",
+        ),
         (p.pressed, "SeparatorActive TabSelected"),
         (p.accent, "CheckMark SliderGrab PlotLines PlotHistogram NavCursor"),
         (p.accent_hovered, "SliderGrabActive"),
@@ -38,7 +44,8 @@ def _lengths(style: imgui.ImGuiStyle, scale: float) -> None:
     def pair(x: float, y: float) -> tuple[float, float]:
         return x * scale, y * scale
 
-    style.FontScaleMain, style.FontScaleDpi = 1, scale  # polyscope sets now the one, now the other, and resets none
+    # polyscope sets now the one, now the other, and resets none
+    style.FontScaleMain, style.FontScaleDpi = 1, scale
     style.WindowPadding, style.FramePadding = pair(10, 8), pair(8, 4)
     style.ItemSpacing, style.ItemInnerSpacing = pair(8, 6), pair(6, 4)
     style.CellPadding, style.SeparatorTextPadding = pair(6, 3), pair(0, 4)

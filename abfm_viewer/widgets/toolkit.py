@@ -1,44 +1,202 @@
-"""The window's widgets: ImGui's, with one look, tooltips, and what is refused said in place.
+"""The window's widgets and words: ImGui's, with one look, tooltips, and what is refused said in
+place.
 
-A widget's label is what the user reads; where scripts call it something else, as a parameter by its name in files, that
-is its `name`.
+A widget's label is what the user reads. Where scripts call it something else, as a parameter by its
+name in files, that follows after ``###``, as in ``"time τ###tau"``; what begins with ``##`` has a
+name only.
 """
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import polyscope.imgui as imgui
 
-from abfm import AbfmError
+from abfm_viewer.appearance import theme
+from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.document.document import Theme
-from abfm_viewer.widgets.containers import close_by_escape
 from abfm_viewer.widgets.refusals import Refusals
-from abfm_viewer.widgets.slider_scale import share_of, value_at
-from abfm_viewer.widgets.texts import Texts
-from abfm_viewer.widgets.widget_record import WidgetKind
+from abfm_viewer.widgets.slider_range import Range
+from abfm_viewer.widgets.widget_record import Widget, WidgetKind, WidgetRecord
 
 Word = TypeVar("Word", bound=str)
+Kind = Literal["ink", "muted", "failure", "good", "source", "target"]
+"""Colours of texts, by their names in the theme."""
+
+_AWAY = 8  # how far the mouse moves before tooltips come again
+_CAPTION = 96  # the column of captions, at a scale of 1
+_WIDEST_CAPTION = 0.45  # of the panel
+_NARROW = 280  # a panel as narrow has captions above its widgets
+_NARROW_PAIR = 300
 _BOX = 76  # beside a slider, at a scale of 1
 
 
-class Ui(Texts):
-    """Draws widgets, in containers, and remembers them.
+class Ui:
+    """Draws widgets and words, and remembers what is where for `containers` and `popups`, too.
 
-    After `text` it says whether the keyboard was in that box, also if it is no more: `typing`. `active_box` is the
-    latest one that the keyboard was in, and `focus_next` the one that gets it next.
+    Attributes
+    ----------
+    scale : float
+        Pixels of a length of 1.
+    record : WidgetRecord
+        Where each widget is.
+    refusals : Refusals
+        What was not taken of what was typed.
+    capturing : bool
+        Whether frames are drawn for a picture: polyscope does that in a new ImGui context, which
+        remembers nothing.
+    typing : bool
+        Whether the keyboard was in the box that `text` drew last, also if it is no more.
+    active_box, focus_next : str
+        The latest box that the keyboard was in, and the one that gets it next.
+    hidden_heights : dict
+        Of the parts of windows and children, by their names, that must be scrolled to.
     """
 
     def __init__(self) -> None:
-        super().__init__()
-        self.typing = False
-        self.active_box = self.focus_next = ""
-        self.refusals = Refusals()
+        self.scale = 1.0
+        self.colors: Palette = theme.LIGHT
+        self.record = WidgetRecord()
+        self.refusals = Refusals(self.record)
+        self.capturing = self.typing = False
+        self.active_box = self.focus_next = self.open_tab = ""
+        self.open_sections: dict[str, bool] = {}
+        self.scrolls: dict[str, float] = {}
+        self.hidden_heights: dict[str, float] = {}
+        self._clicked_at: tuple[float, float] | None = None
+
+    @property
+    def widgets(self) -> list[Widget]:
+        """Those of the latest whole frame."""
+        return self.record.latest
 
     def begin_frame(self, scale: float, name: Theme) -> None:
-        super().begin_frame(scale, name)
+        self.scale, self.colors = scale, theme.palette(name)
+        io = imgui.GetIO()
+        self.record.begin_frame((0, 0, *io.DisplaySize))
         self.refusals.begin_frame()
+        if imgui.IsMouseClicked(0):
+            self._clicked_at = tuple(io.MousePos)
+        elif self._clicked_at and math.dist(self._clicked_at, io.MousePos) > self.px(_AWAY):
+            self._clicked_at = None
+
+    def px(self, length: float) -> float:
+        """Return a length in pixels, for one given at a scale of 1."""
+        return length * self.scale
+
+    @contextmanager
+    def disabled(self, condition: bool = True) -> Iterator[None]:
+        """Draw grey widgets that do nothing; behind a dialog paler still."""
+        style = imgui.GetStyle()
+        paler = condition and not self.record.enabled
+        alpha = style.Alpha * (style.DisabledAlpha if paler else 1.0)
+        imgui.PushStyleVar(imgui.ImGuiStyleVar_Alpha, alpha)
+        imgui.BeginDisabled(condition)
+        try:
+            with self.record.disabled(condition):
+                yield
+        finally:
+            imgui.EndDisabled()
+            imgui.PopStyleVar()
+
+    @contextmanager
+    def group(self, name: str) -> Iterator[None]:
+        """Draw widgets whose labels are also elsewhere: `name` tells them apart."""
+        imgui.PushID(name)
+        try:
+            with self.record.section(name):
+                yield
+        finally:
+            imgui.PopID()
+
+    # Words
+
+    def note(self, text: str, kind: Kind = "muted") -> None:
+        """Write text that wraps at the panel's edge."""
+        imgui.PushTextWrapPos(0)
+        self._write(text, getattr(self.colors, kind))
+        imgui.PopTextWrapPos()
+
+    def line(self, text: str, kind: Kind = "muted", tip: str = "", room: float = 0) -> None:
+        """Write text on one line, cut to its room, by default the panel's; a tip has all."""
+        shown = self.fitted(text, room or imgui.GetContentRegionAvail()[0])
+        self._write(shown, getattr(self.colors, kind))
+        self.tip(_in_full(text if shown != text else "", tip))
+
+    def heading(self, text: str, color: Color | None = None, buttons: Sequence[str] = ()) -> None:
+        """Write a title with a line; buttons with these labels, drawn next, fit at its right."""
+        left, _ = imgui.GetCursorScreenPos()
+        right = left + imgui.GetContentRegionAvail()[0]
+        spacing, padding = imgui.GetStyle().ItemSpacing[0], 2 * imgui.GetStyle().FramePadding[0]
+        room = sum(self.text_width(label) + padding + spacing for label in buttons)
+        if room > right - left - self.text_width(text) - spacing:
+            room = 0
+        if room:
+            self.align()
+        self._write(text, color or self.colors.muted)
+        (_, above), (end, below) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
+        y, start, stop = round((above + below) / 2), end + spacing, right - room
+        if start < stop:
+            ink = imgui.GetColorU32(self.colors.border)
+            imgui.GetWindowDrawList().AddLine((start, y), (stop, y), ink, self.px(1))
+        if room:
+            self.beside(stop + spacing - end)
+
+    def align(self) -> None:
+        """Put the next words at the height of those on buttons and boxes in their line."""
+        imgui.AlignTextToFramePadding()
+
+    def beside(self, spacing: float = -1) -> None:
+        """Put what is drawn next on the same line."""
+        imgui.SameLine(0, spacing)
+
+    def beside_if_fits(self, label: str, is_button: bool = False) -> None:
+        """Put the next checkbox, or a button, on the same line where there is room."""
+        right = imgui.GetCursorScreenPos()[0] + imgui.GetContentRegionAvail()[0]
+        style = imgui.GetStyle()
+        more = style.ItemSpacing[0] + 2 * style.FramePadding[0] if is_button else self.px(42)
+        if imgui.GetItemRectMax()[0] + self.text_width(label) + more <= right + 1:
+            self.beside()
+
+    def text_width(self, text: str) -> float:
+        """Return how wide a text is, in pixels."""
+        return float(imgui.CalcTextSize(text)[0])
+
+    def fitted(self, text: str, room: float) -> str:
+        """Return a text, cut with an ellipsis if it is wider than so many pixels."""
+        return cut(text, room + 0.5, self.text_width)
+
+    def tip(self, text: str, above: bool = False) -> None:
+        """Give the widget before a tooltip, also where it is disabled. One `above` it hides nothing
+        beside the mouse.
+
+        Who has just clicked wants to see what comes of it: there is none until the mouse moves, nor
+        during a drag.
+        """
+        flags = imgui.ImGuiHoveredFlags_AllowWhenDisabled | imgui.ImGuiHoveredFlags_DelayShort
+        busy = self._clicked_at is not None or imgui.IsMouseDown(0)
+        if not text or busy or not imgui.IsItemHovered(flags):
+            return
+        if above:
+            place = imgui.GetMousePos()[0], imgui.GetItemRectMin()[1] - self.px(6)
+            imgui.SetNextWindowPos(place, imgui.ImGuiCond_Always, (0.0, 1.0))
+        imgui.BeginTooltip()
+        imgui.PushTextWrapPos(self.px(340))
+        imgui.TextUnformatted(text)
+        imgui.PopTextWrapPos()
+        imgui.EndTooltip()
+
+    def refusal(self, name: str, otherwise: str = "") -> None:
+        """Say why the new value of the widget of this name was refused, or else another error."""
+        if reason := self.refusals.reason(name) or otherwise:
+            self.note(reason, "failure")
+
+    def _write(self, text: str, color: Color) -> None:
+        imgui.PushStyleColor(imgui.ImGuiCol_Text, color)
+        imgui.TextUnformatted(text)
+        imgui.PopStyleColor()
 
     # Widgets
 
@@ -50,75 +208,90 @@ class Ui(Texts):
         enabled: bool = True,
         primary: bool = False,
         width: float = 0,
-        name: str = "",
     ) -> bool:
-        """A button; whether it was pressed. A negative width leaves that much at the right, in pixels."""
-        room = max(width if width > 0 else imgui.GetContentRegionAvail()[0] + width, imgui.GetFrameHeight())
-        padding = min(imgui.GetStyle().FramePadding[0], max((room - self.text_width(label)) / 2, self.px(2)))
-        shown = self.fitted(label, room - 2 * padding)
-        width = width or (0 if shown == label else room)
+        """Draw a button; whether it was pressed. A negative width leaves that much at the right."""
+        text, name = _text_and_name(label)
+        room = width if width > 0 else imgui.GetContentRegionAvail()[0] + width
+        room = max(room, imgui.GetFrameHeight())
+        spare = max((room - self.text_width(text)) / 2, self.px(2))
+        padding = min(imgui.GetStyle().FramePadding[0], spare)
+        shown = self.fitted(text, room - 2 * padding)
+        width = width or (0 if shown == text else room)
+        colors, ink = {}, self.colors
+        if primary:
+            colors = {
+                imgui.ImGuiCol_Button: ink.accent,
+                imgui.ImGuiCol_ButtonHovered: ink.accent_hovered,
+                imgui.ImGuiCol_ButtonActive: ink.accent_hovered,
+                imgui.ImGuiCol_Text: ink.accent_ink,
+            }
         with self.disabled(not enabled):
-            if primary:
-                imgui.PushStyleColor(imgui.ImGuiCol_Button, self.colors.accent)
-                imgui.PushStyleColor(imgui.ImGuiCol_ButtonHovered, self.colors.accent_hovered)
-                imgui.PushStyleColor(imgui.ImGuiCol_ButtonActive, self.colors.accent_hovered)
-                imgui.PushStyleColor(imgui.ImGuiCol_Text, self.colors.accent_ink)
+            for index, color in colors.items():
+                imgui.PushStyleColor(index, color)
             imgui.PushStyleVarX(imgui.ImGuiStyleVar_FramePadding, padding)
-            pressed = bool(imgui.Button(f"{shown}###{label}", (width, 0)))
+            pressed = bool(imgui.Button(f"{shown}###{text}", (width, 0)))
             imgui.PopStyleVar()
-            if primary:
-                imgui.PopStyleColor(4)
-            self._done(label, "button", tip, shown, name=name)
+            imgui.PopStyleColor(len(colors))
+            self._finish(text, "button", tip, shown, name=name)
         return pressed
 
-    def checkbox(self, label: str, value: bool, tip: str = "", *, name: str = "") -> bool:
-        """A box to tick; its new value."""
-        shown = self._fitted_beside_a_box(label)
+    def checkbox(self, label: str, value: bool, tip: str = "") -> bool:
+        """Draw a box to tick; its new value."""
+        text, name = _text_and_name(label)
+        shown = self._fitted_beside_a_box(text)
         with self._outlined():
-            _, value = imgui.Checkbox(f"{shown}###{label}", value)
-        self._done(label, "checkbox", tip, shown, name=name, text="on" if value else "off")
+            _, value = imgui.Checkbox(f"{shown}###{text}", value)
+        self._finish(text, "checkbox", tip, shown, name=name, text="on" if value else "off")
         return bool(value)
 
     def combo(
         self,
         label: str,
         value: Word,
-        choices: Sequence[Word],
+        choices: Sequence[Word] | Mapping[Word, str],
         tip: str = "",
         width: float = 0,
-        *,
-        name: str = "",
-        tips: Mapping[Word, str] | None = None,
-        captioned: bool = True,
     ) -> Word:
-        """One of several words, each with a tooltip; its new value. A width in pixels, or what the caption leaves."""
-        width, caption = self.placed(label, width)
-        caption = caption if captioned else 0
+        """Draw a choice of one of several words, which may have tooltips; its new value.
+
+        Without a width in pixels it takes what the caption leaves.
+        """
+        text, name = _text_and_name(label)
+        width, caption = self._placed(text, width)
+        text = text or name
         imgui.SetNextItemWidth(width)
-        preview = self.fitted(value, width - imgui.GetFrameHeight() - imgui.GetStyle().FramePadding[0])
-        is_open = imgui.BeginCombo(f"##{label}", preview, imgui.ImGuiComboFlags_HeightLargest)
-        if not is_open:
-            tip = self._in_full(value if preview != value else "", tip)
-            self._done(label, "combo", tip, name=name, text=value)
-            self.caption(label, caption, tip)
-            return value
-        self.record(label, "combo", name=name, text=value)
+        arrow = imgui.GetFrameHeight() + imgui.GetStyle().FramePadding[0]
+        preview = self.fitted(value, width - arrow)
+        is_open = imgui.BeginCombo(f"##{text}", preview, imgui.ImGuiComboFlags_HeightLargest)
+        if is_open:
+            tip = ""
+            self.remember(text, "combo", name=name, text=value)
+            value = self._chosen(name or text, value, choices)
+        else:
+            tip = _in_full(value if preview != value else "", tip)
+            self._finish(text, "combo", tip, name=name, text=value)
+        self._caption(text, caption, tip)
+        return value
+
+    def _chosen(self, name: str, value: Word, choices: Sequence[Word] | Mapping[Word, str]) -> Word:
+        """Draw the open list of a combo; its new value."""
+        tips = choices if isinstance(choices, Mapping) else {}
         try:
-            record = self._widget_record
-            with record.section(name or label), record.area(record.window):  # the list may be drawn outside its panel
+            # the list may be drawn outside its panel
+            with self.record.section(name), self.record.area(self.record.window):
                 for choice in choices:
-                    chosen = imgui.Selectable(choice, choice == value)
-                    about = tips.get(choice, "") if tips else ""
-                    self._done(choice, "choice", about, text="chosen" if choice == value else "")
-                    value = choice if chosen else value
+                    is_now = choice == value
+                    if imgui.Selectable(choice, is_now):
+                        value = choice
+                    about = "chosen" if is_now else ""
+                    self._finish(choice, "choice", tips.get(choice, ""), text=about)
         finally:
             close_by_escape()
             imgui.EndCombo()
-        self.caption(label, caption, "")
         return value
 
     def radio(self, choices: Sequence[Word], value: Word, tips: Sequence[str] = ()) -> Word:
-        """One of a few words, side by side, on further lines where the panel ends; its new value."""
+        """Draw a choice of a few words, side by side as far as they fit; its new value."""
         for number, choice in enumerate(choices):
             if number:
                 self.beside_if_fits(choice)
@@ -127,171 +300,193 @@ class Ui(Texts):
                 if imgui.RadioButton(f"{shown}###{choice}", choice == value):
                     value = choice
             about = tips[number] if tips else ""
-            self._done(choice, "choice", about, shown, text="chosen" if choice == value else "")
+            self._finish(choice, "choice", about, shown, text="chosen" if choice == value else "")
         return value
 
-    def number(
-        self,
-        label: str,
-        value: float,
-        low: float,
-        high: float,
-        tip: str,
-        *,
-        log: bool = False,
-        whole: bool = False,
-        name: str = "",
-    ) -> float | None:
-        """A slider with a box to type into, which takes values beyond the slider's ends; a new value, or None.
+    def number(self, label: str, value: float, ends: Range, tip: str) -> float | None:
+        """Draw a slider with a box to type into, which takes values beyond the slider's ends; a
+        new value, or None.
 
-        A text that is no number is refused in place. Whole numbers keep their type in the display. A logarithmic
-        slider from 0 has 0 at its left end, and six decades.
+        A text that is no number is refused in place. Whole numbers keep their type in the display.
+        A logarithmic slider from 0 has 0 at its left end, and six decades.
         """
-        width, caption = self.placed(label)
+        text, name = _text_and_name(label)
+        width, caption = self._placed(text)
         spacing = imgui.GetStyle().ItemInnerSpacing[0]
         box = min(self.px(_BOX), width / 2)
-        result = self.slider(label, value, low, high, tip, width=width - box - spacing, log=log, name=name)
+        imgui.SetNextItemWidth(width - box - spacing)
+        result = self.slider(label, value, ends, tip)
         if result is not None:
-            result = float(round(result)) if whole else float(f"{result:.3g}")  # what a slider is good for
-            self.refuse(name or label, "")
-        imgui.SameLine(0, spacing)
-        text = self._box(label, f"{round(value)}" if whole else f"{value:.6g}", tip, width=box, name=name)
-        self.caption(label, caption, tip)
-        if text is not None:
-            typed = finite(text)
-            result = result if typed is None else typed
-            self.refuse(name or label, f"{text!r} is no number" if typed is None else "")
-        self.refusal(name or label)
+            # what a slider is good for
+            result = float(round(result)) if ends.whole else float(f"{result:.3g}")
+            self.refusals.accept(name or text)
+        self.beside(spacing)
+        written = f"{round(value)}" if ends.whole else f"{value:.6g}"
+        typed = self._box(label, written, tip, width=box)
+        self._caption(text, caption, tip)
+        if typed is not None:
+            if (number := finite(typed)) is None:
+                self.refusals.refuse(name or text, f"{typed!r} is no number")
+            else:
+                self.refusals.accept(name or text)
+                result = number
+        self.refusal(name or text)
         return result
 
     def slider(
-        self,
-        label: str,
-        value: float,
-        low: float,
-        high: float,
-        tip: str,
-        *,
-        width: float,
-        log: bool = False,
-        name: str = "",
-        tip_above: bool = False,
+        self, label: str, value: float, ends: Range, tip: str, tip_above: bool = False
     ) -> float | None:
-        """A slider without a text; a new value, or None."""
-        imgui.SetNextItemWidth(width)
+        """Draw a slider without a text, as wide as ImGui's next item; a new value, or None."""
+        text, name = _text_and_name(label)
         flags = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
-        shown = share_of(min(max(value, low), high), low, high, log)
-        changed, share = imgui.SliderFloat(f"##{label} slider", shown, 0.0, 1.0, "", flags)
-        self.record(label, "slider", low=low, high=high, log=log, text=f"{value:.6g}", name=name, tip=tip)
+        share = ends.share_of(ends.nearest(value))
+        changed, share = imgui.SliderFloat(f"##{text} slider", share, 0.0, 1.0, "", flags)
+        grab, written = imgui.GetStyle().GrabMinSize, f"{value:.6g}"
+        self.remember(text, "slider", ends=ends, grab=grab, text=written, name=name, tip=tip)
         self.tip(tip, above=tip_above)
-        return value_at(share, low, high, log) if changed else None
+        return ends.value_at(share) if changed else None
 
-    def text(self, label: str, value: str, tip: str = "", *, hint: str = "", width: float = 0) -> str | None:
-        """A box to type into; the new text when Enter is pressed or the box is left, else None.
+    def text(
+        self, label: str, value: str, tip: str = "", *, hint: str = "", width: float = 0
+    ) -> str | None:
+        """Draw a box to type into; the new text when Enter is pressed or the box is left, else
+        None.
 
-        A text that is then refused stays in the box, to be mended, until Escape or another change that is accepted.
+        A text that is then refused stays in the box, to be mended, until Escape or another change
+        that is accepted.
         """
-        width, caption = self.placed(label, width)
+        width, caption = self._placed(label, width)
         text = self._box(label, value, tip, hint=hint, width=width)
-        self.caption(label, caption, tip)
+        self._caption(label, caption, tip)
         return text
 
-    def _box(self, label: str, value: str, tip: str, *, width: float, hint: str = "", name: str = "") -> str | None:
-        key = self._widget_record.path(name or label)
+    def _box(self, label: str, value: str, tip: str, *, width: float, hint: str = "") -> str | None:
+        text, name = _text_and_name(label)
+        key, path = name or text, self.record.path(name or text)
         imgui.SetNextItemWidth(width)
-        if key == self.focus_next:
+        if path == self.focus_next:
             imgui.SetKeyboardFocusHere()
             self.focus_next = ""
-        shown = self.refusals.text(key, value)
-        _, typed = imgui.InputTextWithHint(f"##{label}", hint, shown, imgui.ImGuiInputTextFlags_AutoSelectAll)
+        typed = _input(text, hint, self.refusals.text(key, value))
         is_longer = self.text_width(typed) > width - 2 * imgui.GetStyle().FramePadding[0]
-        self._done(label, "box", self._in_full(typed if is_longer else "", tip), name=name, text=typed)
-        self.typing = bool(imgui.IsItemActive() or imgui.IsItemDeactivated())
-        if imgui.IsItemActive():
-            self.active_box = key
+        full_tip = _in_full(typed if is_longer else "", tip)
+        self._finish(text, "box", full_tip, name=name, text=typed)
+        is_active, is_left = imgui.IsItemActive(), imgui.IsItemDeactivated()
+        self.typing = bool(is_active or is_left)
+        if is_active:
+            self.active_box = path
             self.refusals.is_typing(key, typed)
-        if imgui.IsItemDeactivated():
-            if imgui.IsKeyPressed(imgui.ImGuiKey_Escape) or typed == value:
-                self.refusals.accept(key)
-            else:
-                self.refusals.typed(key, typed)
-                return str(typed)
-        return None
+        if not is_left:
+            return None
+        if imgui.IsKeyPressed(imgui.ImGuiKey_Escape) or typed == value:
+            self.refusals.accept(key)
+            return None
+        self.refusals.typed(key, typed)
+        return typed
 
     def live_text(self, label: str, value: str, hint: str, focus: bool) -> str:
-        """A box to type into; what it holds now. `focus` puts the keyboard there."""
-        width, caption = self.placed(label)
+        """Draw a box to type into; what it holds now. `focus` puts the keyboard there."""
+        width, caption = self._placed(label)
         imgui.SetNextItemWidth(width)
         if focus:
             imgui.SetKeyboardFocusHere()
-        _, value = imgui.InputTextWithHint(f"##{label}", hint, value, imgui.ImGuiInputTextFlags_AutoSelectAll)
-        self.record(label, "box", text=value)
-        self.caption(label, caption, "")
-        return str(value)
+        value = _input(label, hint, value)
+        self.remember(label, "box", text=value)
+        self._caption(label, caption, "")
+        return value
 
     def row(self, label: str, chosen: bool) -> tuple[bool, bool]:
-        """A row of a list; whether it was clicked, and whether twice in a row."""
+        """Draw a row of a list; whether it was clicked, and whether twice in a row."""
         shown = self.fitted(label, imgui.GetContentRegionAvail()[0])
         text = shown.replace("##", "# #")  # which would hide the rest
-        clicked = bool(imgui.Selectable(f"{text}###{label}", chosen, imgui.ImGuiSelectableFlags_AllowDoubleClick))
-        self._done(label, "choice", "", shown, text="chosen" if chosen else "")
+        flags = imgui.ImGuiSelectableFlags_AllowDoubleClick
+        clicked = bool(imgui.Selectable(f"{text}###{label}", chosen, flags))
+        self._finish(label, "choice", "", shown, text="chosen" if chosen else "")
         return clicked, clicked and bool(imgui.IsMouseDoubleClicked(0))
 
-    def tile(self, label: str, chosen: bool, size: tuple[float, float]) -> bool:
-        """An empty place of a size in pixels in a menu, to be drawn on; whether it was chosen."""
-        pressed = bool(imgui.Selectable(f"##{label}", chosen, imgui.ImGuiSelectableFlags_None, size))
-        self.record(label, "item", text="checked" if chosen else "")
-        return pressed
+    def remember(self, label: str, kind: WidgetKind, **details: Any) -> None:
+        """Record ImGui's latest item, with attributes of `Widget`."""
+        rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
+        self.record.add(label, kind, rect, **details)
 
-    # What is refused
-
-    def refuse(self, name: str, reason: str) -> None:
-        """Say below the widget of this name why its new value was not taken; empty to say nothing any more."""
-        key = self._widget_record.path(name)
-        self.refusals.refuse(key, reason) if reason else self.refusals.accept(key)
-
-    @contextmanager
-    def refusing(self, name: str, label: str = "") -> Iterator[None]:
-        """Say so below the widget of this name if the block refuses its new value with an error.
-
-        An error that begins with the name begins with the label instead.
-        """
-        self.refuse(name, "")
-        try:
-            yield
-        except AbfmError as error:
-            reason = str(error)
-            is_named = label and reason.startswith(f"{name} ")
-            self.refuse(name, f"{label}{reason[len(name) :]}" if is_named else reason)
-
-    def accept_after(self, *values: object) -> None:
-        """Take back all refusals when one of these is another than in the frame before."""
-        self.refusals.accept_after(*values)
-
-    def refusal(self, name: str, otherwise: str = "") -> None:
-        """Show what `refuse` was told, or else another error."""
-        if reason := self.refusals.reasons.get(self._widget_record.path(name), otherwise):
-            self.note(reason, "failure")
-
-    def _done(self, label: str, kind: WidgetKind, tip: str, shown: str = "", **details: Any) -> None:
-        """Remember the widget that was just drawn, which shows that much of its label, and give it a tooltip."""
-        tip = self._in_full(label if shown not in ("", label) else "", tip)
-        self.record(label, kind, tip=tip, shown=shown or label, **details)
+    def _finish(
+        self, label: str, kind: WidgetKind, tip: str, shown: str = "", **details: Any
+    ) -> None:
+        """Remember the widget before, which shows that much of its label, and give it a tooltip."""
+        tip = _in_full(label if shown not in ("", label) else "", tip)
+        self.remember(label, kind, tip=tip, shown=shown or label, **details)
         self.tip(tip)
 
-    def _fitted_beside_a_box(self, label: str) -> str:
-        """A label as far as the panel has room for it beside a checkbox or a radio button."""
-        room = imgui.GetContentRegionAvail()[0] - imgui.GetFrameHeight() - imgui.GetStyle().ItemInnerSpacing[0]
-        return self.fitted(label, room)
+    @contextmanager
+    def _outlined(self) -> Iterator[None]:
+        """Draw an edge around what is ticked or not, which else would hardly be seen."""
+        imgui.PushStyleVar(imgui.ImGuiStyleVar_FrameBorderSize, max(1.0, self.scale))
+        imgui.PushStyleColor(imgui.ImGuiCol_Border, (*self.colors.muted[:3], 0.7))
+        try:
+            yield
+        finally:
+            imgui.PopStyleColor()
+            imgui.PopStyleVar()
 
-    def _in_full(self, text: str, tip: str) -> str:
-        """A tooltip that begins with what was cut."""
-        return "\n\n".join(filter(None, [text, tip]))
+    def _fitted_beside_a_box(self, label: str) -> str:
+        """Return a label as far as there is room for it beside a checkbox or a radio button."""
+        box = imgui.GetFrameHeight() + imgui.GetStyle().ItemInnerSpacing[0]
+        return self.fitted(label, imgui.GetContentRegionAvail()[0] - box)
+
+    # Captions
+
+    def halves(self, left: str, right: str) -> tuple[float, float]:
+        """Return widths of two captioned widgets that fill a line; zeros in a narrow panel."""
+        room, gap = imgui.GetContentRegionAvail()[0], imgui.GetStyle().ItemInnerSpacing[0]
+        if room < self.px(_NARROW_PAIR):
+            return 0.0, 0.0
+        cell = (room - imgui.GetStyle().ItemSpacing[0]) / 2
+        return cell - gap - self.text_width(left), cell - gap - self.text_width(right)
+
+    def _placed(self, label: str, width: float = 0) -> tuple[float, float]:
+        """Return widths of the next widget and its caption; 0 where that is above, or none."""
+        room, gap = float(imgui.GetContentRegionAvail()[0]), imgui.GetStyle().ItemInnerSpacing[0]
+        if width:
+            return width, self.text_width(label)
+        if room < self.px(_NARROW):
+            self.line(label, "ink")
+            return room, 0.0
+        caption = max(min(self.text_width(label), _WIDEST_CAPTION * room), self.px(_CAPTION))
+        return room - caption - gap, caption
+
+    def _caption(self, label: str, room: float, tip: str) -> None:
+        """Write the words beside the widget that was drawn last, in a room that `_placed` gave."""
+        if room:
+            self.beside(imgui.GetStyle().ItemInnerSpacing[0])
+            self.align()
+            self.line(label, "ink", tip, room)
+
+
+def close_by_escape() -> None:
+    """Close the menu or the list that is open; ImGui does so only with keyboard navigation."""
+    if imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
+        imgui.CloseCurrentPopup()
 
 
 def finite(text: str) -> float | None:
-    """The number that a text says; None if it says none, or not a finite one."""
+    """Return the number that a text says; None if it says none, or not a finite one."""
     with suppress(ValueError):
         number = float(text)
         return number if math.isfinite(number) else None
     return None
+
+
+def _text_and_name(label: str) -> tuple[str, str]:
+    """Return what the user reads of a label, and what scripts call it, if that is another word."""
+    text, _, name = label.partition("##")
+    return text, name.removeprefix("#")
+
+
+def _input(label: str, hint: str, value: str) -> str:
+    flags = imgui.ImGuiInputTextFlags_AutoSelectAll
+    return str(imgui.InputTextWithHint(f"##{label}", hint, value, flags)[1])
+
+
+def _in_full(text: str, tip: str) -> str:
+    """Return a tooltip that begins with what was cut."""
+    return "\n\n".join(filter(None, [text, tip]))

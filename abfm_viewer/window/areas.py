@@ -20,7 +20,7 @@ class Areas:
 
 
 def areas(size: tuple[float, float], menu_height: float, scale: float) -> Areas:
-    """Divide a window: a panel at the right, time bar and status line at the bottom, and surfaces in the rest."""
+    """Divide a window: the panel at the right, time bar and status line below, surfaces."""
     width, height = size
     right = max(width - min(_PANEL_WIDTH * scale, _WIDEST_PANEL * width), 1.0)
     status = height - _STATUS_HEIGHT * scale

@@ -25,7 +25,8 @@ class Keyboard:
         if action is None:
             action = _pressed(actions)
             if action is not None and imgui.GetIO().WantTextInput:
-                self._left = context.ui.active_box if action in (actions.save, actions.save_as) else ""
+                saves = action in (actions.save, actions.save_as)
+                self._left = context.ui.active_box if saves else ""
                 imgui.SetWindowFocus(_ELSEWHERE)  # in the next frame the box gives what was typed
                 action, self._waiting = None, action
         if action is not None:
@@ -36,8 +37,7 @@ class Keyboard:
 
 def _pressed(actions: Actions) -> Action | None:
     io = imgui.GetIO()
-    anywhere = imgui.ImGuiPopupFlags_AnyPopupId | imgui.ImGuiPopupFlags_AnyPopupLevel
-    if io.KeyAlt or io.KeySuper or imgui.IsPopupOpen("", anywhere):
+    if io.KeyAlt or io.KeySuper:
         return None
     if imgui.IsAnyItemActive() and not io.WantTextInput:
         return None
@@ -46,7 +46,8 @@ def _pressed(actions: Actions) -> Action | None:
             continue
         for chord in action.chords:
             key, ctrl, shift = _parts(chord)
-            if (ctrl, shift) == (io.KeyCtrl, io.KeyShift) and imgui.IsKeyPressed(key, action.repeats):
+            held = (ctrl, shift) == (io.KeyCtrl, io.KeyShift)
+            if held and imgui.IsKeyPressed(key, action.repeats):
                 return action
     return None
 

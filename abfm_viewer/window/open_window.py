@@ -23,10 +23,10 @@ def open_window(
     state_folder: Path | None = None,
     largest_component: bool = False,
 ) -> window.Window:
-    """The app's window with a mesh, project or result in it; by default with a bundled mesh.
+    """Open the app's window with a mesh, project or result in it; by default with a bundled mesh.
 
-    Preferences, recent files and autosaves are kept in the state folder, by default the user's own. Raises AbfmError if
-    the file cannot be read, or the machine cannot draw.
+    Preferences, recent files and autosaves are kept in the state folder, by default the user's own.
+    Raises AbfmError if the file cannot be read, or the machine cannot draw.
     """
     state = StateFolder(state_folder)
     if isinstance(what, abfm.TriangleMesh):

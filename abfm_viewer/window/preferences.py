@@ -16,22 +16,23 @@ class Preferences:
         self._session = session
         self._state = state
         self._apply()
-        self._latest, self._mesh = self._present(), session.mesh
+        self._latest, self._document = self._present(), session.document.identity
 
     def update(self) -> None:
-        """Remember what the user changed: call once per frame; a project that is opened may look otherwise."""
-        present, mesh = self._present(), self._session.mesh
+        """Remember what the user changed in this frame, but not what a project brings."""
+        present, document = self._present(), self._session.document.identity
         for name, value in present.items():
-            if self._latest[name] != value and mesh is self._mesh:
+            if self._latest[name] != value and document is self._document:
                 self._state.set_preference(name, value)
-        self._latest, self._mesh = present, mesh
+        self._latest, self._document = present, document
 
     def _apply(self) -> None:
-        """Set what the user set last, unless a project brings a look of its own; what makes no sense is left out."""
+        """Set what the user set last, as far as it makes sense and no project brings its own."""
         session, known = self._session, self._state.preferences()
-        theme, scale, follow, flow = (known.get(n) for n in ("theme", "ui_scale", "follow", "flow_after_match"))
+        names = ("theme", "ui_scale", "follow", "flow_after_match")
+        theme, scale, follow, flow = map(known.get, names)
         view = replace(session.view, ui_scale=1.0)
-        if theme in THEMES and session.path is None:
+        if theme in THEMES and session.saves.path is None:
             view = replace(view, theme=theme)
         if isinstance(scale, int | float) and _LEAST_SCALE <= scale <= _LARGEST_SCALE:
             view = replace(view, ui_scale=float(scale))
@@ -40,7 +41,7 @@ class Preferences:
         if isinstance(follow, bool):
             session.solver.follow = follow
         if view != session.view:
-            session.amend(view=view)
+            session.editor.amend(view=view)
 
     def _present(self) -> dict[str, object]:
         view = self._session.view

@@ -1,4 +1,4 @@
-"""Loads and compiles what a match and its pictures need while the user looks at the first picture."""
+"""Loads and compiles what a match needs while the user looks at the first picture."""
 
 import threading
 from contextlib import suppress
@@ -11,15 +11,17 @@ from abfm_viewer import shown
 
 
 def start() -> threading.Thread:
-    """Begin in the background; compiled kernels are cached, so that only the first launch compiles."""
+    """Begin in the background; kernels are cached, so only the first launch compiles."""
     thread = threading.Thread(target=_match_something, name="warm up", daemon=True)
     thread.start()
     return thread
 
 
 def _match_something() -> None:
-    """A match by way of a coarser mesh; what fails here fails again, and is told, where it is asked for."""
-    corners = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
+    """Match by way of a coarser mesh; a failure is told where it is asked for."""
+    corners = np.array(
+        [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64
+    )
     faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
     with suppress(Exception):
         mesh = subdivided(subdivided(abfm.TriangleMesh(corners, np.array(faces))))

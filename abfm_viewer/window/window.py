@@ -25,38 +25,39 @@ from abfm_viewer.scene import opengl
 from abfm_viewer.scene.annotations import bar_room, draw_annotations, name_height, window_pen
 from abfm_viewer.scene.gaussian_markers import GaussianMarkers
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.resting import Resting
-from abfm_viewer.scene.sample_textures import SampleTextures
+from abfm_viewer.scene.pacing import Resting
 from abfm_viewer.scene.scene import Scene
-from abfm_viewer.scene.window_title import WindowTitle
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import OTHER_MESH, OTHER_NAME, SessionFiles
 from abfm_viewer.shown.shown import Shown
-from abfm_viewer.widgets import style
+from abfm_viewer.widgets import popups, style
 from abfm_viewer.widgets.toolkit import Ui
-from abfm_viewer.widgets.widget_record import write_widgets
+from abfm_viewer.widgets.widget_record import Rect, write_widgets
 from abfm_viewer.window import menus, warm_up
 from abfm_viewer.window.actions import Actions
-from abfm_viewer.window.areas import areas
+from abfm_viewer.window.areas import Areas, areas
 from abfm_viewer.window.keyboard import Keyboard
 from abfm_viewer.window.mouse import Mouse
 from abfm_viewer.window.preferences import Preferences
 from abfm_viewer.window.recovery import Recoveries
+from abfm_viewer.window.samples_menu import SampleTextures
+from abfm_viewer.window.window_title import WindowTitle
 
 if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder
 
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
-_DOUBLE_CLICK_SECONDS = 0.5  # as on most desktops; ImGui's 0.3 end between two clicks where frames are slow
+# as on most desktops; ImGui's 0.3 end between two clicks where frames are slow
+_DOUBLE_CLICK_SECONDS = 0.5
 _IDLE_AFTER = 1.0  # seconds without anything that moves
 
 
 class Window:
     """Draws a session and passes on what the user does.
 
-    `frames` counts those drawn; `errors` are of parts of the window that raised one in the latest frame, which they
-    show instead, and `parts` is where they were.
+    `frames` counts those drawn; `errors` are of parts of the window that raised one in the latest
+    frame, which they show instead, and `parts` is where they were.
     """
 
     def __init__(
@@ -70,11 +71,12 @@ class Window:
         self.shown = Shown(session)
         self.ui = Ui()
         self.dialogs = Dialogs()
-        self.exporter = Exporter(session.say)
+        self.exporter = Exporter(session.notices.say)
         self.files = SessionFiles(session, state, self.dialogs.ask)
         self.preferences = Preferences(session, state) if state else None
         self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
-        self.context = Context(self.ui, session, self.shown, self.exporter, self.files, self.dialogs)
+        parts = (self.ui, session, self.shown, self.exporter, self.files, self.dialogs)
+        self.context = Context(*parts)
         self.files.ways_out[OTHER_MESH] = self.context.open_mesh
         self.actions = Actions(self.context, lambda: self.mouse.over, self._end)
         self.files.ways_out[OTHER_NAME] = self.actions.save_as.do
@@ -93,7 +95,8 @@ class Window:
         opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)
         ps.set_open_imgui_window_for_user_callback(False)
-        ps.set_max_fps(-1)  # the GIL is held while polyscope waits for the next frame; `frame` waits without it
+        # the GIL is held while polyscope waits for the next frame; `frame` waits without it
+        ps.set_max_fps(-1)
         ps.set_frame_tick_limit_fps_mode("ignore_limits")
         ps.set_configure_imgui_style_callback(self._restyle)
         ps.set_files_dropped_callback(self._dropped)
@@ -110,13 +113,12 @@ class Window:
     def run(self) -> None:
         """Draw frames until the window is closed.
 
-        A signal that ends programs raises `EndedBySignal`, a KeyboardInterrupt, between two frames: inside one it would
-        stop polyscope for good.
+        A signal that ends programs raises `EndedBySignal`, a KeyboardInterrupt, between two frames:
+        inside one it would stop polyscope for good.
         """
         with signals.taken_over(self._interrupt):
             try:
                 self.frame()
-                self.session.solver.work_apart()
                 warm_up.start()
                 while not self.closing:
                     self.frame()
@@ -131,7 +133,8 @@ class Window:
         """End all threads, and draw nothing any more."""
         ps.clear_user_callback()
         ps.clear_files_dropped_callback()
-        ps.clear_configure_imgui_style_callback()  # a reference to this window would outlive Python itself
+        # a reference to this window would outlive Python itself
+        ps.clear_configure_imgui_style_callback()
         self.files.close()
         if self.recoveries:
             self.recoveries.close(keep_unsaved=self.interrupted is not None)
@@ -140,15 +143,17 @@ class Window:
         self.session.close()
 
     def frame(self) -> None:
-        """Draw one frame and leave its time to others: half of all time to what must be there before anything else.
+        """Draw one frame and leave time to others: half of it to what must be there first.
 
-        polyscope holds the interpreter while it draws, which without a graphics card is nearly always.
+        polyscope holds the interpreter while it draws: without a graphics card, nearly always.
         """
         start = time.perf_counter()
         self.tick()
         now = time.perf_counter()
-        seconds = _SECONDS_PER_FRAME if now - self._moved_at < _IDLE_AFTER else _SECONDS_PER_IDLE_FRAME
-        drawn, waits = now - start, self.session.loading is not None or self.session.bare_since is not None
+        is_idle = now - self._moved_at >= _IDLE_AFTER
+        seconds = _SECONDS_PER_IDLE_FRAME if is_idle else _SECONDS_PER_FRAME
+        drawn, session = now - start, self.session
+        waits = session.loading.now is not None or session.functions.bare_since is not None
         time.sleep(max(drawn if waits else _LEAST_SLEEP, seconds - drawn))
 
     def tick(self) -> None:
@@ -156,11 +161,12 @@ class Window:
         ps.frame_tick()
         if self._redraws:
             seconds = time.perf_counter() - start - self._panel_seconds
-            self.scene.pacing.redraw_seconds = min(seconds, self._last_redraw)  # else something held one of them up
+            # else something held one of them up
+            self.scene.pacing.redraw_seconds = min(seconds, self._last_redraw)
             self._last_redraw = seconds
 
     def screenshot(self, path: Path) -> None:
-        """Write a picture (PNG) of the whole window: the panels as they are, though nothing is hovered or open."""
+        """Write a picture (PNG) of the whole window as it is, though nothing is hovered or open."""
         self.ui.capturing = True  # polyscope calls back four times more, without a mouse
         try:
             pixels = ps.screenshot_to_buffer(transparent_bg=False, include_UI=True)
@@ -177,13 +183,13 @@ class Window:
             if part not in self.errors:
                 traceback.print_exc()
             self.errors[part] = error_line(error)
-            self.session.say(f"{part}: {error_line(error)}", is_error=True)
+            self.session.notices.say(f"{part}: {error_line(error)}", is_error=True)
         else:
             self.errors.pop(part, None)
         self._drawn.add(part)
 
     def _callback(self) -> None:
-        """Draw one frame; an exception that escaped would stop polyscope from drawing ever again."""
+        """Draw one frame; an escaping exception would stop polyscope for good."""
         start = time.perf_counter()
         self._draw()
         self._redraws = bool(ps.get_redraw_requested())
@@ -193,61 +199,76 @@ class Window:
     def _draw(self) -> None:
         view, is_live = self.session.view, not self.ui.capturing
         self.frames += is_live
-        if self._style is None or self._style[1] != view.ui_scale:
-            ps.set_ui_scale(view.ui_scale)
-        if self._style != (view.theme, view.ui_scale):
-            self._style = (view.theme, view.ui_scale)
-            self._restyle()
+        keys_are_free = is_live and not popups.is_open()  # else Escape is the menu's or the list's
+        self._follow_style(view.theme, view.ui_scale)
         self.ui.begin_frame(view.ui_scale, view.theme)
         if is_live:
             self.guarded("session", self._update)
-        parts = self.parts = areas(imgui.GetIO().DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
-        left, top, right, bottom = parts.scene
-        self.exporter.window_size = (round(right - left), round(bottom - top))
-        pen = window_pen(self.ui)
-        self.scene.name_height = name_height(pen)
-        self.scene.room_below = bar_room(pen, bottom - top) if view.color_bar else 0.0
-        self.guarded("scene", lambda: self.scene.update(parts.scene))
-        if is_live:
-            free = not self.dialogs.is_open
-            self.guarded("mouse", lambda: self.mouse.update(self.session, self.scene, parts.scene, free))
-        self.guarded("markers", lambda: self.gaussian_markers.draw(self.ui, self.session, self.scene, parts.scene))
-        self.guarded("labels", lambda: draw_annotations(self.ui, self.scene, parts.scene, view.color_bar))
+        io = imgui.GetIO()
+        self.parts = areas(io.DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
+        self._draw_scene(self.parts.scene, is_live)
         with self.ui.disabled(self.dialogs.is_open):
-            self.guarded("menu", lambda: menus.draw(self.ui, self.actions, self.sample_textures))
-            self.guarded("panel", lambda: right_panel.draw(self.context, parts.panel, self.guarded))
-            self.guarded("time bar", lambda: time_bar.draw(self.context, parts.time_bar))
-            self.guarded("status line", lambda: status_line.draw(self.context, parts.status))
-            self.guarded("messages", lambda: cards.draw(self.context, parts.scene))
-        keys_are_free = is_live and not self.dialogs.is_open
+            self._draw_panels(self.parts)
+        keys_are_free = keys_are_free and not self.dialogs.is_open
         self.guarded("dialog", lambda: self.dialogs.draw(self.ui))
         if keys_are_free:
             self.guarded("keyboard", lambda: self.keyboard.do_pressed(self.actions))
         if is_live:
-            self.errors = {part: error for part, error in self.errors.items() if part in self._drawn}
+            self.errors = {part: self.errors[part] for part in self.errors if part in self._drawn}
             self._drawn.clear()
-            self.ui.end_frame()
+            self.ui.record.end_frame()
             self.guarded("widget file", lambda: write_widgets(self.ui.widgets, self.frames))
+
+    def _draw_scene(self, rect: Rect, is_live: bool) -> None:
+        """Draw the surfaces, and let the mouse act on them."""
+        ui, session, scene = self.ui, self.session, self.scene
+        left, top, right, bottom = rect
+        self.exporter.window_size = (round(right - left), round(bottom - top))
+        pen, has_bar = window_pen(ui), session.view.color_bar
+        scene.name_height = name_height(pen)
+        scene.room_below = bar_room(pen, bottom - top) if has_bar else 0.0
+        self.guarded("scene", lambda: scene.update(rect))
+        if is_live:
+            free = not self.dialogs.is_open
+            self.guarded("mouse", lambda: self.mouse.update(session, scene, rect, free))
+        self.guarded("markers", lambda: self.gaussian_markers.draw(ui, session, scene, rect))
+        self.guarded("labels", lambda: draw_annotations(ui, scene, rect, has_bar))
+
+    def _draw_panels(self, parts: Areas) -> None:
+        context = self.context
+        self.guarded("menu", lambda: menus.draw(self.ui, self.actions, self.sample_textures))
+        self.guarded("panel", lambda: right_panel.draw(context, parts.panel, self.guarded))
+        self.guarded("time bar", lambda: time_bar.draw(context, parts.time_bar))
+        self.guarded("status line", lambda: status_line.draw(context, parts.status))
+        self.guarded("messages", lambda: cards.draw(context, parts.scene))
+
+    def _follow_style(self, theme: Theme, scale: float) -> None:
+        if self._style is None or self._style[1] != scale:
+            ps.set_ui_scale(scale)
+        if self._style != (theme, scale):
+            self._style = (theme, scale)
+            self._restyle()
 
     def _update(self) -> None:
         if self._moves():
             self._moved_at = time.perf_counter()
         active = bool(imgui.IsAnyItemActive()) or self.mouse.dragging
         if self._active and not active:
-            self.session.history.seal()
+            self.session.editor.history.seal()
         self._active = active
-        held = active and bool(imgui.IsMouseDown(0))  # what is typed must be evaluated before a run follows it
+        # what is typed must be evaluated before a run follows it
+        held = active and bool(imgui.IsMouseDown(0))
         self.session.dragging = held or self.mouse.dragging
         self.session.player.held = not self.shown.is_ready
         self.session.update()
         self.files.update()
-        self.title.show(f"{self.session.title} - abfm")
+        self.title.show(f"{self.session.saves.title} - abfm")
         if self.preferences and self.recoveries:
             self.recoveries.update()
             self.preferences.update()
 
     def _moves(self) -> bool:
-        """Whether the user or the session did something since the latest frame."""
+        """Return whether the user or the session did something since the latest frame."""
         session, io = self.session, imgui.GetIO()
         changed = session.document is not self._document
         self._document = session.document

@@ -1,7 +1,8 @@
-"""Advection-based function matching on surfaces: find the tangent field whose flow carries one function to another.
+"""Advection-based function matching on surfaces: find the tangent field whose flow carries one
+function to another.
 
-Names are imported when they are first used, here and in the rooms, so that a program that only reads meshes starts
-without the solver. ``__init__.pyi`` beside each ``__init__.py`` lists them.
+Names are imported when they are first used, here and in the rooms, so that a program that only
+reads meshes starts without the solver. ``__init__.pyi`` beside each ``__init__.py`` lists them.
 """
 
 import pkgutil
@@ -10,4 +11,5 @@ import lazy_loader
 
 __getattr__, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
 _rooms = {module.name for module in pkgutil.iter_modules(__path__)}
-__all__ = [name for name in _names if name not in _rooms]  # from abfm import * would take the name of Python's own io
+# from abfm import * would take the name of Python's own io
+__all__ = [name for name in _names if name not in _rooms]

@@ -6,13 +6,17 @@ from abfm.errors import MeshError, did_you_mean
 
 
 def asset_names() -> list[str]:
-    """File names of the shipped meshes and vertex permutations, sorted."""
+    """Return the file names of the shipped meshes and vertex permutations, sorted."""
     folder = _folder()
-    return sorted(file.name for file in folder.iterdir() if file.suffix != ".md") if folder.is_dir() else []
+    return (
+        sorted(file.name for file in folder.iterdir() if file.suffix != ".md")
+        if folder.is_dir()
+        else []
+    )
 
 
 def asset_path(name: str) -> Path:
-    """Path of a shipped file, for example ``asset_path("human_A.off")``.
+    """Return the path of a shipped file, for example ``asset_path("human_A.off")``.
 
     Raises
     ------
@@ -22,11 +26,15 @@ def asset_path(name: str) -> Path:
     names = asset_names()
     if name not in names:
         known = ", ".join(names) or "none"
-        raise MeshError(f"no mesh called {name} is shipped{did_you_mean(name, names)}: known are {known}")
+        raise MeshError(
+            f"no mesh called {name} is shipped{did_you_mean(name, names)}: known are {known}"
+        )
     return _folder() / name
 
 
 def _folder() -> Path:
-    """Package data in an installed wheel, the repository's folder in an editable install."""
+    """Return the package data in an installed wheel, the repository's folder in an editable
+    install.
+    """
     here = Path(__file__).resolve().parent
     return here / "assets" if (here / "assets").is_dir() else here.parents[1] / "assets"

@@ -1,4 +1,6 @@
-"""Errors that a user can cause and mend: each says what was given, what was expected and what to do."""
+"""Errors that a user can cause and mend: each says what was given, what was expected and what to
+do.
+"""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -10,7 +12,8 @@ LONGEST = 600  # characters of a message
 
 
 class AbfmError(ValueError):
-    """Base of every error raised for bad input; the command line prints it as one line and exits with 2.
+    """Base of every error raised for bad input; the command line prints it as one line and exits
+    with 2.
 
     Its text is one line that can be printed, not too long, whatever names and values are in it.
     """
@@ -36,21 +39,26 @@ class ResultError(AbfmError):
 
 
 class AdvectionError(AbfmError):
-    """A field so fast, or a time so long, that the advection cannot be computed in reasonable time or range."""
+    """A field so fast, or a time so long, that the advection cannot be computed in reasonable
+    time or range.
+    """
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """``" (did you mean ...?)"``, or nothing where no known word is near."""
+    """Return ``" (did you mean ...?)"``, or nothing where no known word is near."""
     near = [name for name in islice(known, _MOST_COMPARED) if len(name) <= _LONGEST_COMPARED]
-    close = get_close_matches(word.strip().lower(), near, n=1) if len(word) <= _LONGEST_COMPARED else []
+    close = (
+        get_close_matches(word.strip().lower(), near, n=1) if len(word) <= _LONGEST_COMPARED else []
+    )
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 def one_line(what: object, most: int = 200) -> str:
-    """The text of an error, a path or anything else on one line of at most so many characters, the middle left out.
+    """Return the text of an error, a path or anything else on one line of at most so many
+    characters, the middle left out.
 
-    What cannot be printed becomes a question mark. An error of the operating system is what it says without its path;
-    an error that says nothing is named by its type.
+    What cannot be printed becomes a question mark. An error of the operating system is what it says
+    without its path; an error that says nothing is named by its type.
     """
     text = (what.strerror if isinstance(what, OSError) else None) or str(what)
     if isinstance(what, UnicodeDecodeError):
@@ -67,12 +75,14 @@ def one_line(what: object, most: int = 200) -> str:
 
 
 def printable(text: object) -> str:
-    """A text, such as a path, with question marks for what cannot be printed: line ends, colours of terminals."""
+    """Return a text, such as a path, with question marks for what cannot be printed: line ends,
+    colours of terminals.
+    """
     return "".join(sign if sign.isprintable() else "?" for sign in str(text))
 
 
 def brief(value: object) -> str:
-    """A value that was given, as an error shows it: on one line of at most 60 characters."""
+    """Return a value that was given, as an error shows it: on one line of at most 60 characters."""
     try:
         return one_line(repr(value), 60)
     except ValueError:  # Python's own limit

@@ -42,16 +42,29 @@ def main() -> int:
     """The program; its exit status."""
     parser = argparse.ArgumentParser(prog="./run attack", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10, help="how long (default: 10)")
-    parser.add_argument("--seed", type=int, help="of the first trial of every part (default: another one each time)")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="at a time (default: one per core)")
-    parser.add_argument("--only", choices=parts(), action="append", help="this part alone; may be repeated")
-    parser.add_argument("--repeat", metavar="PART:SEED", help="repeat one trial and say what came of it")
-    parser.add_argument("--write", action="store_true", help="add the numbers to the table of docs/promises.md")
+    parser.add_argument(
+        "--seed", type=int, help="of the first trial of every part (default: another one each time)"
+    )
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 1, help="at a time (default: one per core)"
+    )
+    parser.add_argument(
+        "--only", choices=parts(), action="append", help="this part alone; may be repeated"
+    )
+    parser.add_argument(
+        "--repeat", metavar="PART:SEED", help="repeat one trial and say what came of it"
+    )
+    parser.add_argument(
+        "--write", action="store_true", help="add the numbers to the table of docs/promises.md"
+    )
     asked = parser.parse_args()
     if asked.repeat:
         part, _, seed = asked.repeat.rpartition(":")
         if part not in parts() or not seed.isdecimal():
-            parser.error(f"--repeat {asked.repeat}: expected a part ({', '.join(parts())}), a colon and a seed")
+            parser.error(
+                f"--repeat {asked.repeat}: expected a part ({', '.join(parts())}), a colon and a "
+                "seed"
+            )
         return subprocess.call([sys.executable, "-m", f"tests.attack.{part}", "--seed", seed])
     seed = secrets.randbelow(10**6) * 10**3 if asked.seed is None else asked.seed
     tallies = attack(asked.only or parts(), asked.minutes * 60, seed, asked.workers)
@@ -85,7 +98,9 @@ def attack(chosen: list[str], seconds: float, seed: int, workers: int) -> dict[s
                 spent[part] += time.monotonic() - begin - planned
 
     with TemporaryDirectory(prefix="abfm-attack-") as folder:
-        threads = [threading.Thread(target=work, args=(number, Path(folder))) for number in range(workers)]
+        threads = [
+            threading.Thread(target=work, args=(number, Path(folder))) for number in range(workers)
+        ]
         for thread in threads:
             thread.start()
         for thread in threads:
@@ -104,9 +119,16 @@ def _show(tallies: dict[str, Tally], end: float) -> None:
     if now - _shown < (1 if terminal else 60):
         return
     _shown = now
-    counts = ", ".join(f"{tally.part} {tally.trials} ({tally.fault_count})" for tally in tallies.values())
+    counts = ", ".join(
+        f"{tally.part} {tally.trials} ({tally.fault_count})" for tally in tallies.values()
+    )
     line = f"{max(end - now, 0) / 60:.1f} min left; trials (faults): {counts}"
-    print(f"\r\033[K{line}" if terminal else line, end="" if terminal else "\n", file=sys.stderr, flush=True)
+    print(
+        f"\r\033[K{line}" if terminal else line,
+        end="" if terminal else "\n",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

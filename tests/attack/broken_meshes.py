@@ -14,68 +14,126 @@ from tests.mesh_writers import WRITERS
 from tests.shapes import icosphere, moebius_arrays, open_cylinder, square, tetrahedron, torus
 
 _SHAPES = (icosphere(0), icosphere(1), torus(6, 5), square(4), open_cylinder(6, 2), tetrahedron())
-_NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 5e-324, 1e200, 1e60, 1e-60, 1e9, 0.0, -0.0)
+_NUMBERS = (
+    *(np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 5e-324, 1e200, 1e60, 1e-60, 1e9, 0.0, -0.0),
+)
 _INDICES = (-1, -(2**31), 2**31 - 1, 10**6)
 _HEAVY_ONE_IN = 4
 
 
+class _Draft:
+    """A shape to which something is done at a face and a vertex of it."""
+
+    def __init__(self, random: Random) -> None:
+        shape = random.choice(_SHAPES)
+        self.random = random
+        self.vertices, self.faces = shape.vertices.copy(), shape.faces.copy()
+
+    def change(self) -> str:
+        """Do something, and return what."""
+        face, vertex = (self.random.randrange(len(part)) for part in (self.faces, self.vertices))
+        act = self.random.choice(tuple(_ACTS))
+        _ACTS[act](self, face, vertex)
+        return act
+
+    def number(self, _: int, vertex: int) -> None:
+        self.vertices[vertex, self.random.randrange(3)] = self.random.choice(_NUMBERS)
+
+    def index(self, face: int, _: int) -> None:
+        index = self.random.choice((*_INDICES, len(self.vertices)))
+        self.faces[face, self.random.randrange(3)] = index
+
+    def repeated_vertex(self, face: int, _: int) -> None:
+        self.faces[face, 0] = self.faces[face, 1]
+
+    def repeated_face(self, face: int, _: int) -> None:
+        again = np.roll(self.faces[face : face + 1], self.random.randrange(3), axis=1)
+        self.faces = np.concatenate([self.faces, again])
+
+    def turned_face(self, face: int, _: int) -> None:
+        self.faces[face] = self.faces[face, ::-1]
+
+    def lost_face(self, face: int, _: int) -> None:
+        if len(self.faces) > 1:
+            self.faces = np.delete(self.faces, face, axis=0)
+
+    def third_face(self, face: int, _: int) -> None:
+        third = [*self.faces[face, :2], len(self.vertices)]
+        self.faces = np.concatenate([self.faces, [third]])
+        place = self.random.choice(_SHAPES).vertices[0] + 5
+        self.vertices = np.concatenate([self.vertices, [place]])
+
+    def same_place(self, _: int, vertex: int) -> None:
+        self.vertices[vertex] = self.vertices[self.random.randrange(len(self.vertices))]
+
+    def near(self, face: int, _: int) -> None:
+        here, there = self.faces[face, :2] % len(self.vertices)  # an index may be wrong by now
+        offset = self.vertices[here] - self.vertices[there]
+        nearness = 10.0 ** self.random.uniform(-17, -3)
+        self.vertices[here] = self.vertices[there] + nearness * offset
+
+    def glued(self, _: int, vertex: int) -> None:
+        self.faces[self.faces == vertex] = self.random.randrange(len(self.vertices))
+
+    def two(self, _: int, vertex: int) -> None:
+        count = len(self.vertices)
+        others = self.faces + count
+        others[others == count + vertex] = self.random.choice((vertex, count + vertex))
+        self.vertices = np.concatenate([self.vertices, self.vertices + 5])
+        self.faces = np.concatenate([self.faces, others])
+
+    def far(self, *_: int) -> None:
+        self.vertices = self.vertices + 10.0 ** self.random.uniform(3, 16)
+
+    def size(self, *_: int) -> None:
+        self.vertices = self.vertices * 10.0 ** self.random.uniform(-70, 70)
+
+    def flat(self, *_: int) -> None:
+        self.vertices[:, self.random.randrange(3)] *= self.random.choice((0.0, 1e-13, 1e-9))
+
+    def few(self, *_: int) -> None:
+        self.faces = self.faces[: self.random.randint(1, 2)]
+
+    def one_sided(self, *_: int) -> None:
+        arrays = moebius_arrays(self.random.randint(3, 20))
+        self.vertices, self.faces = (part.copy() for part in arrays)
+
+    def back_to_back(self, *_: int) -> None:
+        self.faces = np.concatenate([self.faces, self.faces[:, ::-1]])
+
+    def unused_vertex(self, _: int, vertex: int) -> None:
+        place = self.random.choice(_NUMBERS)
+        self.vertices = np.insert(self.vertices, vertex, place, axis=0)
+
+
+# in the order that the seeds count in
+_ACTS = {
+    "number": _Draft.number,
+    "index": _Draft.index,
+    "repeated vertex": _Draft.repeated_vertex,
+    "repeated face": _Draft.repeated_face,
+    "face turned": _Draft.turned_face,
+    "face gone": _Draft.lost_face,
+    "third face": _Draft.third_face,
+    "same place": _Draft.same_place,
+    "near": _Draft.near,
+    "glued": _Draft.glued,
+    "two": _Draft.two,
+    "far": _Draft.far,
+    "size": _Draft.size,
+    "flat": _Draft.flat,
+    "few": _Draft.few,
+    "one-sided": _Draft.one_sided,
+    "back to back": _Draft.back_to_back,
+    "unused vertex": _Draft.unused_vertex,
+}
+
+
 def damaged(random: Random) -> tuple[np.ndarray, np.ndarray, str]:
-    """Vertices and faces of a shape to which something was done, and what that was."""
-    shape = random.choice(_SHAPES)
-    vertices, faces = shape.vertices.copy(), shape.faces.copy()
-    done = []
-    for _ in range(random.randint(1, 3)):
-        face, vertex = random.randrange(len(faces)), random.randrange(len(vertices))
-        act = random.choice(_ACTS)
-        done.append(act)
-        if act == "number":
-            vertices[vertex, random.randrange(3)] = random.choice(_NUMBERS)
-        elif act == "index":
-            faces[face, random.randrange(3)] = random.choice((*_INDICES, len(vertices)))
-        elif act == "repeated vertex":
-            faces[face, 0] = faces[face, 1]
-        elif act == "repeated face":
-            faces = np.concatenate([faces, np.roll(faces[face : face + 1], random.randrange(3), axis=1)])
-        elif act == "face turned":
-            faces[face] = faces[face, ::-1]
-        elif act == "face gone":
-            faces = np.delete(faces, face, axis=0) if len(faces) > 1 else faces
-        elif act == "third face":
-            faces = np.concatenate([faces, [[*faces[face, :2], len(vertices)]]])
-            vertices = np.concatenate([vertices, [random.choice(_SHAPES).vertices[0] + 5]])
-        elif act == "same place":
-            vertices[vertex] = vertices[random.randrange(len(vertices))]
-        elif act == "near":
-            here, there = faces[face, :2] % len(vertices)  # an index may be wrong by now
-            offset = vertices[here] - vertices[there]
-            vertices[here] = vertices[there] + 10.0 ** random.uniform(-17, -3) * offset
-        elif act == "glued":
-            faces[faces == vertex] = random.randrange(len(vertices))
-        elif act == "two":
-            other_faces = faces + len(vertices)
-            other_faces[other_faces == len(vertices) + vertex] = random.choice((vertex, len(vertices) + vertex))
-            vertices, faces = np.concatenate([vertices, vertices + 5]), np.concatenate([faces, other_faces])
-        elif act == "far":
-            vertices = vertices + 10.0 ** random.uniform(3, 16)
-        elif act == "size":
-            vertices = vertices * 10.0 ** random.uniform(-70, 70)
-        elif act == "flat":
-            vertices[:, random.randrange(3)] *= random.choice((0.0, 1e-13, 1e-9))
-        elif act == "few":
-            faces = faces[: random.randint(1, 2)]
-        elif act == "one-sided":
-            vertices, faces = (part.copy() for part in moebius_arrays(random.randint(3, 20)))
-        elif act == "back to back":
-            faces = np.concatenate([faces, faces[:, ::-1]])
-        else:
-            vertices = np.insert(vertices, vertex, random.choice(_NUMBERS), axis=0)
-    return vertices, faces, ", ".join(done)
-
-
-_ACTS = (
-    "number", "index", "repeated vertex", "repeated face", "face turned", "face gone", "third face", "same place",
-    "near", "glued", "two", "far", "size", "flat", "few", "one-sided", "back to back", "unused vertex",
-)  # fmt: skip
+    """Return vertices and faces of a shape to which something was done, and what that was."""
+    draft = _Draft(random)
+    done = [draft.change() for _ in range(random.randint(1, 3))]
+    return draft.vertices, draft.faces, ", ".join(done)
 
 
 def broken(seed: int) -> tuple[Specimen, str]:
@@ -94,5 +152,7 @@ def broken(seed: int) -> tuple[Specimen, str]:
 
 
 if __name__ == "__main__":
-    with Victim("broken_meshes", "tests.attack.broken_meshes:broken", ROOT / "out" / "attack") as victim:
+    with Victim(
+        "broken_meshes", "tests.attack.broken_meshes:broken", ROOT / "out" / "attack"
+    ) as victim:
         run(victim.attempt, __doc__)

@@ -13,7 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-_EARLY, _MOST_GROWTH = 300.0, 1.1  # seconds, and what there may be at the end over what there was after them
+# seconds, and what there may be at the end over what there was after them
+_EARLY, _MOST_GROWTH = 300.0, 1.1
 
 
 def children() -> set[str]:
@@ -29,15 +30,20 @@ def counts() -> dict[str, float]:
     """What the process has at present: threads, children, and megabytes that are resident."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     megabytes = round(pages * resource.getpagesize() / 2**20, 1)
-    return {"threads": threading.active_count(), "children": len(children()), "megabytes": megabytes}
+    return {
+        "threads": threading.active_count(),
+        "children": len(children()),
+        "megabytes": megabytes,
+    }
 
 
 @dataclass
 class Endurance:
     """What the window keeps after its first five minutes, and what at the end.
 
-    What is only in use at the moment differs from sequence to sequence. What stays of memory is in the least that some
-    sequences leave; what stays of threads and processes is there after a rest, in which those end that wait for work.
+    What is only in use at the moment differs from sequence to sequence. What stays of memory is in
+    the least that some sequences leave; what stays of threads and processes is there after a rest,
+    in which those end that wait for work.
     """
 
     begun: float

@@ -13,7 +13,9 @@ _MAKERS = (*hostile_meshes.MAKERS, *hostile_arrays.MAKERS, *hostile_places.MAKER
 
 
 def hostile(seed: int) -> tuple[Specimen, str]:
-    """What the seed puts in the way, and what it is called; seeds one after the other take all kinds in turn."""
+    """What the seed puts in the way, and what it is called; seeds one after the other take all
+    kinds in turn.
+    """
     maker = _MAKERS[seed % len(_MAKERS)]
     specimen = maker(Random(seed))
     return specimen, f"{maker.__name__} as {specimen.name}"

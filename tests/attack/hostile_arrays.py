@@ -23,19 +23,34 @@ def npy(random: Random) -> Specimen:
     """Arrays that say they are huge, hold objects, or whose header is a program."""
     sizes = (2**62, 2**63, 10**12, 10**9, -1, 0)
     shape = random.choice(
-        (f"({random.choice(sizes)},)", f"({random.choice(sizes)}, {random.choice(sizes)})", "(1,) * 10**9")
+        (
+            f"({random.choice(sizes)},)",
+            f"({random.choice(sizes)}, {random.choice(sizes)})",
+            "(1,) * 10**9",
+        )
     )
     kind = random.choice(("<f8", "|O", "<U999999999", "|V999999999", "|b1", "<c16"))
     header = f"{{'descr': {kind!r}, 'fortran_order': False, 'shape': {shape}, }}"
     act = random.randrange(6)
     if act == 0:
         header = random.choice(
-            ("(" * 9000, "{" * 9000, "[" * 60000, "9" * 60000, "-" * 60000, "'" * 99, "\n" * 60000, "{'a':" * 9000)
+            (
+                "(" * 9000,
+                "{" * 9000,
+                "[" * 60000,
+                "9" * 60000,
+                "-" * 60000,
+                "'" * 99,
+                "\n" * 60000,
+                "{'a':" * 9000,
+            )
         )
     elif act == 1:
         header = header.replace("}", "'x': __import__('os').abort(), }")
     body = pickle.dumps([1, 2]) if kind == "|O" else bytes(8 * COUNT)
-    version = random.choice((b"\1\0", b"\1\0", b"\2\0", b"\3\0")) if len(header) < 60000 else b"\2\0"
+    version = (
+        random.choice((b"\1\0", b"\1\0", b"\2\0", b"\3\0")) if len(header) < 60000 else b"\2\0"
+    )
     door: Door = random.choice(("values", "map"))
     return Specimen("a.npy", door, _npy(header, body, version))
 
@@ -45,36 +60,33 @@ def tables(random: Random) -> Specimen:
     n = random.choice((10**4, 2 * 10**5, 5 * 10**6))
     content = random.choice(
         (
-            b'"' + b"x" * n + b'",1\n1,2\n',
-            b"1," * n + b"1\n",
-            b"1 " * n,
-            b"9" * n + b"\n",
-            b"0." + b"3" * n + b"\n" + b"1\n" * 42,
-            b"\n" * n,
-            b"#\n" * n,
-            b"1\n" * n,
-            b"nan\n" * COUNT,
-            b'"' * n,
-            b"1" + b"\0" * n,
-            ("1\n" * n).encode("utf-16"),
-            b"\xff" * n,
-            b"a,b\n" + b"1,2,3\n" * n,
+            *(b'"' + b"x" * n + b'",1\n1,2\n', b"1," * n + b"1\n", b"1 " * n, b"9" * n + b"\n"),
+            *(b"0." + b"3" * n + b"\n" + b"1\n" * 42, b"\n" * n, b"#\n" * n, b"1\n" * n),
+            *(b"nan\n" * COUNT, b'"' * n, b"1" + b"\0" * n, ("1\n" * n).encode("utf-16")),
+            *(b"\xff" * n, b"a,b\n" + b"1,2,3\n" * n),
         )
     )
     door: Door = random.choice(("values", "map"))
-    return Specimen(random.choice(("a.csv", "a.txt", "a.vts", "a.sym.vts")), door, content[: 9 << 20])
+    return Specimen(
+        random.choice(("a.csv", "a.txt", "a.vts", "a.sym.vts")), door, content[: 9 << 20]
+    )
 
 
 def bombs(random: Random) -> Specimen:
     """Results and projects whose members expand, overlap, are very many, or unknown and large."""
     name = random.choice(("result.npz", "plain.abfm", "rich.abfm"))
-    specimen, method = specimens()[name], random.choice((zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA))
+    specimen, method = (
+        specimens()[name],
+        random.choice((zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)),
+    )
     file = io.BytesIO(specimen.content)
     act = random.randrange(4)
     with zipfile.ZipFile(file, "a", method) as archive:
         if act == 0:
             big = np.zeros(random.choice((10**6, 10**8)), dtype=np.uint8)
-            with archive.open(random.choice(("x.npy", "known/9.npy", "x.json")), "w", force_zip64=True) as member:
+            with archive.open(
+                random.choice(("x.npy", "known/9.npy", "x.json")), "w", force_zip64=True
+            ) as member:
                 for _ in range(random.choice((1, 8))):
                     member.write(big)
         elif act == 1:
@@ -83,13 +95,18 @@ def bombs(random: Random) -> Specimen:
         elif act == 2:
             archive.comment = b"PK\5\6" * 10**4
         else:
-            archive.writestr(zipfile.ZipInfo("format_version.npy"), _npy("{" + " " * 9 * 10**6 + "}", version=b"\2\0"))
+            archive.writestr(
+                zipfile.ZipInfo("format_version.npy"),
+                _npy("{" + " " * 9 * 10**6 + "}", version=b"\2\0"),
+            )
     return Specimen(name, specimen.door, file.getvalue()[: 10 << 20])
 
 
 def quine(random: Random) -> Specimen:
     """A zip all of whose entries are one large member."""
-    inner = _npy("{'descr': '<f8', 'fortran_order': False, 'shape': (1000000,), }", bytes(8 * 10**6))
+    inner = _npy(
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000,), }", bytes(8 * 10**6)
+    )
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr(zipfile.ZipInfo("0.npy"), inner)
@@ -108,12 +125,16 @@ def numbers(random: Random) -> Specimen:
         arrays = dict(result)
     act = random.randrange(7)
     if act == 0:
-        arrays["file_vertex_count"] = np.array(random.choice((10**7, 10**8, 10**12, 4 * 10**18, -1)))
+        arrays["file_vertex_count"] = np.array(
+            random.choice((10**7, 10**8, 10**12, 4 * 10**18, -1))
+        )
     elif act == 1:
         arrays["velocity"] = arrays["velocity"] * random.choice((1e10, 1e100, 1e300))
     elif act == 2:
         arrays["parameters"] = np.array(
-            random.choice(('{"tau": 1e308}', "{}", "[" * 10**5, '{"tau": ' + "9" * 10**5 + "}", "null"))
+            random.choice(
+                ('{"tau": 1e308}', "{}", "[" * 10**5, '{"tau": ' + "9" * 10**5 + "}", "null")
+            )
         )
     elif act == 3:
         arrays["format_version"] = random.choice(
@@ -131,29 +152,26 @@ def numbers(random: Random) -> Specimen:
 
 
 def json_texts(random: Random) -> Specimen:
-    """JSON that nests, repeats or holds numbers without end: in projects and in what is kept between launches."""
+    """JSON that nests, repeats or holds numbers without end: in projects and in what is kept
+    between launches.
+    """
     text = random.choice(
         (
-            "[" * 10**6,
-            "[" * 10**5 + "]" * 10**5,
-            '{"a":' * 10**5 + "1" + "}" * 10**5,
-            "9" * 10**6,
-            "1e" + "9" * 10**5,
-            "[" + "0," * 10**6 + "0]",
+            *("[" * 10**6, "[" * 10**5 + "]" * 10**5, '{"a":' * 10**5 + "1" + "}" * 10**5),
+            *("9" * 10**6, "1e" + "9" * 10**5, "[" + "0," * 10**6 + "0]"),
             json.dumps(["/x" * 10**4] * 100),
-            json.dumps(["\0", "\udc80", "a\nb", 5, None, {}, []]),
-            '"' + "x" * 9 * 10**6 + '"',
+            *(json.dumps(["\0", "\udc80", "a\nb", 5, None, {}, []]), '"' + "x" * 9 * 10**6 + '"'),
             '{"format_version": ' + "9" * 5000 + "}",
             '{"theme": ["dark"], "ui_scale": 1e999, "follow": 3}',
-            '{"theme": {}, "ui_scale": NaN}',
-            "",
-            "\ufeff{}",
+            *('{"theme": {}, "ui_scale": NaN}', "", "\ufeff{}"),
         )
     )
     name = random.choice(("recent.json", "preferences.json", "rich.abfm"))
     if name != "rich.abfm":
         return Specimen(
-            name, "recent" if name == "recent.json" else "preferences", text.encode("utf-8", "surrogatepass")
+            name,
+            "recent" if name == "recent.json" else "preferences",
+            text.encode("utf-8", "surrogatepass"),
         )
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
@@ -189,8 +207,10 @@ def specs(random: Random) -> Specimen:
             "expression:exp(exp(exp(9+x)))",
             "expression:1<<10**9",
             "expression:" + "9" * n,
-            "eigenfunction:" + random.choice(("99999999999999999999", "41", "42", "43", "1000000", "-1")),
-            "wks:energy=1,eigenpairs=" + random.choice(("1", "42", "1000000000", "99999999999999999999")),
+            "eigenfunction:"
+            + random.choice(("99999999999999999999", "41", "42", "43", "1000000", "-1")),
+            "wks:energy=1,eigenpairs="
+            + random.choice(("1", "42", "1000000000", "99999999999999999999")),
             "hks:time=" + random.choice(("1e-320", "1e308", "0", "-1", "nan")),
             "gaussian:vertex=3,width=" + random.choice(("1e-320", "1e-162", "1e308", "1e-9", "0")),
             "gaussian:x=1e308,y=-1e308,z=1e308",

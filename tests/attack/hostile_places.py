@@ -15,7 +15,11 @@ from random import Random
 
 from tests.attack.specimens import Specimen, specimens
 
-_DEVICES = tuple(d for d in ("/dev/zero", "/dev/urandom", "/dev/null", "/dev/full", "/dev/tty") if Path(d).exists())
+_DEVICES = tuple(
+    d
+    for d in ("/dev/zero", "/dev/urandom", "/dev/null", "/dev/full", "/dev/tty")
+    if Path(d).exists()
+)
 
 
 def _instead(make: Callable[[Path], object]) -> Callable[[Path], None]:
@@ -40,9 +44,13 @@ def _folder_with_something(path: Path) -> None:
     (path / "x").touch()
 
 
-def _any(random: Random, place: Callable[[Path], None], but: tuple[str, ...] = ("spec",)) -> Specimen:
+def _any(
+    random: Random, place: Callable[[Path], None], but: tuple[str, ...] = ("spec",)
+) -> Specimen:
     known = specimens()
-    specimen = known[random.choice([name for name, specimen in known.items() if specimen.door not in but])]
+    specimen = known[
+        random.choice([name for name, specimen in known.items() if specimen.door not in but])
+    ]
     return Specimen(specimen.name, specimen.door, specimen.content, specimen.beside, place)
 
 
@@ -91,7 +99,11 @@ def moving(random: Random) -> Specimen:
             pass
 
     written_too = ("recent", "preferences")
-    return _any(random, lambda path: threading.Thread(target=move, args=(path,)).start(), ("spec", *written_too))
+    return _any(
+        random,
+        lambda path: threading.Thread(target=move, args=(path,)).start(),
+        ("spec", *written_too),
+    )
 
 
 def holes(random: Random) -> Specimen:

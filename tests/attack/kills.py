@@ -1,7 +1,8 @@
-"""Killed while saving: the old file or the new one is there, whole, and nothing else once somebody writes again.
+"""Killed while saving: the old file or the new one is there, whole, and nothing else once somebody
+writes again.
 
-What is saved is prepared once; for every kill the process forks a child that saves it over and over, and kills
-that at a random moment. POSIX only.
+What is saved is prepared once; for every kill the process forks a child that saves it over and
+over, and kills that at a random moment. POSIX only.
 """
 
 from __future__ import annotations
@@ -58,15 +59,21 @@ class Attack:
     def __init__(self, folder: Path, random: random.Random) -> None:
         self._folder, self.random = folder, random
         self._matches = [_match(version) for version in range(2)]
-        self._documents = [document_of_result(match, folder / "m.npz")[0] for match in self._matches]
+        self._documents = [
+            document_of_result(match, folder / "m.npz")[0] for match in self._matches
+        ]
         self.savings = {
-            "result": Saving(".npz", self._save_result, lambda path: len(load_match(path).energy_history)),
+            "result": Saving(
+                ".npz", self._save_result, lambda path: len(load_match(path).energy_history)
+            ),
             "project": Saving(".abfm", self._save_project, _project_version),
             "autosave": Saving(".abfm", self._autosave, _project_version),
             "ply": Saving(".ply", self._export, _ply_version),
             "vtu": Saving(".vtu", self._export, _vtu_version),
             "csv": Saving(".csv", self._export, lambda path: len(path.read_text().splitlines())),
-            "recent": Saving(".json", self._save_recent, lambda path: len(json.loads(path.read_text()))),
+            "recent": Saving(
+                ".json", self._save_recent, lambda path: len(json.loads(path.read_text()))
+            ),
             "mp4": Saving(".mp4", _save_movie, lambda path: _frames(path)),
             "gif": Saving(".gif", _save_movie, lambda path: _frames(path)),
         }
@@ -76,7 +83,9 @@ class Attack:
         saving, outcome = self.savings[what], Outcome(what, _LONGEST * self.random.random())
         with tempfile.TemporaryDirectory(dir=self._folder) as place:
             tempfile.tempdir = place
-            path = Path(place, f"recent{saving.suffix}" if what == "recent" else f"saved{saving.suffix}")
+            path = Path(
+                place, f"recent{saving.suffix}" if what == "recent" else f"saved{saving.suffix}"
+            )
             versions = []
             for version in range(2):
                 saving.save(path, version)
@@ -153,7 +162,9 @@ def _vtu_version(path: Path) -> int:
 
 
 def _save_movie(path: Path, version: int) -> None:
-    frames = np.random.default_rng(version).integers(0, 255, (2 + version, 32, 32, 3), dtype=np.uint8)
+    frames = np.random.default_rng(version).integers(
+        0, 255, (2 + version, 32, 32, 3), dtype=np.uint8
+    )
     write_movie(path, frames, 25.0, len(frames))
 
 

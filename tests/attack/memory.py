@@ -1,14 +1,14 @@
-"""Memory that runs out at some moment of a match: one line, or the best field so far, and never a crash.
+"""Memory that runs out at some moment of a match: one line, or the best field so far, and never a
+crash.
 
-The command runs twice in a process of its own, which may then have some megabytes more than after the first time.
+The command runs twice in a process of its own, which may then have some megabytes more than after
+the first time.
 """
 
 from __future__ import annotations
 
 import os
 import random
-import subprocess
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,9 +16,18 @@ import numpy as np
 
 from abfm.assets import asset_path
 from tests.attack.trial import Trial, run
+from tests.processes import argv, python
 
 MESHES = ("human_A.off", "eight.off", "human_fine_A.off")
-COURSES = ([], ["--method", "linearised", "--segments", "5"], ["--gradient", "bracket"], ["--levels", "2"])
+COURSES = (
+    [],
+    ["--method", "linearised", "--segments", "5"],
+    ["--gradient", "bracket"],
+    ["--levels", "2"],
+)
+_PAIR = argv(
+    "--source gaussian:vertex=7,width=0.1 --target gaussian:vertex=40,width=0.1 --iterations 15"
+)
 _PATIENCE = 300  # seconds
 _MOST = 1500  # megabytes: more than a match of these meshes takes
 
@@ -26,7 +35,8 @@ _CHILD = """
 import contextlib, io, resource, sys
 from abfm_viewer.cli import main
 words = sys.argv[2:]
-with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):  # all is loaded once
+# all is loaded once
+with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
     main([*words, "--iterations", "1"])
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, 2 * (size + int(float(sys.argv[1]) * 2**20),))
@@ -41,16 +51,9 @@ def attempt(seed: int) -> Trial:
     megabytes = _MOST ** rng.random()
     with TemporaryDirectory() as folder:
         out = Path(folder) / "m.npz"
-        words = ["match", str(asset_path(mesh)), "--source", "gaussian:vertex=7,width=0.1", "--target"]
-        words += ["gaussian:vertex=40,width=0.1", "--iterations", "15", "--out", str(out), *course]
-        child = subprocess.run(
-            [sys.executable, "-c", _CHILD, str(megabytes), *words],
-            capture_output=True,
-            text=True,
-            timeout=_PATIENCE,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
-            check=False,
-        )
+        words = ["match", asset_path(mesh), *_PAIR, "--out", out, *course]
+        alone = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        child = python(_CHILD, megabytes, *words, timeout=_PATIENCE, env=alone)
         kind = f"{mesh}/{' '.join(course) or 'default'}/{megabytes:.0f} MB"
         wrong = fault(child.returncode, child.stderr, out)
         left = [path.name for path in Path(folder).iterdir() if path != out]

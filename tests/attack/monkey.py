@@ -1,10 +1,12 @@
 """A monkey at the window: random sequences of what a user can do, each given by its seed.
 
-``python -m tests.attack.monkey --seed S --count N`` prints a line for each (see `tests.attack.trial`). A sequence ends
-by waiting until nothing is computed any more, and by undoing everything, which must lead back to where it began. The
-window lives on from one sequence to the next, and its unsaved work is saved in between, as somebody would who works all
-day. ``--apart`` matches and evaluates in processes, as a real window does on large meshes. A run of more than five
-minutes tells at its end what the window has then and had after those, and ends with 1 if that is more by a tenth.
+``python -m tests.attack.monkey --seed S --count N`` prints a line for each (see
+`tests.attack.trial`). A sequence ends by waiting until nothing is computed any more, and by undoing
+everything, which must lead back to where it began. The window lives on from one sequence to the
+next, and its unsaved work is saved in between, as somebody would who works all day. ``--apart``
+matches and evaluates in processes, as a real window does on large meshes. A run of more than five
+minutes tells at its end what the window has then and had after those, and ends with 1 if that is
+more by a tenth.
 """
 
 from __future__ import annotations
@@ -36,10 +38,14 @@ from tests.attack.trial import Trial
 from tests.shapes import ellipsoid
 
 _LENGTH = (5, 25)  # actions of a sequence, at least and at most
-_PATIENCE = 3000  # frames of 5 ms, and as long as they take, in which everything must come to its end
+# frames of 5 ms, and as long as they take, in which everything must come to its end
+_PATIENCE = 3000
 _LONGEST_LINE = 1000
 _MOST_MEMORY = 6 << 30  # bytes of address space
-_BUG = re.compile(r"\b(?:Type|Key|Index|Attribute|Value|Runtime|Assertion|Name|Lookup|Arithmetic|Recursion)Error: ")
+_BUG = re.compile(
+    r"\b(?:Type|Key|Index|Attribute|Value|Runtime|Assertion|Name|Lookup"
+    r"|Arithmetic|Recursion)Error: "
+)
 _ENDS = ("Go back", "Cancel", "Close", "OK", "Later", "No", "Don't replace")
 
 
@@ -60,23 +66,24 @@ class Found:
 class Monkey:
     """One window, and the files that it opens and writes; a context manager."""
 
-    def __init__(self, apart: bool = False, backend: str = "openGL_mock") -> None:
+    def __init__(self, apart: bool) -> None:
         self._closing = ExitStack()
-        self._apart, self._backend = apart, backend
+        self._apart = apart
         self.found = Found()
 
     def __enter__(self) -> Monkey:
-        self.folder = Path(self._closing.enter_context(tempfile.TemporaryDirectory(prefix="abfm-monkey-")))
+        self.folder = Path(
+            self._closing.enter_context(tempfile.TemporaryDirectory(prefix="abfm-monkey-"))
+        )
         mesh = ellipsoid(2, 1.0, 0.7, 0.55)
         if self._apart:
             before, evaluator.OWN_PROCESS_FROM = evaluator.OWN_PROCESS_FROM, 100
             self._closing.callback(setattr, evaluator, "OWN_PROCESS_FROM", before)
         self.files = monkey_files(self.folder)
         self._closing.enter_context(self._watched())
-        self.gui = self._closing.enter_context(Driver(mesh, backend=self._backend, size=(1100, 800)))
+        driver = Driver(mesh, backend="openGL_mock", size=(1100, 800))
+        self.gui = self._closing.enter_context(driver)
         self.gui.window.dialogs.folder = self.folder
-        if self._apart:
-            self.gui.session.solver.work_apart()
         self._settle()
         self.gui.session.reset_history()
         return self
@@ -125,14 +132,21 @@ class Monkey:
         except Exception as error:
             where = traceback.extract_tb(error.__traceback__)[-1]
             owner = "driver" if "automation" in where.filename else "window"
-            self.found.fault(f"{owner}: {type(error).__name__}: {error} at {Path(where.filename).name}:{where.lineno}")
+            self.found.fault(
+                f"{owner}: {type(error).__name__}: {error} at "
+                f"{Path(where.filename).name}:{where.lineno}"
+            )
         self.found.done.append(done)
         for part, error_line in self.gui.errors.items():
             self.found.fault(f"{part}: {error_line}")
 
     def usable(self, *kinds: str, label: str = "") -> list[Widget]:
         """Widgets of these kinds that were drawn last and are not grey, or those of a label."""
-        drawn = [w for w in self.gui.window.ui.widgets if w.enabled and w.kind in kinds and w.label not in LEFT_ALONE]
+        drawn = [
+            w
+            for w in self.gui.window.ui.widgets
+            if w.enabled and w.kind in kinds and w.label not in LEFT_ALONE
+        ]
         return [w for w in drawn if not label or w.label == label]
 
     def widget(self, chance: random.Random, *kinds: str, label: str = "") -> Widget:
@@ -174,12 +188,14 @@ class Monkey:
             self.found.fault(f"no end of: {self._at_work()}")
         for part, error in gui.errors.items():
             self.found.fault(f"{part}: {error}")
-        for entry in session.log:
-            if entry.kind == "error" and (_BUG.search(entry.text) or len(entry.text) > _LONGEST_LINE):
+        for entry in session.notices.log:
+            if entry.kind == "error" and (
+                _BUG.search(entry.text) or len(entry.text) > _LONGEST_LINE
+            ):
                 self.found.fault(f"told: {entry.text[:300]}")
-        session.log.clear()  # type: ignore[attr-defined]
-        for card in session.cards:
-            session.dismiss(card)
+        session.notices.log.clear()  # type: ignore[attr-defined]
+        for card in session.notices.cards:
+            session.notices.dismiss(card)
 
     def _leave_dialog(self) -> None:
         gui = self.gui
@@ -205,12 +221,12 @@ class Monkey:
 
     def _undo_to(self, start: Document) -> None:
         session = self.gui.session
-        while session.history.undo_label:
-            label, moves = session.history.undo_label, session.history.moves
+        while session.editor.history.undo_label:
+            label, moves = session.editor.history.undo_label, session.editor.history.moves
             session.undo()
             self.gui.frames(1)
-            if session.history.moves == moves:
-                self.found.fault(f"undo of {label!r} did nothing: {session.notice.text}")
+            if session.editor.history.moves == moves:
+                self.found.fault(f"undo of {label!r} did nothing: {session.notices.latest.text}")
                 return
         if differing := differences(start, session.document):
             self.found.fault(f"undo left other {', '.join(differing)}")
@@ -218,17 +234,20 @@ class Monkey:
     def _save_all(self) -> None:
         """As one who closes the window: every document that would be lost goes into a file."""
         window, session = self.gui.window, self.gui.session
-        for _ in range(2):  # where a result was undone, what is there now differs from the file with the result
-            for number, document in enumerate(session.unsaved_documents):
+        # where a result was undone, what is there now differs from the file with the result
+        for _ in range(2):
+            for number, document in enumerate(session.saves.unsaved_documents):
                 window.files.save(self.folder / f"left-{number}.abfm", document=document)
             self._settle()
-        if session.unsaved_documents:
-            names = ", ".join(document.name for document in session.unsaved_documents)
-            self.found.fault(f"not saved: {names}: {session.notice.text}")
+        if session.saves.unsaved_documents:
+            names = ", ".join(document.name for document in session.saves.unsaved_documents)
+            self.found.fault(f"not saved: {names}: {session.notices.latest.text}")
 
     @contextmanager
     def _watched(self) -> Iterator[None]:
-        """Exceptions that the app prints, as it lives on, and those that end a thread, are faults."""
+        """Exceptions that the app prints, as it lives on, and those that end a thread, are
+        faults.
+        """
 
         def printed(*_: object, **__: object) -> None:
             text = io.StringIO()
@@ -238,7 +257,8 @@ class Monkey:
 
         def ended(raised: threading.ExceptHookArgs) -> None:
             self.found.fault(
-                f"thread {raised.thread and raised.thread.name}: {raised.exc_type.__name__}: {raised.exc_value}"
+                f"thread {raised.thread and raised.thread.name}: {raised.exc_type.__name__}: "
+                f"{raised.exc_value}"
             )
             hook(raised)
 
@@ -251,24 +271,28 @@ class Monkey:
 
 
 def differences(one: Document, other: Document) -> list[str]:
-    """What two documents differ in; how surfaces are turned and the time that plays are not steps of undo."""
-    seen = {"look": None, "large": "", "front": None}
+    """What two documents differ in; how surfaces are turned and the time that plays are not
+    steps of undo.
+    """
+    seen = {"look": None, "large": ""}
     one, other = (replace(each, view=replace(each.view, **seen), time=0.0) for each in (one, other))
-    differing = []
-    for each in fields(Document):
-        mine, theirs = getattr(one, each.name), getattr(other, each.name)
-        if mine is not theirs and (each.name in ("mesh", "result") or mine != theirs):
-            differing.append(each.name)
-    return differing
+    names = [each.name for each in fields(Document)]
+    return [name for name in names if getattr(one, name) != getattr(other, name)]
 
 
 def main() -> int:
     """The program; its exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=0, help="of the first sequence")
-    parser.add_argument("--count", type=int, default=1, help="of sequences, each with the next seed")
-    parser.add_argument("--minutes", type=float, default=0.0, help="so long at least, with further seeds")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="after which no sequence begins")
+    parser.add_argument(
+        "--count", type=int, default=1, help="of sequences, each with the next seed"
+    )
+    parser.add_argument(
+        "--minutes", type=float, default=0.0, help="so long at least, with further seeds"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=float("inf"), help="after which no sequence begins"
+    )
     parser.add_argument("--apart", action="store_true", help="match and evaluate in processes")
     asked = parser.parse_args()
     resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
@@ -283,7 +307,11 @@ def main() -> int:
             endurance.add()
             seed += 1
             if (seed - asked.seed) % 50 == 0:
-                print(f"# {seed - asked.seed} sequences, {time.monotonic() - began:.0f} s: {counts()}", file=sys.stderr)
+                print(
+                    f"# {seed - asked.seed} sequences, {time.monotonic() - began:.0f} s: "
+                    f"{counts()}",
+                    file=sys.stderr,
+                )
         return 0 if endurance.end() else 1
 
 

@@ -1,4 +1,6 @@
-"""What the monkey can do: each action does something that a user could, and may say what in a few words."""
+"""What the monkey can do: each action does something that a user could, and may say what in a
+few words.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +18,17 @@ if TYPE_CHECKING:
     from tests.attack.monkey import Monkey
 
 _NONSENSE = (
-    "", " ", "nan", "inf", "-inf", "-1", "0", "0.5", "3", "1e-300", "1e300", "1e9", "1,5", "abc", "🦆", "%s%n", "\\",
-    "9" * 500, "gaussian:", "gaussian:vertex=1", "gaussian:vertex=999999,width=0.2", "gaussian:vertex=1,width=nan",
-    "eigenfunction:2", "eigenfunction:100000", "expression:1/0", "expression:sin(5*x)*z", "expression:x**x**x",
-    "file:nothing.npy", "geodesic:vertex=3", "curvature:mean", "coordinate:x + coordinate:y", "permuted:no.txt(x)",
-)  # fmt: skip
+    *("", " ", "%s%n", "\\", "9" * 500, "coordinate:x + coordinate:y"),
+    *["nan", "inf", "-inf", "-1", "0", "0.5", "3", "1e-300", "1e300", "1e9", "1,5", "abc", "🦆"],
+    *["gaussian:", "gaussian:vertex=1", "gaussian:vertex=999999,width=0.2"],
+    *["gaussian:vertex=1,width=nan", "eigenfunction:2", "eigenfunction:100000", "expression:1/0"],
+    *["expression:sin(5*x)*z", "expression:x**x**x", "file:nothing.npy", "geodesic:vertex=3"],
+    *["curvature:mean", "permuted:no.txt(x)"],
+)
 _KEYS = (
-    "ctrl+z", "ctrl+z", "ctrl+y", "ctrl+shift+z", "space", "left", "right", "home", "end", "esc", "esc", "p", "l",
-    "f1", "tab", "enter", "ctrl+enter", "ctrl+s", "ctrl+o", "ctrl+q", "up", "down", "a", "r", "w", "f", "1", "2", "3",
-)  # fmt: skip
+    "ctrl+z ctrl+z ctrl+y ctrl+shift+z space left right home end esc esc p l f1 tab enter "
+    "ctrl+enter ctrl+s ctrl+o ctrl+q up down a r w f 1 2 3"
+)
 LEFT_ALONE = ("Samples", "Save movie...", "Save picture...", "iterations", "UI scale", "Quit")
 _CLICKED = ("button", "checkbox", "choice", "tab", "section", "item")
 
@@ -46,7 +50,7 @@ def _wait(monkey: Monkey, chance: random.Random) -> str:
 
 
 def _key(monkey: Monkey, chance: random.Random) -> str:
-    key = chance.choice(_KEYS)
+    key = chance.choice(_KEYS.split())
     monkey.gui.key(key)
     return key
 
@@ -54,8 +58,9 @@ def _key(monkey: Monkey, chance: random.Random) -> str:
 def _slide(monkey: Monkey, chance: random.Random) -> str:
     widget = monkey.widget(chance, "slider")
     share = chance.choice((0.0, 1.0, chance.random()))
-    value = widget.low + share * (widget.high - widget.low)
-    monkey.gui.drag(widget.label, min(max(value, widget.low), widget.high), within=_within(widget))
+    ends = widget.ends
+    value = ends.nearest(ends.low + share * (ends.high - ends.low))
+    monkey.gui.drag(widget.label, value, within=_within(widget))
     return f"{widget.label} {value:.3g}"
 
 
@@ -68,7 +73,11 @@ def _type(monkey: Monkey, chance: random.Random) -> str:
 def _choose(monkey: Monkey, chance: random.Random) -> str:
     widget = monkey.widget(chance, "combo")
     monkey.gui.click(widget.label, within=_within(widget))
-    choices = [w.label for w in monkey.gui.window.ui.widgets if w.kind == "choice" and widget.label in w.section]
+    choices = [
+        w.label
+        for w in monkey.gui.window.ui.widgets
+        if w.kind == "choice" and widget.label in w.section
+    ]
     if not choices:
         monkey.gui.key("esc")
         return widget.label
@@ -104,15 +113,18 @@ def _menu(monkey: Monkey, chance: random.Random) -> str:
 
 def _tab(monkey: Monkey, chance: random.Random) -> str:
     tab = chance.choice(("Functions", "Match", "Look", "Export"))
-    monkey.gui.window.ui.show_tab(tab)
+    monkey.gui.window.ui.open_tab = tab
     monkey.gui.frames(2)
     return tab
 
 
 def _pick(monkey: Monkey, chance: random.Random) -> str:
-    ids = monkey.gui.session.mesh.vertex_ids
+    ids = monkey.gui.session.surface().mesh.vertex_ids
     vertices = [int(chance.choice(ids)) for _ in range(chance.choice((1, 1, 3)))]
-    side, modifiers = chance.choice(("source", "target", "advected")), chance.choice((("shift",), ("shift",), ()))
+    side, modifiers = (
+        chance.choice(("source", "target", "advected")),
+        chance.choice((("shift",), ("shift",), ())),
+    )
     try:
         monkey.gui.drag_on_surface(vertices, side, modifiers)
     except FunctionError as error:  # another mesh came meanwhile
@@ -122,9 +134,11 @@ def _pick(monkey: Monkey, chance: random.Random) -> str:
 
 def _wheel(monkey: Monkey, chance: random.Random) -> str:
     modifiers = chance.choice((("shift",), ()))
-    vertex = int(chance.choice(monkey.gui.session.mesh.vertex_ids))
+    vertex = int(chance.choice(monkey.gui.session.surface().mesh.vertex_ids))
     try:
-        monkey.gui.wheel(chance.uniform(-5, 5), vertex, chance.choice(("source", "target")), modifiers)
+        monkey.gui.wheel(
+            chance.uniform(-5, 5), vertex, chance.choice(("source", "target")), modifiers
+        )
     except FunctionError as error:
         raise DriverError(str(error)) from error
     return ""
@@ -144,7 +158,9 @@ def _answer(monkey: Monkey, chance: random.Random) -> str:
 
 
 def _export(monkey: Monkey, chance: random.Random) -> str:
-    name = chance.choice(("out.npz", "out.ply", "out.vtu", "out.csv", "out.nothing", "no/such/folder/out.npz"))
+    name = chance.choice(
+        ("out.npz", "out.ply", "out.vtu", "out.csv", "out.nothing", "no/such/folder/out.npz")
+    )
     monkey.gui.click("Save result...")
     monkey.gui.type("file name", str(monkey.folder / name))
     return name
@@ -154,7 +170,9 @@ def _match(monkey: Monkey, chance: random.Random) -> str:
     monkey.gui._click(monkey.widget(chance, "button", label="Match"))
     _wait(monkey, chance)
     if chance.random() < 0.5:
-        monkey.gui.wait(lambda session: not session.solver.running or session.solver.paused, seconds=20)
+        monkey.gui.wait(
+            lambda session: not session.solver.running or session.solver.paused, seconds=20
+        )
         return "to its end"
     return ""
 
@@ -177,7 +195,9 @@ def _has_result(monkey: Monkey) -> bool:
 
 @dataclass(frozen=True)
 class Action:
-    """Something to do, how often, and when: what is there to be used is what a user would do something with."""
+    """Something to do, how often, and when: what is there to be used is what a user would do
+    something with.
+    """
 
     weight: int
     act: Callable[[Monkey, random.Random], str]

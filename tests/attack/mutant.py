@@ -13,7 +13,8 @@ from tests.attack.specimens import Specimen, specimens
 
 _FITTING: dict[str, tuple[Mutation, ...]] = {
     ".npy": (mutating_arrays.npy,) * 3,
-    ".npz": (mutating_arrays.members,) * 3 + (mutating_arrays.directory, mutating_arrays.overlapping),
+    ".npz": (mutating_arrays.members,) * 3
+    + (mutating_arrays.directory, mutating_arrays.overlapping),
     ".abfm": (mutating_arrays.members,) * 2
     + (mutating_arrays.json_member,) * 3
     + (mutating_arrays.directory, mutating_arrays.overlapping),
@@ -24,7 +25,16 @@ _FITTING: dict[str, tuple[Mutation, ...]] = {
     ".spec": (mutating.numbers, mutating.words),
 }
 _LARGEST = 2 << 20
-_FREQUENT = {"project": 3, "result": 5, "map": 1, "values": 1, "mesh": 1, "recent": 1, "preferences": 1, "spec": 1}
+_FREQUENT = {
+    "project": 3,
+    "result": 5,
+    "map": 1,
+    "values": 1,
+    "mesh": 1,
+    "recent": 1,
+    "preferences": 1,
+    "spec": 1,
+}
 
 
 def mutant(seed: int) -> tuple[Specimen, str]:
@@ -34,7 +44,11 @@ def mutant(seed: int) -> tuple[Specimen, str]:
     names = [name for name, specimen in known.items() for _ in range(_FREQUENT[specimen.door])]
     specimen = known[random.choice(names)]
     suffix = "." + specimen.name.removesuffix(".gz").rpartition(".")[2]
-    choice = (*mutating.ANY, *_FITTING.get(suffix, ())) if random.random() < 0.5 else _FITTING.get(suffix, mutating.ANY)
+    choice = (
+        (*mutating.ANY, *_FITTING.get(suffix, ()))
+        if random.random() < 0.5
+        else _FITTING.get(suffix, mutating.ANY)
+    )
     done, content, beside = [], specimen.content, dict(specimen.beside)
     packed = specimen.name.endswith(".gz") and random.random() < 0.8
     if packed:
@@ -48,5 +62,7 @@ def mutant(seed: int) -> tuple[Specimen, str]:
             content = mutation(random, content)[:_LARGEST]
         done.append(mutation.__name__)
     if packed:
-        content = gzip.compress(content, mtime=0) if random.random() < 0.9 else zlib.compress(content)
+        content = (
+            gzip.compress(content, mtime=0) if random.random() < 0.9 else zlib.compress(content)
+        )
     return replace(specimen, content=content, beside=beside), f"{specimen.name} {'+'.join(done)}"

@@ -11,85 +11,18 @@ Mutation = Callable[[Random, bytes], bytes]
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[^\s,;=:\"'(){}\[\]<>/]+")
 NUMBERS = (
-    *(
-        "0",
-        "-0",
-        "1",
-        "-1",
-        "2",
-        "0.5",
-        "1e-320",
-        "1e-162",
-        "1e-9",
-        "1e9",
-        "1e155",
-        "1e308",
-        "1e309",
-        "-1e309",
-        "1e99999",
-    ),
-    *("nan", "-nan", "inf", "-inf", "Infinity", "NaN", "2147483647", "2147483648", "-2147483649", "4294967295"),
-    *(
-        "9223372036854775807",
-        "9223372036854775808",
-        "-9223372036854775809",
-        "18446744073709551616",
-        "4611686018427387904",
-    ),
-    *(
-        "1" * 400,
-        "1" * 5000,
-        "0x10",
-        "1_000",
-        "1,5",
-        "1/2",
-        "1//3",
-        "1d5",
-        "1j",
-        "True",
-        "None",
-        "",
-        " ",
-        "-",
-        "+",
-        ".",
-        "e5",
-        "٣",
-    ),
+    *("0", "-0", "1", "-1", "2", "0.5", "1e-320", "1e-162", "1e-9", "1e9", "1e155", "1e308"),
+    *("1e309", "-1e309", "1e99999", "nan", "-nan", "inf", "-inf", "Infinity", "NaN", "2147483647"),
+    *("2147483648", "-2147483649", "4294967295", "9223372036854775807", "9223372036854775808"),
+    *("-9223372036854775809", "18446744073709551616", "4611686018427387904", "1" * 400),
+    *("1" * 5000, "0x10", "1_000", "1,5", "1/2", "1//3", "1d5", "1j", "True", "None", "", " "),
+    *("-", "+", ".", "e5", "٣"),
 )
 """What stands where a number should."""
 WORDS = (
-    *(
-        b"",
-        b" ",
-        b"\0",
-        b"\xff\xfe",
-        b"\xc3\xa9",
-        b"\xe2\x98\x83",
-        b"\xed\xb2\x80",
-        b"a" * 300,
-        b"x\ny",
-        b"\r",
-        b"#",
-        b"//",
-        b"'",
-    ),
-    *(
-        b'"',
-        b"()",
-        b"(",
-        b")",
-        b"[[[[",
-        b"}",
-        b"&amp;",
-        b"<",
-        b"%s",
-        b"%n",
-        b"../../etc/passwd",
-        b"/dev/zero",
-        b".",
-        b"~nobody/x",
-    ),
+    *(b"", b" ", b"\0", b"\xff\xfe", b"\xc3\xa9", b"\xe2\x98\x83", b"\xed\xb2\x80", b"a" * 300),
+    *(b"x\ny", b"\r", b"#", b"//", b"'", b'"', b"()", b"(", b")", b"[[[[", b"}", b"&amp;", b"<"),
+    *(b"%s", b"%n", b"../../etc/passwd", b"/dev/zero", b".", b"~nobody/x"),
 )
 """What stands where a word should."""
 _PACKED = [
@@ -107,7 +40,9 @@ _PACKED = [
 
 
 def _place(random: Random, data: bytes, length: int = 0) -> int:
-    """Where something of a length begins: anywhere, but half of the time near the beginning, where headers are."""
+    """Where something of a length begins: anywhere, but half of the time near the beginning,
+    where headers are.
+    """
     end = max(len(data) - length, 0)
     return random.randint(0, min(end, 400) if random.random() < 0.5 else end)
 
@@ -128,7 +63,9 @@ def bits(random: Random, data: bytes) -> bytes:
 
 def overwritten(random: Random, data: bytes) -> bytes:
     begin, end = _block(random, data)
-    fill = random.choice((random.randbytes(end - begin), bytes(end - begin), b"\xff" * (end - begin)))
+    fill = random.choice(
+        (random.randbytes(end - begin), bytes(end - begin), b"\xff" * (end - begin))
+    )
     return data[:begin] + fill + data[end:]
 
 
@@ -136,14 +73,18 @@ def packed_numbers(random: Random, data: bytes) -> bytes:
     """Binary numbers of all widths, aligned or not."""
     for _ in range(random.choice((1, 1, 3))):
         number = random.choice(_PACKED)
-        begin = _place(random, data, len(number)) // random.choice((1, 4, 8)) * random.choice((1, 4, 8))
+        begin = (
+            _place(random, data, len(number)) // random.choice((1, 4, 8)) * random.choice((1, 4, 8))
+        )
         data = data[:begin] + number + data[begin + len(number) :]
     return data
 
 
 def inserted(random: Random, data: bytes) -> bytes:
     begin = _place(random, data)
-    piece = random.choice((random.randbytes(random.choice((1, 2, 7, 300))), b"\n" * 200, b" " * 200, bytes(64)))
+    piece = random.choice(
+        (random.randbytes(random.choice((1, 2, 7, 300))), b"\n" * 200, b" " * 200, bytes(64))
+    )
     return data[:begin] + piece + data[begin:]
 
 
@@ -171,9 +112,13 @@ def swapped(random: Random, data: bytes) -> bytes:
     return data[:a] + data[c:d] + data[b:c] + data[a:b] + data[d:]
 
 
-def _replaced(random: Random, data: bytes, pattern: re.Pattern[bytes], by: Callable[[re.Match[bytes]], bytes]) -> bytes:
+def _replaced(
+    random: Random, data: bytes, pattern: re.Pattern[bytes], by: Callable[[re.Match[bytes]], bytes]
+) -> bytes:
     found = list(pattern.finditer(data))
-    for match in sorted(random.sample(found, min(len(found), random.choice((1, 1, 2, 9)))), key=lambda m: -m.start()):
+    for match in sorted(
+        random.sample(found, min(len(found), random.choice((1, 1, 2, 9)))), key=lambda m: -m.start()
+    ):
         data = data[: match.start()] + by(match) + data[match.end() :]
     return data
 
@@ -186,7 +131,9 @@ def numbers(random: Random, data: bytes) -> bytes:
 def words(random: Random, data: bytes) -> bytes:
     """Words replaced by strange ones or by other words of the file."""
     known = _WORD.findall(data[:20_000]) or [b"x"]
-    return _replaced(random, data, _WORD, lambda _: random.choice(WORDS if random.random() < 0.5 else known))
+    return _replaced(
+        random, data, _WORD, lambda _: random.choice(WORDS if random.random() < 0.5 else known)
+    )
 
 
 def lines(random: Random, data: bytes) -> bytes:
@@ -201,28 +148,24 @@ def lines(random: Random, data: bytes) -> bytes:
     elif act == 2:
         rows[first], rows[second] = rows[second], rows[first]
     elif act == 3:
-        rows[first:first] = [random.choice((b"", b"# a comment", b"comment x", b"\t"))] * random.choice((1, 500))
+        rows[first:first] = [
+            random.choice((b"", b"# a comment", b"comment x", b"\t"))
+        ] * random.choice((1, 500))
     elif act == 4:
         return random.choice((b"\r\n", b"\r", b"\n\n", b" \\\n", b"\x85", b" ")).join(rows)
     elif act == 5:
         rows[first] += b" " + rows[second]
     else:
-        return b"\xef\xbb\xbf" + data if random.random() < 0.5 else data.decode("latin-1").encode("utf-16")
+        return (
+            b"\xef\xbb\xbf" + data
+            if random.random() < 0.5
+            else data.decode("latin-1").encode("utf-16")
+        )
     return b"\n".join(rows)
 
 
 ANY: tuple[Mutation, ...] = (
-    bits,
-    overwritten,
-    packed_numbers,
-    inserted,
-    deleted,
-    doubled,
-    truncated,
-    extended,
-    swapped,
-    numbers,
-    words,
-    lines,
+    *(bits, overwritten, packed_numbers, inserted, deleted, doubled, truncated, extended, swapped),
+    *(numbers, words, lines),
 )
 """For every file."""

@@ -1,4 +1,6 @@
-"""NumPy files and zips of them made wrong at random: headers and data inside, members, sizes; checksums are mended."""
+"""NumPy files and zips of them made wrong at random: headers and data inside, members, sizes;
+checksums are mended.
+"""
 
 from __future__ import annotations
 
@@ -13,62 +15,19 @@ from tests.attack.mutating import NUMBERS, WORDS, Mutation
 from tests.attack.mutating_trees import json_text
 
 _SHAPES = (
-    *("()", "(0,)", "(1,)", "(42,)", "(42, 3)", "(3, 42)", "(42, 3, 1)", "(-1,)", "(4611686018427387904,)", "(2**62,)"),
-    *(
-        "(1000000000000, 1000000000000)",
-        "(100000000000,)",
-        "(42",
-        "42",
-        "(42.0,)",
-        "(True,)",
-        "[42]",
-        "(42, 0)",
-        "(0, 99999999999)",
-    ),
-    *("(1,) * 9", "(" + "1, " * 64 + ")", "(" * 300, "None", "'x'"),
+    *("()", "(0,)", "(1,)", "(42,)", "(42, 3)", "(3, 42)", "(42, 3, 1)", "(-1,)"),
+    *("(4611686018427387904,)", "(2**62,)", "(1000000000000, 1000000000000)", "(100000000000,)"),
+    *("(42", "42", "(42.0,)", "(True,)", "[42]", "(42, 0)", "(0, 99999999999)", "(1,) * 9"),
+    *("(" + "1, " * 64 + ")", "(" * 300, "None", "'x'"),
 )
 _TYPES = (
-    *(
-        "'<f4'",
-        "'>f8'",
-        "'<f2'",
-        "'<i4'",
-        "'<i8'",
-        "'<u8'",
-        "'|b1'",
-        "'|i1'",
-        "'<c16'",
-        "'|O'",
-        "'<M8[s]'",
-        "'|V8'",
-        "'|S8'",
-    ),
-    *(
-        "'<U1'",
-        "'<U1000000000'",
-        "'<f16'",
-        "'f'",
-        "''",
-        "'x'",
-        "0",
-        "None",
-        "[('a', '<f8')]",
-        "[('a', '|O')]",
-        "'<f8,<f8'",
-        "'(2,)<f8'",
-    ),
+    *("'<f4'", "'>f8'", "'<f2'", "'<i4'", "'<i8'", "'<u8'", "'|b1'", "'|i1'", "'<c16'", "'|O'"),
+    *("'<M8[s]'", "'|V8'", "'|S8'", "'<U1'", "'<U1000000000'", "'<f16'", "'f'", "''", "'x'", "0"),
+    *("None", "[('a', '<f8')]", "[('a', '|O')]", "'<f8,<f8'", "'(2,)<f8'"),
 )
 _NAMES = (
-    "mesh/vertices.npy",
-    "mesh/faces.npy",
-    "velocity.npy",
-    "x.npy",
-    "x",
-    "../x.npy",
-    "/x.npy",
-    "",
-    "é.npy",
-    "project.json",
+    *("mesh/vertices.npy", "mesh/faces.npy", "velocity.npy", "x.npy", "x", "../x.npy", "/x.npy"),
+    *("", "é.npy", "project.json"),
 )
 _METHODS = (zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
 
@@ -94,9 +53,13 @@ def npy(random: Random, data: bytes) -> bytes:
     elif act == 4:
         header = header.replace("'shape'", random.choice(("'shape ", "'x'", "'descr'", "shape")))
     elif act == 5:
-        body = random.choice((mutating.packed_numbers, mutating.bits, mutating.swapped))(random, body)
+        body = random.choice((mutating.packed_numbers, mutating.bits, mutating.swapped))(
+            random, body
+        )
     elif act == 6:
-        body = random.choice((mutating.truncated, mutating.extended, mutating.deleted))(random, body)
+        body = random.choice((mutating.truncated, mutating.extended, mutating.deleted))(
+            random, body
+        )
     else:
         version = random.choice((b"\1\0", b"\2\0", b"\3\0", b"\x09\0"))
         length = random.choice((len(header), 0, 1, 65535, len(header) - 3))
@@ -121,7 +84,10 @@ def members(random: Random, data: bytes) -> bytes:
     name, content = entries[index]
     act, method = random.randrange(14), zipfile.ZIP_STORED
     if act == 0:
-        entries[index] = random.choice((*_NAMES, name.upper(), name[:-4], entries[other][0])), content
+        entries[index] = (
+            random.choice((*_NAMES, name.upper(), name[:-4], entries[other][0])),
+            content,
+        )
     elif act == 1:
         entries[index], entries[other] = (name, entries[other][1]), (entries[other][0], content)
     elif act == 2:
@@ -131,7 +97,9 @@ def members(random: Random, data: bytes) -> bytes:
     elif act == 4:
         method = random.choice(_METHODS)
     elif act == 5:
-        entries.insert(index, (random.choice(_NAMES), random.choice((content, b"", random.randbytes(90)))))
+        entries.insert(
+            index, (random.choice(_NAMES), random.choice((content, b"", random.randbytes(90))))
+        )
     elif act == 6:
         random.shuffle(entries)
     elif act == 7:
@@ -171,12 +139,21 @@ def directory(random: Random, data: bytes) -> bytes:
         places = [place for place in range(len(data)) if data[place : place + 4] == mark]
         if not places:
             continue
-        field = random.choice(places) + random.randrange(4, {b"PK\1\2": 46, b"PK\3\4": 30, b"PK\5\6": 22}[mark], 2)
+        field = random.choice(places) + random.randrange(
+            4, {b"PK\1\2": 46, b"PK\3\4": 30, b"PK\5\6": 22}[mark], 2
+        )
         value = random.choice(
-            (0, 1, 8, 12, 14, 99, 0xFFFF, 0xFFFFFFFF, random.randrange(2**16), random.randrange(len(data) or 1))
+            (
+                *(0, 1, 8, 12, 14, 99, 0xFFFF, 0xFFFFFFFF, random.randrange(2**16)),
+                random.randrange(len(data) or 1),
+            )
         )
         width = random.choice((2, 4))
-        data = data[:field] + (value & (256**width - 1)).to_bytes(width, "little") + data[field + width :]
+        data = (
+            data[:field]
+            + (value & (256**width - 1)).to_bytes(width, "little")
+            + data[field + width :]
+        )
     return data
 
 
@@ -202,6 +179,8 @@ def json_member(random: Random, data: bytes) -> bytes:
             changed = json_text(random, content)
             if random.random() < 0.2:
                 word = random.choice((*WORDS, *(number.encode() for number in NUMBERS)))
-                changed = content.replace(random.choice((b"0.5", b"coordinate", b"null", b"true", b"3")), word, 1)
+                changed = content.replace(
+                    random.choice((b"0.5", b"coordinate", b"null", b"true", b"3")), word, 1
+                )
             entries[k] = name, changed
     return _zip(entries) if entries else data

@@ -1,4 +1,6 @@
-"""The table of the attack, for the terminal and for the page docs/promises.md, where it adds up over all runs."""
+"""The table of the attack, for the terminal and for the page docs/promises.md, where it adds up
+over all runs.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +12,38 @@ from tests.attack.tally import Tally
 ROOT = Path(__file__).parents[2]
 PAGE, TOTALS = ROOT / "docs" / "promises.md", ROOT / "docs" / "attack.json"
 BEGIN, END = "<!-- table of ./run attack -->", "<!-- end of the table -->"
-_HEADS = ("part", "trials", "as promised", "refused in one line", "faults", "longest (s)", "most memory (MB)")
+_HEADS = (
+    "part",
+    "trials",
+    "as promised",
+    "refused in one line",
+    "faults",
+    "longest (s)",
+    "most memory (MB)",
+)
 
 
 def _row(tally: Tally) -> list[str]:
     counts = [f"{count:,}" for count in (tally.trials, tally.ok, tally.refused, tally.fault_count)]
-    measured = [f"{number:.2g}" if 0 < number < 10 else f"{number:.0f}" for number in (tally.seconds, tally.megabytes)]
-    return [tally.part.replace("_", " "), *counts, *(number if number != "0" else "" for number in measured)]
+    measured = [
+        f"{number:.2g}" if 0 < number < 10 else f"{number:.0f}"
+        for number in (tally.seconds, tally.megabytes)
+    ]
+    return [
+        tally.part.replace("_", " "),
+        *counts,
+        *(number if number != "0" else "" for number in measured),
+    ]
 
 
 def text_table(tallies: dict[str, Tally]) -> str:
     """Lines for the terminal, the faults below."""
     rows = [_HEADS, *(_row(tally) for tally in tallies.values())]
     widths = [max(len(row[column]) for row in rows) for column in range(len(_HEADS))]
-    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    lines = [
+        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+        for row in rows
+    ]
     for tally in tallies.values():
         lines += [f"{command}\n    {detail}" for command, detail in tally.faults]
         if tally.fault_count > len(tally.faults):
@@ -40,11 +60,15 @@ def write(tallies: dict[str, Tally]) -> None:
         total.ok += tally.ok
         total.refused += tally.refused
         total.fault_count += tally.fault_count
-        total.seconds, total.megabytes = max(total.seconds, tally.seconds), max(total.megabytes, tally.megabytes)
+        total.seconds, total.megabytes = (
+            max(total.seconds, tally.seconds),
+            max(total.megabytes, tally.megabytes),
+        )
         found = [(command, detail.replace(f"{ROOT}/", "")) for command, detail in tally.faults]
         total.faults = list(dict.fromkeys([*map(tuple, total.faults), *found]))
     plain = {
-        part: {name: value for name, value in vars(total).items() if name != "part"} for part, total in totals.items()
+        part: {name: value for name, value in vars(total).items() if name != "part"}
+        for part, total in totals.items()
     }
     TOTALS.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)

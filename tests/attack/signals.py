@@ -1,8 +1,9 @@
-"""Signals at random moments of every command: one line, the status that shells know, whole files, nothing left behind.
+"""Signals at random moments of every command: one line, the status that shells know, whole files,
+nothing left behind.
 
-A command first runs undisturbed, which says how long it lives; a signal comes between the moment when the
-program has taken its signals over (Python's own start is before that) and a little after that life. Linux only: what
-catches which signal, and which processes are left, is read from /proc.
+A command first runs undisturbed, which says how long it lives; a signal comes between the moment
+when the program has taken its signals over (Python's own start is before that) and a little after
+that life. Linux only: what catches which signal, and which processes are left, is read from /proc.
 """
 
 from __future__ import annotations
@@ -25,10 +26,13 @@ from abfm.assets import asset_path
 from tests.attack.trial import Trial, run
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-MODES = ("process", "group", "twice")  # to the process alone, as a terminal does it, and a second one soon after
-PAIR = ("--source", "gaussian:vertex=10,width=0.2", "--target", "gaussian:vertex=40,width=0.2", "--quiet")
-ENDLESS = ("--iterations", "1000000", "--tolerance", "0", "--sigma", "1e-6")
-STOPPING, INTERRUPTED = "stopping with the best result so far; Ctrl-C again to leave at once", "interrupted"
+# to the process alone, as a terminal does it, and a second one soon after
+MODES = ("process", "group", "twice")
+PAIR = "--source gaussian:vertex=10,width=0.2 --target gaussian:vertex=40,width=0.2 --quiet"
+STOPPING, INTERRUPTED = (
+    "stopping with the best result so far; Ctrl-C again to leave at once",
+    "interrupted",
+)
 REPORTED = "stopping with what was finished; Ctrl-C again to leave at once"
 _MAIN = "import sys; from abfm_viewer.{} import main; sys.exit(main())"
 _PATIENCE = 60.0  # seconds after which a process does not end
@@ -38,31 +42,30 @@ _PATIENCE = 60.0  # seconds after which a process does not end
 class Command:
     """A command line, the files that it may leave, and how long it may run if nobody ends it."""
 
-    words: tuple[str, ...]
+    line: str
     files: tuple[str, ...] = ()
     statuses: tuple[int, ...] = (0,)  # of a run that ends by itself
     module: str = "cli"
     lasts: float = 0.0  # seconds after the start; 0: to its end
 
 
-MOVIE = ("--size", "320x240", "--seconds", "0.3", "--quiet")
+MOVIE = "--size 320x240 --seconds 0.3 --quiet"
+ENDLESS = f"match MESH {PAIR} --iterations 1000000 --tolerance 0 --sigma 1e-6 --out m.npz"
+BRIEF = f"match MESH {PAIR} --iterations 3 --out m.npz --out m.vtu"
+DEMO, FIGURE = ("demo.npz", "demo.png", "demo.mp4"), ("figure-3.png", "figure-3.json")
 COMMANDS = {
-    "help": Command(("match", "--help")),
-    "info": Command(("info", "MESH")),
-    "match": Command(("match", "MESH", *PAIR, *ENDLESS, "--out", "m.npz"), ("m.npz",), (3,), lasts=4.0),
-    "short match": Command(
-        ("match", "MESH", *PAIR, "--iterations", "3", "--out", "m.npz", "--out", "m.vtu"), ("m.npz", "m.vtu"), (3,)
-    ),
-    "map": Command(("map", "RESULT", "--out", "map.txt"), ("map.txt",)),
-    "picture": Command(("render", "RESULT", "--out", "m.png", "--size", "320x240"), ("m.png",)),
-    "mp4": Command(("render", "RESULT", "--out", "m.mp4", *MOVIE), ("m.mp4",)),
-    "gif": Command(("render", "RESULT", "--out", "m.gif", *MOVIE), ("m.gif",)),
-    "demo": Command(("demo", "--quiet", "--out", "."), ("demo.npz", "demo.png", "demo.mp4"), lasts=12.0),
-    "figure": Command(
-        ("figure", "3", "--mesh", "MESH", "--quiet", "--out", "."), ("figure-3.png", "figure-3.json"), lasts=8.0
-    ),
-    "bench": Command(("bench", "--success", "--only-given", "--mesh", "MESH", "--problems", "1", "--quiet", "--json")),
-    "window": Command(("MESH",), statuses=(2,), module="app", lasts=6.0 * ("DISPLAY" in os.environ)),
+    "help": Command("match --help"),
+    "info": Command("info MESH"),
+    "match": Command(ENDLESS, ("m.npz",), (3,), lasts=4.0),
+    "short match": Command(BRIEF, ("m.npz", "m.vtu"), (3,)),
+    "map": Command("map RESULT --out map.txt", ("map.txt",)),
+    "picture": Command("render RESULT --out m.png --size 320x240", ("m.png",)),
+    "mp4": Command(f"render RESULT --out m.mp4 {MOVIE}", ("m.mp4",)),
+    "gif": Command(f"render RESULT --out m.gif {MOVIE}", ("m.gif",)),
+    "demo": Command("demo --quiet --out .", DEMO, lasts=12.0),
+    "figure": Command("figure 3 --mesh MESH --quiet --out .", FIGURE, lasts=8.0),
+    "bench": Command("bench --success --only-given --mesh MESH --problems 1 --quiet --json"),
+    "window": Command("MESH", statuses=(2,), module="app", lasts=6.0 * ("DISPLAY" in os.environ)),
 }
 
 
@@ -91,7 +94,9 @@ class Attack:
         Seconds that commands take, by their names; of others a whole life is measured first.
     """
 
-    def __init__(self, folder: Path, random: random.Random, lives: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self, folder: Path, random: random.Random, lives: Mapping[str, float] | None = None
+    ) -> None:
         self._folder, self.random = folder, random
         self._mesh, self._result = str(asset_path("eight.off")), folder / "result.npz"
         self._lives = dict(lives or {})
@@ -128,14 +133,16 @@ class Attack:
         places = {"MESH": self._mesh, "RESULT": str(self._result)}
         temporary = folder / "tmp"
         temporary.mkdir(exist_ok=True)
+        words = (places.get(word, word) for word in command.line.split())
         process = subprocess.Popen(
-            [sys.executable, "-c", _MAIN.format(command.module), *(places.get(word, word) for word in command.words)],
+            [sys.executable, "-c", _MAIN.format(command.module), *words],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
             cwd=folder,
             start_new_session=True,
-            env=os.environ | {"ABFM_STATE_FOLDER": str(temporary), "TMPDIR": str(temporary), "ABFM_TOKEN": token},
+            env=os.environ
+            | {"ABFM_STATE_FOLDER": str(temporary), "TMPDIR": str(temporary), "ABFM_TOKEN": token},
             preexec_fn=_take_signals,
         )
         return process, token
@@ -149,7 +156,12 @@ class Attack:
             return time.monotonic() - start
 
     def _send(
-        self, process: subprocess.Popen[str], number: signal.Signals, mode: str, after: float, pause: float
+        self,
+        process: subprocess.Popen[str],
+        number: signal.Signals,
+        mode: str,
+        after: float,
+        pause: float,
     ) -> bool:
         """Whether the process was there to get a signal."""
         if not _wait_for_handlers(process):
@@ -165,14 +177,18 @@ class Attack:
                 process.send_signal(number)
         return True
 
-    def _judge(self, command: Command, outcome: Outcome, number: int, was_there: bool, errors: str) -> None:
+    def _judge(
+        self, command: Command, outcome: Outcome, number: int, was_there: bool, errors: str
+    ) -> None:
         lines, status = errors.splitlines(), outcome.status
         ended_by_itself = status in command.statuses
         if not (ended_by_itself or (was_there and status == 128 + number)):
             outcome.faults.append(f"status {status}")
         program = "abfm-viewer" if command.module == "app" else "abfm"
         expected = [f"{program}: {INTERRUPTED}", STOPPING, REPORTED]
-        if not ended_by_itself and ((not lines and outcome.mode != "twice") or set(lines) - set(expected)):
+        if not ended_by_itself and (
+            (not lines and outcome.mode != "twice") or set(lines) - set(expected)
+        ):
             outcome.faults.append(f"stderr: {errors[-300:]!r}")
 
 
@@ -195,7 +211,10 @@ def _wait_for_handlers(process: subprocess.Popen[str]) -> bool:
 def _left(folder: Path, files: tuple[str, ...], needs_result: bool) -> Iterator[str]:
     """What is wrong with the files that a command left."""
     left = {path.name for path in folder.iterdir()} - {"tmp"}
-    temporary = {path.name for path in (folder / "tmp").iterdir()} - {"recent.json", "preferences.json"}
+    temporary = {path.name for path in (folder / "tmp").iterdir()} - {
+        "recent.json",
+        "preferences.json",
+    }
     yield from (f"{name} is left" for name in sorted(left - set(files)))
     yield from (f"{name} is left in the folder for temporary files" for name in sorted(temporary))
     for name in sorted(left):
@@ -211,7 +230,9 @@ def _left(folder: Path, files: tuple[str, ...], needs_result: bool) -> Iterator[
 
 
 def _processes(token: str) -> list[str]:
-    """Command lines of the processes that an ended one has left, after a moment in which they may end."""
+    """Command lines of the processes that an ended one has left, after a moment in which they
+    may end.
+    """
     found: list[str] = []
     for _ in range(40):
         found = list(_with_token(token))
@@ -226,7 +247,12 @@ def _with_token(token: str) -> Iterator[str]:
         if path.name.isdecimal():
             try:
                 if token.encode() in (path / "environ").read_bytes():
-                    yield (path / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")[:100]
+                    yield (
+                        (path / "cmdline")
+                        .read_bytes()
+                        .replace(b"\0", b" ")
+                        .decode(errors="replace")[:100]
+                    )
             except OSError:  # it has ended, or is another user's
                 pass
 

@@ -20,7 +20,9 @@ _MANY = 10**6
 
 
 class Slice:
-    """The trials of a part from a seed on, as they end; what goes on when the time is over is waited for."""
+    """The trials of a part from a seed on, as they end; what goes on when the time is over is
+    waited for.
+    """
 
     def __init__(self, part: str, seed: int, seconds: float, folder: Path) -> None:
         self._part, self._seed, self._seconds, self._folder = part, seed, seconds, folder
@@ -46,8 +48,12 @@ class Slice:
                 line = lines.get(timeout=_PATIENCE)
                 if line is None:
                     if status := process.wait():
-                        last = " ".join(said.read_text(errors="replace").strip().splitlines()[-1:])[:200]
-                        yield Trial("the part itself", following, "fault", f"exit status {status}: {last}")
+                        last = " ".join(said.read_text(errors="replace").strip().splitlines()[-1:])[
+                            :200
+                        ]
+                        yield Trial(
+                            "the part itself", following, "fault", f"exit status {status}: {last}"
+                        )
                     return
                 if line.startswith("{"):
                     trial = Trial.from_line(line)

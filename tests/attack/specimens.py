@@ -1,4 +1,6 @@
-"""Small valid files of every kind that abfm reads, each with the door through which users open it."""
+"""Small valid files of every kind that abfm reads, each with the door through which users open
+it.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ import numpy as np
 import trimesh
 
 from abfm import Match, Parameters, match
-from abfm_viewer.document.document import Channel, Document, Front, Look, Point, Run, View
+from abfm_viewer.document.document import Channel, Document, Front, Look, Point, Run, Surface, View
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import save_project
 from tests.mesh_writers import STL_WRITERS, WRITERS, exported
@@ -50,7 +52,9 @@ SPECS = (
 
 @dataclass(frozen=True)
 class Specimen:
-    """A file: its name, its bytes, the door, and files that it needs beside it; or who puts something else there."""
+    """A file: its name, its bytes, the door, and files that it needs beside it; or who puts
+    something else there.
+    """
 
     name: str
     door: Door
@@ -63,7 +67,9 @@ class Specimen:
 def specimens() -> dict[str, Specimen]:
     """All of them, by name."""
     found = [*_meshes(), *_columns(), *_maps(), *_states(), *_projects()]
-    found += [Specimen(f"{number}.spec", "spec", spec.encode()) for number, spec in enumerate(SPECS)]
+    found += [
+        Specimen(f"{number}.spec", "spec", spec.encode()) for number, spec in enumerate(SPECS)
+    ]
     return {specimen.name: specimen for specimen in found}
 
 
@@ -77,25 +83,40 @@ def result() -> Match:
 def _meshes() -> list[Specimen]:
     vertices, faces = WHOLE.vertices, WHOLE.faces
     found = [Specimen(name, "mesh", write(vertices, faces)) for name, (write, _) in WRITERS.items()]
-    found += [Specimen(name, "mesh", exported(vertices, faces, kind)) for name, kind in STL_WRITERS.items()]
-    with_more = "mtllib a.mtl\n# made by hand\no sphere\ng all\nvt 0.5 0.5\nvn 0 0 1\nusemtl red\ns off\n"
+    found += [
+        Specimen(name, "mesh", exported(vertices, faces, kind))
+        for name, kind in STL_WRITERS.items()
+    ]
+    with_more = (
+        "mtllib a.mtl\n# made by hand\no sphere\ng all\nvt 0.5 0.5\nvn 0 0 1\nusemtl red\ns off\n"
+    )
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()]
-    lines += ["f " + " ".join(f"{corner - len(vertices)}/1/1" for corner in face) for face in faces.tolist()]
+    lines += [
+        "f " + " ".join(f"{corner - len(vertices)}/1/1" for corner in face)
+        for face in faces.tolist()
+    ]
     found.append(Specimen("rich.obj", "mesh", (with_more + "\n".join(lines)).encode()))
     files = trimesh.Trimesh(vertices, faces, process=False).export(file_type="gltf")
     buffers = {name: bytes(content) for name, content in files.items() if name.endswith(".bin")}
     found.append(Specimen("model.gltf", "mesh", bytes(files["model.gltf"]), buffers))
     tree = json.loads(files["model.gltf"])
     for buffer in tree["buffers"]:
-        buffer["uri"] = "data:application/octet-stream;base64," + base64.b64encode(buffers[buffer["uri"]]).decode()
+        buffer["uri"] = (
+            "data:application/octet-stream;base64,"
+            + base64.b64encode(buffers[buffer["uri"]]).decode()
+        )
     found.append(Specimen("embedded.gltf", "mesh", json.dumps(tree).encode()))
     for encoding in ("ASCII", "B64BIN"):
-        found.append(Specimen(f"{encoding.lower()}.surf.gii", "mesh", _gifti([vertices, faces], encoding)))
+        found.append(
+            Specimen(f"{encoding.lower()}.surf.gii", "mesh", _gifti([vertices, faces], encoding))
+        )
     return found
 
 
 def _gifti(columns: list[np.ndarray], encoding: str = "B64GZ") -> bytes:
-    """The arrays, floats and indices, as GIFTI: the first two are those of a surface if they have three columns."""
+    """The arrays, floats and indices, as GIFTI: the first two are those of a surface if they
+    have three columns.
+    """
     intents = {"f": "NIFTI_INTENT_POINTSET", "i": "NIFTI_INTENT_TRIANGLE"}
     arrays = [
         nibabel.gifti.GiftiDataArray(
@@ -155,18 +176,21 @@ def _maps() -> list[Specimen]:
 def _states() -> list[Specimen]:
     preferences = {"theme": "dark", "ui_scale": 1.25, "follow": True, "flow_after_match": False}
     return [
-        Specimen("recent.json", "recent", json.dumps(["/nowhere/a.abfm", "recent.json", "b.off"]).encode()),
+        Specimen(
+            "recent.json",
+            "recent",
+            json.dumps(["/nowhere/a.abfm", "recent.json", "b.off"]).encode(),
+        ),
         Specimen("preferences.json", "preferences", json.dumps(preferences, indent=1).encode()),
     ]
 
 
 def _projects() -> list[Specimen]:
     found = result()
-    plain = Document(MESH, "a ball", (Channel("gaussian:vertex=7", "coordinate:y"),))
+    plain = Document((Surface(MESH, "a ball"),), (Channel("gaussian:vertex=7", "coordinate:y"),))
     front = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
     rich = Document(
-        mesh=MESH,
-        name="a ball",
+        (Surface(MESH, "a ball", front),),
         channels=(
             Channel("file:x.npy + gaussian:vertex=7", "coordinate:y"),
             Channel("eigenfunction:2", "wks:energy=0.5", 0.5),
@@ -177,12 +201,20 @@ def _projects() -> list[Specimen]:
         result=found,
         runs=(
             Run(found.energy_history, found.stages, (2,), 0.25, "alpha 1"),
-            Run(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "two meshes", np.array([12, 42]), np.array([0.5, 0.0])),
+            Run(
+                np.ones((2, 3)),
+                np.array([0, 1]),
+                (),
+                0.5,
+                "two meshes",
+                np.array([12, 42]),
+                np.array([0.5, 0.0]),
+            ),
         ),
         time=0.25,
         lines=(Point(3, (0.25, 0.25, 0.5)),),
         points=(Point(0, (1.0, 0.0, 0.0)),),
-        view=View(look=Look(front, 2.5, (0.1, 0.2, 0.3)), front=front, hidden=("source",), arrows=True),
+        view=View(look=Look(front, 2.5, (0.1, 0.2, 0.3)), hidden=("source",), arrows=True),
     )
     with TemporaryDirectory() as folder:
         path = Path(folder, "a")

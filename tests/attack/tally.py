@@ -11,7 +11,9 @@ _KEPT = 20  # faults that are told; of more there is only the number
 
 @dataclass
 class Tally:
-    """Counts of one part, its worst time and memory, and its faults with the commands that repeat them."""
+    """Counts of one part, its worst time and memory, and its faults with the commands that
+    repeat them.
+    """
 
     part: str
     ok: int = 0
@@ -30,6 +32,11 @@ class Tally:
         self.ok += trial.outcome == "ok"
         self.refused += trial.outcome == "refused"
         self.fault_count += trial.outcome == "fault"
-        self.seconds, self.megabytes = max(self.seconds, trial.seconds), max(self.megabytes, trial.megabytes)
+        self.seconds, self.megabytes = (
+            max(self.seconds, trial.seconds),
+            max(self.megabytes, trial.megabytes),
+        )
         if trial.outcome == "fault" and len(self.faults) < _KEPT:
-            self.faults.append((f"./run attack --repeat {self.part}:{trial.seed}", f"{trial.kind}: {trial.detail}"))
+            self.faults.append(
+                (f"./run attack --repeat {self.part}:{trial.seed}", f"{trial.kind}: {trial.detail}")
+            )

@@ -17,7 +17,8 @@ def there_is(monkeypatch: pytest.MonkeyPatch, threads: int, megabytes: float) ->
 
 
 @pytest.mark.parametrize(
-    ("threads", "megabytes", "holds"), [(10, 320.0, True), (10, 360.0, False), (12, 300.0, False), (3, 300.0, True)]
+    ("threads", "megabytes", "holds"),
+    [(10, 320.0, True), (10, 360.0, False), (12, 300.0, False), (3, 300.0, True)],
 )
 def test_growth_by_more_than_a_tenth_is_told(
     threads: int,

@@ -17,6 +17,7 @@ from tests.attack.specimens import specimens
 from tests.attack.tally import Tally
 from tests.attack.trial import Trial
 from tests.attack.victim import ROOT, Victim
+from tests.processes import run
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="bounds a process as POSIX does")
 
@@ -32,7 +33,9 @@ def test_every_specimen_comes_in(tmp_path, monkeypatch):
 
 def test_a_seed_gives_the_same_file_every_time():
     for attacker in (mutant, hostile):
-        assert [attacker(seed)[0].content for seed in range(8)] == [attacker(seed)[0].content for seed in range(8)]
+        assert [attacker(seed)[0].content for seed in range(8)] == [
+            attacker(seed)[0].content for seed in range(8)
+        ]
     assert len({mutant(seed)[1] for seed in range(100)}) > 50
 
 
@@ -54,31 +57,27 @@ def test_files_are_opened_or_refused_in_one_line(part, attacker, seeds, tmp_path
 
 
 def test_what_goes_wrong_is_told_and_kept_with_what_made_it(tmp_path):
-    with Victim("decoy", "tests.attack.decoy:decoy", tmp_path, seconds=2, megabytes=100) as victim:
-        trials = [victim.attempt(seed) for seed in range(len(ACTS))]
+    """That the attack itself fails, too, as where there is no such seed."""
+    with Victim("decoy", "tests.attack.decoy:decoy", tmp_path, seconds=1, megabytes=100) as victim:
+        *trials, failed = [victim.attempt(seed) for seed in range(len(ACTS) + 1)]
     for seed, (act, told) in enumerate(ACTS.items()):
         assert trials[seed].outcome == "fault"
         assert told in trials[seed].detail
         assert (tmp_path / f"decoy-{seed}" / "a.spec").read_text() == act
-
-
-def test_an_attack_that_fails_is_told_as_such(tmp_path):
-    with Victim("decoy", "tests.attack.decoy:decoy", tmp_path) as victim:
-        trial = victim.attempt(len(ACTS))
-    assert (trial.kind, trial.outcome) == ("the attack itself", "fault")
-    assert "IndexError" in trial.detail
+    assert (failed.kind, failed.outcome) == ("the attack itself", "fault")
+    assert "IndexError" in failed.detail
     assert list((tmp_path / f"decoy-{len(ACTS)}").iterdir()) == []
 
 
-def test_all_parts_together_make_a_table(tmp_path):
+def test_all_parts_together_make_a_table():
     words = ["--minutes", "0.02", "--seed", "7", "--workers", "1", "--only", "mutations"]
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.attack", *words], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    done = run(sys.executable, "-m", "tests.attack", *words, cwd=ROOT)
     assert (done.returncode, done.stdout.split()[0]) == (0, "part")
     assert re.search(r"^mutations +[1-9]", done.stdout, re.MULTILINE)
     words = ["--repeat", "mutations:7"]
-    done = subprocess.run([sys.executable, "-m", "tests.attack", *words], cwd=ROOT, capture_output=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.attack", *words], cwd=ROOT, capture_output=True, check=True
+    )
     assert Trial.from_line(done.stdout.decode()).kind == mutant(7)[1]
 
 

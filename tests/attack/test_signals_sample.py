@@ -9,7 +9,9 @@ import pytest
 
 from tests.attack import kills, signals
 
-pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at processes through /proc")
+pytestmark = pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="looks at processes through /proc"
+)
 
 
 def test_a_signal_ends_a_command_with_one_line_and_nothing_left(tmp_path):

@@ -1,8 +1,9 @@
 """One trial of the attack, and the line in which a part of the attack tells of it.
 
-A part is a module ``tests.attack.PART`` that runs as ``python -m tests.attack.PART --seed S --count N``: it makes the
-trials of the seeds S to S + N - 1, each given by its seed alone, and prints the line of each as soon as it has ended.
-So ``--seed S --count 1`` repeats one exactly. With ``--seconds T`` it begins none later than that.
+A part is a module ``tests.attack.PART`` that runs as
+``python -m tests.attack.PART --seed S --count N``: it makes the trials of the seeds S to S + N - 1,
+each given by its seed alone, and prints the line of each as soon as it has ended. So
+``--seed S --count 1`` repeats one exactly. With ``--seconds T`` it begins none later than that.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ Outcome = Literal["ok", "refused", "fault"]
 class Trial:
     """What came of one seed.
 
-    The kind says what was tried within the part (``"little.ply/bits"``); "ok" is that all went as promised, "refused"
-    that bad input was refused in one line, "fault" anything else, with what went wrong as its detail. Seconds are of
-    CPU time, megabytes what the process that was attacked grew by at most; threads and resident megabytes are what a
-    process that goes on to the next trial has at the end. All are 0 where they were not measured.
+    The kind says what was tried within the part (``"little.ply/bits"``); "ok" is that all went as
+    promised, "refused" that bad input was refused in one line, "fault" anything else, with what
+    went wrong as its detail. Seconds are of CPU time, megabytes what the process that was attacked
+    grew by at most; threads and resident megabytes are what a process that goes on to the next
+    trial has at the end. All are 0 where they were not measured.
     """
 
     kind: str
@@ -51,7 +53,9 @@ def run(attempt: Callable[[int], Trial], about: str) -> None:
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--seed", type=int, default=0, help="of the first trial")
     parser.add_argument("--count", type=int, default=1, help="of trials, each with the next seed")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="after which no trial begins")
+    parser.add_argument(
+        "--seconds", type=float, default=float("inf"), help="after which no trial begins"
+    )
     asked = parser.parse_args()
     end = time.monotonic() + asked.seconds
     for seed in range(asked.seed, asked.seed + asked.count):

@@ -1,4 +1,5 @@
-"""A process that opens one attacking file after the other, and what came of each; and who watches over it.
+"""A process that opens one attacking file after the other, and what came of each; and who watches
+over it.
 
 The process has bounded memory and, for each file, bounded time; it is started again when it dies.
 """
@@ -30,7 +31,9 @@ from tests.attack.specimens import Specimen
 from tests.attack.trial import Trial
 
 SECONDS, MEGABYTES = 10, 1000
-"""The most CPU time that a file may take, and the most memory by which the process may grow, for files up to:"""
+"""The most CPU time that a file may take, and the most memory by which the process may grow, for
+files up to:
+"""
 LARGEST = 10 << 20
 _ADDRESS_SPACE = 3 << 30
 _PATIENCE = 120.0  # seconds by the clock, for what waits without computing
@@ -40,10 +43,17 @@ Attacker = Callable[[int], tuple[Specimen, str]]
 
 
 class Victim:
-    """Tries the files of an attacker, named ``module:function``; what is a fault is kept in a folder."""
+    """Tries the files of an attacker, named ``module:function``; what is a fault is kept in a
+    folder.
+    """
 
     def __init__(
-        self, part: str, attacker: str, keep: Path, seconds: int = SECONDS, megabytes: int = MEGABYTES
+        self,
+        part: str,
+        attacker: str,
+        keep: Path,
+        seconds: int = SECONDS,
+        megabytes: int = MEGABYTES,
     ) -> None:
         self._part, self._attacker, self._keep = part, attacker, keep
         self._seconds, self._megabytes = seconds, megabytes
@@ -81,7 +91,12 @@ class Victim:
         command += [str(self._seconds), str(self._megabytes)]
         with (self._folder / "log").open("w") as log:
             self._process = subprocess.Popen(
-                command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True
+                command,
+                cwd=ROOT,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
             )
 
     def _died(self, seed: int, has_ended: bool) -> Trial:
@@ -90,7 +105,9 @@ class Victim:
             status = self._process.wait()
             name = signal.Signals(-status).name if status < 0 else f"exit status {status}"
             why = (
-                f"more than {self._seconds} s of CPU time" if status == -signal.SIGPROF else f"the process died: {name}"
+                f"more than {self._seconds} s of CPU time"
+                if status == -signal.SIGPROF
+                else f"the process died: {name}"
             )
         else:
             why = f"nothing within {_PATIENCE:g} s by the clock"
@@ -113,7 +130,11 @@ class Victim:
 
 
 def _what_is_no_file(folder: str, names: list[str]) -> list[str]:
-    return [name for name in names if not (path := Path(folder, name)).is_file() or path.stat().st_size > 64 << 20]
+    return [
+        name
+        for name in names
+        if not (path := Path(folder, name)).is_file() or path.stat().st_size > 64 << 20
+    ]
 
 
 def _place(log: str) -> str:
@@ -134,10 +155,16 @@ def main(attacker: str, folder: Path, seconds: int, megabytes: int) -> None:
     answers = os.fdopen(os.dup(1), "w")
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
     for line in sys.stdin:
-        print(_attempt(files_of, int(line), folder, seconds, megabytes).to_line(), file=answers, flush=True)
+        print(
+            _attempt(files_of, int(line), folder, seconds, megabytes).to_line(),
+            file=answers,
+            flush=True,
+        )
 
 
-def _attempt(files_of: Attacker, seed: int, folder: Path, most_seconds: int, most_megabytes: int) -> Trial:
+def _attempt(
+    files_of: Attacker, seed: int, folder: Path, most_seconds: int, most_megabytes: int
+) -> Trial:
     (folder / "kind").write_text("the attack itself")
     files = folder / "files"
     shutil.rmtree(files, ignore_errors=True)
@@ -172,7 +199,14 @@ def _attempt(files_of: Attacker, seed: int, folder: Path, most_seconds: int, mos
         outcome, detail = "fault", f"{grown:.0f} MB of memory; then: {detail}"
     if size > LARGEST:  # may take longer and more
         seconds = grown = 0.0
-    return Trial(kind, seed, outcome, detail.replace(str(files) + os.sep, ""), round(seconds, 3), round(grown, 1))
+    return Trial(
+        kind,
+        seed,
+        outcome,
+        detail.replace(str(files) + os.sep, ""),
+        round(seconds, 3),
+        round(grown, 1),
+    )
 
 
 def _last_of_ours(error: Exception) -> str:
@@ -197,7 +231,10 @@ def _listening(said: list[str]) -> Iterator[None]:
             finally:
                 heard.flush()
         heard.seek(0)
-        said += [*filter(None, [heard.read()]), *(f"{w.category.__name__}: {w.message}" for w in caught)]
+        said += [
+            *filter(None, [heard.read()]),
+            *(f"{w.category.__name__}: {w.message}" for w in caught),
+        ]
 
 
 @contextlib.contextmanager

@@ -12,7 +12,9 @@ from abfm.types import FloatArray
 
 def rotation_field(mesh: TriangleMesh, axis: ArrayLike) -> FloatArray:
     """Velocity (F, 3) of the rotation with angular velocity ``axis``, at face centres."""
-    return tangent(mesh, np.cross(np.asarray(axis, dtype=float), mesh.vertices[mesh.faces].mean(axis=1)))
+    return tangent(
+        mesh, np.cross(np.asarray(axis, dtype=float), mesh.vertices[mesh.faces].mean(axis=1))
+    )
 
 
 def wavy_field(mesh: TriangleMesh, seed: int) -> FloatArray:

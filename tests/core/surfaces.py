@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from abfm.assets import asset_path
-from abfm.calculus.operators import face_areas, vertex_areas
+from abfm.calculus.operators import (
+    Matrix,
+    edge_areas,
+    edge_gradient,
+    face_areas,
+    field_mass,
+    vertex_areas,
+)
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.types import FloatArray, IntArray
 from tests.shapes import ellipsoid, hemisphere, open_cylinder, square, tetrahedron, torus
@@ -28,8 +36,21 @@ LOOPS = {"torus": 2, "genus two": 4, "cylinder": 1, "no inner vertices": 1}
 """Independent loops of each surface (first Betti number), 0 where not listed."""
 
 
+def random_function(mesh: TriangleMesh, seed: int = 0) -> FloatArray:
+    """Return normally distributed values on the vertices, (V,)."""
+    return np.random.default_rng(seed).normal(size=len(mesh.vertices))
+
+
+def edge_divergence(mesh: TriangleMesh) -> Matrix:
+    """Return the divergence as an edge function, (E, 2F): the jump of the normal flux."""
+    mass = sparse.diags_array(1 / edge_areas(mesh))
+    return Matrix(-mass @ edge_gradient(mesh).T @ field_mass(mesh))
+
+
 def norm(mesh: TriangleMesh, values: FloatArray) -> float:
-    """L2 norm of a function on vertices (V,), or of one or several values per face (F,) or (F, n)."""
+    """L2 norm of a function on vertices (V,), or of one or several values per face (F,) or (F,
+    n).
+    """
     areas = vertex_areas(mesh) if len(values) == len(mesh.vertices) else face_areas(mesh)
     return float(np.sqrt((areas * (values.reshape(len(values), -1) ** 2).sum(axis=1)).sum()))
 
@@ -40,7 +61,9 @@ def relative_error(mesh: TriangleMesh, values: FloatArray, exact: FloatArray) ->
 
 
 def last_order(errors: ArrayLike) -> FloatArray:
-    """Exponents p in ``error ~ edge length^p`` between the two finest meshes, where each halves the edges."""
+    """Exponents p in ``error ~ edge length^p`` between the two finest meshes, where each halves
+    the edges.
+    """
     coarse, fine = np.asarray(errors)[-2:]
     return np.asarray(np.log2(coarse / fine))
 
@@ -51,7 +74,9 @@ def moved(mesh: TriangleMesh, rotation: FloatArray, scale: float = 1.0) -> Trian
 
 
 def renumbered(mesh: TriangleMesh, seed: int) -> tuple[TriangleMesh, IntArray, IntArray]:
-    """The mesh with vertices and faces in another order and other first corners; the old number of each new one."""
+    """The mesh with vertices and faces in another order and other first corners; the old number
+    of each new one.
+    """
     rng = np.random.default_rng(seed)
     vertices, faces = rng.permutation(len(mesh.vertices)), rng.permutation(len(mesh.faces))
     corners = (np.arange(3) + rng.integers(3, size=len(faces))[:, None]) % 3

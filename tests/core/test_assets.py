@@ -17,7 +17,9 @@ def test_names_lead_to_files_with_a_source_and_licence():
 
 
 def test_unknown_name_suggests_the_nearest():
-    with pytest.raises(MeshError, match=r"no mesh called human_a\.off .*did you mean 'human_[AB]\.off'"):
+    with pytest.raises(
+        MeshError, match=r"no mesh called human_a\.off .*did you mean 'human_[AB]\.off'"
+    ):
         asset_path("human_a.off")
     with pytest.raises(MeshError, match=r"shipped: known are eight\.off, "):
         asset_path("zzzzzzzz")

@@ -9,7 +9,9 @@ from abfm.types import FloatArray, IntArray
 
 
 def texel_weights(atlas: TextureAtlas, rows: IntArray, columns: IntArray) -> FloatArray:
-    """Barycentric weights (n, 3) of the centres of texels that belong to a face; some are outside."""
+    """Barycentric weights (n, 3) of the centres of texels that belong to a face; some are
+    outside.
+    """
     corners = np.moveaxis(atlas.corners[atlas.texel_faces[rows, columns]], 2, 1)
     matrices = np.concatenate([corners, np.ones((len(rows), 1, 3))], axis=1)
     centres = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)

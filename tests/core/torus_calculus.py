@@ -1,8 +1,8 @@
 """Exact calculus in the angles of a torus: ``u`` about the z axis, ``v`` around the tube.
 
-The meshes of `tests.shapes.torus` vary smoothly, so that orders of convergence show without the irregular vertices that
-every mesh of a sphere has. A field is given by its components ``a d/du + b d/dv``, which have the Lie bracket
-``[X, Y] = X(Y) - Y(X)`` componentwise.
+The meshes of `tests.shapes.torus` vary smoothly, so that orders of convergence show without the
+irregular vertices that every mesh of a sphere has. A field is given by its components
+``a d/du + b d/dv``, which have the Lie bracket ``[X, Y] = X(Y) - Y(X)`` componentwise.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ Component = Callable[[FloatArray, FloatArray], FloatArray | float]
 
 def refined(levels: int, coarsest: int = 24) -> list[TriangleMesh]:
     """Tori of halving edge length."""
-    return [torus(coarsest * 2**level, coarsest // 2 * 2**level, MAJOR, MINOR) for level in range(levels)]
+    return [
+        torus(coarsest * 2**level, coarsest // 2 * 2**level, MAJOR, MINOR)
+        for level in range(levels)
+    ]
 
 
 def angles(points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -41,7 +44,9 @@ def ring(v: FloatArray) -> FloatArray:
 def vectors(points: FloatArray, a: Component, b: Component) -> FloatArray:
     """``a d/du + b d/dv`` at points (n, 3), as vectors in space."""
     u, v = angles(points)
-    along = np.stack([-np.sin(u), np.cos(u), np.zeros_like(u)], axis=1) * (a(u, v) * ring(v))[:, None]
+    along = (
+        np.stack([-np.sin(u), np.cos(u), np.zeros_like(u)], axis=1) * (a(u, v) * ring(v))[:, None]
+    )
     around = np.stack([-np.sin(v) * np.cos(u), -np.sin(v) * np.sin(u), np.cos(v)], axis=1)
     return along + around * (MINOR * b(u, v) * np.ones_like(u))[:, None]
 

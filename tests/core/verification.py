@@ -11,12 +11,16 @@ from abfm.types import FloatArray
 
 
 def taylor_order(
-    evaluate: Callable[[FloatArray], tuple[float, FloatArray]], x: FloatArray, direction: FloatArray, first: float
+    evaluate: Callable[[FloatArray], tuple[float, FloatArray]],
+    x: FloatArray,
+    direction: FloatArray,
 ) -> float:
-    """Smallest observed order of ``|E(x + e d) - E(x) - e <g, d>|`` as ``e`` is halved three times from ``first``."""
+    """Smallest observed order of ``|E(x + e d) - E(x) - e <g, d>|`` as ``e`` is halved three
+    times from 1.
+    """
     value, gradient = evaluate(x)
     slope = float((gradient * direction).sum())
-    lengths = first * 0.5 ** np.arange(4)
+    lengths = 0.5 ** np.arange(4)
     remainders = [abs(evaluate(x + e * direction)[0] - value - e * slope) for e in lengths]
     return float(observed_orders(lengths, remainders).min())
 

@@ -17,7 +17,9 @@ from tests.viewer.sessions import EGG, ENDLESS, SIZE, opened
 
 @pytest.fixture(autouse=True)
 def _few_frames(monkeypatch):
-    """While tests wait, half as many frames are drawn as in the app: they take the time of what is waited for."""
+    """While tests wait, half as many frames are drawn as in the app: they take the time of what
+    is waited for.
+    """
     monkeypatch.setattr(window, "_SECONDS_PER_FRAME", 1 / 15)
 
 
@@ -38,10 +40,13 @@ def endless():
 
 @pytest.fixture
 def gui(tmp_path, request):
-    """The app on an egg with its default functions, in a small window unless a file of tests has its own WINDOW."""
+    """The app on an egg with its default functions, in a small window unless a file of tests has
+    its own WINDOW.
+    """
     with Driver(EGG, size=getattr(request.module, "WINDOW", SIZE)) as gui:
         gui.window.dialogs.folder = tmp_path
-        gui.session.amend(view=replace(gui.session.view, flow_after_match=False))  # tests look at what stands still
+        # tests look at what stands still
+        gui.session.editor.amend(view=replace(gui.session.view, flow_after_match=False))
         yield gui
         assert not gui.errors
 
@@ -58,6 +63,8 @@ def desk(tmp_path):
 
 @pytest.fixture
 def coarse_streaks(monkeypatch):
-    """Textures of streaks with as many texels as small pictures have pixels: they take as long as there are texels."""
+    """Textures of streaks with as many texels as small pictures have pixels: they take as long
+    as there are texels.
+    """
     for name in ("_TEXELS", "_TEXELS_OF_PICTURES"):
         monkeypatch.setattr(field_quantities, name, 512)

@@ -1,4 +1,6 @@
-"""How far apart two colours are: contrast as WCAG 2.2 defines it, and difference as the colour-blind see it."""
+"""How far apart two colours are: contrast as WCAG 2.2 defines it, and difference as the
+colour-blind see it.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +12,36 @@ from numpy.typing import NDArray
 SIGHTS = {
     "normal": np.eye(3),
     "protanopia": np.array(
-        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+        [
+            [0.152286, 1.052583, -0.204868],
+            [0.114503, 0.786281, 0.099216],
+            [-0.003882, -0.048116, 1.051998],
+        ]
     ),
     "deuteranopia": np.array(
-        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+        [
+            [0.367322, 0.860646, -0.227968],
+            [0.280085, 0.672501, 0.047413],
+            [-0.011820, 0.042940, 0.968881],
+        ]
     ),
     "tritanopia": np.array(
-        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
+        [
+            [1.255528, -0.076749, -0.178779],
+            [-0.078411, 0.930809, 0.147602],
+            [0.004733, 0.691367, 0.303900],
+        ]
     ),
 }
-"""What is seen of linear light: Machado, Oliveira, Fernandes, IEEE TVCG 15(6), 2009, at full severity."""
+"""What is seen of linear light: Machado, Oliveira, Fernandes, IEEE TVCG 15(6), 2009, at full
+severity.
+"""
 _XYZ = np.array(
-    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+    [
+        [0.4124564, 0.3575761, 0.1804375],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ]
 )
 
 
@@ -42,7 +62,9 @@ def _luminance(color: Sequence[float]) -> float:
 
 def _linear(color: Sequence[float]) -> NDArray[np.float64]:
     """Linear light of an sRGB colour, whose alpha does not count."""
-    return np.array([c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color[:3]])
+    return np.array(
+        [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color[:3]]
+    )
 
 
 def _lab(color: Sequence[float], sight: str) -> NDArray[np.float64]:

@@ -18,13 +18,15 @@ class Desk:
         self.session = session
         self.state = StateFolder(folder)
         self.questions: list[tuple[str, str, dict[str, Callable[[], None] | None]]] = []
-        self.files = SessionFiles(session, self.state, lambda *question: self.questions.append(question))
+        self.files = SessionFiles(
+            session, self.state, lambda *question: self.questions.append(question)
+        )
 
     def wait(self, condition: Callable[[], bool]) -> None:
         """Update until something holds."""
         end = time.monotonic() + 60
         while not condition():
-            assert time.monotonic() < end, self.session.notice
+            assert time.monotonic() < end, self.session.notices.latest
             self.update()
             time.sleep(0.002)
 
@@ -37,7 +39,11 @@ class Desk:
         """Wait until nothing is opened, computed or written."""
         for _ in range(3):  # what ended since the last update is taken in by the next one
             self.update()
-            self.wait(lambda: not self.session.busy and not self.files.saving and self.session.channels != ())
+            self.wait(
+                lambda: (
+                    not self.session.busy and not self.files.saving and self.session.channels != ()
+                )
+            )
 
     def open(self, path: Path) -> None:
         """Open a file and wait."""

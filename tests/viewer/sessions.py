@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from abfm import Parameters
 from abfm.parameters import PAPER
-from abfm_viewer.computing.problem import Problem
+from abfm_viewer.computing.problem import ProblemSpec
 from abfm_viewer.document.document import Channel
 from abfm_viewer.session.session import Session
 from tests.shapes import ellipsoid, icosphere
@@ -18,25 +18,29 @@ EGG = ellipsoid(3, 1.0, 0.7, 0.55)
 SIZE = (560, 400)  # of windows: drawing takes as long as there are pixels
 PAIR = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=1,z=0,width=0.15")
 QUICK = Parameters(iterations=20)
-ENDLESS = Parameters(**PAPER, iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1)
+ENDLESS = Parameters(
+    **PAPER, iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1
+)
 """One stage with so small steps that a run goes on until it is told otherwise."""
 
 
-def problem(parameters: Parameters = QUICK, channel: Channel = PAIR) -> Problem:
+def problem(parameters: Parameters = QUICK, channel: Channel = PAIR) -> ProblemSpec:
     """What a session with one channel on the sphere would solve."""
-    return Problem(SPHERE, (channel,), parameters, "")
+    return ProblemSpec(SPHERE, (channel,), parameters, "")
 
 
 def opened(parameters: Parameters = QUICK, channel: Channel = PAIR) -> Session:
     """A session on the sphere whose functions are known, at the beginning of its history."""
     session = Session(SPHERE, "sphere")
     view = replace(session.view, flow_after_match=False)  # tests look at what stands still
-    session.amend(channels=(channel,), parameters=parameters, view=view)
+    session.editor.amend(channels=(channel,), parameters=parameters, view=view)
     until(lambda: not session.obstacle, session)
     return session
 
 
-def until(condition: Callable[[], object], session: Session | None = None, seconds: float = 30) -> None:
+def until(
+    condition: Callable[[], object], session: Session | None = None, seconds: float = 30
+) -> None:
     """Wait for a condition, with frames of the session if there is one."""
     end = time.monotonic() + seconds
     while not condition():

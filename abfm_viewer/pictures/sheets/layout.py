@@ -24,7 +24,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Layout:
-    """Size of a sheet in pixels, its scale, the places of its cells row by row, and of its colour bars."""
+    """Size of a sheet in pixels, its scale, and places of its cells and colour bars."""
 
     width: int
     height: int
@@ -38,16 +38,17 @@ def laid_out(
     rows: Sequence[Sequence[float]],
     bars: int,
     upright: bool = False,
-    width: int | None = None,
-    height: int | None = None,
+    size: tuple[int | None, int | None] = (None, None),
     scale: float = 1.0,
 ) -> Layout:
-    """Give cells, of which the widths over the heights are given row by row, one height, as large as there is room.
+    """Give cells, of which the widths over the heights are given row by row, one height, as large
+    as there is room.
 
-    So many colour bars are below, or one to the right if it is upright. The cells lie in the middle of the sheet, which
-    without a width and a height is as large as its cells need: it is at most `WIDEST`, and they are at most
-    `TALLEST_PANEL`. All other lengths are scaled.
+    So many colour bars are below, or one to the right if it is upright. The cells lie in the middle
+    of the sheet, which without a size (width, height) is as large as its cells need: it is at most
+    `WIDEST`, and they are at most `TALLEST_PANEL`. All other lengths are scaled.
     """
+    width, height = size
     margin, gap, label = scale * MARGIN, scale * GAP, scale * LABEL
     beside, below = scale * _BESIDE * upright, scale * _BELOW * (bars > 0 and not upright)
     free = (width or WIDEST) - 2 * margin - beside
@@ -71,12 +72,15 @@ def laid_out(
     end = top + len(rows) * step
     height = height or round(end - gap + below + margin / 2)
     if upright:
-        middle, half = (top + end - label - gap) / 2, min((end - label - gap - top) / 2, scale * _UPRIGHT_LENGTH / 2)
+        middle = (top + end - label - gap) / 2
+        half = min((end - label - gap - top) / 2, scale * _UPRIGHT_LENGTH / 2)
         left = (width - beside + max(totals)) / 2 + scale * _BEFORE
         found = [(left, middle - half, left + scale * _BAR_WIDTH, middle + half)]
     else:
         each, high = (width - 2 * scale * _BAR_GAP) / max(bars, 1), end + scale * _ABOVE
         half = min(scale * _BAR_LENGTH, each - scale * _BAR_GAP / 2) / 2
         middles = [scale * _BAR_GAP + (number + 0.5) * each for number in range(bars)]
-        found = [(middle - half, high, middle + half, high + scale * _BAR_WIDTH) for middle in middles]
+        found = [
+            (middle - half, high, middle + half, high + scale * _BAR_WIDTH) for middle in middles
+        ]
     return Layout(width, height, scale, tuple(places), tuple(found), upright)

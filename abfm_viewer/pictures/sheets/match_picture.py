@@ -1,4 +1,4 @@
-"""Still pictures of a match, drawn off the screen: from source to target on one colour range and one camera."""
+"""Still pictures of a match: from source to target on one colour range and one camera."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageFont
 
 from abfm import Match
-from abfm.experiments.sheet import Frame, Panel, Sheet, Values
+from abfm.sheets import Frame, Panel, Sheet, Values
 from abfm.types import FloatArray
 from abfm_viewer.document.verdict_words import headline, tone
 from abfm_viewer.pictures.sheets.layout import Layout, laid_out
@@ -32,7 +32,8 @@ def match_picture(
     Parameters
     ----------
     times
-        When to show the source besides 0 and tau; by default at a quarter, half and three quarters of tau.
+        When to show the source besides 0 and tau; by default at a quarter, half and three quarters
+        of tau.
     size
         Width and height in pixels; by default a wide sheet that fits the shape.
     channel, up
@@ -47,7 +48,8 @@ def match_picture(
     moments = sorted({*(tau * np.array([0.25, 0.5, 0.75]) if times is None else times), tau})
 
     def panel(function: FloatArray, label: str, frame: Frame = "other") -> Panel:
-        return Panel(match.mesh, Values(function.reshape(len(function), -1)[:, channel]), label, frame)
+        values = Values(function.reshape(len(function), -1)[:, channel])
+        return Panel(match.mesh, values, label, frame)
 
     meant = tone(match)
 
@@ -65,13 +67,16 @@ def match_picture(
 
 
 def grid(count: int, aspect: float, size: tuple[int, int] | None = None) -> Layout:
-    """Lay out panels of a given width over height: as large as a size allows, or on a sheet of pleasant proportions."""
+    """Lay out panels as large as a size allows, or on a sheet of pleasant proportions."""
     width, height = size or (DEFAULT_WIDTH, None)
-    scale = 1.0 if height is None else max(_SMALLEST_SCALE, min(width / DEFAULT_WIDTH, height / _USUAL_HEIGHT))
+    scale = 1.0
+    if height is not None:
+        scale = max(_SMALLEST_SCALE, min(width / DEFAULT_WIDTH, height / _USUAL_HEIGHT))
     candidates = []
     for columns in sorted({math.ceil(count / rows) for rows in range(1, count + 1)}):
         rows = [[aspect] * columns] * math.ceil(count / columns)
-        candidates.append(laid_out(rows, 1, True, width, height, scale))
+        candidates.append(laid_out(rows, 1, True, (width, height), scale))
     if size is None:
-        return min(candidates, key=lambda layout: abs(math.log(layout.width / layout.height / _PLEASANT_ASPECT)))
+        off = [math.log(one.width / one.height / _PLEASANT_ASPECT) for one in candidates]
+        return candidates[int(np.argmin(np.abs(off)))]
     return max(candidates, key=lambda layout: layout.rows[0][0].width)

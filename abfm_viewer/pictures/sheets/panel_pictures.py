@@ -6,33 +6,40 @@ from itertools import cycle
 
 from PIL import Image
 
-from abfm.experiments.sheet import Checker, Coordinates, Panel, Sheet, Values
 from abfm.mesh import TriangleMesh
+from abfm.sheets import Checker, Coordinates, Panel, Sheet, Values
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm_viewer.appearance.colormaps import ColorRange, place_colors
-from abfm_viewer.document.document import Camera, Front
-from abfm_viewer.document.fronts import best_front
+from abfm_viewer.computing.fronts import best_front
+from abfm_viewer.document.document import Front
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.pictures.sheets.ranges import function, panels
 from abfm_viewer.scene import marks, opengl
-from abfm_viewer.scene.camera import fitted
-from abfm_viewer.scene.ribbons import course_through
+from abfm_viewer.scene.camera import Camera, fitted, look
+from abfm_viewer.scene.ribbons import course_through, line_ribbons
 from abfm_viewer.scene.surface_quantities import register, show
-from abfm_viewer.scene.viewport import Viewport
-from abfm_viewer.shown.paint import Paint
+from abfm_viewer.shown.paint import Paint, PaintKind
 from abfm_viewer.shown.streak_texture import streak_texture
 
 _FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees: so narrow that shapes are hardly distorted
 _INK = (0.1, 0.1, 0.12)
 # of marked points, in linear light
-POINT_COLORS = ((1.0, 0.45, 0.0), (0.45, 0.1, 0.75), (0.0, 0.5, 0.25), (0.85, 0.0, 0.45), (0.0, 0.4, 0.8))
+POINT_COLORS = (
+    (1.0, 0.45, 0.0),
+    (0.45, 0.1, 0.75),
+    (0.0, 0.5, 0.25),
+    (0.85, 0.0, 0.45),
+    (0.0, 0.4, 0.8),
+)
 _ARROW_LENGTH, _ARROW_DENSITY = 0.12, 0.3
 _POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
 _TEXELS = 2048
 _SQUARE = 0.5  # of a checkerboard, in its coordinates
 
 
-def cameras(sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)) -> dict[TriangleMesh, Camera]:
+def cameras(
+    sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)
+) -> dict[TriangleMesh, Camera]:
     """One camera for each mesh, that shows what the sources and targets on it have to show.
 
     Its aspect is that of what it sees, or the least or greatest one of `aspects`.
@@ -42,7 +49,11 @@ def cameras(sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)) -> dic
         if fronts and sheet.one_view:
             fronts.setdefault(panel.mesh, next(iter(fronts.values())))
         elif panel.mesh not in fronts:
-            ends = [one for one in panels(sheet) if one.mesh is panel.mesh and one.frame in ("source", "target")]
+            ends = [
+                one
+                for one in panels(sheet)
+                if one.mesh is panel.mesh and one.frame in ("source", "target")
+            ]
             functions = [values for _, values in map(function, ends) if values is not None]
             remarkable = [values for values in functions if len(values) == len(panel.mesh.vertices)]
             seen = sheet.seen if not fronts and sheet.seen else remarkable
@@ -71,33 +82,34 @@ def panel_pictures(
             for number, panel in enumerate(panels(sheet)):
                 if sizes[number] != size:
                     continue
-                _show(panel, ranges)
-                Viewport(panel.mesh).place(views[panel.mesh])
+                _show(panel, ranges, views[panel.mesh])
                 pictures[number] = Image.fromarray(drawn(transparent=True))
     return [pictures[number] for number in range(len(sizes))]
 
 
-def _show(panel: Panel, ranges: Mapping[str, ColorRange]) -> None:
+def _show(panel: Panel, ranges: Mapping[str, ColorRange], view: Camera) -> None:
     mesh = panel.mesh
-    viewport = Viewport(mesh)
     opengl.clear()
-    viewport.set_extent(mesh.vertices)
-    surface = register("surface", mesh, viewport.drawn(mesh.vertices))
+    look(view, mesh)
+    surface = register("surface", mesh)
     show(surface, mesh, _paint(panel, ranges), square=_SQUARE)
     if panel.arrows is not None:
-        marks.draw_arrows("arrows", mesh, panel.arrows, _ARROW_LENGTH, _ARROW_DENSITY, viewport.drawn, _INK)
+        arrows = marks.arrow_courses(mesh, panel.arrows, _ARROW_LENGTH, _ARROW_DENSITY)
+        marks.draw_arrows("arrows", mesh, arrows, _INK)
     if panel.lines:
         courses = [course_through(mesh, line) for line in panel.lines]
-        marks.draw_lines("lines", mesh, courses, viewport.drawn, _INK, _LINE)
-    for number, (point, color) in enumerate(zip([] if panel.points is None else panel.points, cycle(POINT_COLORS))):
-        marks.draw_points(f"point {number}", point[None], viewport.drawn, color, _POINT)
+        marks.draw_ribbons("lines", mesh, line_ribbons(courses, _LINE), _INK)
+    marked = zip(() if panel.points is None else panel.points, cycle(POINT_COLORS))
+    for number, (point, color) in enumerate(marked):
+        marks.draw_points(f"point {number}", mesh, point[None], color, _POINT)
 
 
 def _paint(panel: Panel, ranges: Mapping[str, ColorRange]) -> Paint:
     mesh, paint, label = panel.mesh, panel.paint, panel.label
     if isinstance(paint, Values):
         on_vertices = len(paint.values) == len(mesh.vertices)
-        return Paint("vertex values" if on_vertices else "face values", paint.values, label, ranges[paint.bar])
+        kind: PaintKind = "vertex values" if on_vertices else "face values"
+        return Paint(kind, paint.values, label, ranges[paint.bar])
     if isinstance(paint, Coordinates):
         return Paint("colors", place_colors(mesh.vertices, paint.positions), label)
     if isinstance(paint, Checker):

@@ -11,11 +11,17 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from PIL import Image, ImageFont
 
-from abfm.experiments.sheet import Plot
+from abfm.sheets import Plot
 
 CURVE_COLORS = ("#111111", "#2455c3", "#c62828", "#1b7a43", "#b26a00", "#6b3fa0")
 _FAINT = "#8a909c"  # the colour of all faint curves, which differ in style
-_STYLES: tuple[str | tuple[int, tuple[int, ...]], ...] = ("--", ":", "-.", (0, (8, 3)), (0, (5, 2, 1, 2, 1, 2)))
+_STYLES: tuple[str | tuple[int, tuple[int, ...]], ...] = (
+    "--",
+    ":",
+    "-.",
+    (0, (8, 3)),
+    (0, (5, 2, 1, 2, 1, 2)),
+)
 _DPI = 100
 
 
@@ -32,7 +38,9 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
     colors, styles = cycle(CURVE_COLORS), cycle(_STYLES)
     for curve in plot.curves:
         color, style = (_FAINT, next(styles)) if curve.faint else (next(colors), "-")
-        axes.plot(curve.x, curve.y, label=curve.name, color=color, linestyle=style, linewidth=points / 7)
+        axes.plot(
+            curve.x, curve.y, label=curve.name, color=color, linestyle=style, linewidth=points / 7
+        )
     if plot.log_y:
         axes.set_yscale("log")
     if plot.top is not None and axes.get_ylim()[1] > plot.top:
@@ -51,18 +59,21 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
             beside = max(int(0.9 * size[0] / legend.get_window_extent().width), 1)
             columns = math.ceil(len(plot.curves) / math.ceil(len(plot.curves) / beside))
             legend.remove()
-            figure.legend(fontsize=0.9 * points, frameon=False, loc="outside upper center", ncols=columns)
+            figure.legend(
+                fontsize=0.9 * points, frameon=False, loc="outside upper center", ncols=columns
+            )
     figure.draw_without_rendering()
     title = axes.yaxis.label.get_window_extent()
     room = 2 * min((title.y0 + title.y1) / 2, size[1] - (title.y0 + title.y1) / 2)
-    axes.yaxis.label.set_fontsize(points * min(1, room / max(title.height, 1)))  # in a low plot it would be cut off
+    # in a low plot it would be cut off
+    axes.yaxis.label.set_fontsize(points * min(1, room / max(title.height, 1)))
     stream = io.BytesIO()
     figure.savefig(stream, format="png")
     return Image.open(stream).convert("RGB")
 
 
 def _covers_curves(legend: Legend, axes: Axes) -> bool:
-    """Whether a curve runs through the legend, laid out where it is least in the way."""
+    """Return whether a curve runs through the legend where it is least in the way."""
     box = legend.get_window_extent()
     for line in axes.get_lines():
         corners = line.get_transform().transform(line.get_xydata())

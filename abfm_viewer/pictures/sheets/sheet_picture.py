@@ -6,15 +6,15 @@ from dataclasses import replace
 from PIL import Image, ImageDraw
 
 from abfm import TriangleMesh
-from abfm.experiments.sheet import Frame, Panel, Plot, Sheet
+from abfm.sheets import Frame, Panel, Plot, Sheet
 from abfm_viewer import pictures
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.theme import LIGHT
-from abfm_viewer.document.document import Camera
 from abfm_viewer.pictures.lettering import Font, letter, rgb
 from abfm_viewer.pictures.sheets.layout import GAP, LABEL, MARGIN, Layout
 from abfm_viewer.pictures.sheets.panel_pictures import panel_pictures
 from abfm_viewer.pictures.sheets.ranges import color_ranges
+from abfm_viewer.scene.camera import Camera
 from abfm_viewer.scene.color_bars import Pen, bar_parts
 
 _FRAMES: dict[Frame, tuple[str, float]] = {  # colours and widths
@@ -37,7 +37,8 @@ def sheet_picture(
     font: Callable[[float], Font],
     notes: Sequence[str] = (),
 ) -> Image.Image:
-    """Draw the cells of a sheet, row by row, at the places of a layout, and notes below them in lines.
+    """Draw the cells of a sheet, row by row, at the places of a layout, and notes below them in
+    lines.
 
     A `DrawingError` says why the machine cannot.
     """
@@ -49,13 +50,19 @@ def sheet_picture(
     draw = ImageDraw.Draw(picture)
     cells = [cell for row in sheet.rows for cell in row]
     places = [place for row in layout.rows for place in row][: len(cells)]
-    sizes = [(p.width, p.height) for cell, p in zip(cells, places, strict=True) if isinstance(cell, Panel)]
+    sizes = [
+        (p.width, p.height)
+        for cell, p in zip(cells, places, strict=True)
+        if isinstance(cell, Panel)
+    ]
     drawings = iter(panel_pictures(sheet, sizes, ranges, views))
     for cell, place in zip(cells, places, strict=True):
         corner: tuple[int, int] = (place.left, place.top)
         color: str | tuple[int, int, int] = _INK
         if isinstance(cell, Plot):
-            picture.paste(pictures.plot_picture(cell, (place.width, place.height), scale * _SMALL), corner)
+            picture.paste(
+                pictures.plot_picture(cell, (place.width, place.height), scale * _SMALL), corner
+            )
         else:
             drawing = next(drawings)
             picture.paste(drawing, corner, drawing)
@@ -65,19 +72,23 @@ def sheet_picture(
             color = _TONES.get(cell.tone) or (outline if cell.frame != "other" else _INK)
         fits = place.width + scale * GAP - 4
         sizes_down = [scale * size for size in range(_TEXT, _SMALLEST - 1, -1)]
-        size = next((size for size in sizes_down if font(size).getlength(cell.label) <= fits), sizes_down[-1])
+        fitting = (size for size in sizes_down if font(size).getlength(cell.label) <= fits)
+        written = font(next(fitting, sizes_down[-1]))
         middle = (place.left + place.width / 2, place.top + place.height + scale * LABEL / 2)
-        draw.text(middle, cut(cell.label, fits, font(size).getlength), fill=color, font=font(size), anchor="mm")
-    pen, inks = Pen(scale, 1.2 * scale * _SMALL, small.getlength, scale * _TICK), replace(LIGHT, muted=LIGHT.ink)
+        label = cut(cell.label, fits, written.getlength)
+        draw.text(middle, label, fill=color, font=written, anchor="mm")
+    inks = replace(LIGHT, muted=LIGHT.ink)
+    pen = Pen(scale, 1.2 * scale * _SMALL, small.getlength, inks, scale * _TICK)
     for (title, colors), rect in zip(ranges.items(), layout.bars, strict=True):
-        letter(picture, bar_parts(title, colors, rect, pen, inks, layout.upright), pen, small)
+        letter(picture, bar_parts(title, colors, rect, pen, layout.upright), pen, small)
     for number, line in enumerate(lines):
-        draw.text((MARGIN, layout.height + _LINE * (number + 0.5)), line, fill=_INK, font=small, anchor="lm")
+        start = (MARGIN, layout.height + _LINE * (number + 0.5))
+        draw.text(start, line, fill=_INK, font=small, anchor="lm")
     return picture
 
 
 def wrapped(texts: Sequence[str], width: float, width_of: Callable[[str], float]) -> list[str]:
-    """Texts broken into lines of a width in pixels at most, as a sheet's notes are written; a long word stays."""
+    """Break texts into lines of a width in pixels at most; a long word stays."""
     lines = []
     for text in texts:
         line = ""

@@ -1,4 +1,4 @@
-"""What a user would compare with: the linear blend, optimal transport, and the paper's algorithm as published."""
+"""What a user would compare with: the linear blend, optimal transport, a reduced basis."""
 
 import lazy_loader
 

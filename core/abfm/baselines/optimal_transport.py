@@ -1,7 +1,7 @@
 """Optimal transport between two non-negative functions: convolutional Wasserstein interpolation.
 
-Source: Solomon, de Goes, Peyré, Cuturi, Butscher, Nguyen, Du, Guibas: Convolutional Wasserstein Distances, ACM TOG
-34(4), 2015, algorithms 2 (barycentres) and 3 (entropic sharpening).
+Source: Solomon, de Goes, Peyré, Cuturi, Butscher, Nguyen, Du, Guibas: Convolutional Wasserstein
+Distances, ACM TOG 34(4), 2015, algorithms 2 (barycentres) and 3 (entropic sharpening).
 """
 
 import numpy as np
@@ -12,14 +12,15 @@ from scipy.optimize import brentq
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import Matrix, cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError, ParameterError, brief
-from abfm.matching.energy.problem import LARGEST, SMALLEST
+from abfm.matching.terms.functions import LARGEST, SMALLEST
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
-from abfm.real_numbers import is_finite_number, is_whole_number, real_numbers
+from abfm.numerics.real_numbers import is_finite_number, is_whole_number, real_numbers
 from abfm.types import FloatArray
 
 _ITERATIONS = 500
-_TOLERANCE = 1e-5  # L1 change of the interpolated density, whose mass is 1, from one iteration to the next
+# L1 change of the interpolated density, whose mass is 1, from one iteration to the next
+_TOLERANCE = 1e-5
 _LEAST_HEAT = 1e-150  # squares and quotients of smaller densities underflow
 _SHARPEST = 64.0
 _WIDEST, _MOST_STEPS = 1e3, 10_000
@@ -29,10 +30,11 @@ _NEGLIGIBLE = 0.01  # of the largest value: what a function may be below zero
 class HeatKernel:
     """Heat flow on a surface: a positive symmetric smoothing that keeps the integral.
 
-    Implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation. L has the cotangent weights of the edges,
-    without the negative ones: every entry of the kernel is positive on every mesh, and small ones are exact to
-    rounding, which optimal transport over long distances needs. Each step's tail decays like ``exp(-d / sqrt(s))``, so
-    several steps are needed for one like a Gaussian's: up to distances of about ``sqrt(2 steps) width``.
+    Implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation. L has the cotangent weights
+    of the edges, without the negative ones: every entry of the kernel is positive on every mesh,
+    and small ones are exact to rounding, which optimal transport over long distances needs. Each
+    step's tail decays like ``exp(-d / sqrt(s))``, so several steps are needed for one like a
+    Gaussian's: up to distances of about ``sqrt(2 steps) width``.
 
     Parameters
     ----------
@@ -54,10 +56,14 @@ class HeatKernel:
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:
-        if not (is_finite_number(width) and 0 < width <= _WIDEST and is_whole_number(steps, 1, _MOST_STEPS)):
+        if not (
+            is_finite_number(width)
+            and 0 < width <= _WIDEST
+            and is_whole_number(steps, 1, _MOST_STEPS)
+        ):
             raise ParameterError(
-                f"blur is {brief(width)}, steps is {brief(steps)}; expected a blur above 0, at most {_WIDEST:g}, and a "
-                f"whole number of steps from 1 to {_MOST_STEPS}"
+                f"blur is {brief(width)}, steps is {brief(steps)}; expected a blur above 0, at "
+                f"most {_WIDEST:g}, and a whole number of steps from 1 to {_MOST_STEPS}"
             )
         unit = mesh.normalized()
         self.areas = vertex_areas(unit)
@@ -66,7 +72,7 @@ class HeatKernel:
         self._solve = factor(sparse.csr_array(matrix))
 
     def __call__(self, f: FloatArray) -> FloatArray:
-        """A function (V,) after the flow, (V,)."""
+        """Return a function (V,) after the flow, (V,)."""
         for _ in range(self._steps):
             f = self._solve(self.areas * f)
         return f
@@ -82,19 +88,21 @@ def optimal_transport(
     steps: int = 16,
     sharpen: bool = False,
 ) -> FloatArray:
-    """Entropic displacement interpolation of two non-negative functions: their mass takes the shortest ways.
+    """Return the entropic displacement interpolation of two non-negative functions: their mass
+    takes the shortest ways.
 
-    At time t the Wasserstein barycentre with weights 1 - t and t of both functions scaled to mass 1, times
-    ``(1 - t) mass(f) + t mass(g)``. All of it is blurred: at times 0 and 1 by the kernel, between them somewhat more.
-    A smaller blur makes it sharper, but only down to a limit that the mesh sets: heat that spreads from vertex to
-    vertex sees squared distances only where ``blur^2`` is not far below the product of distance and edge length.
-    Beyond, mass still goes from f to g, but lingers near both and hurries in the middle.
+    At time t the Wasserstein barycentre with weights 1 - t and t of both functions scaled to mass
+    1, times ``(1 - t) mass(f) + t mass(g)``. All of it is blurred: at times 0 and 1 by the kernel,
+    between them somewhat more. A smaller blur makes it sharper, but only down to a limit that the
+    mesh sets: heat that spreads from vertex to vertex sees squared distances only where ``blur^2``
+    is not far below the product of distance and edge length. Beyond, mass still goes from f to g,
+    but lingers near both and hurries in the middle.
 
     Parameters
     ----------
     f, g : (V,) arrays
-        Not negative, with a positive integral each. Values below zero by at most 1% of the largest one, as rounding
-        and advection leave them, count as 0.
+        Not negative, with a positive integral each. Values below zero by at most 1% of the largest
+        one, as rounding and advection leave them, count as 0.
     times : float or (T,) array
         From 0 (f) to 1 (g).
     blur : float
@@ -117,23 +125,34 @@ def optimal_transport(
     """
     moments = np.atleast_1d(real_numbers(times, "times", ParameterError))
     if moments.ndim != 1 or not ((moments >= 0) & (moments <= 1)).all():
-        raise ParameterError(f"times is {brief(times)}; expected a time from 0 to 1 or a list of them")
-    functions = [_non_negative(mesh, values, name) for values, name in ((f, "source f"), (g, "target g"))]
+        raise ParameterError(
+            f"times is {brief(times)}; expected a time from 0 to 1 or a list of them"
+        )
+    functions = [
+        _non_negative(mesh, values, name) for values, name in ((f, "source f"), (g, "target g"))
+    ]
     heat = HeatKernel(mesh, blur, steps)
     masses = [float(heat.areas @ values) for values in functions]
     densities = [values / mass for values, mass in zip(functions, masses, strict=True)]
     if min(heat(density).min() for density in densities) < _LEAST_HEAT:
         raise ParameterError(
-            f"blur is {blur:g} in {steps} steps: heat does not reach from one end of this mesh to the other in numbers "
-            "that can be computed with; give a larger blur or fewer steps"
+            f"blur is {blur:g} in {steps} steps: heat does not reach from one end of this mesh to "
+            "the other in numbers that can be computed with; give a larger blur or fewer steps"
         )
     bound = max(_entropy(heat.areas, density) for density in densities) if sharpen else np.inf
-    found = np.stack([((1 - t) * masses[0] + t * masses[1]) * _barycentre(heat, densities, t, bound) for t in moments])
+    found = np.stack(
+        [
+            ((1 - t) * masses[0] + t * masses[1]) * _barycentre(heat, densities, t, bound)
+            for t in moments
+        ]
+    )
     return found if np.ndim(times) else found[0]
 
 
-def _barycentre(heat: HeatKernel, densities: list[FloatArray], t: float, bound: float) -> FloatArray:
-    """Algorithm 2 for two densities with weights 1 - t and t: iterated Bregman projections."""
+def _barycentre(
+    heat: HeatKernel, densities: list[FloatArray], t: float, bound: float
+) -> FloatArray:
+    """Run algorithm 2 for two densities with weights 1 - t and t: iterated Bregman projections."""
     areas, tiny = heat.areas, np.finfo(np.float64).tiny
     scalings = [np.ones_like(density) for density in densities]
     found = np.zeros_like(densities[0])
@@ -153,7 +172,7 @@ def _barycentre(heat: HeatKernel, densities: list[FloatArray], t: float, bound: 
 
 
 def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArray:
-    """Algorithm 3: the smallest power from 1 on, scaled to mass 1, whose entropy is at most the bound."""
+    """Run algorithm 3: the smallest power from 1 on, of mass 1, with at most this entropy."""
 
     def power(exponent: float) -> FloatArray:
         raised = (density / density.max()) ** exponent
@@ -163,37 +182,44 @@ def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArr
         return density
     if _entropy(areas, power(_SHARPEST)) >= bound:
         return power(_SHARPEST)
-    return power(brentq(lambda exponent: _entropy(areas, power(exponent)) - bound, 1.0, _SHARPEST, xtol=1e-6))
+    return power(
+        brentq(lambda exponent: _entropy(areas, power(exponent)) - bound, 1.0, _SHARPEST, xtol=1e-6)
+    )
 
 
 def _entropy(areas: FloatArray, density: FloatArray) -> float:
-    """``-integral of density log density``."""
+    """Return ``-integral of density log density``."""
     return -float((areas * density) @ np.log(np.maximum(density, np.finfo(np.float64).tiny)))
 
 
 def _positive_laplacian(mesh: TriangleMesh) -> Matrix:
-    """Cotangent Laplacian without the edges whose weight is negative, (V, V)."""
+    """Return the cotangent Laplacian without the edges whose weight is negative, (V, V)."""
     entries = cotangent_laplacian(mesh).tocoo()
     kept = (entries.row != entries.col) & (entries.data < 0)
-    weights = Matrix((-entries.data[kept], (entries.row[kept], entries.col[kept])), shape=entries.shape)
+    weights = Matrix(
+        (-entries.data[kept], (entries.row[kept], entries.col[kept])), shape=entries.shape
+    )
     return Matrix(sparse.diags_array(weights.sum(axis=1)) - weights)
 
 
 def _non_negative(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
     rows = channels(mesh, values, name)
     if len(rows) != 1:
-        raise FunctionError(f"{name} has {len(rows)} channels; optimal transport takes one function (vertices,)")
+        raise FunctionError(
+            f"{name} has {len(rows)} channels; optimal transport takes one function (vertices,)"
+        )
     worst = int(rows[0].argmin())
     if rows[0, worst] < -_NEGLIGIBLE * rows[0].max():
         raise FunctionError(
-            f"{name} is negative at {np.count_nonzero(rows[0] < 0)} of {len(rows[0])} vertices, down to "
-            f"{rows[0, worst]:g} at vertex {mesh.vertex_ids[worst]}; optimal transport moves mass, never negative"
+            f"{name} is negative at {np.count_nonzero(rows[0] < 0)} of {len(rows[0])} vertices, "
+            f"down to {rows[0, worst]:g} at vertex {mesh.vertex_ids[worst]}; optimal transport "
+            "moves mass, never negative"
         )
     if not rows[0].any():
         raise FunctionError(f"{name} is zero everywhere; optimal transport needs some mass to move")
     if not SMALLEST <= rows[0].max() <= LARGEST:
         raise FunctionError(
-            f"{name} has values of up to {rows[0].max():.3g}, which over- or underflow; scale it to between "
-            f"{SMALLEST:g} and {LARGEST:g}"
+            f"{name} has values of up to {rows[0].max():.3g}, which over- or underflow; scale it "
+            f"to between {SMALLEST:g} and {LARGEST:g}"
         )
     return np.asarray(np.maximum(rows[0], 0))

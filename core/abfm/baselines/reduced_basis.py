@@ -1,9 +1,11 @@
-"""Continuous matching in a reduced spectral basis, in the manner of [COC15]: few smooth fields, dense exponentials.
+"""Continuous matching in a reduced spectral basis, in the manner of [COC15]: few smooth fields,
+dense exponentials.
 
-A field is a combination of the first gradients and rotated gradients of eigenfunctions, and its operator a small dense
-matrix in the eigenbasis. A given functional map is composed with its flow so as to come near a wanted one. The
-derivative of the exponential is exact: a block of a larger exponential, as in [COC15], but taken once for all fields,
-by its adjoint, where they take one per field. Harmonic fields, which surfaces with handles have, are left out.
+A field is a combination of the first gradients and rotated gradients of eigenfunctions, and its
+operator a small dense matrix in the eigenbasis. A given functional map is composed with its flow so
+as to come near a wanted one. The derivative of the exponential is exact: a block of a larger
+exponential, as in [COC15], but taken once for all fields, by its adjoint, where they take one per
+field. Harmonic fields, which surfaces with handles have, are left out.
 
 References
 ----------
@@ -20,12 +22,20 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.calculus.operators import averaging, field_mass, gradient, hodge_gradients, rotation, vertex_areas
+from abfm.calculus.operators import (
+    averaging,
+    field_mass,
+    gradient,
+    hodge_gradients,
+    rotation,
+    vertex_areas,
+)
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
-from abfm.real_numbers import real_numbers
+from abfm.numerics.real_numbers import real_numbers
+from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
 _MEMORY, _ITERATIONS = 30, 150  # pairs that L-BFGS keeps, and the most steps that it takes
@@ -33,7 +43,8 @@ _MEMORY, _ITERATIONS = 30, 150  # pairs that L-BFGS keeps, and the most steps th
 
 @dataclass(frozen=True, eq=False)
 class ReducedMatch:
-    """A field (F, 3), in the input's units, and the start carried along its flow, (k, m), in the reduced basis.
+    """A field (F, 3), in the input's units, and the start carried along its flow, (k, m), in the
+    reduced basis.
 
     The mismatches before and after are ``||C - C_target|| / ||C_target||`` in the Frobenius norm.
     """
@@ -45,10 +56,11 @@ class ReducedMatch:
 
 
 class ReducedEnergy:
-    """``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2 sigma^2)`` and its gradient.
+    """``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2 sigma^2)``
+    and its gradient.
 
-    The first term is the norm of `abfm.MatchingEnergy` on the basis: the fields are orthonormal eigenfields of the
-    Hodge Laplacian, ``Lambda`` their eigenvalues.
+    The first term is the norm of `abfm.MatchingEnergy` on the basis: the fields are orthonormal
+    eigenfields of the Hodge Laplacian, ``Lambda`` their eigenvalues.
 
     Parameters
     ----------
@@ -56,15 +68,16 @@ class ReducedEnergy:
         The surface that the flow is on; scaled to unit area here.
     start, target : (k, m) arrays
         Functional maps to this surface, in its first k eigenfunctions.
+    parameters : Parameters
+        Read are ``tau``, ``alpha`` and ``sigma``.
     fields : int
         How many gradients, and as many rotated ones.
-    tau, alpha, sigma : float
-        As in `abfm.Parameters`.
 
     Raises
     ------
     ParameterError
-        If the functional maps have different shapes or values that are not finite, or a number is out of range.
+        If the functional maps have different shapes or values that are not finite, or there
+        are to be no fields.
     FunctionError
         If the surface has not so many eigenfunctions.
     """
@@ -74,34 +87,33 @@ class ReducedEnergy:
         mesh: TriangleMesh,
         start: ArrayLike,
         target: ArrayLike,
+        parameters: Parameters,
         fields: int = 50,
-        tau: float = 1.0,
-        alpha: float = 1.0,
-        sigma: float = 0.1,
     ) -> None:
-        self.start, self.target = (real_numbers(C, "a functional map", ParameterError) for C in (start, target))
+        self.start, self.target = (
+            real_numbers(C, "a functional map", ParameterError) for C in (start, target)
+        )
         if self.start.ndim != 2 or self.start.shape != self.target.shape or 0 in self.start.shape:
             raise ParameterError(
-                f"functional maps have shapes {self.start.shape} and {self.target.shape}; expected two matrices alike"
+                f"functional maps have shapes {self.start.shape} and {self.target.shape}; "
+                "expected two matrices alike"
             )
         if not (np.isfinite(self.start).all() and np.isfinite(self.target).all()):
             raise ParameterError("a functional map has values that are not finite")
-        for name, value, fits in (("fields", fields, fields >= 1), ("tau", tau, tau > 0), ("sigma", sigma, sigma > 0)):
-            if not fits:
-                raise ParameterError(f"{name} is {value}; expected a positive number")
-        if not alpha >= 0:
-            raise ParameterError(f"alpha is {alpha}; expected at least 0")
-        self.mesh, self.length_scale, self.tau, self.sigma = mesh.normalized(), mesh.length_scale, tau, sigma
+        if not fields >= 1:
+            raise ParameterError(f"fields is {fields}; expected a positive number")
+        self.mesh, self.length_scale = mesh.normalized(), mesh.length_scale
+        self.tau, self.sigma = parameters.tau, parameters.sigma
         eigenvalues, self.basis = hodge_basis(self.mesh, fields)
-        self.weights = 1 + alpha * eigenvalues
+        self.weights = 1 + parameters.alpha * eigenvalues
         self.operators = _operators(self.mesh, self.basis, len(self.start))
 
     def exponent(self, a: FloatArray) -> FloatArray:
-        """``-tau D(a)``, (k, k)."""
+        """Return ``-tau D(a)``, (k, k)."""
         return -self.tau * np.tensordot(a, self.operators, 1)
 
     def __call__(self, a: FloatArray) -> tuple[float, FloatArray]:
-        """Energy and gradient at coefficients ``a`` (M,): infinite, with gradient 0, where it overflows."""
+        """Return energy and gradient at coefficients (M,): infinite and 0 where it overflows."""
         exponent = self.exponent(a)
         with np.errstate(all="ignore"):
             difference = expm(exponent) @ self.start - self.target
@@ -109,8 +121,12 @@ class ReducedEnergy:
         if not np.isfinite(energy):
             return np.inf, np.zeros_like(a)
         direction = difference @ self.start.T / self.sigma**2
-        slope = np.asarray(expm_frechet(exponent.T, direction, compute_expm=False), dtype=np.float64)
-        return energy, np.asarray(self.weights * a - self.tau * np.tensordot(self.operators, slope, 2))
+        slope = np.asarray(
+            expm_frechet(exponent.T, direction, compute_expm=False), dtype=np.float64
+        )
+        return energy, np.asarray(
+            self.weights * a - self.tau * np.tensordot(self.operators, slope, 2)
+        )
 
 
 def reduced_match(energy: ReducedEnergy) -> ReducedMatch:
@@ -118,7 +134,8 @@ def reduced_match(energy: ReducedEnergy) -> ReducedMatch:
     best = fmin_l_bfgs_b(energy, np.zeros(len(energy.weights)), m=_MEMORY, maxiter=_ITERATIONS)[0]
     carried, size = expm(energy.exponent(best)) @ energy.start, np.linalg.norm(energy.target)
     return ReducedMatch(
-        velocity=to_ambient(energy.mesh, (energy.basis @ best).reshape(-1, 2)) * energy.length_scale,
+        velocity=to_ambient(energy.mesh, (energy.basis @ best).reshape(-1, 2))
+        * energy.length_scale,
         functional_map=carried,
         start_mismatch=float(np.linalg.norm(energy.start - energy.target) / size),
         mismatch=float(np.linalg.norm(carried - energy.target) / size),
@@ -126,15 +143,17 @@ def reduced_match(energy: ReducedEnergy) -> ReducedMatch:
 
 
 def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]:
-    """Gradients and rotated gradients of the first eigenfunctions, the constant left out, scaled to norm 1 in L2.
+    """Return gradients and rotated gradients of the first eigenfunctions, the constant left out,
+    scaled to norm 1 in L2.
 
-    On a boundary the rotated ones are of functions that vanish there, so that no field has flux through it. All are
-    orthogonal, up to rounding on closed surfaces.
+    On a boundary the rotated ones are of functions that vanish there, so that no field has flux
+    through it. All are orthogonal, up to rounding on closed surfaces.
 
     Returns
     -------
     eigenvalues : (2 count,) array
-        Of the Hodge Laplacian, in 1/length^2: ascending for the gradients, then for the rotated ones.
+        Of the Hodge Laplacian, in 1/length^2: ascending for the gradients, then for the rotated
+        ones.
     fields : (2F, 2 count) array
         Frame coefficients, one field per column.
 
@@ -152,7 +171,10 @@ def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]
     rotated_gradient = hodge_gradients(mesh)[1]
     inner = rotated_gradient.shape[1]
     if not count < inner:
-        raise ParameterError(f"{count} fields asked for; with {inner} vertices off the boundary it can be {inner - 1}")
+        raise ParameterError(
+            f"{count} fields asked for; with {inner} vertices off the boundary it can be "
+            f"{inner - 1}"
+        )
     root_mass = np.sqrt(vertex_areas(mesh)[~mesh.is_boundary_vertex])
     scale = diags_array(1 / root_mass)
     operator = csr_array(scale @ rotated_gradient.T @ field_mass(mesh) @ rotated_gradient @ scale)
@@ -164,7 +186,7 @@ def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]
 
 
 def _operators(mesh: TriangleMesh, basis: FloatArray, k: int) -> FloatArray:
-    """``Phi^+ D_v Phi`` for every field of the basis, (M, k, k)."""
+    """Return ``Phi^+ D_v Phi`` for every field of the basis, (M, k, k)."""
     functions = eigenbasis(mesh, k)[1]
     slopes = (gradient(mesh) @ functions).reshape(-1, 2, k)
     tests = averaging(mesh).T @ (vertex_areas(mesh)[:, None] * functions)

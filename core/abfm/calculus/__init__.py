@@ -1,4 +1,4 @@
-"""Discrete calculus on a triangle mesh: operators, vector fields, decompositions, eigenfunctions, distances."""
+"""Discrete calculus on a mesh: operators, fields, decompositions, eigenfunctions, distances."""
 
 import lazy_loader
 

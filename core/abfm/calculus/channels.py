@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from abfm.errors import FunctionError
 from abfm.mesh import TriangleMesh
-from abfm.real_numbers import real_numbers
+from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray
 
 _LITTLE = 0.01  # of the values, as their range
@@ -17,22 +17,29 @@ def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
     Raises
     ------
     FunctionError
-        If the length is not the number of vertices (of the file or of the mesh) or a value is not finite.
+        If the length is not the number of vertices (of the file or of the mesh) or a value is not
+        finite.
     """
     array = real_numbers(values, name, FunctionError)
     if array.ndim not in (1, 2) or array.size == 0:
-        raise FunctionError(f"{name} has shape {array.shape}; expected (vertices,) or (vertices, channels)")
+        raise FunctionError(
+            f"{name} has shape {array.shape}; expected (vertices,) or (vertices, channels)"
+        )
     array = mesh.restrict(array)
     bad = np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))
     if len(bad):
-        raise FunctionError(f"{name} has {len(bad)} vertices with values that are not finite, the first at {bad[0]}")
+        raise FunctionError(
+            f"{name} has values that are not finite at {len(bad)} of {len(array)} vertices, the "
+            f"first at {bad[0]}"
+        )
     return np.array(array.reshape(len(array), -1).T, order="C")  # a copy: what is given may change
 
 
 def constant_part(f: FloatArray) -> float:
-    """The middle of the values of a function (V,) that varies little around it; of others 0.
+    """Return the middle of the values of a function (V,) that varies little around it; of others 0.
 
-    What is computed to a fraction of the largest value, as a series that is cut off, is then left with what varies.
+    What is computed to a fraction of the largest value, as a series that is cut off, is then left
+    with what varies.
     """
     low, high = float(f.min()), float(f.max())
     middle = low / 2 + high / 2

@@ -8,34 +8,40 @@ from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError, brief
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.cholesky import factor
-from abfm.progress import step
-from abfm.real_numbers import is_whole_number
+from abfm.numerics.real_numbers import is_whole_number
 from abfm.types import FloatArray
+from abfm.workers.progress import step
 
 BLOCKS = (32, 64, *range(128, 1025, 128))
 
 
 def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
-    """First k solutions of ``L phi = lambda M phi``: eigenvalues (k,) ascending, eigenfunctions (V, k), both read-only.
+    """Compute the first k solutions of ``L phi = lambda M phi``: eigenvalues (k,) ascending,
+    eigenfunctions (V, k), both read-only.
 
-    L is the cotangent Laplacian (natural, that is Neumann, condition on a boundary), M the lumped mass. Eigenvalues are
-    in 1/length^2 of the mesh's unit, eigenfunctions orthonormal in ``sum_i M_ii phi_i psi_i``. The sign makes the
-    integral of ``phi^3`` positive, which no motion, scaling or renumbering changes; where that integral vanishes (by a
-    symmetry), the first vertex with at least half of the largest absolute value is positive.
+    L is the cotangent Laplacian (natural, that is Neumann, condition on a boundary), M the lumped
+    mass. Eigenvalues are in 1/length^2 of the mesh's unit, eigenfunctions orthonormal in
+    ``sum_i M_ii phi_i psi_i``. The sign makes the integral of ``phi^3`` positive, which no motion,
+    scaling or renumbering changes; where that integral vanishes (by a symmetry), the first vertex
+    with at least half of the largest absolute value is positive.
 
-    The same mesh gives the same bits whatever was computed before: pairs are computed, and cached, in blocks of 32, 64,
-    128, 256, 384, ... and k only cuts the smallest block that holds it. Eigenspaces of several dimensions get an
-    arbitrary basis, which may differ between blocks.
+    The same mesh gives the same bits whatever was computed before: pairs are computed, and cached,
+    in blocks of 32, 64, 128, 256, 384, ... and k only cuts the smallest block that holds it.
+    Eigenspaces of several dimensions get an arbitrary basis, which may differ between blocks.
 
     Raises
     ------
     FunctionError
-        If k is below 1, above 1024 or above the number of vertices, or if the solver does not converge.
+        If k is below 1, above 1024 or above the number of vertices, or if the solver does not
+        converge.
     """
     count = len(mesh.vertices)
     most = min(count, BLOCKS[-1])
     if not is_whole_number(k, 1, most):
-        raise FunctionError(f"{brief(k)} eigenfunctions asked for; on a mesh of {count} vertices it can be 1 to {most}")
+        raise FunctionError(
+            f"{brief(k)} eigenfunctions asked for; on a mesh of {count} vertices it can be 1 to "
+            f"{most}"
+        )
     k = int(k)
     values, functions = _block(mesh, min(next(block for block in BLOCKS if block >= k), count))
     return values[:k], functions[:, :k]
@@ -61,17 +67,23 @@ def _block(mesh: TriangleMesh, size: int) -> tuple[FloatArray, FloatArray]:
     return values, functions
 
 
-def _shift_invert(operator: sparse.csr_array, size: int, shift: float) -> tuple[FloatArray, FloatArray]:
-    """Lanczos on ``(operator + shift)^-1`` from a fixed start vector."""
+def _shift_invert(
+    operator: sparse.csr_array, size: int, shift: float
+) -> tuple[FloatArray, FloatArray]:
+    """Run Lanczos on ``(operator + shift)^-1`` from a fixed start vector."""
     count = operator.shape[0]
     inverse = LinearOperator(
-        (count, count), matvec=factor(sparse.csr_array(operator + shift * sparse.eye_array(count))), dtype=np.float64
+        (count, count),
+        matvec=factor(sparse.csr_array(operator + shift * sparse.eye_array(count))),
+        dtype=np.float64,
     )
     start = np.sin(np.arange(1.0, count + 1))
     try:
         values, vectors = eigsh(operator, k=size, sigma=-shift, OPinv=inverse, v0=start, rng=0)
     except ArpackError as error:
-        raise FunctionError(f"eigenfunctions: no convergence on this mesh ({error}); remesh its thin faces") from error
+        raise FunctionError(
+            f"eigenfunctions: no convergence on this mesh ({error}); remesh its thin faces"
+        ) from error
     return values, vectors
 
 

@@ -1,9 +1,12 @@
-"""Kernels over the faces of a mesh: their shapes, and the gradients of functions on vertices and edges.
+"""Kernels over the faces of a mesh: their shapes, and the gradients of functions on vertices and
+edges.
 
-Vectors are coefficients in the frames of `shapes`. Edge functions (Crouzeix-Raviart) have the gradient ``-2`` times
-that of the hat function of the corner opposite to their edge; gradients of vertex functions are rotated by a right
-angle, so that the two are orthogonal.
+Vectors are coefficients in the frames of `shapes`. Edge functions (Crouzeix-Raviart) have the
+gradient ``-2`` times that of the hat function of the corner opposite to their edge; gradients of
+vertex functions are rotated by a right angle, so that the two are orthogonal.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,16 +14,27 @@ from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray
 
 
+class FaceShapes(NamedTuple):
+    """Shapes of faces."""
+
+    normals: FloatArray  # (F, 3), of length 1
+    areas: FloatArray  # (F,)
+    frames: FloatArray  # (F, 2, 3), the first axis along the first edge
+    gradients: FloatArray  # (F, 3, 2), of the hat functions of the corners
+
+
+class FaceSlopes(NamedTuple):
+    """Gradients of the functions of edges and vertices around each face."""
+
+    gradients: FloatArray  # (F, 3, 2), of the hat functions of the corners
+    edges: IndexArray  # (F, 3), opposite the corners
+    vertices: IndexArray  # (F, 3)
+
+
 @kernel
-def shapes(
-    vertices: FloatArray,
-    faces: IndexArray,
-    normals: FloatArray,
-    areas: FloatArray,
-    frames: FloatArray,
-    gradients: FloatArray,
-) -> None:
-    """Unit normals (F, 3), areas, frames (F, 2, 3) with the first axis along the first edge, gradients of hats."""
+def shapes(vertices: FloatArray, faces: IndexArray, found: FaceShapes) -> None:
+    """Compute the shapes of faces (F, 3)."""
+    normals, areas, frames, gradients = found
     for f in range(faces.shape[0]):
         a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
         x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -45,14 +59,10 @@ def shapes(
 
 @kernel
 def add_products(
-    gradients: FloatArray,
-    edges: IndexArray,
-    vertices: IndexArray,
-    v: FloatArray,
-    of_edges: FloatArray,
-    of_vertices: FloatArray,
+    faces: FaceSlopes, v: FloatArray, of_edges: FloatArray, of_vertices: FloatArray
 ) -> None:
-    """Add to each edge and vertex the inner products of a field (F, 2) with the gradient of its function."""
+    """Add to edges and vertices the products of a field (F, 2) with their functions' gradients."""
+    gradients, edges, vertices = faces
     for f in range(edges.shape[0]):
         for c in range(3):
             x, y = gradients[f, c, 0], gradients[f, c, 1]
@@ -62,15 +72,14 @@ def add_products(
 
 @kernel
 def add_gradients(
-    gradients: FloatArray,
-    edges: IndexArray,
-    vertices: IndexArray,
+    faces: FaceSlopes,
     on_edges: FloatArray,
     on_vertices: FloatArray,
     factors: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Add to a field (F, 2) the gradient of a function on edges and one on vertices, times a factor for each face."""
+    """Add to a field (F, 2) gradients of functions on edges and vertices, times factors (F,)."""
+    gradients, edges, vertices = faces
     for f in range(edges.shape[0]):
         first, second = 0.0, 0.0
         for c in range(3):
@@ -84,9 +93,12 @@ def add_gradients(
 
 @kernel
 def stiffnesses(gradients: FloatArray, weights: FloatArray, out: FloatArray) -> None:
-    """Weighted inner products of the gradients of each face's three hat functions, (F, 3, 3)."""
+    """Compute weighted products of the gradients of each face's three hat functions, (F, 3, 3)."""
     for f in range(weights.size):
         for a in range(3):
             for b in range(3):
-                product = gradients[f, a, 0] * gradients[f, b, 0] + gradients[f, a, 1] * gradients[f, b, 1]
+                product = (
+                    gradients[f, a, 0] * gradients[f, b, 0]
+                    + gradients[f, a, 1] * gradients[f, b, 1]
+                )
                 out[f, a, b] = weights[f] * product

@@ -1,4 +1,4 @@
-"""The Helmholtz-Hodge decomposition of a field, in the mixed form of `abfm.calculus.operators.hodge_gradients`."""
+"""The Helmholtz-Hodge decomposition of a field, in the mixed form of `hodge_gradients`."""
 
 from collections.abc import Callable
 
@@ -19,8 +19,8 @@ Projection = Callable[[FloatArray], FloatArray]
 def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Split a field into a gradient, a rotated gradient and a harmonic field.
 
-    The three are orthogonal in L2 and sum to ``v``, both to rounding. On a boundary the gradient takes all flux through
-    it: the other two are tangent to the boundary.
+    The three are orthogonal in L2 and sum to ``v``, both to rounding. On a boundary the gradient
+    takes all flux through it: the other two are tangent to the boundary.
 
     Parameters
     ----------
@@ -35,8 +35,8 @@ def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, Float
     divergence_free : (F, 3) array
         Gradient of a vertex function that vanishes on the boundary, turned by 90 degrees.
     harmonic : (F, 3) array
-        The rest, without divergence and curl. Such fields have as many dimensions as the surface has independent loops:
-        none on a sphere or disc, ``2 genus`` on a closed surface.
+        The rest, without divergence and curl. Such fields have as many dimensions as the surface
+        has independent loops: none on a sphere or disc, ``2 genus`` on a closed surface.
 
     Raises
     ------
@@ -54,17 +54,20 @@ def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, Float
 
 @per_mesh
 def _projections(mesh: TriangleMesh) -> tuple[Projection, Projection]:
-    """``G_F``-orthogonal projections onto the ranges of both gradients, on frame coefficients (2F,)."""
+    """Return ``G_F``-orthogonal projections of coefficients (2F,) onto both gradients' ranges."""
     edges, vertices = hodge_gradients(mesh)
-    pieces = connected(len(mesh.faces), mesh.edge_faces[~mesh.is_boundary_edge])  # pinched vertices do not join edges
+    # pinched vertices do not join edges
+    pieces = connected(len(mesh.faces), mesh.edge_faces[~mesh.is_boundary_edge])
     first_faces = np.unique(pieces, return_index=True)[1]
     first_vertex = np.arange(1 if mesh.is_closed else 0)
     mass = field_mass(mesh)
-    return _onto_range(edges, mass, mesh.face_edges[first_faces, 0]), _onto_range(vertices, mass, first_vertex)
+    return _onto_range(edges, mass, mesh.face_edges[first_faces, 0]), _onto_range(
+        vertices, mass, first_vertex
+    )
 
 
 def _onto_range(gradient: Matrix, mass: Matrix, grounded: IntArray) -> Projection:
-    """Projection onto the range of a gradient whose kernel is that of one constant per ``grounded`` unknown."""
+    """Return the projection onto a gradient's range; ``grounded`` unknowns fix its kernel."""
     free = np.setdiff1d(np.arange(gradient.shape[1]), grounded)
     basis = Matrix(gradient[:, free])
     solve = factor(Matrix(basis.T @ mass @ basis))

@@ -1,9 +1,10 @@
 """Discrete differential operators of section 4, each built once per mesh.
 
-Fields are piecewise constant on faces and kept as two coefficients in an orthonormal frame of each face, so they are
-tangent by construction: a field is a ``(F, 2)`` array, and row ``2 f + k`` of an operator is component ``k`` in face
-``f``. Functions are piecewise linear on vertices (hat functions ``phi_i``), or on edges (Crouzeix-Raviart functions
-``psi_e``, 1 on their edge and -1 at the opposite corner). All operators are in the mesh's own units.
+Fields are piecewise constant on faces and kept as two coefficients in an orthonormal frame of each
+face, so they are tangent by construction: a field is a ``(F, 2)`` array, and row ``2 f + k`` of an
+operator is component ``k`` in face ``f``. Functions are piecewise linear on vertices (hat functions
+``phi_i``), or on edges (Crouzeix-Raviart functions ``psi_e``, 1 on their edge and -1 at the
+opposite corner). All operators are in the mesh's own units.
 """
 
 from typing import NamedTuple
@@ -13,88 +14,135 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from abfm.calculus import face_kernels
+from abfm.calculus.face_kernels import FaceShapes
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import BoolArray, FloatArray, IntArray
 
 Matrix = sparse.csr_array
 
-
-class FaceShapes(NamedTuple):
-    """Normals (F, 3), areas (F,), frames (F, 2, 3) and gradients of the hat functions (F, 3, 2)."""
-
-    normals: FloatArray
-    areas: FloatArray
-    frames: FloatArray
-    gradients: FloatArray
+# height over longest edge below which squares of it are lost in the rounding of a norm
+THINNEST = 1e-5
 
 
 @per_mesh
 def _shapes(mesh: TriangleMesh) -> FaceShapes:
     count = len(mesh.faces)
-    found = FaceShapes(np.empty((count, 3)), np.empty(count), np.empty((count, 2, 3)), np.empty((count, 3, 2)))
-    face_kernels.shapes(mesh.vertices, mesh.faces, *found)
+    found = FaceShapes(
+        np.empty((count, 3)), np.empty(count), np.empty((count, 2, 3)), np.empty((count, 3, 2))
+    )
+    face_kernels.shapes(mesh.vertices, mesh.faces, found)
     return found
 
 
 def face_normals(mesh: TriangleMesh) -> FloatArray:
-    """Unit normals, (F, 3)."""
+    """Return unit normals, (F, 3)."""
     return _shapes(mesh).normals
 
 
 def face_areas(mesh: TriangleMesh) -> FloatArray:
-    """Face areas ``A_F``, (F,)."""
+    """Return face areas ``A_F``, (F,)."""
     return _shapes(mesh).areas
 
 
 @per_mesh
 def vertex_areas(mesh: TriangleMesh) -> FloatArray:
-    """Vertex areas ``A_V``: a third of the adjacent faces' area, (V,). The diagonal of ``G_V``."""
+    """Return vertex areas ``A_V``: a third of the adjacent faces' area, (V,). The diagonal of
+    ``G_V``.
+    """
     return _gather(mesh.faces, face_areas(mesh) / 3, len(mesh.vertices))
 
 
 @per_mesh
 def edge_lengths(mesh: TriangleMesh) -> FloatArray:
-    """Lengths of the edges, (E,)."""
-    return np.asarray(np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1))
+    """Return lengths of the edges, (E,)."""
+    return np.asarray(
+        np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1)
+    )
 
 
 @per_mesh
 def edge_areas(mesh: TriangleMesh) -> FloatArray:
-    """Edge areas: a third of the adjacent faces' area, (E,). The (exact) Crouzeix-Raviart mass."""
+    """Return edge areas, a third of the adjacent faces', (E,): the exact Crouzeix-Raviart mass."""
     return _gather(mesh.face_edges, face_areas(mesh) / 3, len(mesh.edges))
 
 
 def _gather(owners: IntArray, values: FloatArray, count: int) -> FloatArray:
     """Sum a value per face over the three owners (F, 3) of each face, (count,)."""
-    return np.asarray(np.bincount(owners.ravel(), np.repeat(values, 3), minlength=count), dtype=np.float64)
+    return np.asarray(
+        np.bincount(owners.ravel(), np.repeat(values, 3), minlength=count), dtype=np.float64
+    )
 
 
 def face_frames(mesh: TriangleMesh) -> FloatArray:
-    """Right-handed orthonormal tangent frames, (F, 2, 3): the first axis lies along the edge from corner 0 to 1."""
+    """Return right-handed orthonormal frames, (F, 2, 3), the first axis from corner 0 to 1."""
     return _shapes(mesh).frames
 
 
 def hat_gradients(mesh: TriangleMesh) -> FloatArray:
-    """Gradients of the three hat functions of each face in its frame, (F, 3, 2)."""
+    """Return gradients of the three hat functions of each face in its frame, (F, 3, 2)."""
     return _shapes(mesh).gradients
 
 
+class NormShapes(NamedTuple):
+    """Areas (F,), of edges (E,) and of vertices (V,), and gradients of the hat functions
+    (F, 3, 2).
+    """
+
+    areas: FloatArray
+    edge_areas: FloatArray
+    vertex_areas: FloatArray
+    gradients: FloatArray
+
+
+@per_mesh
+def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
+    """Return what a norm of fields is made of, with needles made thicker.
+
+    Faces whose height is less than 1e-5 of their longest edge are stretched across it to that
+    height, as in the mollification of Sharp and Crane [2020]; without such faces
+    every bit is the mesh's own. The squares of thinner ones would be lost in the rounding of the
+    matrices made of them, which then are not definite.
+    """
+    areas, gradients = face_areas(mesh), hat_gradients(mesh)
+    steepest = (gradients**2).sum(axis=2).max(axis=1)  # one over the square of the height
+    thickness = 1 / (2 * areas * steepest)
+    thin = np.flatnonzero(thickness < THINNEST)
+    if not len(thin):
+        return NormShapes(areas, edge_areas(mesh), vertex_areas(mesh), gradients)
+    stretch, some = THINNEST / thickness[thin], gradients[thin]
+    corner = (some**2).sum(axis=2).argmax(axis=1)
+    across = some[np.arange(len(thin)), corner] / np.sqrt(steepest[thin])[:, None]
+    components = np.einsum("fck,fk->fc", some, across) * (1 - 1 / stretch)[:, None]
+    areas, gradients = areas.copy(), gradients.copy()
+    areas[thin] *= stretch
+    gradients[thin] -= components[:, :, None] * across[:, None, :]
+    return NormShapes(
+        areas,
+        _gather(mesh.face_edges, areas / 3, len(mesh.edges)),
+        _gather(mesh.faces, areas / 3, len(mesh.vertices)),
+        gradients,
+    )
+
+
 def _face_operator(mesh: TriangleMesh, values: FloatArray, columns: IntArray, width: int) -> Matrix:
-    """Matrix (2F, width) with ``values[f, c, k]`` at row ``2 f + k`` and column ``columns[f, c]``."""
-    rows = np.broadcast_to(2 * np.arange(len(mesh.faces))[:, None, None] + np.arange(2), values.shape)
+    """Return the matrix with ``values[f, c, k]`` in row ``2 f + k``, column ``columns[f, c]``."""
+    rows = np.broadcast_to(
+        2 * np.arange(len(mesh.faces))[:, None, None] + np.arange(2), values.shape
+    )
     entries = (rows.ravel(), np.broadcast_to(columns[..., None], values.shape).ravel())
     return Matrix((values.ravel(), entries), shape=(2 * len(mesh.faces), width))
 
 
 @per_mesh
 def gradient(mesh: TriangleMesh) -> Matrix:
-    """``grad``: vertex functions to fields, (2F, V). No boundary condition."""
+    """Return ``grad``: vertex functions to fields, (2F, V). No boundary condition."""
     return _face_operator(mesh, hat_gradients(mesh), mesh.faces, len(mesh.vertices))
 
 
 @per_mesh
 def edge_gradient(mesh: TriangleMesh) -> Matrix:
-    """Broken gradient of edge (Crouzeix-Raviart) functions, ``psi_e = 1 - 2 phi_opposite``, (2F, E).
+    """Return the broken gradient of edge (Crouzeix-Raviart) functions, ``psi_e = 1 - 2
+    phi_opposite``, (2F, E).
 
     No boundary condition.
     """
@@ -103,72 +151,70 @@ def edge_gradient(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def rotation(mesh: TriangleMesh) -> Matrix:
-    """``J``: rotation of every tangent vector by +90 degrees about the face normal, (2F, 2F)."""
+    """Return ``J``: rotation of tangent vectors by +90 degrees about the face normal, (2F, 2F)."""
     quarter_turn = sparse.csr_array(np.array([[0.0, -1.0], [1.0, 0.0]]))
     return Matrix(sparse.kron(sparse.eye_array(len(mesh.faces)), quarter_turn, format="csr"))
 
 
 @per_mesh
 def field_mass(mesh: TriangleMesh) -> Matrix:
-    """``G_F`` on field coefficients: diagonal of repeated face areas, (2F, 2F)."""
+    """Return ``G_F`` on field coefficients: diagonal of repeated face areas, (2F, 2F)."""
     return Matrix(sparse.diags_array(np.repeat(face_areas(mesh), 2)))
 
 
 @per_mesh
 def averaging(mesh: TriangleMesh) -> Matrix:
-    """``I_V^F`` from faces to vertices, (V, F): ``A_F(j) / (3 A_V(i))`` where vertex i belongs to face j.
+    """Return ``I_V^F`` from faces to vertices, (V, F): ``A_F(j) / (3 A_V(i))`` where vertex i
+    belongs to face j.
 
     Keeps constants and the integral. No boundary condition.
     """
     count = len(mesh.faces)
     weights = np.repeat(face_areas(mesh) / 3, 3) / vertex_areas(mesh)[mesh.faces.ravel()]
-    return Matrix((weights, (mesh.faces.ravel(), np.repeat(np.arange(count), 3))), shape=(len(mesh.vertices), count))
+    return Matrix(
+        (weights, (mesh.faces.ravel(), np.repeat(np.arange(count), 3))),
+        shape=(len(mesh.vertices), count),
+    )
 
 
 @per_mesh
 def divergence(mesh: TriangleMesh) -> Matrix:
-    """``div = -G_V^-1 grad^T G_F``: fields to vertex functions, (V, 2F) [BKP*10, chapter 3].
+    """Return ``div = -G_V^-1 grad^T G_F``: fields to vertex functions, (V, 2F) [BKP*10, chapter 3].
 
-    On a boundary the field counts as ending there, so that outward flux is negative divergence and the total is always
-    zero: natural condition ``v . n = 0``.
+    On a boundary the field counts as ending there, so that outward flux is negative divergence and
+    the total is always zero: natural condition ``v . n = 0``.
     """
-    return _weak_divergence(gradient(mesh), vertex_areas(mesh), mesh)
+    inverse_mass = sparse.diags_array(1 / vertex_areas(mesh))
+    return Matrix(-inverse_mass @ gradient(mesh).T @ field_mass(mesh))
 
 
 @per_mesh
 def curl(mesh: TriangleMesh) -> Matrix:
-    """``curl v = div(-J v)``: fields to vertex functions, (V, 2F).
+    """Return ``curl v = div(-J v)``: fields to vertex functions, (V, 2F).
 
-    On a boundary the field counts as ending there, so that circulation along it is curl of the other sign and the total
-    is always zero: natural condition ``v x n = 0``.
+    On a boundary the field counts as ending there, so that circulation along it is curl of the
+    other sign and the total is always zero: natural condition ``v x n = 0``.
     """
     return Matrix(-(divergence(mesh) @ rotation(mesh)))
 
 
 @per_mesh
-def edge_divergence(mesh: TriangleMesh) -> Matrix:
-    """Divergence as an edge function, (E, 2F): jump of the normal flux; natural condition ``v . n = 0``."""
-    return _weak_divergence(edge_gradient(mesh), edge_areas(mesh), mesh)
-
-
-def _weak_divergence(gradient: Matrix, areas: FloatArray, mesh: TriangleMesh) -> Matrix:
-    return Matrix(-sparse.diags_array(1 / areas) @ gradient.T @ field_mass(mesh))
-
-
-@per_mesh
 def cotangent_laplacian(mesh: TriangleMesh) -> Matrix:
-    """Stiffness matrix ``grad^T G_F grad`` (cotangent weights), (V, V), positive semidefinite.
+    """Return the stiffness matrix ``grad^T G_F grad`` (cotangent weights), (V, V), positive
+    semidefinite.
 
-    The Laplace-Beltrami operator of the paper is ``-G_V^-1`` times it. Natural (Neumann) boundary condition.
+    The Laplace-Beltrami operator of the paper is ``-G_V^-1`` times it. Natural (Neumann) boundary
+    condition.
     """
     return stiffness(hat_gradients(mesh), face_areas(mesh), mesh.faces, len(mesh.vertices))
 
 
 def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, count: int) -> Matrix:
-    """``sum_f w_f <grad phi_a, grad phi_b>`` of the hat functions with gradients (F, 3, 2), for weights (F,).
+    """Return ``sum_f w_f <grad phi_a, grad phi_b>`` of the hat functions with gradients (F, 3, 2),
+    for weights (F,).
 
-    Row and column of a corner are its owner (F, 3): its vertex, or, for a quarter of the form on edge functions, the
-    edge opposite to it.
+    Row and column of a corner are its owner (F, 3): its vertex, or, for a quarter of the form on
+    edge functions, the edge opposite to it.
     """
     entries = np.empty((len(owners), 3, 3))
     face_kernels.stiffnesses(gradients, weights, entries)
@@ -179,11 +225,12 @@ def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, coun
 
 @per_mesh
 def hodge_gradients(mesh: TriangleMesh) -> tuple[Matrix, Matrix]:
-    """``(A, B)``: gradients whose ranges are the curl-free and the divergence-free fields of the mixed Hodge form.
+    """Return ``(A, B)``: gradients whose ranges are the curl-free and the divergence-free fields of
+    the mixed Hodge form.
 
-    ``A`` (2F, E) is the broken gradient of edge functions, ``B`` (2F, V') the rotated gradient of the functions on the
-    V' vertices off the boundary. Then ``A^T G_F B = 0`` to rounding, and fields with ``v . n = 0`` on the boundary are
-    the natural space (the flow stays on the surface).
+    ``A`` (2F, E) is the broken gradient of edge functions, ``B`` (2F, V') the rotated gradient of
+    the functions on the V' vertices off the boundary. Then ``A^T G_F B = 0`` to rounding, and
+    fields with ``v . n = 0`` on the boundary are the natural space (the flow stays on the surface).
     """
     inner = ~mesh.is_boundary_vertex
     return edge_gradient(mesh), Matrix((rotation(mesh) @ gradient(mesh))[:, inner])
@@ -191,11 +238,12 @@ def hodge_gradients(mesh: TriangleMesh) -> tuple[Matrix, Matrix]:
 
 @per_mesh
 def hodge_laplacian(mesh: TriangleMesh) -> Matrix:
-    """``G_F Delta_H``: symmetric positive semidefinite mixed Hodge Laplacian, (2F, 2F).
+    """Return ``G_F Delta_H``: symmetric positive semidefinite mixed Hodge Laplacian, (2F, 2F).
 
-    ``v^T (G_F Delta_H) v`` is the squared norm of the divergence taken at edges plus that of the curl taken at the
-    vertices off the boundary. Taking both at vertices leaves half of all fields in the kernel; taking both at edges
-    gives a wrong spectrum. Boundary condition: ``v . n = 0`` and ``curl v = 0``.
+    ``v^T (G_F Delta_H) v`` is the squared norm of the divergence taken at edges plus that of the
+    curl taken at the vertices off the boundary. Taking both at vertices leaves half of all fields
+    in the kernel; taking both at edges gives a wrong spectrum. Boundary condition: ``v . n = 0``
+    and ``curl v = 0``.
     """
     a, b = hodge_gradients(mesh)
     mass = field_mass(mesh)
@@ -206,23 +254,27 @@ def hodge_laplacian(mesh: TriangleMesh) -> Matrix:
 
 
 def vector_norm_matrix(mesh: TriangleMesh, alpha: float) -> Matrix:
-    """``G_F D_alpha`` with ``D_alpha = id + alpha Delta_H``, (2F, 2F), symmetric positive definite (section 3).
+    """Return ``G_F D_alpha`` with ``D_alpha = id + alpha Delta_H``, (2F, 2F), symmetric positive
+    definite (section 3).
 
     Boundary condition of `hodge_laplacian`: ``v . n = 0`` and ``curl v = 0``.
     """
     return Matrix(field_mass(mesh) + alpha * hodge_laplacian(mesh))
 
 
-def function_norm_matrix(mesh: TriangleMesh, beta: float, weight: ArrayLike | None = None) -> Matrix:
-    """``G_V C_beta`` with ``C_beta = id - beta Delta_LB``, (V, V), symmetric positive (semi)definite (section 3).
+def function_norm_matrix(
+    mesh: TriangleMesh, beta: float, weight: ArrayLike | None = None
+) -> Matrix:
+    """Return ``G_V C_beta`` with ``C_beta = id - beta Delta_LB``, (V, V), symmetric positive
+    (semi)definite (section 3).
 
     Natural (Neumann) boundary condition.
 
     Parameters
     ----------
     weight : (V,) array, optional
-        Non-negative weight ``w`` of the mismatch: ``int w (f^2 + beta |grad f|^2)``. A face has the least weight of its
-        corners, so that values where ``w`` is zero do not matter at all.
+        Non-negative weight ``w`` of the mismatch: ``int w (f^2 + beta |grad f|^2)``. A face has the
+        least weight of its corners, so that values where ``w`` is zero do not matter at all.
     """
     areas, face_weight = vertex_areas(mesh), face_areas(mesh)
     if weight is not None:
@@ -235,6 +287,6 @@ def function_norm_matrix(mesh: TriangleMesh, beta: float, weight: ArrayLike | No
 
 
 def l2_norm(mesh: TriangleMesh, f: FloatArray, mask: FloatArray | BoolArray | None = None) -> float:
-    """``||f||`` in L2 on the surface, all channels of ``f`` (V,) or (V, C) together."""
+    """Return ``||f||`` in L2 on the surface, all channels of ``f`` (V,) or (V, C) together."""
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     return float(np.sqrt((areas * (f.T**2)).sum()))

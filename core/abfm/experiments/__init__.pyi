@@ -1,7 +1,9 @@
-from .experiment import Experiment as Experiment
-from .experiment import Measure as Measure
-from .experiment import Setup as Setup
-from .figures import FIGURES as FIGURES
-from .figures import TITLES as TITLES
-from .figures import experiment_of as experiment_of
-from .set_up_apart import set_up_apart as set_up_apart
+from .vocabulary import Example as Example
+from .vocabulary import Findings as Findings
+from .vocabulary import Measure as Measure
+from .vocabulary import Stage as Stage
+from .vocabulary import as_match as as_match
+from .vocabulary import claim as claim
+from .vocabulary import findings_of as findings_of
+from .vocabulary import script as script
+from .vocabulary import stated_apart as stated_apart

@@ -1,150 +1,172 @@
 """Figure 2: a function advected along a field, against explicit flow lines."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from abfm.calculus.operators import l2_norm
-from abfm.experiments.experiment import Experiment, Findings, Measure, Report
-from abfm.experiments.given_flow import GivenFlow, carried, feet, relative_difference, stream_field, turned_gradient
-from abfm.experiments.meshes import bundled, smoothed, sphere
-from abfm.experiments.sheet import Curve, Panel, Plot, Sheet, Streaks, Values
-from abfm.flow.flow import Flow
-from abfm.flow.flow_lines import flow_lines
-from abfm.maps.surface_points import project_onto_surface
-from abfm.mesh import TriangleMesh
+from abfm import Flow, TriangleMesh
+from abfm.calculus import l2_norm
+from abfm.experiments import fields
+from abfm.experiments.vocabulary import (
+    Findings,
+    Measure,
+    Script,
+    Stage,
+    bundled,
+    carried_example,
+    sized,
+    smoothed,
+)
+from abfm.flow import flow_lines
+from abfm.maps import project_onto_surface
+from abfm.mesh.shapes import sphere
+from abfm.sheets import Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.types import FloatArray, IntArray
+
+CLAIM = "The flow map of a vector field advects a function, without explicit flow lines."
+FUNCTION, MAP = "function", "point map"
 
 _MODES = {3: 1.0, 4: 1.0, 6: 0.5}
 _WAY = 0.2  # root mean square over the surface, in sqrt(area)
 _TIMES = np.arange(1, 9) / 8  # of tau, which is 1
 _LINES = 24
-_CLOSE, _ORDER = 0.05, 1.0  # what "advects" is taken for: this difference at tau, and this order under refinement
-FUNCTION, MAP = "function", "point map"
-Differences = dict[str, FloatArray]
-"""Of advection from flow lines at several times (T,), both relative: of a function in L2, of the map in sqrt(area)."""
+# what "advects" is taken for: this difference at tau, and this order under refinement
+_CLOSE, _ORDER = 0.05, 1.0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FlowSetup(GivenFlow):
-    """The flow, and spheres to refine: `spheres` (numbers of subdivisions, coarse to fine)."""
+def figure(stage: Stage) -> Script:
+    """Advect an eigenfunction by a smooth field without divergence, and follow its flow lines;
+    again on finer and finer spheres.
+    """
+    mesh, name = (
+        stage.surface("eight.off, Loop subdivided", smoothed, "eight.off", 1)
+        if stage.small
+        else stage.surface("fandisk.off", bundled, "fandisk.off")
+    )
+    flow = Flow(mesh, fields.stream_field(mesh, _MODES, _WAY))
+    example = carried_example(flow, name, "eigenfunction:8", "file:advected.npy")
+    yield example
 
-    spheres: tuple[int, ...]
-
-
-def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> FlowSetup:
-    """A smooth field without divergence, and an eigenfunction that it carries away."""
-    name = "mesh" if mesh else "eight.off, Loop subdivided" if small else "fandisk.off"
-    mesh = mesh or (smoothed("eight.off", 1) if small else bundled(name))
-    flow = Flow(mesh, stream_field(mesh, _MODES, _WAY))
-    return FlowSetup.of(flow, name, "eigenfunction:8", spheres=(2, 3) if small else (3, 4, 5))
-
-
-def run(setup: FlowSetup, report: Report) -> Findings:
-    """Advect, walk the flow lines through all vertices backwards, and compare; again on finer and finer spheres."""
-    mesh, flow, f = setup.mesh, setup.flow, setup.source[:, 0]
-    report("flow lines", 0.0)
+    stage.report("flow lines", 0.0)
+    f = example.problem.source[:, 0]
     here = differences(flow, f, _TIMES)
-    there, exact = {}, []
-    for share, level in enumerate(setup.spheres):
-        report("flow lines on spheres", 0.4 + 0.5 * share / len(setup.spheres))
-        ball = sphere(level)
-        bump, shear = _bump(ball.vertices), Flow(ball, _shear(ball))
-        there[f"sphere{{}} {len(ball.vertices):,} vertices"] = differences(shear, bump, _TIMES)
-        exact.append(relative_difference(ball, shear.advect(bump), _bump(_sheared_back(ball.vertices, 1.0))))
-    report("flow lines", 0.95)
+    stage.report("flow lines on spheres", 0.4)
+    balls = [sphere(level) for level in ((2, 3) if stage.small else (3, 4, 5))]
+    shears = [Flow(ball, shear(ball)) for ball in balls]
+    there = [differences(flow, bump(flow.mesh.vertices), _TIMES) for flow in shears]
+    exact = [
+        fields.relative_difference(
+            flow.mesh,
+            flow.push(bump(flow.mesh.vertices)),
+            bump(sheared_back(flow.mesh.vertices, 1.0)),
+        )
+        for flow in shears
+    ]
+    stage.report("flow lines", 0.95)
 
-    starts = project_onto_surface(mesh, mesh.vertices[_spread(mesh, _LINES)])
-    lines = flow_lines(mesh, flow.velocity[0], starts, flow.tau)
+    against = "advected function against flow lines"
+    quarter, half, whole = here[FUNCTION][[1, 3, 7]]
+    claim = "the flow map of a vector field is used to advect a function"
+    measures = [
+        Measure(f"{against} at t = 0.25 tau, relative L2", quarter),
+        Measure(f"{against} at t = 0.5 tau, relative L2", half),
+        Measure(f"{against} at t = 1 tau, relative L2", whole, claim, whole <= _CLOSE),
+        Measure(
+            "point map against flow lines at tau, root mean square, in sqrt(area)", here[MAP][-1]
+        ),
+    ]
+    for ball, each, error in zip(balls, there, exact, strict=True):
+        name_of = f"sphere of {len(ball.vertices):,} vertices"
+        measures += [
+            Measure(f"{name_of}: {against}, relative L2", each[FUNCTION][-1]),
+            Measure(f"{name_of}: advected function against the exact solution, relative L2", error),
+            Measure(f"{name_of}: point map against flow lines, in sqrt(area)", each[MAP][-1]),
+        ]
+    for what in (FUNCTION, MAP):
+        order = np.log2(there[-2][what][-1] / there[-1][what][-1])
+        text = (
+            f"order in the edge length in which the difference of the {what} falls between the "
+            "finest spheres"
+        )
+        claim = "tends to the flow under refinement"
+        measures.append(Measure(text, order, claim, order >= _ORDER))
+
+    starts = project_onto_surface(mesh, mesh.vertices[spread(mesh, _LINES)])
+    lines = tuple(line.positions for line in flow_lines(mesh, flow.velocity[0], starts, flow.tau))
     halfway, end = flow.push(f, [flow.tau / 2, flow.tau])
     panels = (
         Panel(mesh, Streaks(flow.velocity[0]), "field", "field"),
         Panel(mesh, Values(f), "function", "source"),
         Panel(mesh, Values(halfway), "t = τ/2"),
-        Panel(mesh, Values(end), "t = τ, flow lines", lines=tuple(line.positions for line in lines)),
+        Panel(mesh, Values(end), "t = τ, flow lines", lines=lines),
     )
+    curves = {
+        what: (
+            Curve("this surface", _TIMES, here[what]),
+            *(
+                Curve(f"sphere, {len(ball.vertices):,} vertices", _TIMES, each[what], faint=True)
+                for ball, each in zip(balls, there, strict=True)
+            ),
+        )
+        for what in (FUNCTION, MAP)
+    }
+    t, relative, length = "t / τ", "difference, relative L2", "difference, sqrt(area)"
     plots = (
-        _plot(FUNCTION, "difference, relative L2", "advected function against flow lines", here, there),
-        _plot(MAP, "difference, sqrt(area)", "point map against flow lines", here, there),
+        Plot(curves[FUNCTION], t, relative, against, log_y=True),
+        Plot(curves[MAP], t, length, "point map against flow lines", log_y=True),
     )
     setting = (
-        f"{setup.where}; the rotated gradient of eigenfunctions "
-        f"{', '.join(map(str, _MODES))} carries eigenfunction 8 on average {_WAY:g} sqrt(area) far. On spheres a shear "
-        "flow about an axis, whose speed of rotation grows with the height."
+        f"{sized(mesh, name)}; the rotated gradient of eigenfunctions "
+        f"{', '.join(map(str, _MODES))} carries eigenfunction 8 on average {_WAY:g} sqrt(area) "
+        "far. On spheres a shear flow about an axis, whose speed of rotation grows with the height."
     )
-    return Findings(_measures(here, there, exact), Sheet((panels, plots)), setting)
+    return Findings(measures, Sheet((panels, plots)), setting)
 
 
-def differences(flow: Flow, f: FloatArray, times: FloatArray) -> Differences:
-    """Compare ``exp(-t D_v) f`` (V,) and the point maps at times (T,) with the flow lines that end in the vertices."""
+def differences(flow: Flow, f: FloatArray, times: FloatArray) -> dict[str, FloatArray]:
+    """Compare ``exp(-t D_v) f`` (V,) and the point maps at times (T,) with the flow lines that
+    end in the vertices: a function in relative L2, the map in sqrt(area), (T,) each.
+    """
     mesh = flow.mesh
-    places = feet(mesh, flow.velocity[0], times)
-    functions = zip(flow.push(f, times), carried(mesh, places, f), strict=True)
+    places = fields.feet(mesh, flow.velocity[0], times)
+    functions = zip(flow.push(f, times), fields.carried(mesh, places, f), strict=True)
     maps = zip(flow.push(mesh.vertices, times), places, strict=True)
-    apart = [l2_norm(mesh, project_onto_surface(mesh, points).positions - walked) for points, walked in maps]
+    apart = [
+        l2_norm(mesh, project_onto_surface(mesh, points).positions - walked)
+        for points, walked in maps
+    ]
     return {
-        FUNCTION: np.array([relative_difference(mesh, advected, walked) for advected, walked in functions]),
+        FUNCTION: np.array(
+            [fields.relative_difference(mesh, h, walked) for h, walked in functions]
+        ),
         MAP: np.array(apart) / mesh.length_scale**2,  # root mean square
     }
 
 
-def _measures(here: Differences, there: dict[str, Differences], exact: list[float]) -> list[Measure]:
-    name = "advected function against flow lines at t = {:g} tau, relative L2"
-    quarter, half, whole = here[FUNCTION][[1, 3, 7]]
-    claim = "the flow map of a vector field is used to advect a function"
-    found = [
-        Measure(name.format(0.25), quarter),
-        Measure(name.format(0.5), half),
-        Measure(name.format(1), whole, claim, whole <= _CLOSE),
-        Measure("point map against flow lines at tau, root mean square, in sqrt(area)", here[MAP][-1]),
-    ]
-    for (ball, each), error in zip(there.items(), exact, strict=True):
-        ball = ball.format(" of")
-        found += [
-            Measure(f"{ball}: advected function against flow lines, relative L2", each[FUNCTION][-1]),
-            Measure(f"{ball}: advected function against the exact solution, relative L2", error),
-            Measure(f"{ball}: point map against flow lines, in sqrt(area)", each[MAP][-1]),
-        ]
-    for what in (FUNCTION, MAP):
-        *_, coarse, fine = (each[what][-1] for each in there.values())
-        order = np.log2(coarse / fine)
-        text = f"order in the edge length in which the difference of the {what} falls between the finest spheres"
-        found.append(Measure(text, order, "tends to the flow under refinement", order >= _ORDER))
-    return found
-
-
-def _plot(what: str, y_title: str, label: str, here: Differences, there: dict[str, Differences]) -> Plot:
-    spheres = (Curve(ball.format(","), _TIMES, each[what], faint=True) for ball, each in there.items())
-    return Plot((Curve("this surface", _TIMES, here[what]), *spheres), "t / τ", y_title, label, log_y=True)
-
-
-def _spread(mesh: TriangleMesh, count: int) -> IntArray:
-    """Vertices far from each other through space, (count,)."""
+def spread(mesh: TriangleMesh, count: int) -> IntArray:
+    """Choose vertices far from each other through space, (count,)."""
     chosen = [int(np.argmax(((mesh.vertices - mesh.vertices.mean(axis=0)) ** 2).sum(axis=1)))]
     nearest = np.full(len(mesh.vertices), np.inf)
     while len(chosen) < count:
-        nearest = np.minimum(nearest, ((mesh.vertices - mesh.vertices[chosen[-1]]) ** 2).sum(axis=1))
+        squares = ((mesh.vertices - mesh.vertices[chosen[-1]]) ** 2).sum(axis=1)
+        nearest = np.minimum(nearest, squares)
         chosen.append(int(np.argmax(nearest)))
     return np.array(chosen)
 
 
-def _shear(ball: TriangleMesh) -> FloatArray:
-    """The unit sphere's rotation about z with angular velocity 1 + z: rotated gradient of -(z + z^2 / 2), (F, 3)."""
+def shear(ball: TriangleMesh) -> FloatArray:
+    """Rotate the unit sphere about z with angular velocity 1 + z, (F, 3): the rotated gradient of
+    -(z + z^2 / 2).
+    """
     z = ball.vertices[:, 2]
-    return turned_gradient(ball, -(z + z**2 / 2))
+    return fields.turned_gradient(ball, -(z + z**2 / 2))
 
 
-def _sheared_back(points: FloatArray, t: float) -> FloatArray:
-    """Where the shear's flow lines through points (P, 3) of the sphere come from."""
+def sheared_back(points: FloatArray, t: float) -> FloatArray:
+    """Find where the shear's flow lines through points (P, 3) of the sphere come from."""
     x, y, z = points.T
     cosine, sine = np.cos((1 + z) * t), np.sin((1 + z) * t)
     return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=1)
 
 
-def _bump(points: FloatArray) -> FloatArray:
+def bump(points: FloatArray) -> FloatArray:
+    """Evaluate a bump on the sphere at points (P, 3)."""
     return np.asarray(np.exp(4 * (points @ [0.8, 0.0, 0.6] - 1)))
-
-
-EXPERIMENT = Experiment(
-    2, "The flow map of a vector field advects a function, without explicit flow lines.", set_up, run
-)

@@ -1,21 +1,17 @@
-"""Figure 3: a large smooth Gaussian becomes two small ones, beside optimal transport and the linear blend."""
+"""Figure 3: as figure 1, a large smooth Gaussian becomes two small ones."""
 
-from abfm.experiments.experiment import Experiment
-from abfm.experiments.meshes import three_arms
-from abfm.experiments.one_to_two import OneToTwo, one_to_two, run
-from abfm.experiments.table_1 import TABLE_1
-from abfm.mesh import TriangleMesh
+from abfm.experiments.figure_01 import far_ends, one_to_two
+from abfm.experiments.vocabulary import Script, Stage
+from abfm.mesh.shapes import three_arms
+from abfm.paper import TABLE_1
 
-
-def set_up(mesh: TriangleMesh | None = None, small: bool = False) -> OneToTwo:
-    """Gaussians at far ends of a surface, by default a body with one thick arm and two thin ones."""
-    parameters = TABLE_1[3].parameters(iterations=60 if small else 150)
-    if mesh is not None:
-        return one_to_two(mesh, "mesh", parameters)
-    body, tips = three_arms(3 if small else 5)
-    return one_to_two(body, "body with three arms", parameters, tips)
+CLAIM = "The result matches the target, and values are displaced in space, as by optimal transport."
 
 
-EXPERIMENT = Experiment(
-    3, "The result matches the target, and values are displaced in space, as by optimal transport.", set_up, run
-)
+def figure(stage: Stage) -> Script:
+    """Gaussians at far ends, by default of a body with one thick arm and two thin ones."""
+    parameters = TABLE_1[3].parameters(iterations=60 if stage.small else 150)
+    if stage.mesh is not None:
+        return one_to_two(stage, stage.mesh, stage.name, parameters, far_ends(stage.mesh))
+    body, tips = three_arms(3 if stage.small else 5)
+    return one_to_two(stage, body, "body with three arms", parameters, tips)

@@ -1,5 +1,6 @@
-from .advection import advect as advect
-from .continuous_flow import flow_map as flow_map
+from .continuous_flow import ContinuousFlow as ContinuousFlow
+from .discretisation import Discretisation as Discretisation
 from .flow import Flow as Flow
+from .flow import advect as advect
 from .flow_lines import FlowLine as FlowLine
 from .flow_lines import flow_lines as flow_lines

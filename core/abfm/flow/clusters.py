@@ -1,8 +1,10 @@
-"""Vertices that are held together, so that a few thin triangles do not set the cost of an advection.
+"""Vertices that are held together, so that a few thin triangles do not set the cost of an
+advection.
 
-A product with ``D_v`` can be as large as a vertex's share of the rates of its faces over its area, and the number of
-products grows with the largest one on the mesh. Where triangles are needles it is a hundred times the usual one.
-Functions that take one value on each cluster, of vertices much closer than elsewhere, have no such rates.
+A product with ``D_v`` can be as large as a vertex's share of the rates of its faces over its area,
+and the number of products grows with the largest one on the mesh. Where triangles are needles it is
+a hundred times the usual one. Functions that take one value on each cluster, of vertices much
+closer than elsewhere, have no such rates.
 """
 
 import numpy as np
@@ -12,7 +14,9 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IndexArray
 
 USUAL = 3.0
-"""Times the median of the rates of all vertices, beyond which a vertex is joined with a neighbour."""
+"""Times the median of the rates of all vertices, beyond which a vertex is joined with a
+neighbour.
+"""
 _NEAR = 0.5  # of the median edge: longer ones do not join vertices
 _ROUNDS = 12  # of joining pairs
 _FEW = 1.5  # times the usual rates: what is gained by less is not worth another discretisation
@@ -20,9 +24,11 @@ _FEW = 1.5  # times the usual rates: what is gained by less is not worth another
 
 @per_mesh
 def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
-    """Cluster of each vertex, (V,), counted from 0; None where no vertex has to be joined with another.
+    """Return the cluster of each vertex, (V,), counted from 0; None where no vertex has to be
+    joined with another.
 
-    Pairs at the ends of the shortest edges join first; in each round, a cluster joins one other at most.
+    Pairs at the ends of the shortest edges join first; in each round, a cluster joins one other at
+    most.
     """
     clusters = np.arange(len(mesh.vertices))
     rates = cluster_rates(mesh, clusters)
@@ -44,9 +50,11 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
 
 
 def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
-    """Sum of what the entries in each cluster's row of ``D_v`` can be for a field of length 1, (clusters,).
+    """Sum of what the entries in each cluster's row of ``D_v`` can be for a field of length 1,
+    (clusters,).
 
-    A third of a face's area times the gradient of a corner's hat function is a sixth of the opposite edge.
+    A third of a face's area times the gradient of a corner's hat function is a sixth of the
+    opposite edge.
     """
     slopes = edge_lengths(mesh)[mesh.face_edges] / 6
     corners = clusters[mesh.faces]
@@ -55,14 +63,17 @@ def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
     for corner in range(3):
         others = [(corner + 1) % 3, (corner + 2) % 3]
         first, second = (slopes[:, k] * (corners[:, k] != corners[:, corner]) for k in others)
-        own = np.where((first > 0) & (second > 0), slopes[:, corner], first + second)  # minus the sum of the others
+        # minus the sum of the others
+        own = np.where((first > 0) & (second > 0), slopes[:, corner], first + second)
         together = corners[:, others[0]] == corners[:, others[1]]
-        rates += np.bincount(corners[:, corner], own + np.where(together, own, first + second), count)
+        rates += np.bincount(
+            corners[:, corner], own + np.where(together, own, first + second), count
+        )
     return rates / np.bincount(clusters, vertex_areas(mesh), count)
 
 
 def _joined(pairs: IndexArray, count: int) -> IndexArray:
-    """For each of ``count`` clusters, the one that it becomes part of: pairs (P, 2) join unless one has joined yet."""
+    """Return what each of ``count`` clusters becomes part of: pairs (P, 2) join unless one has."""
     parent = np.arange(count)
     free = np.ones(count, dtype=bool)
     for a, b in pairs.tolist():

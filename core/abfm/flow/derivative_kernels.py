@@ -1,9 +1,12 @@
 """Kernels for the matrix of ``D_v``: assembly, products, a bound on its spectrum.
 
-Matrices come in groups of seven entries of one row: ``indptr`` counts groups, ``indices`` and values are (G, 7), and
-what is left of a row's last group is padded with zeros. Seven are what a vertex of valence six has. A group's loads
-all come before its stores, which is what makes the adjoint fast.
+Matrices come in groups of seven entries of one row: ``indptr`` counts groups, ``indices`` and
+values are (G, 7), and what is left of a row's last group is padded with zeros. Seven are what a
+vertex of valence six has. A group's loads all come before its stores, which is what makes the
+adjoint fast.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,66 +17,19 @@ GROUP = 7
 ONE = np.uint32(1)  # a signed one makes a signed index of the sum
 
 
-@kernel
-def fill_pattern(
-    faces: IndexArray,
-    face_edges: IndexArray,
-    edges: IndexArray,
-    rank: IndexArray,
-    indptr: IndexArray,
-    indices: IndexArray,
-    transpose: IndexArray,
-    positions: IndexArray,
-) -> None:
-    """Columns of the vertex adjacency with diagonal, ascending; where faces and the transpose have their entries.
+class Assembly(NamedTuple):
+    """The linear map from a field to the entries of ``D_v``."""
 
-    Corners of a face may be one vertex. ``rank`` renumbers vertices. Every entry of ``indices`` (7 G,) comes as its own
-    row, of ``transpose`` as itself.
-    """
-    filled = np.ones(rank.size, dtype=np.int64)
-    edge_of = np.full(indices.size, -1)
-    for e in range(edges.shape[0]):
-        for k in range(2):
-            row, column = rank[edges[e, k]], rank[edges[e, 1 - k]]
-            slot = GROUP * np.int64(indptr[row]) + filled[row]
-            filled[row] += 1
-            while slot > GROUP * np.int64(indptr[row]) and indices[slot - 1] > column:
-                indices[slot], edge_of[slot] = indices[slot - 1], edge_of[slot - 1]
-                slot -= 1
-            indices[slot], edge_of[slot] = column, 2 * e + k
-    of_edges, of_vertices = np.empty(2 * edges.shape[0], dtype=np.int64), np.empty(rank.size, dtype=np.int64)
-    for row in range(rank.size):
-        start = GROUP * np.int64(indptr[row])
-        for slot in range(start, start + filled[row]):
-            if edge_of[slot] < 0:
-                of_vertices[row] = slot
-            else:
-                of_edges[edge_of[slot]] = slot
-    for e in range(edges.shape[0]):
-        transpose[of_edges[2 * e]], transpose[of_edges[2 * e + 1]] = of_edges[2 * e + 1], of_edges[2 * e]
-    for f in range(faces.shape[0]):
-        for a in range(3):
-            for b in range(3):
-                if faces[f, a] == faces[f, b]:
-                    positions[f, a, b] = of_vertices[rank[faces[f, a]]]
-                else:
-                    e = face_edges[f, 3 - a - b]
-                    positions[f, a, b] = of_edges[2 * e + (edges[e, 0] != faces[f, a])]
+    faces: IndexArray  # (F, 3)
+    positions: IndexArray  # (F, 3, 3), the entry of row corner a, column corner b
+    slopes: FloatArray  # (F, 3, 2), ``A_F / 3 grad phi``
+    inverse_areas: FloatArray  # (V,)
 
 
 @kernel
-def assemble_derivative(
-    faces: IndexArray,
-    positions: IndexArray,
-    slopes: FloatArray,
-    inverse_areas: FloatArray,
-    v: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Entries of ``D_v`` on the fixed sparsity of the vertex adjacency.
-
-    ``slopes`` (F, 3, 2) holds ``A_F / 3 grad phi``, ``positions`` (F, 3, 3) the entry of row corner a, column corner b.
-    """
+def assemble_derivative(assembly: Assembly, v: FloatArray, out: FloatArray) -> None:
+    """Assemble the entries of ``D_v`` on the fixed sparsity of the vertex adjacency."""
+    faces, positions, slopes, inverse_areas = assembly
     out[:] = 0.0
     for f in range(faces.shape[0]):
         for b in range(3):
@@ -84,14 +40,10 @@ def assemble_derivative(
 
 @kernel
 def assemble_derivative_transposed(
-    faces: IndexArray,
-    positions: IndexArray,
-    slopes: FloatArray,
-    inverse_areas: FloatArray,
-    entries: FloatArray,
-    out: FloatArray,
+    assembly: Assembly, entries: FloatArray, out: FloatArray
 ) -> None:
-    """Chain rule of `assemble_derivative`: adds derivatives by the entries, as derivatives by the field, to ``out``."""
+    """Add derivatives by the entries, as derivatives by the field (F, 2), to ``out``."""
+    faces, positions, slopes, inverse_areas = assembly
     for f in range(faces.shape[0]):
         for b in range(3):
             rate = 0.0
@@ -108,7 +60,15 @@ def gathered(x: FloatArray, at: IndexArray) -> tuple[float, ...]:
 
 @kernel
 def dot(a: FloatArray, b: tuple[float, ...]) -> float:
-    total: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5] + a[6] * b[6]
+    total: float = (
+        a[0] * b[0]
+        + a[1] * b[1]
+        + a[2] * b[2]
+        + a[3] * b[3]
+        + a[4] * b[4]
+        + a[5] * b[5]
+        + a[6] * b[6]
+    )
     return total
 
 
@@ -116,7 +76,7 @@ def dot(a: FloatArray, b: tuple[float, ...]) -> float:
 def grouped_product(
     indptr: IndexArray, indices: IndexArray, values: FloatArray, x: FloatArray, out: FloatArray
 ) -> None:
-    """``out = matrix @ x``."""
+    """Compute ``out = matrix @ x``."""
     for i in range(out.size):
         total = 0.0
         for group in range(indptr[i], indptr[i + 1]):
@@ -126,7 +86,8 @@ def grouped_product(
 
 @kernel
 def perron_bound(indptr: IndexArray, indices: IndexArray, values: FloatArray, rounds: int) -> float:
-    """Upper bound on the spectral radius: Collatz-Wielandt quotients of ``|matrix|``, the best of some rounds.
+    """Bound the spectral radius from above: Collatz-Wielandt quotients of ``|matrix|``, the best
+    of some rounds.
 
     The first round is the maximum norm ``||matrix||_inf``.
     """

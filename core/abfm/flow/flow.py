@@ -1,4 +1,4 @@
-"""The flow of given fields: functions carried along it, and where its points come from."""
+"""The flow of given fields: functions carried along it, and the maps that it makes."""
 
 from functools import cached_property
 from typing import Any
@@ -7,42 +7,64 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
-from abfm.calculus.vector_fields import to_frame
+from abfm.calculus.eigenbasis import eigenbasis
+from abfm.calculus.vector_fields import check_field, to_frame
 from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.flow.advection import Advection
-from abfm.flow.exponential import Workspace
+from abfm.flow.discretisation import Discretisation
 from abfm.flow.flow_lines import fields_in_a_row
-from abfm.maps.surface_points import SurfacePoints, project_onto_surface
+from abfm.maps.distortion import Distortion
+from abfm.maps.functional_maps import spectral_coefficients
+from abfm.maps.point_maps import PointMap
 from abfm.mesh import TriangleMesh, per_mesh
+from abfm.numerics.real_numbers import is_finite_number, real_numbers
 from abfm.parameters import CHOICES, Method
-from abfm.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray
 
 
 class Flow:
-    """The flow of one tangent field, or of N fields in a row, each for ``tau / N``; beyond tau the last one goes on.
+    """The flow of one tangent field, or of N fields in a row, each for ``tau / N``.
 
-    A negative time undoes the flow. Exponentials are undone exactly; linearised steps by the same steps with the sign
-    changed, in reverse order, which is not an exact inverse.
+    A function is carried by ``f_t = exp(-t D_v) f`` (Eq. 4), which solves
+    ``df/dt + <v, grad f> = 0``: its values move with the field. Of several fields the last one goes
+    on beyond ``tau``. A negative time undoes the flow: exponentials exactly, linearised steps by
+    the same steps with the sign changed, in reverse order, which is not an exact inverse.
+
+    >>> import abfm, numpy as np
+    >>> from abfm.assets import asset_path
+    >>> mesh = abfm.load_mesh(asset_path("eight.off"))
+    >>> f = abfm.function(mesh, "gaussian:vertex=12,width=0.2")
+    >>> rotation = np.cross([0, 0, 1], mesh.vertices[mesh.faces].mean(axis=1))
+    >>> flow = abfm.Flow(mesh, rotation, tau=0.5)
+    >>> flow.push(f, [0, 0.25, 0.5]).shape == (3, len(f))
+    True
+    >>> bool(np.allclose(flow.push(flow.push(f), -0.5), f, atol=1e-6))
+    True
 
     Parameters
     ----------
     mesh : TriangleMesh
     velocity : (F, 3) or (N, F, 3) array
-        Tangent vectors, in the mesh's length unit per unit of time, such as ``match.velocity``; a normal part is
-        dropped. The attribute is (N, F, 3).
+        Tangent vectors, in the mesh's length unit per unit of time, such as ``match.velocity``; a
+        normal part is dropped. The attribute is (N, F, 3).
     method : "nonlinear" or "linearised"
-        ``exp(-t D_v)`` (Eq. 4), or its first two terms ``id - t D_v`` (Eq. 5), one step for each field: for smaller
-        steps repeat the fields.
+        ``exp(-t D_v)`` (Eq. 4), or its first two terms ``id - t D_v`` (Eq. 5), one step for each
+        field: for smaller steps repeat the fields.
 
     Raises
     ------
     ParameterError
-        If the fields have another shape or values that are not finite, tau is not a positive number, or there is no
-        such method.
+        If the fields have another shape or values that are not finite, tau is not a positive
+        number, or there is no such method.
     """
 
-    def __init__(self, mesh: TriangleMesh, velocity: ArrayLike, tau: float = 1.0, method: Method = "nonlinear") -> None:
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        velocity: ArrayLike,
+        tau: float = 1.0,
+        method: Method = "nonlinear",
+    ) -> None:
         if not (is_finite_number(tau) and tau > 0):
             raise ParameterError(f"tau is {brief(tau)}; expected a positive time")
         if not isinstance(method, str) or method not in CHOICES["method"]:
@@ -52,11 +74,14 @@ class Flow:
         self.velocity = fields_in_a_row(mesh, velocity)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy, or the flow in another process, has: it computes what it needs itself."""
+        """Leave out of copies, and of the flow in another process, what these compute again."""
         return {name: value for name, value in self.__dict__.items() if name != "_advection"}
 
-    def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
-        """Any function (V,) or (V, C) carried to time ``t``, in the same shape; to several times (T,) as by `span`.
+    def push(self, h: ArrayLike, t: ArrayLike | None = None) -> FloatArray:
+        """Carry any function (V,) or (V, C) to time ``t`` (tau by default), in the same shape.
+
+        To several times (T,) at once, (T, ...), it takes one pass, which is much faster than one by
+        one.
 
         Raises
         ------
@@ -67,45 +92,69 @@ class Flow:
         AdvectionError
             If the flow overflows or is too long.
         """
-        times = real_numbers(t, "t", ParameterError)
-        return self.span(h, times) if times.ndim else self.span(h, times[None])[0]
-
-    def advect(self, f: ArrayLike, t: ArrayLike | None = None) -> FloatArray:
-        """As `push`, to the end time where none is given."""
-        return self.push(f, self.tau if t is None else t)
-
-    def span(self, h: ArrayLike, times: ArrayLike) -> FloatArray:
-        """A function (V,) or (V, C) at many times (T,), (T, ...): in one pass, much faster than one by one.
-
-        Raises what `push` does.
-        """
-        moments = real_numbers(times, "t", ParameterError)
+        times = real_numbers(self.tau if t is None else t, "t", ParameterError)
+        moments = np.atleast_1d(times)
         if moments.ndim != 1 or not np.isfinite(moments).all():
-            raise ParameterError(f"t is {brief(times)}; expected a finite time or a list of them")
+            raise ParameterError(f"t is {brief(t)}; expected a finite time or a list of them")
         rows = channels(self.mesh, h, "h")
-        workspace = _workspace(self.mesh)
-        with workspace.lock:
+        with _discretisation(self.mesh, self.method).workspace.lock:
             carried = np.stack([self._advection.at(row, moments) for row in rows], axis=-1)
         if not np.isfinite(carried).all():
-            raise AdvectionError("the function overflows on its way: the discrete flow is unstable over this time")
-        return carried.reshape(len(moments), len(self.mesh.vertices), *np.shape(h)[1:])
+            raise AdvectionError(
+                "the function overflows on its way: the discrete flow is unstable over this time"
+            )
+        return carried.reshape(*times.shape, len(self.mesh.vertices), *np.shape(h)[1:])
 
-    def point_map(self, t: float | None = None) -> SurfacePoints:
-        """Where each vertex's value came from at time ``t`` (tau by default), as points on the surface.
+    def point_map(self, t: float | None = None) -> PointMap:
+        """Return where each vertex's value came from at time ``t`` (tau by default).
 
-        The flow carries the coordinate functions; the closest point of the surface to what arrives is the answer. A
-        negative time gives the inverse map: where each vertex goes.
+        The flow carries the coordinate functions; the closest point of the surface to what arrives
+        is the answer. A negative time gives the inverse map: where each vertex goes.
         """
-        return project_onto_surface(self.mesh, self.advect(self.mesh.vertices, t))
+        return PointMap.project(self.mesh, self.mesh, self.push(self.mesh.vertices, t))
+
+    def distortion(self, t: float | None = None) -> Distortion:
+        """Measure the distortion of the map of each vertex to where it is at time ``t``, or tau."""
+        return self.point_map(-(self.tau if t is None else t)).distortion()
+
+    def functional_map(self, k: int, t: float | None = None) -> FloatArray:
+        """Return the flow to time ``t`` (tau by default) in the first k eigenfunctions:
+        ``Phi^+ exp(-t D_v) Phi``, (k, k).
+
+        Coefficients of a function go in, those of the carried function come out (section 4; see
+        `abfm.maps.functional_maps`).
+        """
+        basis = eigenbasis(self.mesh.normalized(), k)[1]
+        return spectral_coefficients(self.mesh, self.push(basis, t), k)
 
     @cached_property
     def _advection(self) -> Advection:
-        """Time does not depend on the units: those of the mesh will do."""
+        """The discrete flow, in the mesh's units: times do not depend on them."""
         fields = to_frame(self.mesh, self.velocity)
-        return Advection(self.mesh, fields, self.tau, self.method == "linearised", _workspace(self.mesh))
+        return _discretisation(self.mesh, self.method).flow(fields, self.tau)
 
 
 @per_mesh
-def _workspace(mesh: TriangleMesh) -> Workspace:
-    """Memory of all flows on a mesh."""
-    return Workspace(len(mesh.vertices))
+def _discretisation(mesh: TriangleMesh, method: Method) -> Discretisation:
+    """Keep one memory for all flows on a mesh."""
+    return Discretisation(mesh, method)
+
+
+def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> FloatArray:
+    """Carry a function along a field for a time: ``exp(-t D_v) f`` (Eq. 4), see `Flow.push`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    velocity : (F, 3) array
+        Tangent vectors, in the mesh's length unit per unit of time.
+    f : (V,) or (V, C) array
+        One value or row per vertex of the mesh, or of its file.
+    t : float
+        Time of either sign.
+
+    Returns
+    -------
+    Array of shape (V,) or (V, C).
+    """
+    return Flow(mesh, check_field(mesh, velocity, "velocity")).push(f, t)

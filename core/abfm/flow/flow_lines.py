@@ -1,7 +1,7 @@
-"""Flow lines: the paths of points along piecewise constant fields, exact up to rounding, a witness for advection."""
+"""Flow lines: paths of points along piecewise constant fields, a witness for advection."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 from abfm.calculus.vector_fields import check_field
 from abfm.errors import ParameterError, brief
 from abfm.flow import tracing
-from abfm.flow.tracing import FaceFlow, face_flow
+from abfm.flow.tracing import FaceFlow, Path, Position, face_flow
+from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh import TriangleMesh
-from abfm.real_numbers import is_finite_number, real_numbers
+from abfm.numerics.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray, IntArray
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]
@@ -24,36 +25,33 @@ _ENDINGS: dict[int, Ending] = {
 }
 
 
-class FacePoints(Protocol):
-    """Points given by face and barycentric weights, as `abfm.maps.surface_points.SurfacePoints` are."""
-
-    @property
-    def faces(self) -> IntArray: ...
-    @property
-    def barycentric(self) -> FloatArray: ...
-
-
 @dataclass(frozen=True, eq=False)
 class FlowLine:
     """The path of one point: straight from each of K places to the next, at constant speed."""
 
-    times: FloatArray  # (K,), when each place is reached: from 0 up, or from 0 down against the flow
+    # (K,), when each place is reached: from 0 up, or from 0 down against the flow
+    times: FloatArray
     positions: FloatArray  # (K, 3), in the mesh's units
     faces: IntArray  # (K,), a face that holds each place
     barycentric: FloatArray  # (K, 3), the weights of its corners
     ended: Ending
-    """Why the path ends: "time" where the whole duration was walked; "boundary" where it left the mesh; "stagnation"
-    where the field is zero or pushes in from all sides, so that the point rests there; "step limit"."""
+    """Why the path ends: "time" where the whole duration was walked; "boundary" where it left the
+    mesh; "stagnation" where the field is zero or pushes in from all sides, so that the point rests
+    there; "step limit"."""
 
     def at(self, t: float) -> FloatArray:
-        """The position (3,) at a time; before the first and after the last the path's end."""
+        """Return the position (3,) at a time, clipped to those of the path."""
         order = slice(None) if self.times[-1] >= 0 else slice(None, None, -1)
         times = self.times[order]
         return np.array([np.interp(t, times, self.positions[order, x]) for x in range(3)])
 
 
 def flow_lines(
-    mesh: TriangleMesh, velocity: ArrayLike, start: FacePoints, duration: float, tau: float | None = None
+    mesh: TriangleMesh,
+    velocity: ArrayLike,
+    start: SurfacePoints,
+    duration: float,
+    tau: float | None = None,
 ) -> list[FlowLine]:
     """Walk points along a field, or along N fields in a row, exactly from edge to edge.
 
@@ -61,25 +59,27 @@ def flow_lines(
     ----------
     velocity : (F, 3) or (N, F, 3) array
         Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped.
-    start : points with ``faces`` (P,) and ``barycentric`` (P, 3)
-        For example `SurfacePoints`.
+    start : SurfacePoints
     duration : float
         How long to walk. Negative: against the flow of the first field.
     tau : float, optional
-        End time of the N fields, each of which lasts ``tau / N``; the last one goes on. Needed for several fields.
+        End time of the N fields, each of which lasts ``tau / N``; the last one goes on. Needed for
+        several fields.
 
     Raises
     ------
     ParameterError
-        If an array has another shape or values that are not finite, a start is not in the mesh, or ``duration`` or
+        If an array has another shape or values that are not finite, a start is not on the mesh, or
+        ``duration`` or
         ``tau`` is out of range.
     """
     fields = fields_in_a_row(mesh, velocity)
-    faces, barycentric = check_start(mesh, start)
     if not is_finite_number(duration):
         raise ParameterError(f"duration is {brief(duration)}; expected a finite time")
     if len(fields) > 1 and tau is None:
-        raise ParameterError(f"velocity has {len(fields)} fields but tau is missing: say when the last one ends")
+        raise ParameterError(
+            f"velocity has {len(fields)} fields but tau is missing: say when the last one ends"
+        )
     if tau is not None and not (is_finite_number(tau) and tau > 0):
         raise ParameterError(f"tau is {brief(tau)}; expected a positive time")
     if duration < 0:
@@ -88,38 +88,40 @@ def flow_lines(
     ends = [*changes[changes < abs(duration)], abs(float(duration))]
     flows = [face_flow(mesh, field) for field in fields[: len(ends)]]
     walk = _Walk(mesh, flows, ends, -1 if duration < 0 else 1)
-    return [walk.line(f, b) for f, b in zip(faces, barycentric, strict=True)]
+    return [walk.line(f, b) for f, b in zip(*walkers(mesh, start), strict=True)]
 
 
 class _Walk:
     """Fields, the times at which each ends, and memory for one path."""
 
-    def __init__(self, mesh: TriangleMesh, flows: list[FaceFlow], ends: list[float], sign: int) -> None:
+    def __init__(
+        self, mesh: TriangleMesh, flows: list[FaceFlow], ends: list[float], sign: int
+    ) -> None:
         self.mesh, self.flows, self.ends, self.sign = mesh, flows, ends, sign
-        self._times, self._weights = np.empty(STEP_LIMIT + 1), np.empty((STEP_LIMIT + 1, 3))
-        self._faces = np.empty(STEP_LIMIT + 1, dtype=np.int64)
+        size = STEP_LIMIT + 1
+        self._path = Path(np.empty(size), np.empty(size, dtype=np.int64), np.empty((size, 3)))
 
     def line(self, face: int, barycentric: FloatArray) -> FlowLine:
         where, b = np.array([face, -1]), barycentric.copy()
-        count, status = 0, tracing.STAGNATION
+        path, count, status = self._path, 0, tracing.STAGNATION
         for flow, begin, end in zip(self.flows, [0.0, *self.ends], self.ends, strict=False):
             if status == tracing.STAGNATION:
-                self._times[count], self._faces[count], self._weights[count] = begin, where[0], b
+                path.times[count], path.faces[count], path.weights[count] = begin, where[0], b
                 count += 1
             where[1] = -1
             if b.max() >= tracing.AT_VERTEX:
                 tracing.leave_vertex(flow, where, b, int(b.argmax()))
-            count, status = tracing.trace(flow, where, b, begin, end, self._times, self._faces, self._weights, count)
-            if status == tracing.BOUNDARY or count == len(self._times):
+            count, status = tracing.trace(flow, Position(where, b), (begin, end), path, count)
+            if status == tracing.BOUNDARY or count == len(path.times):
                 break
-        faces, weights = self._faces[:count].copy(), self._weights[:count].copy()
+        faces, weights = path.faces[:count].copy(), path.weights[:count].copy()
         positions = np.einsum("kc,kcx->kx", weights, self.mesh.vertices[self.mesh.faces[faces]])
-        ended: Ending = "time" if self._times[count - 1] == self.ends[-1] else _ENDINGS[status]
-        return FlowLine(self.sign * self._times[:count], positions, faces, weights, ended)
+        ended: Ending = "time" if path.times[count - 1] == self.ends[-1] else _ENDINGS[status]
+        return FlowLine(self.sign * path.times[:count], positions, faces, weights, ended)
 
 
 def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
-    """N fields (F, 3), given as (F, 3) or (N, F, 3).
+    """Return N fields (F, 3), given as (F, 3) or (N, F, 3).
 
     Raises
     ------
@@ -130,29 +132,26 @@ def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
     array = given[None] if given.ndim == 2 else given
     if array.ndim != 3 or not len(array):
         expected = (len(mesh.faces), 3)
-        raise ParameterError(f"velocity has shape {given.shape}; expected {expected}, or N of these in a row")
+        raise ParameterError(
+            f"velocity has shape {given.shape}; expected {expected}, or N of these in a row"
+        )
     for field in array:
         check_field(mesh, field, "velocity")
     return array
 
 
-def check_start(mesh: TriangleMesh, start: FacePoints) -> tuple[IntArray, FloatArray]:
-    """Faces (P,) and barycentric weights (P, 3) of points.
+def walkers(mesh: TriangleMesh, start: SurfacePoints) -> tuple[IntArray, FloatArray]:
+    """Return faces (P,) and barycentric weights (P, 3), none negative, of points of the mesh.
 
     Raises
     ------
     ParameterError
-        If they are not points of the mesh.
+        If they are points of a mesh of other faces.
     """
-    faces, barycentric = np.asarray(start.faces), real_numbers(start.barycentric, "start", ParameterError)
-    if faces.ndim != 1 or not np.issubdtype(faces.dtype, np.integer) or barycentric.shape != (len(faces), 3):
+    if len(start.mesh.faces) != len(mesh.faces):
         raise ParameterError(
-            f"start has faces {faces.shape} of {faces.dtype} and barycentric {barycentric.shape}; "
-            "expected (P,) whole numbers and (P, 3)"
+            f"start has points of a mesh of {len(start.mesh.faces)} faces; expected points of the "
+            f"mesh itself, of {len(mesh.faces)}"
         )
-    if len(faces) and not (faces.min() >= 0 and faces.max() < len(mesh.faces)):
-        raise ParameterError(f"start has faces {faces.min()} to {faces.max()}; expected 0 to {len(mesh.faces) - 1}")
-    if not ((barycentric >= -1e-9).all() and np.allclose(barycentric.sum(axis=1), 1, rtol=0, atol=1e-9)):
-        raise ParameterError("start has barycentric weights that are negative or do not sum to 1: give points of faces")
-    inside = np.maximum(barycentric, 0)
-    return faces.astype(np.int64), inside / inside.sum(axis=1, keepdims=True)
+    inside = np.maximum(start.barycentric, 0)
+    return start.faces.copy(), inside / inside.sum(axis=1, keepdims=True)

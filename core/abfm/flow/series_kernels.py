@@ -1,4 +1,6 @@
-"""Kernels for the Chebyshev series of ``exp(-t D_v)``: its coefficients, its sum and the adjoint of the sum."""
+"""Kernels for the Chebyshev series of ``exp(-t D_v)``: coefficients, sum and adjoint."""
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,9 +11,28 @@ from abfm.types import FloatArray, IndexArray
 _SWEEP = 4  # terms per sweep: their rows of the matrix together stay in the cache
 
 
+class Series(NamedTuple):
+    """``sum_k coefficients[k] phi_k`` with ``phi_1 = scale M f`` and
+    ``phi_(k+1) = 2 scale M phi_k + phi_(k-1)``, for a matrix M in groups.
+
+    The rows between two ``bounds`` have no neighbours beyond the next or last such block, so that
+    several terms can be computed in one sweep, each a block behind the one before, while the matrix
+    is in the cache.
+    """
+
+    indptr: IndexArray
+    indices: IndexArray
+    values: FloatArray
+    bounds: IndexArray
+    scale: float
+    coefficients: FloatArray
+
+
 @kernel
 def bessel_coefficients(x: float, count: int) -> FloatArray:
-    """``J_0(x), 2 J_1(x), 2 J_2(x), ...`` by Miller's recurrence; ``count`` is so large that the last one vanishes."""
+    """Compute ``J_0(x), 2 J_1(x), 2 J_2(x), ...`` by Miller's recurrence; ``count`` is so
+    large that the last one vanishes.
+    """
     out: FloatArray = np.zeros(count)
     if x == 0.0:
         out[0] = 1.0
@@ -27,22 +48,17 @@ def bessel_coefficients(x: float, count: int) -> FloatArray:
 
 
 @kernel
-def _forward_rows(
-    indptr: IndexArray,
-    indices: IndexArray,
-    values: FloatArray,
-    factor: float,
-    weight: float,
-    now: FloatArray,
-    before: FloatArray,
-    after: FloatArray,
-    out: FloatArray,
-    first: int,
-    last: int,
-) -> float:
-    """``after = factor M now + before``, ``out += weight after`` on some rows; the largest ``|after|``."""
+def _forward_rows(series: Series, k: int, block: int, terms: FloatArray, out: FloatArray) -> float:
+    """Compute term k, and add it to ``out``, on a block of rows; returns the largest entry there.
+
+    Terms are kept cyclically; that before the first is 0.
+    """
+    indptr, indices, values, bounds = series.indptr, series.indices, series.values, series.bounds
+    factor, weight = series.scale if k == 1 else 2.0 * series.scale, series.coefficients[k]
+    rows = terms.shape[0]
+    now, before, after = terms[(k - 1) % rows], terms[(k - 2) % rows], terms[k % rows]
     largest = 0.0
-    for i in range(first, last):
+    for i in range(bounds[block], bounds[block + 1]):
         total = 0.0
         for group in range(indptr[i], indptr[i + ONE]):
             total += dot(values[group], gathered(now, indices[group]))
@@ -55,31 +71,33 @@ def _forward_rows(
 
 
 @kernel
+def _sweep(
+    series: Series, start: int, terms: FloatArray, out: FloatArray, largest: FloatArray
+) -> None:
+    """Compute as many terms as ``largest`` has entries, from term ``start`` on."""
+    blocks, steps = series.bounds.size - 1, largest.size
+    largest[:] = 0.0
+    for front in range(blocks + steps - 1):
+        for step in range(max(0, front - blocks + 1), min(steps, front + 1)):
+            highest = _forward_rows(series, start + step, front - step, terms, out)
+            if not highest <= largest[step]:
+                largest[step] = highest
+
+
+@kernel
 def chebyshev_forward(
-    indptr: IndexArray,
-    indices: IndexArray,
-    values: FloatArray,
-    bounds: IndexArray,
-    scale: float,
-    f: FloatArray,
-    coefficients: FloatArray,
-    first: int,
-    tolerance: float,
-    terms: FloatArray,
-    out: FloatArray,
+    series: Series, truncation: tuple[int, float], f: FloatArray, terms: FloatArray, out: FloatArray
 ) -> tuple[int, float]:
-    """``out = sum_k coefficients[k] phi_k`` with ``phi_1 = scale M f`` and ``phi_(k+1) = 2 scale M phi_k + phi_(k-1)``.
+    """Sum a series into ``out``.
 
-    ``terms`` (rows, V) receives the ``phi_k`` cyclically (all of them where it has as many rows as ``coefficients``).
-    Stops after term ``first`` once two terms in a row are below ``tolerance * max |f|``. Returns how many terms
-    were summed (0: the table of coefficients was too short) and ``max |phi_k| / max |f|``.
-
-    The rows between two ``bounds`` have no neighbours beyond the next or last such block, so that several terms can be
-    computed in one sweep, each a block behind the one before, while the matrix is in the cache.
+    ``terms`` (rows, V) receives the ``phi_k`` cyclically (all of them where it has as many rows as
+    there are coefficients). Stops after the first term of the ``truncation`` once two terms in a
+    row are below its tolerance times ``max |f|``. Returns how many terms were summed (0: the table
+    of coefficients was too short) and ``max |phi_k| / max |f|``.
     """
-    rows = terms.shape[0]
-    blocks = bounds.size - 1
-    most = _SWEEP if blocks > 1 else 1
+    first, tolerance = truncation
+    coefficients = series.coefficients
+    most = _SWEEP if series.bounds.size > 2 else 1
     top = 0.0
     for i in range(f.size):
         terms[0, i] = f[i]
@@ -88,60 +106,45 @@ def chebyshev_forward(
             top = abs(f[i])
     if top == 0.0:
         return 1, 1.0
-    nothing = np.zeros(f.size)
+    terms[-1, :] = 0.0  # before term 0
     growth = top
     small = 0
     for start in range(1, coefficients.size, most):
-        steps = min(most, coefficients.size - start)
-        largest = np.zeros(steps)
-        for front in range(blocks + steps - 1):
-            for step in range(max(0, front - blocks + 1), min(steps, front + 1)):
-                k, block = start + step, front - step
-                highest = _forward_rows(
-                    indptr,
-                    indices,
-                    values,
-                    scale if k == 1 else 2.0 * scale,
-                    coefficients[k],
-                    terms[(k - 1) % rows],
-                    nothing if k == 1 else terms[(k - 2) % rows],
-                    terms[k % rows],
-                    out,
-                    bounds[block],
-                    bounds[block + 1],
-                )
-                if not highest <= largest[step]:
-                    largest[step] = highest
-        for step in range(steps):
+        largest = np.empty(min(most, coefficients.size - start))
+        _sweep(series, start, terms, out, largest)
+        for step in range(largest.size):
             k = start + step
             if not np.isfinite(largest[step]):
                 return 0, np.inf
             growth = max(growth, largest[step])
             if small < 2:
-                small = small + 1 if k >= first and abs(coefficients[k]) * largest[step] <= tolerance * top else 0
+                is_small = abs(coefficients[k]) * largest[step] <= tolerance * top
+                small = small + 1 if k >= first and is_small else 0
         if small == 2:
-            return start + steps, growth / top
+            return start + largest.size, growth / top
     return 0, growth / top
 
 
 @kernel
 def _backward_rows(
-    indptr: IndexArray,
-    indices: IndexArray,
-    transposed: FloatArray,
-    factor: float,
-    weight: float,
-    known: FloatArray,
-    later: FloatArray,
-    result: FloatArray,
+    series: Series,
+    place: tuple[int, int],
     term: FloatArray,
-    mu: FloatArray,
+    duals: tuple[FloatArray, FloatArray],
     entries: FloatArray,
-    first: int,
-    last: int,
 ) -> None:
-    """``result = factor M^T known + later + weight mu`` on some rows; adds derivatives by entries to ``entries``."""
-    for j in range(first, last):
+    """Compute the derivative by term k on a block of rows, from those by the two terms after it,
+    and add derivatives by entries to ``entries``.
+    """
+    k, block = place
+    mu, work = duals
+    indptr = series.indptr
+    indices = series.indices
+    transposed = series.values
+    bounds = series.bounds
+    factor, weight = series.scale if k == 0 else 2.0 * series.scale, series.coefficients[k]
+    known, later, result = work[(k + 1) % 3], work[(k + 2) % 3], work[k % 3]
+    for j in range(bounds[block], bounds[block + 1]):
         total = 0.0
         gain = factor * term[j]
         for group in range(indptr[j], indptr[j + ONE]):
@@ -155,46 +158,24 @@ def _backward_rows(
 
 @kernel
 def chebyshev_backward(
-    indptr: IndexArray,
-    indices: IndexArray,
-    transposed: FloatArray,
-    bounds: IndexArray,
-    scale: float,
-    terms: FloatArray,
-    coefficients: FloatArray,
-    count: int,
-    mu: FloatArray,
-    entries: FloatArray,
+    series: Series, terms: FloatArray, count: int, mu: FloatArray, entries: FloatArray
 ) -> FloatArray:
-    """Adjoint of `chebyshev_forward`: returns the derivative by ``f`` for the derivative ``mu`` by ``out``.
+    """Apply the adjoint of `chebyshev_forward`, which summed ``count`` terms: returns the
+    derivative by ``f`` for the derivative ``mu`` by ``out``.
 
-    ``transposed`` are the values of the transposed matrix on the same (structurally symmetric) sparsity; the derivative
-    by the value of the transposed entry is added to ``entries``.
+    The series has the values of the transposed matrix on the same (structurally symmetric)
+    sparsity; the derivative by the value of the transposed entry is added to ``entries``.
     """
-    blocks = bounds.size - 1
+    blocks = series.bounds.size - 1
     most = _SWEEP if blocks > 1 else 1
     work: FloatArray = np.zeros((3, mu.size))
     for i in range(mu.size):
-        work[(count - 1) % 3, i] = coefficients[count - 1] * mu[i]
+        work[(count - 1) % 3, i] = series.coefficients[count - 1] * mu[i]
     for start in range(count - 2, -1, -most):
         steps = min(most, start + 1)
         for front in range(blocks + steps - 1):
             for step in range(max(0, front - blocks + 1), min(steps, front + 1)):
-                k, block = start - step, front - step
-                _backward_rows(
-                    indptr,
-                    indices,
-                    transposed,
-                    scale if k == 0 else 2.0 * scale,
-                    coefficients[k],
-                    work[(k + 1) % 3],
-                    work[(k + 2) % 3],
-                    work[k % 3],
-                    terms[k],
-                    mu,
-                    entries,
-                    bounds[block],
-                    bounds[block + 1],
-                )
+                k = start - step
+                _backward_rows(series, (k, front - step), terms[k], (mu, work), entries)
     mu_start: FloatArray = work[0].copy()
     return mu_start

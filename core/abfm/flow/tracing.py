@@ -1,9 +1,10 @@
 """Walking along a field that is constant in each face, exactly, from edge to edge.
 
-A walker is a face and barycentric weights; ``where`` holds the face and the corner opposite the edge that the walker
-slides along (-1 inside the face). Where two faces push into their common edge the walker follows Filippov's solution:
-the mean of the two vectors that lies along the edge. At a vertex it takes the fastest of the faces that lead away and
-of the edges to slide along: what numbers vertices and faces have makes no difference.
+A walker is a face and barycentric weights; ``where`` holds the face and the corner opposite the
+edge that the walker slides along (-1 inside the face). Where two faces push into their common edge
+the walker follows Filippov's solution: the mean of the two vectors that lies along the edge. At a
+vertex it takes the fastest of the faces that lead away and of the edges to slide along: what
+numbers vertices and faces have makes no difference.
 """
 
 from typing import NamedTuple
@@ -27,14 +28,30 @@ class FaceFlow(NamedTuple):
     """A field as the walk needs it."""
 
     rates: FloatArray  # (F, 3), how fast each barycentric weight grows, per unit of time
-    along: FloatArray  # (F, 3), the vector's part along the edge opposite each corner, in edges per unit of time
+    # (F, 3), the vector's part along the edge opposite each corner, in edges per unit of time
+    along: FloatArray
     areas: FloatArray  # (F,)
     neighbours: IntArray  # (F, 3), `opposite_slots`
 
 
+class Position(NamedTuple):
+    """Where a walker is."""
+
+    where: IndexArray  # (2,), its face, and the corner opposite the edge that it slides along or -1
+    weights: FloatArray  # (3,), barycentric
+
+
+class Path(NamedTuple):
+    """Memory for what a walker meets."""
+
+    times: FloatArray  # (K,)
+    faces: IndexArray  # (K,)
+    weights: FloatArray  # (K, 3)
+
+
 @per_mesh
 def opposite_slots(mesh: TriangleMesh) -> IntArray:
-    """For the edge opposite each corner, the slot ``3 f + k`` that it has in the other face, or -1, (F, 3)."""
+    """Return the slot ``3 f + k`` of the edge opposite each corner in the other face, or -1."""
     first, second = mesh.edge_slots.T
     opposite = np.full(mesh.faces.size, -1)
     opposite[first] = second
@@ -53,18 +70,24 @@ def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
     """
     coefficients = to_frame(mesh, field)
     corners = mesh.vertices[mesh.faces]
-    edges = np.einsum("fcx,fkx->fck", np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1), face_frames(mesh))
+    edges = np.einsum(
+        "fcx,fkx->fck",
+        np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1),
+        face_frames(mesh),
+    )
     with np.errstate(over="ignore", invalid="ignore"):
         rates = np.einsum("fck,fk->fc", hat_gradients(mesh), coefficients)
         along = np.einsum("fck,fk->fc", edges, coefficients) / (edges**2).sum(axis=2)
     if not (np.abs(rates).max() < _FASTEST and np.abs(along).max() < _FASTEST):
-        raise ParameterError(f"velocity crosses a face in less than {1 / _FASTEST} units of time: scale it down")
+        raise ParameterError(
+            f"velocity crosses a face in less than {1 / _FASTEST} units of time: scale it down"
+        )
     return FaceFlow(rates, along, face_areas(mesh), opposite_slots(mesh))
 
 
 @kernel
 def sliding_speed(flow: FaceFlow, f: int, c: int) -> float:
-    """Speed from corner ``c + 1`` towards ``c + 2`` of a walker on an edge that both faces push into, in edges."""
+    """Return the speed, in edges, from corner ``c + 1`` to ``c + 2`` where both faces push."""
     slot = flow.neighbours[f, c]
     g, k = slot // 3, slot % 3
     here, there = flow.rates[f, c], flow.rates[g, k] * (flow.areas[g] / flow.areas[f])
@@ -93,14 +116,18 @@ def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
 
 @kernel
 def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) -> int:
-    """Turn a walker at a corner of its face into the fastest way on, in edges or heights of faces per unit of time."""
+    """Turn a walker at a corner into the fastest way on, in edges or heights per unit of time."""
     b[:] = 0.0
     fastest, face, away_from, along = 0.0, where[0], corner, -1
     is_closed = False
     for turn in range(1, 3):
         f, j = where[0], corner
         while not is_closed:
-            if flow.rates[f, (j + 1) % 3] >= 0.0 and flow.rates[f, (j + 2) % 3] >= 0.0 and -flow.rates[f, j] > fastest:
+            if (
+                flow.rates[f, (j + 1) % 3] >= 0.0
+                and flow.rates[f, (j + 2) % 3] >= 0.0
+                and -flow.rates[f, j] > fastest
+            ):
                 fastest, face, away_from, along = -flow.rates[f, j], f, j, -1
             c = (j + 3 - turn) % 3
             slot = flow.neighbours[f, c]
@@ -122,7 +149,7 @@ def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) 
 
 @kernel
 def motion(flow: FaceFlow, where: IndexArray, rates: FloatArray) -> bool:
-    """How fast the walker's weights grow, into ``rates`` (3,). Whether it moves at all."""
+    """Write how fast the walker's weights grow into ``rates`` (3,); says whether it moves."""
     f, c = where[0], where[1]
     if c < 0:
         for i in range(3):
@@ -136,7 +163,9 @@ def motion(flow: FaceFlow, where: IndexArray, rates: FloatArray) -> bool:
 
 
 @kernel
-def advance(flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float) -> tuple[float, int]:
+def advance(
+    flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float
+) -> tuple[float, int]:
     """Walk on, with the rates of `motion`, for a time, at most to the next edge or vertex.
 
     Returns the time that it took, and whether the way goes on.
@@ -161,30 +190,24 @@ def advance(flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray,
 
 @kernel
 def trace(
-    flow: FaceFlow,
-    where: IndexArray,
-    b: FloatArray,
-    start: float,
-    end: float,
-    times: FloatArray,
-    faces: IndexArray,
-    weights: FloatArray,
-    count: int,
+    flow: FaceFlow, walker: Position, span: tuple[float, float], path: Path, count: int
 ) -> tuple[int, int]:
-    """Walk from a time to another, writing down every crossing after the first ``count`` entries of the last arrays.
+    """Walk from a time to another, writing down every crossing after the first ``count`` entries of
+    the path.
 
     Returns how many entries there are then, and whether the way goes on.
     """
+    where, b = walker
+    now, end = span
     rates = np.empty(3)
-    now = start
     status = GOING
-    while status == GOING and now < end and count < times.size:
+    while status == GOING and now < end and count < path.times.size:
         if not motion(flow, where, rates):
             return count, STAGNATION
         used, status = advance(flow, where, b, rates, end - now)
         now = end if used >= end - now else now + used
-        times[count] = now
-        faces[count] = where[0]
-        weights[count] = b
+        path.times[count] = now
+        path.faces[count] = where[0]
+        path.weights[count] = b
         count += 1
     return count, status

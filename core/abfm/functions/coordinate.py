@@ -11,7 +11,7 @@ AXIS = choice("x", "y", "z")
 
 
 def along(mesh: TriangleMesh, axis: str) -> FloatArray:
-    """Coordinate x, y or z of every vertex, (V,)."""
+    """Return the coordinate x, y or z of every vertex, (V,)."""
     return mesh.vertices[:, "xyz".index(axis)]
 
 

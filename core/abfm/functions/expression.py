@@ -54,7 +54,9 @@ def _of(count: int, compute: Callable[..., Any]) -> Callable[..., Any]:
 
     def call(*arguments: Any) -> Any:
         if len(arguments) != count:
-            raise InvalidExpression(f"a function that takes {count} argument(s) got {len(arguments)}")
+            raise InvalidExpression(
+                f"a function that takes {count} argument(s) got {len(arguments)}"
+            )
         return compute(*arguments)
 
     return call
@@ -78,12 +80,14 @@ FUNCTIONS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Expression(Family):
-    """Value of a formula in the coordinates x, y, z (the mesh's units of length) at each vertex, as in sin(10*x)*z.
+    """Value of a formula in the coordinates x, y, z (the mesh's units of length) at each vertex, as
+    in sin(10*x)*z.
 
-    It may use numbers, ``pi``, ``e``, ``+ - * / % **``, comparisons (1 where true, 0 elsewhere), parentheses and the
-    functions sin, cos, tan, arcsin, arccos, arctan, arctan2, sinh, cosh, tanh, exp, log, sqrt, abs, sign, floor, ceil,
-    hypot, min(a, b), max(a, b) and where(condition, a, b). In a spec it extends to the end of the text, or of the
-    parentheses around it. Nothing else is evaluated: simpleeval walks the formula with these operators and functions.
+    It may use numbers, ``pi``, ``e``, ``+ - * / % **``, comparisons (1 where true, 0 elsewhere),
+    parentheses and the functions sin, cos, tan, arcsin, arccos, arctan, arctan2, sinh, cosh, tanh,
+    exp, log, sqrt, abs, sign, floor, ceil, hypot, min(a, b), max(a, b) and where(condition, a, b).
+    In a spec it extends to the end of the text, or of the parentheses around it. Nothing else is
+    evaluated: simpleeval walks the formula with these operators and functions.
     """
 
     family: ClassVar[str] = "expression"
@@ -92,7 +96,8 @@ class Expression(Family):
     example: ClassVar[str] = "expression:sin(10*x)*z"
     formula: str = parameter(
         Kind("a formula", lambda text: " ".join(text.split())),
-        "in x, y and z, with sin, exp, sqrt, abs, min, where and the like, and comparisons. Enter takes it",
+        "in x, y and z, with sin, exp, sqrt, abs, min, where and the like, and comparisons. Enter "
+        "takes it",
     )
 
     def check(self) -> None:
@@ -106,9 +111,11 @@ class Expression(Family):
 
 
 def _value(formula: str, points: FloatArray) -> FloatArray:
-    """Values at points (n, 3), (n,); they may be infinite or NaN."""
+    """Return values at points (n, 3), (n,); they may be infinite or NaN."""
     evaluator = SimpleEval(
-        operators=OPERATORS, functions=FUNCTIONS, names={**CONSTANTS, **dict(zip(COORDINATES, points.T, strict=True))}
+        operators=OPERATORS,
+        functions=FUNCTIONS,
+        names={**CONSTANTS, **dict(zip(COORDINATES, points.T, strict=True))},
     )
     available = (ast.Name, ast.BinOp, ast.UnaryOp, ast.Compare, ast.Call)
     evaluator.nodes = {node: evaluator.nodes[node] for node in available} | {ast.Constant: _number}
@@ -121,7 +128,14 @@ def _value(formula: str, points: FloatArray) -> FloatArray:
         raise _refusal(formula, f"{brief(name)} is not known{did_you_mean(name, known)}") from None
     except (FeatureNotAvailable, OperatorNotDefined):
         raise _refusal(formula, "it is more than arithmetic") from None
-    except (InvalidExpression, TypeError, ValueError, OverflowError, RecursionError, KeyError) as error:
+    except (
+        InvalidExpression,
+        TypeError,
+        ValueError,
+        OverflowError,
+        RecursionError,
+        KeyError,
+    ) as error:
         raise _refusal(formula, one_line(error)) from None
     return np.broadcast_to(value, len(points))
 
@@ -134,7 +148,9 @@ def _parse(formula: str) -> ast.expr:
             warnings.simplefilter("ignore")
             tree = ast.parse(formula, mode="eval").body
     except (SyntaxError, MemoryError) as error:
-        raise InvalidExpression(error.msg if isinstance(error, SyntaxError) else "it is nested too deeply") from None
+        raise InvalidExpression(
+            error.msg if isinstance(error, SyntaxError) else "it is nested too deeply"
+        ) from None
     if any(isinstance(node, ast.Compare) and len(node.ops) > 1 for node in ast.walk(tree)):
         raise InvalidExpression("write (0 < x) * (x < 1) for 0 < x < 1")
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
@@ -157,6 +173,9 @@ def _refusal(formula: str, reason: str) -> FunctionError:
     advice = (
         "it ends with the text: put parentheses around it to add another function"
         if ":" in formula
-        else "it may use x, y, z, pi, e, numbers, + - * / % **, comparisons and functions such as sin, exp, abs, where"
+        else "it may use x, y, z, pi, e, numbers, + - * / % **, comparisons and functions such as "
+        "sin, exp, abs, where"
     )
-    return FunctionError(f"expression: {brief(formula)} cannot be evaluated: {' '.join(reason.split())}; {advice}")
+    return FunctionError(
+        f"expression: {brief(formula)} cannot be evaluated: {' '.join(reason.split())}; {advice}"
+    )

@@ -1,4 +1,6 @@
-"""What every family of functions shares: a name, typed parameters, a text form and an evaluation."""
+"""What every family of functions shares: a name, typed parameters, a text form and an
+evaluation.
+"""
 
 import inspect
 import math
@@ -15,11 +17,13 @@ from abfm.types import FloatArray
 
 
 class Spec(ABC):
-    """A function described without a mesh; ``str(spec)`` is its text form, which parses to an equal spec."""
+    """A function described without a mesh; ``str(spec)`` is its text form, which parses to an
+    equal spec.
+    """
 
     @abstractmethod
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
-        """Values at the vertices, (V,)."""
+        """Return values at the vertices, (V,)."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,8 @@ class Kind:
     """What a parameter accepts."""
 
     name: str  # in messages
-    read: Callable[[str], Any] = field(repr=False)  # how text becomes a value; ValueError where it cannot
+    # how text becomes a value; ValueError where it cannot
+    read: Callable[[str], Any] = field(repr=False)
     choices: tuple[str, ...] = ()  # all values, where they are few names
     whole: bool = False  # whether its numbers are whole
     suffixes: tuple[str, ...] = ()  # endings of the files that it names
@@ -42,7 +47,9 @@ class Slider(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """One of the ways to describe a function of a family: in words, by an example, and the parameters that it has."""
+    """One of the ways to describe a function of a family: in words, by an example, and the
+    parameters that it has.
+    """
 
     summary: str
     example: str
@@ -71,20 +78,26 @@ class Parameter:
 
 def parameter(kind: Kind, summary: str, *, default: Any = MISSING, **more: Any) -> Any:
     """Declare a dataclass field of a family, with the attributes of :class:`Parameter`."""
-    return field(default=default, metadata={"kind": kind, "summary": summary, "default": default, **more})
+    return field(
+        default=default, metadata={"kind": kind, "summary": summary, "default": default, **more}
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Family(Spec):
-    """A family of functions: subclasses are frozen dataclasses whose fields are made by :func:`parameter`.
+    """A family of functions: subclasses are frozen dataclasses whose fields are made by
+    :func:`parameter`.
 
-    Values may be given as text: they are read and checked on construction, which raises FunctionError.
+    Values may be given as text: they are read and checked on construction, which raises
+    FunctionError.
     """
 
     family: ClassVar[str]
     positional: ClassVar[str | None] = None  # the parameter that may stand without its key
-    is_open_ended: ClassVar[bool] = False  # whether the positional value extends to the end of the text
-    # what a form begins with, unless it is the name alone; {vertex} and {middle}, the mean of y, are the mesh's
+    # whether the positional value extends to the end of the text
+    is_open_ended: ClassVar[bool] = False
+    # what a form begins with, unless it is the name alone; {vertex} and {middle}, the mean of y,
+    # are the mesh's
     example: ClassVar[str] = ""
     shapes: ClassVar[Mapping[str, Shape]] = {}  # by name, where there are several
 
@@ -101,23 +114,32 @@ class Family(Spec):
     @classmethod
     @cache
     def parameters(cls) -> tuple[Parameter, ...]:
-        """All parameters, in the order of the text form."""
+        """Return all parameters, in the order of the text form."""
         return tuple(Parameter(f.name, **f.metadata) for f in fields(cls) if "kind" in f.metadata)
 
     def shape(self) -> str:
-        """Which of the shapes it has: the first that has all parameters given."""
+        """Return which of the shapes it has: the first that has all parameters given."""
         given = {p.name for p in self.parameters() if getattr(self, p.name) != p.default}
-        return next((name for name, shape in self.shapes.items() if given <= set(shape.parameters)), "")
+        return next(
+            (name for name, shape in self.shapes.items() if given <= set(shape.parameters)), ""
+        )
 
     @classmethod
     def summary(cls) -> str:
-        """First line of the docstring."""
+        """Return the first line of the docstring."""
         return (inspect.getdoc(cls) or "").partition("\n")[0]
 
     def __str__(self) -> str:
-        given = [(p.name, getattr(self, p.name)) for p in self.parameters() if getattr(self, p.name) != p.default]
+        given = [
+            (p.name, getattr(self, p.name))
+            for p in self.parameters()
+            if getattr(self, p.name) != p.default
+        ]
         given.sort(key=lambda item: item[0] != self.positional)
-        words = [_text(value) if name == self.positional else f"{name}={_text(value)}" for name, value in given]
+        words = [
+            _text(value) if name == self.positional else f"{name}={_text(value)}"
+            for name, value in given
+        ]
         return f"{self.family}:{','.join(words)}" if words else self.family
 
 
@@ -128,7 +150,9 @@ def _read(family: str, p: Parameter, value: Any) -> Any:
     except (ValueError, OverflowError):
         unit = f" (unit: {p.unit})" if p.unit else ""
         hint = did_you_mean(text, p.kind.choices)
-        raise FunctionError(f"{family}: {p.name} must be {p.kind.name}{unit}, not {brief(text)}{hint}") from None
+        raise FunctionError(
+            f"{family}: {p.name} must be {p.kind.name}{unit}, not {brief(text)}{hint}"
+        ) from None
 
 
 def _text(value: Any) -> str:
@@ -138,7 +162,9 @@ def _text(value: Any) -> str:
 
 
 def quoted(text: str) -> str:
-    """Text as a spec can hold it: in double quotes where a sign in it would mean something to the parser."""
+    """Return text as a spec can hold it: in double quotes where a sign in it would mean something
+    to the parser.
+    """
     plain = re.fullmatch(r"[\w./\\~:-]+( [\w./\\~:-]+)*", text)
     return text if plain else '"' + text.replace('"', '""') + '"'
 
@@ -159,7 +185,9 @@ _nonempty = _checked(str, lambda text: bool(text) and "\0" not in text)
 NUMBER = Kind("a finite number", _checked(float, math.isfinite))
 POSITIVE = Kind("a number above 0", _checked(float, lambda value: 0 < value < math.inf))
 INDEX = Kind("a whole number, 0 or more", _index, whole=True)
-COUNT = Kind("a whole number, 1 or more", _checked(int, lambda value: 0 < value <= 2**31), whole=True)
+COUNT = Kind(
+    "a whole number, 1 or more", _checked(int, lambda value: 0 < value <= 2**31), whole=True
+)
 VERTICES = Kind(
     "one vertex number or several with commas, counted from 0",
     lambda text: tuple(_index(part) for part in text.split(",")),
@@ -168,11 +196,11 @@ WORD = Kind("a name or a number", _nonempty)
 
 
 def file_name(*suffixes: str) -> Kind:
-    """The name of a file with one of some endings."""
+    """Return the kind of names of files with one of some endings."""
     return Kind("the name of a file", _nonempty, suffixes=suffixes)
 
 
 def choice(*names: str) -> Kind:
-    """One of a few names."""
+    """Return the kind that is one of a few names."""
     listed = " or ".join([", ".join(names[:-1]), names[-1]])
     return Kind(listed, _checked(str, names.__contains__), names)

@@ -13,8 +13,8 @@ from abfm.types import FloatArray
 class Geodesic(AroundPoints):
     """Geodesic distance to a vertex, or to the nearest of several, in the mesh's units of length.
 
-    Heat method [Crane, Weischedel, Wardetzky 2013] on the tufted intrinsic Delaunay triangulation [Sharp, Crane 2020];
-    see :func:`geodesic_distance`.
+    Heat method [Crane, Weischedel, Wardetzky 2013] on the tufted intrinsic Delaunay triangulation
+    [Sharp, Crane 2020]; see :func:`geodesic_distance`.
     """
 
     family: ClassVar[str] = "geodesic"

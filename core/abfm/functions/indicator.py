@@ -18,7 +18,7 @@ from abfm.types import FloatArray
 
 
 def _extent(function: Indicator, mesh: TriangleMesh) -> Slider | None:
-    """The least and the largest value of the coordinate, if they differ."""
+    """Return the least and the largest value of the coordinate, if they differ."""
     assert function.axis is not None
     height = along(mesh, function.axis)
     ends = Slider(float(height.min()), float(height.max()))
@@ -33,8 +33,9 @@ def _bound(summary: str) -> Any:
 class Indicator(AroundPoints):
     """Indicator (1 inside, 0 outside) of a geodesic disc, or of a half-space or slab.
 
-    ``indicator:vertex=12,radius=0.2`` is the disc of that radius, a fraction of sqrt(area), its rim included;
-    ``indicator:axis=x,above=0.2`` is where x > 0.2 in the file's units, ``below=`` where x is less; both make a slab.
+    ``indicator:vertex=12,radius=0.2`` is the disc of that radius, a fraction of sqrt(area), its rim
+    included; ``indicator:axis=x,above=0.2`` is where x > 0.2 in the file's units, ``below=`` where
+    x is less; both make a slab.
     """
 
     family: ClassVar[str] = "indicator"
@@ -42,11 +43,17 @@ class Indicator(AroundPoints):
     shapes: ClassVar[Mapping[str, Shape]] = {
         "disc": Shape("a geodesic disc", example, ("vertex", "x", "y", "z", "radius")),
         "half-space": Shape(
-            "what lies above or below a plane", "indicator:axis=y,above={middle}", ("axis", "above", "below")
+            "what lies above or below a plane",
+            "indicator:axis=y,above={middle}",
+            ("axis", "above", "below"),
         ),
     }
     radius: float | None = parameter(
-        POSITIVE, "radius of the disc", unit="fraction of sqrt(area)", default=None, slider=Slider(0.01, 1, log=True)
+        POSITIVE,
+        "radius of the disc",
+        unit="fraction of sqrt(area)",
+        default=None,
+        slider=Slider(0.01, 1, log=True),
     )
     axis: str | None = parameter(AXIS, "coordinate that bounds the half-space", default=None)
     above: float | None = _bound("lower bound of that coordinate")
@@ -58,14 +65,17 @@ class Indicator(AroundPoints):
         is_half_space = self.axis is not None or has_bound
         if is_disc == is_half_space:
             raise FunctionError(
-                "indicator: give either a disc (vertex= or x=,y=,z=; radius=) or a half-space (axis=; above= or below=)"
+                "indicator: give either a disc (vertex= or x=,y=,z=; radius=) or a half-space "
+                "(axis=; above= or below=)"
             )
         if is_disc:
             super().check()
             if self.radius is None:
                 raise FunctionError("indicator: a disc needs radius=, as a fraction of sqrt(area)")
         elif self.axis is None or not has_bound:
-            raise FunctionError("indicator: a half-space needs axis=x, y or z, and above= or below=")
+            raise FunctionError(
+                "indicator: a half-space needs axis=x, y or z, and above= or below="
+            )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         if self.radius is not None:

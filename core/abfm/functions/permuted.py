@@ -16,14 +16,17 @@ from abfm.types import FloatArray, IntArray
 class Permuted(Family):
     """Another function composed with a vertex map: ``result[i] = f[map[i]]``, in the unit of f.
 
-    The map is ``mirror`` or ``rotation``, the symmetry of this kind that the mesh is found to have (see
-    :func:`abfm.maps.symmetry.detect_symmetry`; the rotation by 180 degrees), or a file (see
-    :func:`abfm.functions.vertex_map_file.read_vertex_map`): one vertex number per vertex of the mesh file, counted from
-    0 or 1, or pairs of vertices. It need not be a permutation: any map of the vertices will do.
+    The map is ``mirror`` or ``rotation``, the symmetry of this kind that the mesh is found to have
+    (see :func:`abfm.maps.symmetry.detect_symmetry`; the rotation by 180 degrees), or a file (see
+    :func:`abfm.functions.vertex_map_file.read_vertex_map`): one vertex number per vertex of the
+    mesh file, counted from 0 or 1, or pairs of vertices. It need not be a permutation: any map of
+    the vertices will do.
     """
 
     family: ClassVar[str] = "permuted"
-    path: str = parameter(file_name(*SUFFIXES), "file with one vertex number per vertex; or mirror, or rotation")
+    path: str = parameter(
+        file_name(*SUFFIXES), "file with one vertex number per vertex; or mirror, or rotation"
+    )
     function: Spec  # given in parentheses after the path
 
     def __str__(self) -> str:
@@ -39,7 +42,7 @@ class Permuted(Family):
 
 
 def vertex_map(mesh: TriangleMesh, name: str) -> IntArray:
-    """The map, (V,), that a file holds, or that ``mirror`` or ``rotation`` names.
+    """Return the map, (V,), that a file holds, or that ``mirror`` or ``rotation`` names.
 
     Raises
     ------
@@ -54,5 +57,7 @@ def vertex_map(mesh: TriangleMesh, name: str) -> IntArray:
                 raise FunctionError(f"permuted:{kind}: {error}") from error
     if "." not in name:
         hint = did_you_mean(name, KINDS)
-        raise FunctionError(f"permuted: {brief(name)} is neither {' nor '.join(KINDS)} nor the name of a file{hint}")
+        raise FunctionError(
+            f"permuted: {brief(name)} is neither {' nor '.join(KINDS)} nor the name of a file{hint}"
+        )
     return read_vertex_map(mesh, name)

@@ -1,4 +1,6 @@
-"""Where on the mesh a function is centred: at vertices by number, or at the vertex nearest to a point."""
+"""Where on the mesh a function is centred: at vertices by number, or at the vertex nearest to a
+point.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +19,9 @@ def _coordinate(summary: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class AroundPoints(Family):
-    """A family centred at ``vertex=`` (as the mesh file counts, from 0) or near ``x=,y=,z=`` (in the file's units)."""
+    """A family centred at ``vertex=`` (as the mesh file counts, from 0) or near ``x=,y=,z=`` (in
+    the file's units).
+    """
 
     vertex: tuple[int, ...] | None = parameter(
         VERTICES,
@@ -30,7 +34,7 @@ class AroundPoints(Family):
     z: float | None = _coordinate("third coordinate of the point")
 
     def is_located(self) -> bool:
-        """Whether any of ``vertex``, ``x``, ``y``, ``z`` is given."""
+        """Return whether any of ``vertex``, ``x``, ``y``, ``z`` is given."""
         return any(value is not None for value in (self.vertex, self.x, self.y, self.z))
 
     def check(self) -> None:
@@ -41,7 +45,7 @@ class AroundPoints(Family):
             raise FunctionError(f"{self.family}: give either vertex= or x=, y= and z=, not both")
 
     def sources(self, mesh: TriangleMesh) -> IntArray:
-        """Indices of the centres among the mesh's vertices, (n,)."""
+        """Return the indices of the centres among the mesh's vertices, (n,)."""
         if self.vertex is not None:
             return np.array([mesh.local_vertex(index) for index in self.vertex])
         offsets = mesh.vertices - np.array([self.x, self.y, self.z])

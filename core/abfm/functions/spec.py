@@ -1,17 +1,18 @@
-"""Functions as text: ``family:key=value,...``, sums with ``+``, parentheses, and compositions with a vertex map.
+"""Functions as text: ``family:key=value,...``, sums with ``+``, parentheses, and compositions with
+a vertex map.
 
 ::
 
     spec     = term { "+" term }
     term     = family [ ":" argument { "," argument } ]
-             | "expression:" formula            up to the end of the spec or of the parentheses around it
+             | "expression:" formula     up to the end of the spec or of the parentheses around it
              | "permuted:" path "(" spec ")"
              | "(" spec ")"
-    argument = key "=" value | value            the key may be left out before a family's one positional value
+    argument = key "=" value | value            the key may be left out before the positional value
 
-Blanks around signs are free. A comma separates arguments where ``key=`` follows, a plus separates terms where a family
-or a parenthesis follows, so ``vertex=1,5``, ``1e+3`` and most file names need no quotes; a value in double quotes may
-hold anything (a double quote inside is doubled).
+Blanks around signs are free. A comma separates arguments where ``key=`` follows, a plus separates
+terms where a family or a parenthesis follows, so ``vertex=1,5``, ``1e+3`` and most file names need
+no quotes; a value in double quotes may hold anything (a double quote inside is doubled).
 """
 
 import re
@@ -73,7 +74,8 @@ class Sum(Spec):
 
     def __str__(self) -> str:
         return " + ".join(
-            f"({term})" if isinstance(term, Family) and term.is_open_ended else str(term) for term in self.terms
+            f"({term})" if isinstance(term, Family) and term.is_open_ended else str(term)
+            for term in self.terms
         )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
@@ -84,7 +86,9 @@ class Sum(Spec):
 
 
 def families() -> tuple[type[Family], ...]:
-    """All families, each with ``family`` (its name), ``summary()``, ``parameters()`` and ``positional``."""
+    """Return all families, each with ``family`` (its name), ``summary()``, ``parameters()`` and
+    ``positional``.
+    """
     return tuple(_FAMILIES.values())
 
 
@@ -98,7 +102,9 @@ def parse(text: str) -> Spec:
         If the text is no spec: what was found, what was expected, and the nearest known name.
     """
     if len(text) > LONGEST:
-        raise FunctionError(f"function {brief(text)} has {len(text)} characters; at most {LONGEST} are allowed")
+        raise FunctionError(
+            f"function {brief(text)} has {len(text)} characters; at most {LONGEST} are allowed"
+        )
     parser = _Parser(text)
     spec = parser.spec(depth=0)
     if parser.position < len(text):
@@ -107,29 +113,34 @@ def parse(text: str) -> Spec:
 
 
 def function(mesh: TriangleMesh, spec: str | Spec) -> FloatArray:
-    """Values of a function at the vertices, (V,), finite, a new array every time.
+    """Return values of a function at the vertices, (V,), finite, a new array every time.
 
     Parameters
     ----------
     spec : str or Spec
-        Text such as ``"gaussian:vertex=12,width=0.1 + gaussian:vertex=3"``, or what :func:`parse` makes of it;
-        :func:`families` lists the families with their parameters.
+        Text such as ``"gaussian:vertex=12,width=0.1 + gaussian:vertex=3"``, or what :func:`parse`
+        makes of it; :func:`families` lists the families with their parameters.
 
     Raises
     ------
     FunctionError
-        If the text is no spec, names a vertex or file that does not fit the mesh, or gives values that are not finite.
+        If the text is no spec, names a vertex or file that does not fit the mesh, or gives values
+        that are not finite.
     """
     tree = parse(spec) if isinstance(spec, str) else spec
     if not isinstance(tree, Spec):
-        raise FunctionError(f"function is {brief(spec)}; expected a text such as 'gaussian:vertex=12', or a parsed one")
+        raise FunctionError(
+            f"function is {brief(spec)}; expected a text such as 'gaussian:vertex=12', or a "
+            "parsed one"
+        )
     with np.errstate(over="ignore", invalid="ignore"):
         values = np.array(tree.evaluate(mesh), dtype=np.float64, order="C")
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         raise FunctionError(
             f"function {brief(str(tree))} is not finite at {len(bad)} of {len(values)} vertices, "
-            f"for example {values[bad[0]]} at vertex {mesh.vertex_ids[bad[0]]}; every vertex needs a finite value"
+            f"for example {values[bad[0]]} at vertex {mesh.vertex_ids[bad[0]]}; every vertex "
+            "needs a finite value"
         )
     return values
 
@@ -142,11 +153,13 @@ class _Parser:
         self.position = 0
 
     def fail(self, expected: str) -> NoReturn:
-        found = brief(self.text[self.position :]) if self.position < len(self.text) else "nothing more"
+        found = (
+            brief(self.text[self.position :]) if self.position < len(self.text) else "nothing more"
+        )
         raise FunctionError(f"function {brief(self.text)}: expected {expected}, found {found}")
 
     def take(self, pattern: re.Pattern[str] | str) -> str:
-        """Skip blanks, then consume what matches here; empty if nothing does."""
+        """Skip blanks, then consume and return what matches here; empty if nothing does."""
         while self.text[self.position : self.position + 1].isspace():
             self.position += 1
         match = re.compile(pattern).match(self.text, self.position)
@@ -161,7 +174,9 @@ class _Parser:
         terms = [self.term(depth)]
         while self.take(r"\+"):
             terms.append(self.term(depth))
-        flat = tuple(part for term in terms for part in (term.terms if isinstance(term, Sum) else (term,)))
+        flat = tuple(
+            part for term in terms for part in (term.terms if isinstance(term, Sum) else (term,))
+        )
         return flat[0] if len(flat) == 1 else Sum(flat)
 
     def term(self, depth: int) -> Spec:
@@ -199,7 +214,9 @@ class _Parser:
         return Permuted(path=path, function=inner)
 
     def formula(self) -> str:
-        """Everything up to the end or to a closing parenthesis that the formula did not open."""
+        """Return everything up to the end or to a closing parenthesis that the formula did not
+        open.
+        """
         start, depth = self.position, 0
         for sign in self.text[start:]:
             depth += (sign == "(") - (sign == ")")
@@ -209,7 +226,7 @@ class _Parser:
         return self.text[start : self.position]
 
     def arguments(self) -> list[str]:
-        """Texts between separating commas, up to the end of the term."""
+        """Return the texts between separating commas, up to the end of the term."""
         found, start, depth = [], self.position, 0
         while self.position < len(self.text):
             sign = self.text[self.position]
@@ -244,7 +261,9 @@ def _build(cls: type[Family], arguments: list[str]) -> Family:
         else:
             continue
         if key not in keys:
-            raise FunctionError(f"{cls.family}: unknown key {brief(key)}{did_you_mean(key, keys)}; {expected}")
+            raise FunctionError(
+                f"{cls.family}: unknown key {brief(key)}{did_you_mean(key, keys)}; {expected}"
+            )
         if key in values:
             raise FunctionError(f"{cls.family}: {key}= is given twice")
         values[key] = _unquoted(value)

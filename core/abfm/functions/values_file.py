@@ -16,14 +16,16 @@ from abfm.reading import array_from, gifti_arrays, read_bytes
 from abfm.types import FloatArray
 
 _NO_NUMBER = re.compile(  # NumPy's words, which count rows from 0 and columns from 1
-    r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)", re.DOTALL
+    r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",
+    re.DOTALL,
 )
 SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".vts")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValuesFile(Family):
-    """Values from a .npy, .csv, .txt or .gii(.gz) file, in its own unit: one per vertex, as the mesh file counts.
+    """Values from a .npy, .csv, .txt or .gii(.gz) file, in its own unit: one per vertex, as the
+    mesh file counts.
 
     See :func:`read_table` for the formats.
     """
@@ -31,7 +33,9 @@ class ValuesFile(Family):
     family: ClassVar[str] = "file"
     positional: ClassVar[str | None] = "path"
     path: str = parameter(file_name(*SUFFIXES), ".npy, .csv, .txt or .gii")
-    column: str | None = parameter(WORD, "column by its name or number, counted from 0", default=None)
+    column: str | None = parameter(
+        WORD, "column by its name or number, counted from 0", default=None
+    )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         values = read_column(self.path, self.column)
@@ -64,15 +68,18 @@ def read_column(path: str, column: str | None = None) -> FloatArray:
         return table[:, int(column)]
     listed = f" or one of {', '.join(one_line(name, 30) for name in names[:8])}" if names else ""
     asked = "" if column is None else f", none called {brief(column)}{did_you_mean(column, names)}"
-    raise FunctionError(f"file {brief(path)} has {count} columns{asked}; choose column=0 to {count - 1}{listed}")
+    raise FunctionError(
+        f"file {brief(path)} has {count} columns{asked}; choose column=0 to {count - 1}{listed}"
+    )
 
 
 def read_table(path: str) -> tuple[list[str], FloatArray]:
     """Read the names of the columns, if there are any, and the numbers, (n, c).
 
-    .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers separated by commas,
-    semicolons, tabs or blanks, with or without a line of names on top; empty lines and lines starting with ``#`` are
-    skipped. .gii is GIFTI, whose data arrays are the columns.
+    .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers
+    separated by commas, semicolons, tabs or blanks, with or without a line of names on top; empty
+    lines and lines starting with ``#`` are skipped. .gii is GIFTI, whose data arrays are the
+    columns.
 
     Raises
     ------
@@ -88,12 +95,17 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
     except OSError as error:
         raise FunctionError(f"file {brief(path)} cannot be read: {one_line(error)}") from error
     except Exception as error:  # whatever a broken file makes of the readers
-        raise FunctionError(f"file {brief(path)} is not a table of numbers: {one_line(error)}") from error
+        raise FunctionError(
+            f"file {brief(path)} is not a table of numbers: {one_line(error)}"
+        ) from error
 
 
 def _as_table(values: np.ndarray) -> FloatArray:
     if values.dtype.kind not in "biuf" or values.ndim not in (1, 2):
-        raise ValueError(f"an array of {values.dtype} with shape {values.shape}; real numbers (n,) or (n, c) expected")
+        raise ValueError(
+            f"an array of {values.dtype} with shape {values.shape}; real numbers (n,) or (n, c) "
+            "expected"
+        )
     return values.reshape(len(values), -1).astype(np.float64)
 
 
@@ -114,7 +126,9 @@ def _read_text(path: Path) -> tuple[list[str], FloatArray]:
     if not lines:
         raise ValueError("it is empty")
     delimiter = next((sign for sign in ";,\t" if sign in lines[0]), None)
-    first = lines[0].split() if delimiter is None else next(csv.reader(lines[:1], delimiter=delimiter))
+    first = (
+        lines[0].split() if delimiter is None else next(csv.reader(lines[:1], delimiter=delimiter))
+    )
     names = [] if all(map(_is_number, first)) else [name.strip() for name in first]
     rows = lines[1:] if names else lines
     if not rows:
@@ -124,7 +138,8 @@ def _read_text(path: Path) -> tuple[list[str], FloatArray]:
     except ValueError as error:
         found = _NO_NUMBER.match(str(error))
         raise ValueError(
-            f"row {found['row']} of its numbers, counting from 0, has {one_line(found['word'], 60)} in column "
+            f"row {found['row']} of its numbers, counting from 0, has "
+            f"{one_line(found['word'], 60)} in column "
             f"{int(found['column']) - 1}, where a number is expected"
             if found
             else str(error).partition("; use `usecols`")[0]  # which is advice to who programs

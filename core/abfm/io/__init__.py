@@ -1,4 +1,6 @@
-"""Files that come out: results that reload, and exports for other programs. A crash never leaves half a file."""
+"""Files that come out: results that reload, and exports for other programs. A crash never leaves
+half a file.
+"""
 
 import lazy_loader
 

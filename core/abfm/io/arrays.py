@@ -1,4 +1,6 @@
-"""Arrays in a zip, as result files and projects hold them: each checked when written, and when it is asked for."""
+"""Arrays in a zip, as result files and projects hold them: each checked when written, and when
+it is asked for.
+"""
 
 import io
 import math
@@ -18,8 +20,18 @@ FORMAT_VERSION = 1
 """Of result files and of projects."""
 
 
+KINDS: dict[str, tuple[str, Any]] = {
+    "real": ("fiu", np.float64),
+    "integer": ("iu", np.int64),
+    "boolean": ("b", np.bool_),
+    "text": ("U", np.str_),
+}
+
+
 class Entry(NamedTuple):
-    """What an array must be; a word in its shape stands for a size that all arrays agree on, low and high bound it."""
+    """An array of a file: its kind, its shape, in which a word stands for a size that all arrays
+    agree on, and the bounds of its values.
+    """
 
     kind: str
     shape: tuple[str | int, ...]
@@ -28,13 +40,50 @@ class Entry(NamedTuple):
     low: float = -math.inf
     high: float = math.inf
 
+    def check(self, name: str, array: NDArray[Any], sizes: dict[str, int]) -> NDArray[Any]:
+        """Return an array in its own type; ``sizes`` holds what the arrays before it have fixed,
+        and learns from this one.
+        """
+        kinds, dtype = KINDS[self.kind]
+        if array.dtype.kind not in kinds:
+            raise ValueError(f"{name} has type {array.dtype}; expected {self.kind} values")
+        self._check_shape(name, array, sizes)
+        if self.kind == "text":
+            _check_text(name, array)
+        elif array.size:
+            self._check_numbers(name, array)
+        return array.astype(dtype, order="C", copy=False)
 
-KINDS: dict[str, tuple[str, Any]] = {
-    "real": ("fiu", np.float64),
-    "integer": ("iu", np.int64),
-    "boolean": ("b", np.bool_),
-    "text": ("U", np.str_),
-}
+    def _check_shape(self, name: str, array: NDArray[Any], sizes: dict[str, int]) -> None:
+        known = tuple(sizes.get(str(size), size) for size in self.shape)
+        agrees = array.ndim == len(known) and all(
+            isinstance(size, str) or size == given
+            for size, given in zip(known, array.shape, strict=True)
+        )
+        if not agrees or (array.size == 0 and not self.may_be_empty):
+            expected = ", ".join(map(str, known))
+            raise ValueError(f"{name} has shape {array.shape}; expected ({expected})")
+        named = zip(self.shape, array.shape, strict=True)
+        sizes |= {word: given for word, given in named if isinstance(word, str)}
+
+    def _check_numbers(self, name: str, array: NDArray[Any]) -> None:
+        if self.kind == "real" and not np.isfinite(array).all():
+            raise ValueError(f"{name} has values that are not finite")
+        for value in (array.min(), array.max()):
+            if not self.low <= value <= self.high:
+                bounds = f"{self.low:g} to {self.high:g}"
+                raise ValueError(f"{name} has the value {value:g}; expected {bounds}")
+        if self.kind == "integer" and array.max() > np.iinfo(np.int64).max:
+            raise ValueError(f"{name} has values beyond those of 64 bits with a sign")
+
+
+def _check_text(name: str, array: NDArray[Any]) -> None:
+    if not all(len(text) <= _LONGEST_TEXT and text.isprintable() for text in array.flat):
+        raise ValueError(
+            f"{name} has more than {_LONGEST_TEXT} characters, or some that cannot be shown"
+        )
+
+
 _MOST_TOLD, _LONGEST_TEXT = 400, 10_000  # characters
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that can be read in bounded steps
 
@@ -42,13 +91,16 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that can be read 
 class Archive(Mapping[str, NDArray[Any]]):
     """A zip open for reading: its arrays by name, each read when it is asked for.
 
-    All that is read of it together has no more bytes than it can hold, also where members overlap or are compressed.
+    All that is read of it together has no more bytes than it can hold, also where members overlap
+    or are compressed.
     """
 
     def __init__(self, file: BinaryIO) -> None:
         self._zip = zipfile.ZipFile(file)
         self._left = most_inflated(file.seek(0, io.SEEK_END))
-        self._names = {name.removesuffix(".npy") for name in self._zip.namelist() if name.endswith(".npy")}
+        self._names = {
+            name.removesuffix(".npy") for name in self._zip.namelist() if name.endswith(".npy")
+        }
         self.packed = [member.filename for member in self._zip.infolist() if member.compress_type]
 
     def __iter__(self) -> Iterator[str]:
@@ -69,19 +121,22 @@ class Archive(Mapping[str, NDArray[Any]]):
             raise ValueError(f"{name}: {one_line(error)}") from error
 
     def read(self, name: str, most: int = LARGEST) -> bytes:
-        """The bytes of a member, so many at most.
+        """Return the bytes of a member, so many at most.
 
         Raises
         ------
         ValueError, zipfile.BadZipFile, or anything else that damage makes of the zip's reader
-            If there is none, or it is damaged, too large, or with what was read before more than the zip can hold.
+            If there is none, or it is damaged, too large, or with what was read before more than
+            the zip can hold.
         """
         member = self._zip.getinfo(name)
         if member.file_size > most:
             raise ValueError(f"{name} has {member.file_size} bytes; expected at most {most}")
         self._left -= member.file_size
         if self._left < 0:
-            raise ValueError(f"its members up to {name} have more bytes than a zip of this size can hold")
+            raise ValueError(
+                f"its members up to {name} have more bytes than a zip of this size can hold"
+            )
         if member.compress_type not in _METHODS:
             raise ValueError(f"{name} is compressed by a method other than deflate")
         with self._zip.open(member) as file:
@@ -90,12 +145,13 @@ class Archive(Mapping[str, NDArray[Any]]):
 
 @contextmanager
 def open_archive(path: str | os.PathLike[str], what: str, cure: str) -> Iterator[Archive]:
-    """A zip to read from.
+    """Open a zip to read from.
 
     Raises
     ------
     ResultError
-        For all that goes wrong while it is open, in one line: the path, what the file should be, and what to do.
+        For all that goes wrong while it is open, in one line: the path, what the file should be,
+        and what to do.
     """
     try:
         with open_plain(path) as file:
@@ -105,9 +161,13 @@ def open_archive(path: str | os.PathLike[str], what: str, cure: str) -> Iterator
     except OSError as error:
         reason = f"{one_line(error)}; check the path and its permissions"
         raise ResultError(f"cannot read {one_line(path)}: {reason}") from error
-    except Exception as error:  # damage makes anything of the readers of zips, of JSON and of what they hold
+    except (
+        Exception
+    ) as error:  # damage makes anything of the readers of zips, of JSON and of what they hold
         told = one_line(error, _MOST_TOLD)
-        raise ResultError(f"{one_line(path)}: no {what} of abfm, or damaged or cut short ({told}); {cure}") from error
+        raise ResultError(
+            f"{one_line(path)}: no {what} of abfm, or damaged or cut short ({told}); {cure}"
+        ) from error
 
 
 def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
@@ -121,9 +181,13 @@ def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
         If it is no version.
     """
     if type(version) is not int or version < 1:
-        raise ValueError(f"format_version is {brief(version)}; expected a number from 1 to {newest}")
+        raise ValueError(
+            f"format_version is {brief(version)}; expected a number from 1 to {newest}"
+        )
     if version > newest:
-        raise ResultError(f"written in format {version}, and this abfm reads up to {newest}; upgrade abfm")
+        raise ResultError(
+            f"written in format {version}, and this abfm reads up to {newest}; upgrade abfm"
+        )
 
 
 def write_arrays(archive: zipfile.ZipFile, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -136,9 +200,10 @@ def write_arrays(archive: zipfile.ZipFile, arrays: Mapping[str, NDArray[Any]]) -
 def check_arrays(
     arrays: Mapping[str, Any], entries: Mapping[str, Entry], prefix: str = "", **sizes: int
 ) -> dict[str, NDArray[Any]]:
-    """The arrays that are listed, as float64, int64, bool or unicode.
+    """Return the arrays that are listed, as float64, int64, bool or unicode.
 
-    Their names begin with ``prefix``, which the entries and the answer have not; ``sizes`` are known before.
+    Their names begin with ``prefix``, which the entries and the answer have not; ``sizes`` are
+    known before.
 
     Raises
     ------
@@ -146,37 +211,13 @@ def check_arrays(
         If one is missing, or has the wrong kind, the wrong shape or values that are not finite.
     """
     places = {name: f"{prefix}{name}" for name in entries}
-    missing = [place for name, place in places.items() if entries[name].required and place not in arrays]
+    missing = [
+        place for name, place in places.items() if entries[name].required and place not in arrays
+    ]
     if missing:
         raise ValueError(f"it lacks {', '.join(missing)}")
     return {
-        name: _checked(place, np.asarray(arrays[place]), entries[name], sizes)
+        name: entries[name].check(place, np.asarray(arrays[place]), sizes)
         for name, place in places.items()
         if place in arrays
     }
-
-
-def _checked(name: str, array: NDArray[Any], entry: Entry, sizes: dict[str, int]) -> NDArray[Any]:
-    """One array in its own type; ``sizes`` holds what the arrays before it have fixed, and learns from this one."""
-    kinds, dtype = KINDS[entry.kind]
-    if array.dtype.kind not in kinds:
-        raise ValueError(f"{name} has type {array.dtype}; expected {entry.kind} values")
-    expected = [sizes.get(size, size) if isinstance(size, str) else size for size in entry.shape]
-    agrees = len(expected) == array.ndim and all(
-        isinstance(size, str) or size == given for size, given in zip(expected, array.shape, strict=True)
-    )
-    if not agrees or (array.size == 0 and not entry.may_be_empty):
-        raise ValueError(f"{name} has shape {array.shape}; expected ({', '.join(map(str, expected))})")
-    sizes |= {word: given for word, given in zip(entry.shape, array.shape, strict=True) if isinstance(word, str)}
-    if entry.kind == "real" and not np.isfinite(array).all():
-        raise ValueError(f"{name} has values that are not finite")
-    if (entry.low > -math.inf or entry.high < math.inf) and array.size:
-        smallest, largest = array.min(), array.max()
-        if smallest < entry.low or largest > entry.high:
-            wrong = smallest if smallest < entry.low else largest
-            raise ValueError(f"{name} has the value {wrong:g}; expected {entry.low:g} to {entry.high:g}")
-    if entry.kind == "integer" and array.dtype.kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
-        raise ValueError(f"{name} has values beyond those of 64 bits with a sign")
-    if entry.kind == "text" and not all(len(text) <= _LONGEST_TEXT and text.isprintable() for text in array.flat):
-        raise ValueError(f"{name} has more than {_LONGEST_TEXT} characters, or some that cannot be shown")
-    return array.astype(dtype, order="C", copy=False)

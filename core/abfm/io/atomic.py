@@ -9,28 +9,26 @@ from pathlib import Path
 
 from abfm.errors import ResultError
 from abfm.io.temporary import temporary_file
+from abfm.reading.door import SPECIAL
 
-_KINDS = {
-    stat.S_ISDIR: "it is a folder",
-    stat.S_ISCHR: "it is a device",
-    stat.S_ISBLK: "it is a device",
-    stat.S_ISFIFO: "it is a pipe",
-    stat.S_ISSOCK: "it is a socket",
-}
+_NO_FILES = SPECIAL | {stat.S_IFDIR: "a folder"}
 
 
 @contextmanager
 def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a temporary path in the same folder to write to; it takes the place of ``path`` when the block ends well.
+    """Give a temporary path in the same folder to write to; it takes the place of ``path`` when the
+    block ends well.
 
-    The data is on the disk before the old file goes, so a crash or a full disk leaves the old file whole. The
-    temporary file is removed if the block fails. It ends as ``path`` does, for writers that go by the suffix. A
-    replaced file keeps its permissions, and a symbolic link keeps pointing at the file that is replaced.
+    The data is on the disk before the old file goes, so a crash or a full disk leaves the old file
+    whole. The temporary file is removed if the block fails. It ends as ``path`` does, for writers
+    that go by the suffix. A replaced file keeps its permissions, and a symbolic link keeps pointing
+    at the file that is replaced.
 
     Raises
     ------
     ResultError
-        If the operating system refuses to write, or the path is that of a folder, a device or a pipe.
+        If the operating system refuses to write, or the path is that of a folder, a device or a
+        pipe.
     """
     try:
         target = _target(path)
@@ -65,23 +63,24 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
-    """The file that a path means; OSError if it has no place for one."""
+    """Return the file that a path means; OSError if it has no place for one."""
     try:
         target = Path(os.path.realpath(path))
-        mode = target.stat().st_mode
+        kind = stat.S_IFMT(target.stat().st_mode)
     except FileNotFoundError:
         return target
     except ValueError:
         raise OSError(None, "its name has a zero byte") from None
-    for is_kind, reason in _KINDS.items():
-        if is_kind(mode):
-            raise OSError(None, f"{reason}, no place for a file")
+    if kind in _NO_FILES:
+        raise OSError(None, f"it is {_NO_FILES[kind]}, no place for a file")
     return target
 
 
 def _refusal(path: str | os.PathLike[str], error: OSError) -> ResultError:
     reason = error.strerror or str(error)
-    return ResultError(f"cannot write {path}: {reason}; choose a place that exists, is writable and has space left")
+    return ResultError(
+        f"cannot write {path}: {reason}; choose a place that exists, is writable and has space left"
+    )
 
 
 def _flush_folder(folder: Path) -> None:

@@ -14,17 +14,20 @@ from pyevtk.vtk import VtkTriangle
 from abfm.errors import ResultError
 from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
-from abfm.real_numbers import real_numbers
+from abfm.numerics.real_numbers import real_numbers
 
 Data = Mapping[str, ArrayLike]
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 
 
-def export_ply(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data) -> None:
+def export_ply(
+    path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data
+) -> None:
     """Write a binary PLY file with the data as extra properties, everything in double precision.
 
-    What becomes of them is up to the reader: trimesh returns them all, MeshLab shows point data named
-    ``quality``, ParaView takes only the shape from a PLY file (for the data: `export_vtu`). An array of C columns
-    becomes the properties ``name_0`` to ``name_{C-1}``.
+    What becomes of them is up to the reader: trimesh returns them all, MeshLab shows point data
+    named ``quality``, ParaView takes only the shape from a PLY file (for the data: `export_vtu`).
+    An array of C columns becomes the properties ``name_0`` to ``name_{C-1}``.
 
     Parameters
     ----------
@@ -49,16 +52,24 @@ def export_ply(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Dat
         *(f"property double {name}" for name in face),
         "end_header\n",
     ]
-    corners = {"count": np.full(len(mesh.faces), 3, dtype="u1"), "vertex_indices": mesh.faces.astype("<i4")}
+    corners = {
+        "count": np.full(len(mesh.faces), 3, dtype="u1"),
+        "vertex_indices": mesh.faces.astype("<i4"),
+    }
     with write_atomically(path) as temporary:
-        temporary.write_bytes("\n".join(header).encode("ascii") + _records(vertex) + _records(corners | face))
+        temporary.write_bytes(
+            "\n".join(header).encode("ascii") + _records(vertex) + _records(corners | face)
+        )
 
 
-def export_vtu(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data) -> None:
-    """Write a binary VTK unstructured grid with point and cell data, everything in double precision.
+def export_vtu(
+    path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data
+) -> None:
+    """Write a binary VTK unstructured grid with point and cell data, everything in double
+    precision.
 
-    ParaView, VTK and PyVista read it. An array of three columns becomes a vector, one of C other columns the scalars
-    ``name_0`` to ``name_{C-1}``.
+    ParaView, VTK and PyVista read it. An array of three columns becomes a vector, one of C other
+    columns the scalars ``name_0`` to ``name_{C-1}``.
 
     Parameters
     ----------
@@ -73,7 +84,9 @@ def export_vtu(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Dat
         If a name or a shape does not fit, or the file cannot be written.
     """
     if not str(path).endswith(".vtu"):
-        raise ResultError(f"cannot write {path}: the name of a VTK unstructured grid must end in .vtu; add it")
+        raise ResultError(
+            f"cannot write {path}: the name of a VTK unstructured grid must end in .vtu; add it"
+        )
     points = _columns(point_data, len(mesh.vertices), vectors=True)
     cells = _columns(cell_data, len(mesh.faces), vectors=True)
     with write_atomically(path) as temporary:
@@ -88,8 +101,11 @@ def export_vtu(path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Dat
         )
 
 
-def export_energy_csv(path: str | os.PathLike[str], energy_history: ArrayLike, stages: ArrayLike) -> None:
-    """Write one line per iteration: its number, its cooling stage, and the three energies in solver units.
+def export_energy_csv(
+    path: str | os.PathLike[str], energy_history: ArrayLike, stages: ArrayLike
+) -> None:
+    """Write one line per iteration: its number, its cooling stage, and the three energies in solver
+    units.
 
     Parameters
     ----------
@@ -103,19 +119,30 @@ def export_energy_csv(path: str | os.PathLike[str], energy_history: ArrayLike, s
         If the file cannot be written.
     """
     rows = zip(np.asarray(stages).tolist(), np.asarray(energy_history).tolist(), strict=True)
-    with write_atomically(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    with (
+        write_atomically(path) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
         writer = csv.writer(file)
         writer.writerow(["iteration", "stage", "total", "regularity", "mismatch"])
-        writer.writerows([iteration, stage, *energies] for iteration, (stage, energies) in enumerate(rows))
+        writer.writerows(
+            [iteration, stage, *energies] for iteration, (stage, energies) in enumerate(rows)
+        )
 
 
-def _columns(data: Data, count: int, taken: Sequence[str] = (), vectors: bool = False) -> dict[str, Any]:
-    """The data as float64 columns (count,); with ``vectors``, arrays of three columns stay together as tuples."""
+def _columns(
+    data: Data, count: int, taken: Sequence[str] = (), vectors: bool = False
+) -> dict[str, Any]:
+    """Return the data as float64 columns (count,); with ``vectors``, arrays of three columns stay
+    together as tuples.
+    """
     columns: dict[str, Any] = {}
     for name, given in data.items():
         values = real_numbers(given, f"data {name!r}", ResultError)
         if values.ndim not in (1, 2) or len(values) != count or values.size == 0:
-            raise ResultError(f"data {name!r} has shape {values.shape}; expected ({count},) or ({count}, C)")
+            raise ResultError(
+                f"data {name!r} has shape {values.shape}; expected ({count},) or ({count}, C)"
+            )
         split = np.ascontiguousarray(values.reshape(count, -1).T)
         if values.ndim == 1:
             named: dict[str, Any] = {name: split[0]}
@@ -124,15 +151,18 @@ def _columns(data: Data, count: int, taken: Sequence[str] = (), vectors: bool = 
         else:
             named = {f"{name}_{k}": column for k, column in enumerate(split)}
         for new in named:
-            if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", new) or new in columns or new in taken:
+            if not _NAME.fullmatch(new) or new in columns or new in taken:
                 raise ResultError(
-                    f"data cannot be named {new!r} here; use letters, digits and _ . - for a name not taken"
+                    f"data cannot be named {new!r} here; use letters, digits and _ . - for a name "
+                    "not taken"
                 )
         columns |= named
     return columns
 
 
 def _records(columns: Mapping[str, NDArray[Any]]) -> bytes:
-    """Columns (n,) or (n, k) row by row, packed, little endian."""
-    dtype = [(name, column.dtype.newbyteorder("<"), column.shape[1:]) for name, column in columns.items()]
+    """Return columns (n,) or (n, k) row by row, packed, little endian."""
+    dtype = [
+        (name, column.dtype.newbyteorder("<"), column.shape[1:]) for name, column in columns.items()
+    ]
     return np.rec.fromarrays(list(columns.values()), dtype).tobytes()

@@ -1,8 +1,10 @@
-"""Temporary files and folders that do not stay: not after an error, nor a signal, nor for long after a kill.
+"""Temporary files and folders that do not stay: not after an error, nor a signal, nor for long
+after a kill.
 
-Each is locked while it is in use, and the system takes the lock back when a process ends, however that happens. So one
-that is not locked is surely abandoned, and the next to write in the same folder removes it, if it is of the same
-machine: locks of other machines may not be seen.
+Each is locked while it is in use, and the system takes the lock back when a process ends, however
+that happens. So one that is not locked is surely abandoned, and the next to write in the same
+folder removes it, if it is of the same machine: locks of other machines may not be seen. Python's
+own `tempfile` leaves what a killed process had for ever, and libraries that write atomically do.
 """
 
 import os
@@ -14,60 +16,57 @@ import sys
 import time
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from functools import partial
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 
 if sys.platform != "win32":
     import fcntl
 
 _PREFIX = f".abfm-{zlib.crc32(platform.node().encode()):08x}-"
-_LONGEST_SUFFIX = 20  # bytes; a longer one is nobody's format, and names must not get longer than systems take
+# bytes; a longer one is nobody's format, and names must not get longer than systems take
+_LONGEST_SUFFIX = 20
 _DAY = 86400.0  # seconds
 _in_use: set[Path] = set()
 
 
-@contextmanager
-def temporary_file(folder: Path, suffix: str = "") -> Iterator[Path]:
-    """An empty file with a name of its own in a folder; it is removed at the end, unless it was renamed.
+def temporary_file(folder: Path, suffix: str = "") -> AbstractContextManager[Path]:
+    """Make an empty file with a name of its own in a folder; it is removed at the end, unless it
+    was renamed.
 
     Raises
     ------
     OSError
         If it cannot be made.
     """
+    end = suffix if len(os.fsencode(suffix)) <= _LONGEST_SUFFIX else ""
+    return _temporary(folder, end, _new_file)
+
+
+def temporary_folder(folder: Path) -> AbstractContextManager[Path]:
+    """Make a folder of the user's own in a folder; it is removed at the end with all that is in it.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    return _temporary(folder, "", _new_folder)
+
+
+@contextmanager
+def _temporary(folder: Path, end: str, make: Callable[[Path], int]) -> Iterator[Path]:
     _remove_abandoned(folder)
-    path = folder / f"{_PREFIX}{secrets.token_hex(6)}{suffix if len(os.fsencode(suffix)) <= _LONGEST_SUFFIX else ''}"
+    path = folder / f"{_PREFIX}{secrets.token_hex(6)}{end}"
     _in_use.add(path)  # before it is there: a signal may come in between
     descriptor = -1
     try:
-        descriptor = _locked(partial(os.open, path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
+        descriptor = _locked(path, make)
         yield path
     finally:
-        _end(path, descriptor)
-
-
-@contextmanager
-def temporary_folder(folder: Path) -> Iterator[Path]:
-    """A folder of the user's own in a folder; it is removed at the end with all that is in it.
-
-    Raises
-    ------
-    OSError
-        If it cannot be made.
-    """
-    _remove_abandoned(folder)
-    path = folder / f"{_PREFIX}{secrets.token_hex(6)}"
-    _in_use.add(path)
-    descriptor = -1
-    try:
-        if sys.platform == "win32":
-            path.mkdir()
-        else:
-            descriptor = _locked(partial(_made, path))
-        yield path
-    finally:
-        _end(path, descriptor)
+        _remove(path)
+        if descriptor >= 0:
+            os.close(descriptor)
+        _in_use.discard(path)
 
 
 def remove_temporary() -> None:
@@ -76,17 +75,24 @@ def remove_temporary() -> None:
         _remove(path)
 
 
-def _made(folder: Path) -> int:
-    folder.mkdir(0o700)
-    return os.open(folder, os.O_RDONLY)
+def _new_file(path: Path) -> int:
+    return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
 
 
-def _locked(make: Callable[[], int]) -> int:
-    """What is made, open and with a lock on it; -1 on Windows, which renames no file that is open."""
+def _new_folder(path: Path) -> int:
+    path.mkdir(0o700)
+    return -1 if sys.platform == "win32" else os.open(path, os.O_RDONLY)
+
+
+def _locked(path: Path, make: Callable[[Path], int]) -> int:
+    """Make what is wanted and return it open, with a lock on it; -1 on Windows, which renames no
+    file that is open.
+    """
     while True:
-        descriptor = make()
+        descriptor = make(path)
         if sys.platform == "win32":
-            os.close(descriptor)
+            if descriptor >= 0:
+                os.close(descriptor)
             return -1
         with suppress(OSError):  # a file system without locks, where nobody gets one
             fcntl.flock(descriptor, fcntl.LOCK_EX)
@@ -95,15 +101,10 @@ def _locked(make: Callable[[], int]) -> int:
         os.close(descriptor)  # it was taken for abandoned, and removed, just before it was locked
 
 
-def _end(path: Path, descriptor: int) -> None:
-    _remove(path)
-    if descriptor >= 0:
-        os.close(descriptor)
-    _in_use.discard(path)
-
-
 def _remove(path: Path) -> None:
-    """Remove a file or a folder if that can be; errors on the way must not hide what went wrong before."""
+    """Remove a file or a folder if that can be; errors on the way must not hide what went wrong
+    before.
+    """
     with suppress(OSError):
         if stat.S_ISDIR(os.lstat(path).st_mode):
             shutil.rmtree(path, ignore_errors=True)
@@ -124,7 +125,9 @@ def _remove_if_abandoned(path: Path) -> None:
             _remove(path)
         return
     is_folder = stat.S_ISDIR(os.lstat(path).st_mode)
-    descriptor = os.open(path, (os.O_RDONLY if is_folder else os.O_RDWR) | os.O_NOFOLLOW | os.O_NONBLOCK)
+    descriptor = os.open(
+        path, (os.O_RDONLY if is_folder else os.O_RDWR) | os.O_NOFOLLOW | os.O_NONBLOCK
+    )
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if os.path.samestat(os.fstat(descriptor), os.lstat(path)):

@@ -1,39 +1,42 @@
-"""Whether a map is one: how far its points came from the surface, and how many faces it folds.
+"""The quality of a map: how far its points came from the surface, and how many faces it folds.
 
-A flow takes a surface to itself and folds nothing. The coordinates that the discrete flow carries leave the surface and
-fold it where triangles are too coarse for the field, and a match of functions does not notice.
+A flow takes a surface to itself and folds nothing. The coordinates that the discrete flow carries
+leave the surface and fold it where triangles are too coarse for the field, and a match of functions
+does not notice.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from abfm.maps.surface_points import SurfacePoints, distortion
-from abfm.mesh import TriangleMesh
+from abfm.maps.point_maps import PointMap
 
 LARGEST_DISTANCE, RMS_DISTANCE = 0.1, 0.02
 """Distances from the surface, in sqrt(area), beyond which a map is warned of.
 
-Of 30 flows of known smooth fields on five surfaces every one with a largest distance beyond the first had points more
-than 0.16 from the ends of exact flow lines; every one with an RMS beyond the second was wrong by 0.03 on average.
+Of 30 flows of known smooth fields on five surfaces every one with a largest distance beyond the
+first had points more than 0.16 from the ends of exact flow lines; every one with an RMS beyond the
+second was wrong by 0.03 on average.
 """
 FOLDED = 0.1
 """Share of folded faces beyond which a map is warned of.
 
-Of the same flows those within all three bounds were wrong by at most 0.022 on average, the others by up to 0.13.
+Of the same flows those within all three bounds were wrong by at most 0.022 on average, the others
+by up to 0.13.
 """
 
 
 @dataclass(frozen=True)
 class MapQuality:
-    """What tells a map from none.
+    """Numbers that tell a map from none.
 
     Attributes
     ----------
     largest_distance, rms_distance : float
-        How far its points were from the surface before they were brought onto it, in sqrt(area) of the surface.
+        How far its points were from the surface before they were brought onto it, in sqrt(area) of
+        the surface.
     folded : float
-        Share of the faces, 0 to 1, that the map turns over (`surface_points.Distortion.flipped`).
+        Share of the faces, 0 to 1, that the map turns over (`abfm.maps.Distortion.flipped`).
     """
 
     largest_distance: float
@@ -42,11 +45,12 @@ class MapQuality:
 
     @property
     def faults(self) -> str:
-        """What exceeds its bound, in a few words; empty where nothing does."""
+        """Name what exceeds its bound, in a few words; empty where nothing does."""
         wrong = []
         if self.largest_distance > LARGEST_DISTANCE or self.rms_distance > RMS_DISTANCE:
             wrong.append(
-                f"points up to {self.largest_distance:.3g} sqrt(area) off the surface (RMS {self.rms_distance:.3g})"
+                f"points up to {self.largest_distance:.3g} sqrt(area) off the surface (RMS "
+                f"{self.rms_distance:.3g})"
             )
         if self.folded > FOLDED:
             wrong.append(f"{100 * self.folded:.0f}% of the faces folded")
@@ -54,35 +58,22 @@ class MapQuality:
 
     @property
     def warning(self) -> str | None:
-        """What is wrong and what helps, in one line without a full stop; None where nothing exceeds its bound."""
+        """Say what is wrong and what helps, in a line; None where nothing exceeds its bound."""
         advice = "a shorter time, a larger alpha or a finer mesh helps"
         return f"this map is not to be trusted: {self.faults}; {advice}" if self.faults else None
 
     def report(self) -> str:
-        """The numbers in a line."""
+        """Return the numbers in a line."""
         return (
-            f"off the surface: largest {self.largest_distance:.3g}, RMS {self.rms_distance:.3g} sqrt(area); "
-            f"folded: {100 * self.folded:.1f} % of the faces"
+            f"off the surface: largest {self.largest_distance:.3g}, RMS {self.rms_distance:.3g} "
+            f"sqrt(area); folded: {100 * self.folded:.1f} % of the faces"
         )
 
 
-def map_quality(mesh: TriangleMesh, points: SurfacePoints, onto: TriangleMesh | None = None) -> MapQuality:
-    """Measure a map that takes each vertex of a mesh to a point.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        The surface that is mapped.
-    points : SurfacePoints
-        Where each of its V vertices goes.
-    onto : TriangleMesh, optional
-        The surface that the points are on, by default the mesh itself.
-
-    Raises
-    ------
-    AbfmError
-        If there is not one point for each vertex.
-    """
-    folded = distortion(mesh, points.positions, onto).flipped
-    distances = points.distances / (mesh if onto is None else onto).length_scale
-    return MapQuality(float(distances.max()), float(np.sqrt(np.mean(distances**2))), float(folded.mean()))
+def map_quality(points: PointMap) -> MapQuality:
+    """Measure how far a map leaves its codomain and how many faces it folds."""
+    folded = points.distortion().flipped
+    distances = points.distances / points.codomain.length_scale
+    return MapQuality(
+        float(distances.max()), float(np.sqrt(np.mean(distances**2))), float(folded.mean())
+    )

@@ -1,14 +1,14 @@
-"""Extrinsic symmetry: the mirror plane or the rotation that carries a surface to itself, found from its shape."""
+"""Extrinsic symmetry: the mirror plane or rotation that carries a surface to itself."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError
-from abfm.maps.surface_points import ClosestPoints, map_vertices_to_nearest
+from abfm.maps.closest_points import ClosestPoints
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
 
@@ -28,38 +28,46 @@ _REFINEMENTS = 8
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """A rotation or reflection that carries a surface to itself: ``x -> centre + linear (x - centre)``."""
+    """An isometry that carries a surface to itself: ``x -> centre + linear (x - centre)``."""
 
     kind: Kind
-    order: int  # after how many times everything is back: 2 for a mirror, n for a rotation by ``2 pi / n``
-    axis: FloatArray  # (3,), unit normal of the mirror, or axis of the rotation; its largest component is positive
+    # after how many times everything is back: 2 for a mirror, n for a rotation by ``2 pi / n``
+    order: int
+    # (3,), unit normal of the mirror, or axis of the rotation; its largest component is positive
+    axis: FloatArray
     centre: FloatArray  # (3,), a point of the mirror's plane or of the axis, in the mesh's units
     linear: FloatArray  # (3, 3), orthogonal, with determinant -1 for a mirror and 1 for a rotation
-    vertex_map: IntArray  # (V,), where each vertex is carried; to the nearest on the face where it lands, if to none
-    is_permutation: bool  # whether the map takes every vertex once, as where the mesh itself has the symmetry
-    error: float  # how far from the surface the worst vertex is carried, as a fraction of sqrt(area)
+    # (V,), where each vertex is carried; to the nearest on the face where it lands, if to none
+    vertex_map: IntArray
+    # whether the map takes every vertex once, as where the mesh itself has the symmetry
+    is_permutation: bool
+    # how far from the surface the worst vertex is carried, as a fraction of sqrt(area)
+    error: float
 
     def carry(self, points: FloatArray) -> FloatArray:
-        """Points (P, 3), in the mesh's units, where the symmetry takes them."""
+        """Return points (P, 3), in the mesh's units, where the symmetry takes them."""
         return _carry(self.linear, self.centre, points)
 
 
 class SymmetryError(AbfmError):
-    """A surface without the symmetry that was looked for; `error` is that of the best candidate, as in `Symmetry`."""
+    """No symmetry of this kind; `error` is that of the best candidate, as in `Symmetry`."""
 
     def __init__(self, message: str, error: float) -> None:
         super().__init__(message)
         self.error = error
 
 
-def detect_symmetry(mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: float = TOLERANCE) -> Symmetry:
+def detect_symmetry(
+    mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: float = TOLERANCE
+) -> Symmetry:
     """Find the mirror plane, or the axis of an n-fold rotation, of a surface.
 
-    Every symmetry keeps the centroid. Candidates are the principal axes of the surface and, as these say nothing where
-    two moments are equal, the mirrors and rotations that carry one of three vertices to another one as far from the
-    centroid. The best are refined by turns of closest points and best axes (not for orders above 2), then tried on all
-    vertices. Of several symmetries permutations of the vertices go before others, then smaller errors before
-    larger ones, then the one that moves the surface most is chosen. Made once per mesh.
+    Every symmetry keeps the centroid. Candidates are the principal axes of the surface and, as
+    these say nothing where two moments are equal, the mirrors and rotations that carry one of three
+    vertices to another one as far from the centroid. The best are refined by turns of closest
+    points and best axes (not for orders above 2), then tried on all vertices. Of several symmetries
+    permutations of the vertices go before others, then smaller errors before larger ones, then the
+    one that moves the surface most is chosen. Made once per mesh.
 
     Parameters
     ----------
@@ -80,47 +88,62 @@ def detect_symmetry(mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: f
     if kind not in KINDS:
         raise ParameterError(f"kind is {kind!r}; expected {' or '.join(map(repr, KINDS))}")
     if order not in (range(2, 3) if kind == "mirror" else range(2, 1001)):
-        raise ParameterError(f"order is {order!r}; expected 2 for a mirror and 2 to 1000 for a rotation")
+        raise ParameterError(
+            f"order is {order!r}; expected 2 for a mirror and 2 to 1000 for a rotation"
+        )
     found = _best(mesh, kind, order)
     if not found.error <= tolerance:
-        what = "mirror plane" if kind == "mirror" else f"axis of rotation by {360 / order:g} degrees"
+        what = (
+            "mirror plane" if kind == "mirror" else f"axis of rotation by {360 / order:g} degrees"
+        )
         raise SymmetryError(
-            f"the surface has no {what}: the best one found carries a vertex {found.error:.3g} sqrt(area) away from "
-            f"the surface, and {tolerance:g} is allowed; a symmetry may also be given as a file of vertex numbers",
+            f"the surface has no {what}: the best one found carries a vertex {found.error:.3g} "
+            f"sqrt(area) away from the surface, and {tolerance:g} is allowed; a symmetry may also "
+            "be given as a file of vertex numbers",
             found.error,
         )
     return found
 
 
+class _Isometries(NamedTuple):
+    """The mirrors, or rotations by one angle, that may carry a surface of unit area to itself."""
+
+    surface: TriangleMesh
+    closest: ClosestPoints
+    kind: Kind
+    order: int
+
+    def linear(self, axes: FloatArray) -> FloatArray:
+        """Return mirrors or rotations (..., 3, 3) by their unit axes (..., 3)."""
+        along = axes[..., :, None] * axes[..., None, :]
+        if self.kind == "mirror":
+            return np.eye(3) - 2 * along
+        if self.order == 2:
+            return 2 * along - np.eye(3)
+        rotations = Rotation.from_rotvec(2 * np.pi / self.order * axes.reshape(-1, 3)).as_matrix()
+        return rotations.reshape(along.shape)
+
+
 @per_mesh
 def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
-    """The symmetry to choose, whatever its error."""
+    """Find the symmetry to choose, whatever its error."""
     unit = mesh.normalized()
-    surface = ClosestPoints(unit)
+    group = _Isometries(unit, ClosestPoints(unit), kind, order)
     centroid, axes = _principal_axes(unit)
     x = unit.vertices - centroid
-    axes = np.concatenate([axes, *(_axes_between(unit, x, p, kind, order) for p in _references(x))])
+    axes = np.concatenate([axes, *(_axes_between(group, x, p) for p in _references(x))])
     by_distance = unit.vertices[np.argsort(np.linalg.norm(x, axis=1), kind="stable")]
     few, many = (by_distance[np.linspace(0, len(x) - 1, n).astype(int)] for n in (_FEW, _MANY))
-    axes = _screened(surface, centroid, axes, few, kind, order)
-    axes, centres, errors = _refined(surface, axes, np.tile(centroid, (len(axes), 1)), many, kind, order)
+    axes = _screened(group, centroid, axes, few)
+    axes, centres, errors = _refined(group, axes, np.tile(centroid, (len(axes), 1)), many)
     chosen = [i for i in _distinct(axes, errors) if errors[i] <= max(TOLERANCE, errors.min())]
-    found = [_verified(mesh, surface, axes[i], centres[i], kind, order) for i in chosen]
+    found = [_verified(group, mesh.length_scale, axes[i], centres[i]) for i in chosen]
     exact = [s for s in found if s.is_permutation and s.error <= TOLERANCE]
     gaps = [_vertex_gap(s, mesh) for s in exact] if exact else [s.error for s in found]
     good = [s for s, gap in zip(exact or found, gaps, strict=True) if gap <= 2 * min(gaps) + _FAR]
-    return max(good, key=lambda s: (round(_motion(s, mesh.vertices) / mesh.length_scale**2, 6), -s.error))
-
-
-def _linear(axes: FloatArray, kind: Kind, order: int) -> FloatArray:
-    """Mirrors or rotations (..., 3, 3) by their unit axes (..., 3)."""
-    along = axes[..., :, None] * axes[..., None, :]
-    if kind == "mirror":
-        return np.eye(3) - 2 * along
-    if order == 2:
-        return 2 * along - np.eye(3)
-    rotations = Rotation.from_rotvec(2 * np.pi / order * axes.reshape(-1, 3)).as_matrix()
-    return rotations.reshape(along.shape)
+    return max(
+        good, key=lambda s: (round(_motion(s, mesh.vertices) / mesh.length_scale**2, 6), -s.error)
+    )
 
 
 def _carry(linear: FloatArray, centre: FloatArray, points: FloatArray) -> FloatArray:
@@ -128,7 +151,7 @@ def _carry(linear: FloatArray, centre: FloatArray, points: FloatArray) -> FloatA
 
 
 def _principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
-    """The surface's centroid (3,) and unit eigenvectors (3, 3), in rows, of its exact second moments."""
+    """Return the centroid (3,), and unit eigenvectors of the exact second moments in rows."""
     corners, areas = mesh.vertices[mesh.faces], face_areas(mesh)
     centroid = np.average(corners.mean(axis=1), axis=0, weights=areas)
     offsets = corners - centroid
@@ -139,17 +162,18 @@ def _principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
 
 
 def _references(x: FloatArray) -> list[int]:
-    """Three vertices far from the centroid in independent directions, of which no symmetry leaves all in place."""
+    """Return three vertices in independent directions, not all left in place by a symmetry."""
     first = int(np.linalg.norm(x, axis=1).argmax())
     second = int(np.linalg.norm(np.cross(x, x[first]), axis=1).argmax())
     third = int(np.abs(x @ np.cross(x[first], x[second])).argmax())
     return [first, second, third]
 
 
-def _axes_between(mesh: TriangleMesh, x: FloatArray, p: int, kind: Kind, order: int) -> FloatArray:
-    """Axes (K, 3) of the symmetries that carry vertex p to one of the vertices that are like it.
+def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
+    """Return axes (K, 3) of the symmetries that carry vertex p to one of those that are like it.
 
-    Like it are those as far from the centroid, with as much area around them or apart from each other.
+    Like it are those as far from the centroid, with as much area around them or apart from each
+    other.
     """
     distance = np.linalg.norm(x, axis=1)
     unlike = np.abs(distance - distance[p])
@@ -157,48 +181,54 @@ def _axes_between(mesh: TriangleMesh, x: FloatArray, p: int, kind: Kind, order: 
     for q in np.argsort(unlike, kind="stable")[: 20 * _PARTNERS]:
         if all(np.linalg.norm(x[q] - x[r]) > _APART for r in spread):
             spread.append(int(q))
-    size = np.sqrt(vertex_areas(mesh))
+    size = np.sqrt(vertex_areas(group.surface))
     same = np.argsort(unlike + np.abs(size - size[p]), kind="stable")[:_PARTNERS]
     to = x[np.concatenate([spread[:_PARTNERS], same])]
-    if kind == "mirror":
+    if group.kind == "mirror":
         return _unit_rows(x[p] - to)
-    # An axis a keeps a.p = a.q, so it lies in the plane of p + q and p x q; |p - q| says how far p is from it.
+    # An axis a keeps a.p = a.q, so it lies in the plane of p + q and p x q; |p - q| says how far p
+    # is from it.
     half = np.linalg.norm(x[p] - to, axis=1) / 2
     middle, normal = (x[p] + to) / 2, np.cross(x[p], to)
     height = np.linalg.norm(middle, axis=1)
-    along = np.sqrt(np.maximum(distance[p] ** 2 - (half / np.sin(np.pi / order)) ** 2, 0))
+    along = np.sqrt(np.maximum(distance[p] ** 2 - (half / np.sin(np.pi / group.order)) ** 2, 0))
     usable = (height > _FAR) & (along <= height * (1 + _FAR))
     cosine = np.minimum(along[usable] / height[usable], 1)[:, None]
     inside = _unit_rows(middle[usable])
     across = normal[usable] / np.maximum(np.linalg.norm(normal[usable], axis=1), _FAR)[:, None]
-    signs = (1, -1) if order > 2 else (1,)
-    return _unit_rows(np.concatenate([cosine * inside + sign * np.sqrt(1 - cosine**2) * across for sign in signs]))
+    signs = (1, -1) if group.order > 2 else (1,)
+    return _unit_rows(
+        np.concatenate([cosine * inside + sign * np.sqrt(1 - cosine**2) * across for sign in signs])
+    )
 
 
 def _unit_rows(vectors: FloatArray) -> FloatArray:
-    """Those that are not zero, scaled to length 1."""
+    """Return those that are not zero, scaled to length 1."""
     lengths = np.linalg.norm(vectors, axis=1)
     return np.asarray(vectors[lengths > _FAR] / lengths[lengths > _FAR, None])
 
 
 def _screened(
-    surface: ClosestPoints, centre: FloatArray, axes: FloatArray, points: FloatArray, kind: Kind, order: int
+    group: _Isometries, centre: FloatArray, axes: FloatArray, points: FloatArray
 ) -> FloatArray:
-    """The axes that carry the points nearest to the surface but do not leave all in place.
+    """Select the axes that carry the points nearest to the surface but do not leave all in place.
 
-    Of those that carry them onto it, of which a round surface has many, the ones that move them most.
+    Of those that carry them onto it, of which a round surface has many, the ones that move them
+    most.
     """
-    carried = _carry(_linear(axes, kind, order), centre, points)
+    carried = _carry(group.linear(axes), centre, points)
     motion = ((carried - points) ** 2).sum(axis=2).mean(axis=1)
     most = np.argsort(-np.round(motion, 6), kind="stable")
     moving = most[motion[most] > _NO_MOTION**2]
     axes, carried = axes[moving], carried[moving]
-    distances = surface.to(carried.reshape(-1, 3)).distances.reshape(len(axes), -1)
+    places = carried.reshape(-1, 3)
+    distances = group.closest.to(places).distances_from(places)
+    distances = distances.reshape(len(axes), -1)
     return axes[_distinct(axes, np.maximum((distances**2).mean(axis=1), _FAR**2))[:_KEPT]]
 
 
 def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:
-    """Axes by ascending error, without those that are like an earlier one."""
+    """Return axes by ascending error, without those that are like an earlier one."""
     kept: list[int] = []
     for i in np.argsort(errors, kind="stable"):
         if (np.abs(axes[kept] @ axes[i]) < 1 - _ALIKE).all():
@@ -207,13 +237,14 @@ def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:
 
 
 def _refined(
-    surface: ClosestPoints, axes: FloatArray, centres: FloatArray, points: FloatArray, kind: Kind, order: int
+    group: _Isometries, axes: FloatArray, centres: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The axes (K, 3) and points on them, moved to where they carry points closer to the surface; the largest gaps."""
-    for left in reversed(range(_REFINEMENTS if order == 2 else 1)):
-        carried = _carry(_linear(axes, kind, order), centres[:, None], points)
-        landed = surface.to(carried.reshape(-1, 3))
-        gaps = landed.distances.reshape(len(axes), -1).max(axis=1)
+    """Move axes (K, 3) and points on them so that gaps to the surface shrink; returns all three."""
+    for left in reversed(range(_REFINEMENTS if group.order == 2 else 1)):
+        carried = _carry(group.linear(axes), centres[:, None], points)
+        places = carried.reshape(-1, 3)
+        landed = group.closest.to(places)
+        gaps = landed.distances_from(places).reshape(len(axes), -1).max(axis=1)
         if not left or gaps.max() < _FAR:
             break
         pairs = landed.positions.reshape(carried.shape)
@@ -221,37 +252,37 @@ def _refined(
         products = np.swapaxes(points - centres[:, None], 1, 2) @ (pairs - centres[:, None])
         vectors = np.linalg.eigh(products + np.swapaxes(products, 1, 2))[1]
         rough = gaps[:, None] > _FAR  # what is exact stays as it is
-        axes = np.where(rough, vectors[:, :, 0 if kind == "mirror" else 2], axes)
+        axes = np.where(rough, vectors[:, :, 0 if group.kind == "mirror" else 2], axes)
     return axes, centres, gaps
 
 
 def _verified(
-    mesh: TriangleMesh, surface: ClosestPoints, axis: FloatArray, centre: FloatArray, kind: Kind, order: int
+    group: _Isometries, length_scale: float, axis: FloatArray, centre: FloatArray
 ) -> Symmetry:
-    """The symmetry by its axis and a point on it, both for the mesh of unit area, tried on all vertices."""
-    unit = mesh.normalized()
+    """Try the symmetry by its axis and a point on it, both for unit area, on all vertices."""
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
-    linear = _linear(axis, kind, order)
-    landed = surface.to(_carry(linear, centre, unit.vertices))
-    vertex_map = map_vertices_to_nearest(unit, landed)
+    linear = group.linear(axis)
+    places = _carry(linear, centre, group.surface.vertices)
+    landed = group.closest.to(places)
+    vertex_map = landed.nearest_vertices()
     return Symmetry(
-        kind=kind,
-        order=order,
+        kind=group.kind,
+        order=group.order,
         axis=axis,
-        centre=centre * mesh.length_scale,
+        centre=centre * length_scale,
         linear=linear,
         vertex_map=vertex_map,
         is_permutation=bool(np.bincount(vertex_map).max() == 1),
-        error=float(landed.distances.max()),
+        error=float(landed.distances_from(places).max()),
     )
 
 
 def _vertex_gap(symmetry: Symmetry, mesh: TriangleMesh) -> float:
-    """How far the worst vertex is carried from the vertex of the map, in sqrt(area)."""
+    """Return how far the worst vertex is carried from the vertex of the map, in sqrt(area)."""
     offsets = symmetry.carry(mesh.vertices) - mesh.vertices[symmetry.vertex_map]
     return float(np.linalg.norm(offsets, axis=1).max()) / mesh.length_scale
 
 
 def _motion(symmetry: Symmetry, points: FloatArray) -> float:
-    """How far the symmetry moves points, squared, on average."""
+    """Return how far the symmetry moves points, squared, on average."""
     return float(((symmetry.carry(points) - points) ** 2).sum(axis=1).mean())

@@ -4,23 +4,33 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from abfm.calculus.eigenbasis import eigenbasis
 from abfm.errors import AbfmError, ResultError, one_line
 from abfm.flow.flow import Flow
-from abfm.io.results import LARGEST, MATCH_ENTRIES, MEND, MESH_ENTRIES, load_arrays, mesh_arrays, mesh_of, save_arrays
-from abfm.maps.functional_maps import spectral_coefficients
-from abfm.maps.surface_points import Distortion, SurfacePoints, distortion
-from abfm.matching.energy.problem import relative_mismatch
+from abfm.io.results import (
+    LARGEST,
+    MATCH_ENTRIES,
+    MEND,
+    MESH_ENTRIES,
+    PROBLEM_ENTRIES,
+    load_arrays,
+    mesh_arrays,
+    mesh_of,
+    save_arrays,
+)
+from abfm.maps.distortion import Distortion
+from abfm.maps.point_maps import PointMap
 from abfm.matching.judging.remedies import Remedy
 from abfm.matching.judging.verdict import Kind, Verdict, confirmed_mismatch, kind_of
 from abfm.matching.judging.verification import Verification, verify
+from abfm.matching.problem import Problem, problem_of
+from abfm.matching.solving.stop_reason import StopReason
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.reading import from_json
@@ -33,50 +43,75 @@ class Match:
 
     Attributes
     ----------
-    mesh : TriangleMesh
-    source, target, advected : (V, C) arrays
-        The functions, and the source carried to tau.
-    parameters : Parameters
+    problem : Problem
+        What was to be matched.
     velocity : (N, F, 3) array
         Tangent fields, in the input's length unit per unit of time.
+    advected : (V, C) array
+        The source carried to tau.
     energy_history : (iterations + 1, 3) array
-        Total, regularity and mismatch, in the solver's units (unit area), each with its own stage's sigma.
+        Total, regularity and mismatch, in the solver's units (unit area), each with its own stage's
+        sigma.
     stages : (iterations + 1,) array of int
         Cooling stage of each row.
     mismatch : float
         ``||f_tau - g|| / ||g||`` in L2 on the surface.
     verified_mismatch : float
-        The same with the source carried along flow lines of the fields made continuous (see `abfm.verify`), on large
-        meshes estimated from some of the vertices; NaN if unknown.
+        The same with the source carried along flow lines of the fields made continuous (see
+        `abfm.verify`), on large meshes estimated from some of the vertices; NaN if unknown.
     folded : float
         Share of the faces, 0 to 1, that this flow folds (`Verification.folded`); NaN if unknown.
-    stop_reason : str
-        "converged", "iteration limit", "cancelled" or "out of memory"; "impossible" or "not reached" where the verdict
-        says so; "given" where the field was not sought (that of an experiment).
+    stop_reason : StopReason
+        Why it stopped.
     verdict : Verdict
         What the match came to, why, and what to try.
-    mask : (V,) array or None
-    weights : (C,) array
-    channels_given : bool
-        Source and target came as (V, C); else as (V,), and `advect` answers so.
     """
 
-    mesh: TriangleMesh
-    source: FloatArray
-    target: FloatArray
-    parameters: Parameters
-    velocity: FloatArray
-    advected: FloatArray
-    energy_history: FloatArray
-    stages: IntArray
+    problem: Problem
+    velocity: FloatArray = field(repr=False)
+    advected: FloatArray = field(repr=False)
+    energy_history: FloatArray = field(repr=False)
+    stages: IntArray = field(repr=False)
     mismatch: float
     verified_mismatch: float
     folded: float
-    stop_reason: str
+    stop_reason: StopReason
     verdict: Verdict
-    mask: FloatArray | None
-    weights: FloatArray
-    channels_given: bool
+
+    @property
+    def mesh(self) -> TriangleMesh:
+        """The mesh, as it was given."""
+        return self.problem.mesh
+
+    @property
+    def source(self) -> FloatArray:
+        """The source, (V, C)."""
+        return self.problem.source
+
+    @property
+    def target(self) -> FloatArray:
+        """The target, (V, C)."""
+        return self.problem.target
+
+    @property
+    def parameters(self) -> Parameters:
+        """The parameters of the problem."""
+        return self.problem.parameters
+
+    @property
+    def mask(self) -> FloatArray | None:
+        """Weight of the mismatch at each vertex, (V,), or None."""
+        return self.problem.mask
+
+    @property
+    def weights(self) -> FloatArray:
+        """Weight of each channel's mismatch, (C,)."""
+        return self.problem.weights
+
+    @property
+    def channels_given(self) -> bool:
+        """Tell whether source and target came as (V, C); else as (V,), and `advect` answers so."""
+        return self.problem.channels_given
 
     @cached_property
     def flow(self) -> Flow:
@@ -85,14 +120,16 @@ class Match:
 
     @property
     def confirmed_mismatch(self) -> float:
-        """What is surely left: the mismatch, or half of that by flow lines if it is more; the verdict goes by it."""
+        """What is surely left: the mismatch, or half of that by flow lines if it is more; the
+        verdict goes by it.
+        """
         return confirmed_mismatch(self.mismatch, self.verified_mismatch)
 
     @cached_property
     def initial_mismatch(self) -> float:
         """``||f - g|| / ||g||``: the mismatch before anything moved."""
-        source, target = self.source.T, self.target.T
-        return relative_mismatch(self.mesh, source, target, source, self.mask, self.weights)
+        functions = self.problem.functions
+        return functions.relative_mismatch(functions.source)
 
     def advect(self, t: ArrayLike) -> FloatArray:
         """The source carried to time ``t``, in the shape it was given; beyond tau the flow goes on.
@@ -102,10 +139,11 @@ class Match:
         return self.push(self.source if self.channels_given else self.source[:, 0], t)
 
     def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
-        """Any function (V,) or (V, C) carried along the same flow to time ``t``; a negative time undoes the flow.
+        """Any function (V,) or (V, C) carried along the same flow to time ``t``; a negative time
+        undoes the flow.
 
-        Linearised steps are undone by the same steps with the sign changed, in reverse order, which is not an exact
-        inverse. An array of times (T,) gives (T, ...).
+        Linearised steps are undone by the same steps with the sign changed, in reverse order, which
+        is not an exact inverse. An array of times (T,) gives (T, ...).
 
         Raises
         ------
@@ -117,40 +155,31 @@ class Match:
         return self.flow.push(h, t)
 
     def start_for(self, parameters: Parameters) -> FloatArray:
-        """The fields (N, F, 3) as a start with other parameters (see `abfm.match`): by another tau they move as far."""
+        """The fields (N, F, 3) as a start with other parameters (see `abfm.match`): by another
+        tau they move as far.
+        """
         faster: FloatArray = self.velocity * (self.parameters.tau / parameters.tau)
         return faster
 
-    def point_map(self, t: float | None = None) -> SurfacePoints:
-        """Where each vertex's value came from at time ``t`` (tau by default), see `abfm.Flow.point_map`."""
+    def point_map(self, t: float | None = None) -> PointMap:
+        """Return where each vertex's value came from at time ``t`` (tau by default), see
+        `abfm.Flow.point_map`.
+        """
         return self.flow.point_map(t)
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
-        """The flow to time ``t`` (tau by default) in the first k eigenfunctions: ``Phi^+ exp(-t D_v) Phi``, (k, k).
-
-        Coefficients of a function go in, those of the carried function come out (section 4; see
-        `abfm.maps.functional_maps`).
-        """
-        return spectral_coefficients(self.mesh, self.flow.advect(eigenbasis(self.mesh.normalized(), k)[1], t), k)
+        """Return the flow in the first k eigenfunctions, see `abfm.Flow.functional_map`."""
+        return self.flow.functional_map(k, t)
 
     def distortion(self, t: float | None = None) -> Distortion:
-        """Per-face distortion of the map that takes each vertex to where it is at time ``t`` (tau by default)."""
-        time = self.parameters.tau if t is None else t
-        return distortion(self.mesh, self.point_map(-time).positions)
+        """Measure what the flow does to each face, see `abfm.Flow.distortion`."""
+        return self.flow.distortion(t)
 
     def verify(self, subdivided: bool = True) -> Verification:
-        """Witnesses of whether the fields carry the source to the target, not only the scheme; see `abfm.verify`."""
-        return verify(
-            self.mesh,
-            self.source,
-            self.target,
-            self.velocity,
-            self.parameters.tau,
-            mask=self.mask,
-            weights=self.weights,
-            linearised=self.parameters.method == "linearised",
-            subdivided=subdivided,
-        )
+        """Witnesses of whether the fields carry the source to the target, not only the scheme;
+        see `abfm.verify`.
+        """
+        return verify(self.problem, self.velocity, subdivided)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a result file (``.npz``, no pickles), whole or not at all.
@@ -164,7 +193,7 @@ class Match:
 
 
 def match_arrays(match: Match) -> dict[str, Any]:
-    """What files hold of a match besides its mesh; what is not known is left out."""
+    """Return what files hold of a match besides its mesh; what is not known is left out."""
     verdict = match.verdict
     parts = {name: getattr(match, name) for name in MATCH_ENTRIES if name != "remedies"}
     parts["parameters"] = json.dumps(match.parameters.to_dict())
@@ -179,29 +208,42 @@ def match_arrays(match: Match) -> dict[str, Any]:
 
 
 def match_of(
-    mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]], parameters: Parameters, verdict: Verdict | None
+    mesh: TriangleMesh,
+    arrays: Mapping[str, NDArray[Any]],
+    parameters: Parameters,
+    verdict: Verdict | None,
 ) -> Match:
     """The match that `match_arrays` was given; files from before there were verdicts have None.
 
     Raises
     ------
     ValueError
-        If there are more or fewer fields than segments, they are faster than any match finds, or mask or weights are 0.
+        If there are more or fewer fields than segments, they are faster than any match finds, or
+        mask or weights are 0.
     """
-    parts: dict[str, Any] = {"mask": None, "verified_mismatch": math.nan, "folded": math.nan}
-    parts |= {name: array if array.ndim else array.item() for name, array in arrays.items()}
+    given = {name: arrays[name] for name in arrays.keys() & PROBLEM_ENTRIES.keys()}
+    parts: dict[str, Any] = {"verified_mismatch": math.nan, "folded": math.nan}
+    parts |= {
+        name: array if array.ndim else array.item()
+        for name, array in arrays.items()
+        if name not in PROBLEM_ENTRIES
+    }
     if parameters.segments != len(parts["velocity"]):
-        raise ValueError(f"{len(parts['velocity'])} fields, but parameters say {parameters.segments}")
+        raise ValueError(
+            f"{len(parts['velocity'])} fields, but parameters say {parameters.segments}"
+        )
     fastest = np.abs(parts["velocity"]).max()
     if fastest > LARGEST * mesh.length_scale:
-        raise ValueError(f"velocity has the value {fastest:.3g}; expected up to {LARGEST:g} length scales of the mesh")
-    for name in ("mask", "weights"):
-        if parts[name] is not None and not parts[name].any():
-            raise ValueError(f"{name} is 0 everywhere; expected a value above 0")
+        raise ValueError(
+            f"velocity has the value {fastest:.3g}; expected up to {LARGEST:g} length scales of "
+            "the mesh"
+        )
+    reason = StopReason.of_file(parts["stop_reason"])
     if verdict is None:
         kind = kind_of(confirmed_mismatch(parts["mismatch"], parts["verified_mismatch"]))
-        verdict = Verdict(kind, parts["stop_reason"], "")
-    return Match(mesh=mesh, **parts | {"parameters": parameters, "verdict": verdict})
+        verdict = Verdict(kind, reason, "")
+    problem = problem_of(mesh, given, parameters)
+    return Match(problem=problem, **parts | {"stop_reason": reason, "verdict": verdict})
 
 
 def load_match(path: str | os.PathLike[str]) -> Match:
@@ -226,12 +268,14 @@ def load_match(path: str | os.PathLike[str]) -> Match:
 def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:
     kind, reason, advice = texts.tolist()
     if kind not in get_args(Kind):
-        raise ValueError(f"the verdict is {kind[:40]!r}; expected one of {', '.join(get_args(Kind))}")
+        raise ValueError(
+            f"the verdict is {kind[:40]!r}; expected one of {', '.join(get_args(Kind))}"
+        )
     return Verdict(kind, reason, advice, remedies)
 
 
 def _remedies(text: str) -> tuple[Remedy, ...]:
-    """What `match_arrays` wrote; files from before there were remedies have none."""
+    """Return what `match_arrays` wrote; files from before there were remedies have none."""
     try:
         found = tuple(Remedy(**remedy) for remedy in from_json(text))
     except AbfmError:

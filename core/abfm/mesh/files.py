@@ -14,8 +14,8 @@ from abfm.mesh.readers.off import read_off
 from abfm.mesh.readers.ply import read_ply
 from abfm.mesh.readers.stl import read_stl
 from abfm.mesh.triangle_mesh import TriangleMesh
-from abfm.progress import step
 from abfm.reading import open_plain
+from abfm.workers.progress import step
 
 _LONGEST_NAME = 300
 READERS: dict[str, Callable[[Path], FileContents]] = {
@@ -33,15 +33,17 @@ READERS: dict[str, Callable[[Path], FileContents]] = {
 def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> TriangleMesh:
     """Read a triangle mesh from a file: obj, off, ply, stl, glb, gltf or gii.
 
-    Vertices keep the file's order and count, unused ones included in the count; only STL and glTF, which repeat
-    vertices, are merged by position, with a message. Polygons are split into triangles.
+    Vertices keep the file's order and count, unused ones included in the count; only STL and glTF,
+    which repeat vertices, are merged by position, with a message. Polygons are split into
+    triangles.
 
     Parameters
     ----------
     path : path
         The ending of its name says the format.
     largest_component : bool
-        Of several components keep the one with the largest area, with a message, instead of refusing the mesh.
+        Of several components keep the one with the largest area, with a message, instead of
+        refusing the mesh.
 
     Returns
     -------
@@ -51,24 +53,29 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
     Raises
     ------
     MeshError
-        If there is no such file, it cannot be read, or its mesh cannot be used; one line that begins with the
-        file's name.
+        If there is no such file, it cannot be read, or its mesh cannot be used; one line that
+        begins with the file's name.
     """
     file, name = Path(path), one_line(path, _LONGEST_NAME)
     ending = next((ending for ending in READERS if file.name.lower().endswith(ending)), None)
     if ending is None:
-        raise MeshError(f"{name}: the format is not known from the name's ending; known are {', '.join(READERS)}")
+        raise MeshError(
+            f"{name}: the format is not known from the name's ending; known are "
+            f"{', '.join(READERS)}"
+        )
     try:
         vertices, faces, messages = _read(file, ending)
         return TriangleMesh(vertices, faces, largest_component=largest_component, messages=messages)
     except MemoryError as error:
-        raise MeshError(f"{name}: the mesh does not fit into memory: close other programs, or coarsen it") from error
+        raise MeshError(
+            f"{name}: the mesh does not fit into memory: close other programs, or coarsen it"
+        ) from error
     except MeshError as error:
         raise MeshError(f"{name}: {error}") from error
 
 
 def _read(file: Path, ending: str) -> FileContents:
-    """Contents of the file, or a MeshError: readers may raise anything on a bad file."""
+    """Return the contents of the file, or a MeshError: readers may raise anything on a bad file."""
     try:
         with open_plain(file) as opened:
             size = opened.seek(0, os.SEEK_END)
@@ -84,6 +91,8 @@ def _read(file: Path, ending: str) -> FileContents:
         raise MeshError(missing if os.path.exists(file) else "there is no such file") from error
     except IsADirectoryError as error:
         folder = "this is a folder, not a mesh file"
-        raise MeshError(folder if file.is_dir() else "a file that it names is a folder: correct the name") from error
+        raise MeshError(
+            folder if file.is_dir() else "a file that it names is a folder: correct the name"
+        ) from error
     except Exception as error:
         raise MeshError(f"cannot be read as {ending}: {one_line(error)}") from error

@@ -1,26 +1,32 @@
-"""Generated surfaces that experiments and measurements share."""
+"""Generated surfaces, for figures, measurements and tests."""
 
 import numpy as np
 import trimesh
 
 from abfm.mesh.triangle_mesh import TriangleMesh
-from abfm.types import IntArray
+from abfm.types import FloatArray, IntArray
 
-_LIMBS = np.array([[0, 1, 0.1], [-0.8, 0.5, 0.1], [0.9, 0.3, 0], [-0.5, -0.9, 0.2], [0.5, -1, -0.1]])
+_LIMBS = np.array(
+    [[0, 1, 0.1], [-0.8, 0.5, 0.1], [0.9, 0.3, 0], [-0.5, -0.9, 0.2], [0.5, -1, -0.1]]
+)
 
 
 def even_sphere(count: int) -> TriangleMesh:
-    """Evenly spread points of the unit sphere, and their convex hull."""
+    """Return evenly spread points of the unit sphere, and their convex hull."""
     k = np.arange(count)
     z = 1 - (2 * k + 1) / count
     angle = np.pi * (3 - np.sqrt(5)) * k
     ring = np.sqrt(1 - z**2)
-    hull = trimesh.convex.convex_hull(np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1))
+    hull = trimesh.convex.convex_hull(
+        np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
+    )
     return TriangleMesh(hull.vertices, hull.faces)
 
 
 def five_limbs(count: int) -> TriangleMesh:
-    """A flat smooth body with five limbs of different lengths, whose triangles are long and thin, without symmetry."""
+    """Return a flat smooth body with five limbs of different lengths, whose triangles are long and
+    thin, without symmetry.
+    """
     ball = even_sphere(count)
     cosines = ball.vertices @ (_LIMBS / np.linalg.norm(_LIMBS, axis=1)[:, None]).T
     reach = 1 + np.exp(8 * (cosines - 1)) @ np.array([1.2, 0.8, 0.9, 1, 1.1])
@@ -28,16 +34,148 @@ def five_limbs(count: int) -> TriangleMesh:
 
 
 def grid(n: int, m: int, around: bool) -> tuple[IntArray, IntArray, IntArray]:
-    """The squares of a grid as two triangles each, (2 n m, 3), and the rows and columns of its vertices.
+    """Return the squares of a grid as two triangles each, (2 n m, 3), and the rows and columns of
+    its vertices.
 
-    Diagonals alternate. Of n x m squares the grid has as many vertices where it closes around, else one row and one
-    column more.
+    Diagonals alternate. Of n x m squares the grid has as many vertices where it closes around, else
+    one row and one column more.
     """
     rows, columns = (n, m) if around else (n + 1, m + 1)
     i, j = (index.ravel() for index in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
-    a, b, c, d = (((i + p) % rows) * columns + (j + q) % columns for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    a, b, c, d = (
+        ((i + p) % rows) * columns + (j + q) % columns for p, q in ((0, 0), (1, 0), (1, 1), (0, 1))
+    )
     even = ((i + j) % 2 == 0)[:, None]
     first = np.where(even, np.stack([a, b, c], axis=1), np.stack([a, b, d], axis=1))
     second = np.where(even, np.stack([a, c, d], axis=1), np.stack([b, c, d], axis=1))
     row, column = np.divmod(np.arange(rows * columns), columns)
     return np.concatenate([first, second]), row, column
+
+
+def sphere(subdivisions: int) -> TriangleMesh:
+    """Return the unit sphere with 10 * 4**subdivisions + 2 vertices, nearly even triangles."""
+    shape = trimesh.creation.icosphere(subdivisions=subdivisions)
+    return TriangleMesh(shape.vertices, shape.faces)
+
+
+def two_armed(subdivisions: int) -> TriangleMesh:
+    """Return a flat body with two curved arms, which the rotation by 180 degrees about z exchanges
+    vertex by vertex.
+
+    A sphere with its vertices in pairs about z, drawn out along x, flattened, and turned the more
+    the farther out.
+    """
+    x, y, z = (sphere(subdivisions).vertices * [1, 1, 0.5]).T
+    stretch = 1 + 0.45 * (x * x - y * y)
+    turned = (x + 1j * y) * stretch * np.exp(1.2j * np.hypot(x, y) * stretch)
+    return TriangleMesh(
+        np.stack([turned.real, turned.imag, z * stretch], axis=1), sphere(subdivisions).faces
+    )
+
+
+def stepped_slab(squares: int) -> TriangleMesh:
+    """Return a slab of 4 x 3 cubes without two opposite ones at its corners, with two cubes on top:
+    all edges are creases.
+
+    Every side of a cube has ``squares`` x ``squares`` squares of four triangles. The rotation by
+    180 degrees about z carries vertices to vertices.
+    """
+    slab = {(x, y, 0) for x in range(4) for y in range(3)} - {(0, 2, 0), (3, 0, 0)}
+    return _cubes(slab | {(1, 1, 1), (2, 1, 1)}, squares)
+
+
+def _cubes(cubes: set[tuple[int, int, int]], squares: int) -> TriangleMesh:
+    """Return the surface of a union of unit cubes, given by their lowest corners."""
+    steps = np.stack(
+        np.meshgrid(np.arange(squares), np.arange(squares), indexing="ij"), axis=-1
+    ).reshape(-1, 1, 2)
+    around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    corners = []  # of all squares, (4, 3) each, in squares' sides
+    for cube in sorted(cubes):
+        for axis in range(3):
+            for side in (0, 1):
+                if tuple(np.add(cube, np.eye(3, dtype=int)[axis] * (2 * side - 1))) in cubes:
+                    continue
+                square = np.empty((len(steps), 4, 3), dtype=int)
+                square[..., axis] = squares * (cube[axis] + side)
+                across = [(axis + 1) % 3, (axis + 2) % 3]
+                square[..., across] = (
+                    squares * np.take(cube, across) + steps + (around if side else around[::-1])
+                )
+                corners.append(square)
+    each = np.concatenate(corners)
+    middle = np.repeat(each.mean(axis=1, keepdims=True), 4, axis=1)
+    triangles = np.stack([each, np.roll(each, -1, axis=1), middle], axis=2).reshape(-1, 3)
+    vertices, faces = np.unique(triangles, axis=0, return_inverse=True)
+    return TriangleMesh(vertices / squares, faces.reshape(-1, 3))
+
+
+def torus(n: int, m: int, R: float = 1.0, r: float = 0.45) -> TriangleMesh:
+    """Return a torus about the y axis: n vertices around it at distance R, m around the tube of
+    radius r; both numbers even.
+    """
+    faces, i, j = grid(n, m, around=True)
+    u, w = 2 * np.pi * i / n, 2 * np.pi * j / m
+    ring = R + r * np.cos(w)
+    return TriangleMesh(
+        np.stack([ring * np.sin(u), r * np.sin(w), ring * np.cos(u)], axis=1), faces
+    )
+
+
+def geodesic_sphere(frequency: int) -> TriangleMesh:
+    """Return the unit sphere with 10 * frequency**2 + 2 vertices: an icosahedron's faces in even
+    triangles, projected.
+    """
+    solid = trimesh.creation.icosahedron()
+    i, j = (index.ravel() for index in np.meshgrid(*[np.arange(frequency + 1)] * 2, indexing="ij"))
+    inside = i + j <= frequency
+    number = np.cumsum(inside).reshape(frequency + 1, -1) - 1
+    i, j = i[inside], j[inside]
+    corners = solid.vertices[solid.faces] / frequency
+    points = np.einsum("pc,fcx->fpx", np.stack([frequency - i - j, i, j], axis=1), corners)
+    points /= np.linalg.norm(points, axis=2, keepdims=True)
+    up, down = (i + j < frequency), (i + j < frequency) & (i > 0)
+    corners_of = ((up, (0, 0), (1, 0), (0, 1)), (down, (0, 0), (0, 1), (-1, 1)))
+    triangles = np.concatenate(
+        [
+            np.stack([number[i[some] + p, j[some] + q] for p, q in steps], axis=1)
+            for some, *steps in corners_of
+        ]
+    )
+    faces = np.concatenate([triangles + face * len(i) for face in range(len(corners))])
+    _, kept, merged = np.unique(
+        np.round(points.reshape(-1, 3), 9), axis=0, return_index=True, return_inverse=True
+    )
+    return TriangleMesh(points.reshape(-1, 3)[kept], merged.ravel()[faces])
+
+
+def gourd(frequency: int) -> TriangleMesh:
+    """Return a squat surface of revolution about the y axis with three bulges, of
+    10 * frequency**2 + 2 vertices.
+    """
+    ball = geodesic_sphere(frequency).vertices
+    polar = np.arccos(np.clip(ball[:, 1], -1, 1))
+    return TriangleMesh(ball * gourd_radius(polar)[:, None], geodesic_sphere(frequency).faces)
+
+
+def gourd_radius(polar: FloatArray) -> FloatArray:
+    """Return the distance of the `gourd` from its centre, by the angle from the y axis."""
+    squat = 1 / np.hypot(np.sin(polar) / 1.1, np.cos(polar) / 0.75)
+    return np.asarray(squat * (1 + 0.16 * np.cos(4 * polar)))
+
+
+def three_arms(subdivisions: int) -> tuple[TriangleMesh, tuple[int, int, int]]:
+    """Return a smooth flat body with a thick arm upwards and two thin ones downwards, and the
+    vertices at their ends.
+    """
+    shape = trimesh.creation.icosphere(subdivisions=subdivisions)
+    radius, tips = np.ones(len(shape.vertices)), []
+    for degrees, height, sharpness in ((90, 1.5, 6), (-45, 1.4, 9), (-135, 1.4, 9)):
+        along = shape.vertices @ [np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0]
+        radius += height * np.exp(sharpness * (along - 1))
+        tips.append(int(along.argmax()))
+    return TriangleMesh(radius[:, None] * shape.vertices * [1, 1, 0.7], shape.faces), (
+        tips[0],
+        tips[1],
+        tips[2],
+    )

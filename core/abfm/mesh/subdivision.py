@@ -8,11 +8,11 @@ from abfm.types import FloatArray
 
 
 def subdivided(mesh: TriangleMesh) -> TriangleMesh:
-    """The mesh with a vertex in the middle of every edge: V + E vertices, 4 F faces.
+    """Return the mesh with a vertex in the middle of every edge: V + E vertices, 4 F faces.
 
-    The vertices stay, and edge e gets vertex ``V + e``. Face f becomes the faces ``4 f`` to ``4 f + 3``: that at its
-    corner 0, at corner 1, at corner 2, each with this corner in its place, and the middle one, whose corner c lies
-    opposite the corner c of f.
+    The vertices stay, and edge e gets vertex ``V + e``. Face f becomes the faces ``4 f`` to
+    ``4 f + 3``: that at its corner 0, at corner 1, at corner 2, each with this corner in its place,
+    and the middle one, whose corner c lies opposite the corner c of f.
 
     Raises
     ------
@@ -29,7 +29,9 @@ def subdivided(mesh: TriangleMesh) -> TriangleMesh:
 
 
 def interpolated(mesh: TriangleMesh, values: ArrayLike) -> FloatArray:
-    """A vertex function (V, ...) on the vertices of the subdivided mesh, (V + E, ...): the same, linear on faces."""
+    """Return a vertex function (V, ...) on the vertices of the subdivided mesh, (V + E, ...): the
+    same, linear on faces.
+    """
     given = np.asarray(values, dtype=np.float64)
     start, end = mesh.edges.T
     return np.concatenate([given, given[start] / 2 + given[end] / 2])

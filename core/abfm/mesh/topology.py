@@ -1,6 +1,7 @@
 """How the faces of a mesh hang together: edges, neighbours, components, fans.
 
-A *slot* is one corner of one face, flat index ``3 f + k``; it also stands for the edge opposite to that corner.
+A *slot* is one corner of one face, flat index ``3 f + k``; it also stands for the edge opposite to
+that corner.
 """
 
 import numpy as np
@@ -9,7 +10,9 @@ from abfm.types import BoolArray, IntArray
 
 
 def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
-    """Edges (E, 2) as vertex pairs, smaller index first, sorted; and the edge opposite each corner, (F, 3)."""
+    """Return the edges (E, 2) as vertex pairs, smaller index first, sorted; and the edge opposite
+    each corner, (F, 3).
+    """
     sides = np.empty((len(faces), 3), dtype=np.int64)
     for corner in range(3):
         start, end = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
@@ -24,7 +27,8 @@ def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArr
 
 
 def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]:
-    """Keys from 0 to below a number, sorted, and where each was: of one sort where both fit into 64 bits.
+    """Return keys from 0 to below a number, sorted, and where each was: of one sort where both fit
+    into 64 bits.
 
     That takes a fraction of the time in which NumPy finds the order alone.
     """
@@ -39,7 +43,9 @@ def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]
 
 
 def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
-    """Slots (E, 2) of every edge of a manifold mesh, smaller first; the second is -1 on the boundary."""
+    """Return slots (E, 2) of every edge of a manifold mesh, smaller first; the second is -1 on the
+    boundary.
+    """
     order = np.argsort(face_edges, axis=None, kind="stable")
     uses = np.bincount(face_edges.ravel(), minlength=edge_count)
     first = np.cumsum(uses) - uses
@@ -48,18 +54,22 @@ def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
 
 
 def next_corner(slots: IntArray) -> IntArray:
-    """The slot of the following corner in the same face: where the slot's edge starts (where it ends: twice)."""
+    """Return the slot of the following corner in the same face: where the slot's edge starts (where
+    it ends: twice).
+    """
     return slots - slots % 3 + (slots + 1) % 3
 
 
 def connected(count: int, pairs: IntArray) -> IntArray:
-    """Component label of ``count`` nodes joined by ``pairs`` (n, 2); labels rise in order of first appearance.
+    """Return the component label of ``count`` nodes joined by ``pairs`` (n, 2); labels rise in
+    order of first appearance.
 
     As fast as SciPy's, whose import takes longer than reading a mesh and drawing it.
     """
     nodes = np.arange(count)
     root = nodes
-    while len(pairs):  # between roots: every root but the least of its neighbours joins a lesser one, so few rounds
+    # between roots: every root but the least of its neighbours joins a lesser one, so few rounds
+    while len(pairs):
         root = root.copy()
         np.minimum.at(root, np.maximum(*pairs.T), np.minimum(*pairs.T))
         while not np.array_equal(root, above := root[root]):
@@ -70,25 +80,31 @@ def connected(count: int, pairs: IntArray) -> IntArray:
 
 
 def vertex_components(faces: IntArray, vertex_count: int) -> IntArray:
-    """Component of every vertex, (V,), where faces that share a vertex belong together."""
+    """Label the component of every vertex, (V,): faces that share a vertex belong together."""
     return connected(vertex_count, np.concatenate([faces[:, :2], faces[:, 1:]]))
 
 
 def corner_fans(slots: IntArray, face_count: int) -> IntArray:
-    """Fan of every corner, (F, 3): the corners at one vertex that are linked through shared edges.
+    """Return the fan of every corner, (F, 3): the corners at one vertex that are linked through
+    shared edges.
 
-    ``slots`` are the :func:`edge_slots` of a consistently oriented mesh. A manifold vertex has one fan, a pinched one
-    several: the fans are the vertices that the surface has when it is cut apart at its pinched vertices.
+    ``slots`` are the :func:`edge_slots` of a consistently oriented mesh. A manifold vertex has one
+    fan, a pinched one several: the fans are the vertices that the surface has when it is cut apart
+    at its pinched vertices.
     """
     inner = slots[slots[:, 1] >= 0]
     start = next_corner(inner)
     end = next_corner(start)
-    links = np.concatenate([np.stack([start[:, 0], end[:, 1]], axis=1), np.stack([end[:, 0], start[:, 1]], axis=1)])
+    links = np.concatenate(
+        [np.stack([start[:, 0], end[:, 1]], axis=1), np.stack([end[:, 0], start[:, 1]], axis=1)]
+    )
     return connected(3 * face_count, links).reshape(-1, 3)
 
 
 def pinched_vertices(faces: IntArray, fans: IntArray, vertex_count: int) -> BoolArray:
-    """Vertices (V,) with several of the :func:`corner_fans`: there, parts that share no edge touch."""
+    """Return the vertices (V,) with several of the :func:`corner_fans`: there, parts that share no
+    edge touch.
+    """
     vertex_of_fan = np.zeros(fans.max() + 1, dtype=np.int64)
     vertex_of_fan[fans] = faces
     return np.bincount(vertex_of_fan, minlength=vertex_count) > 1

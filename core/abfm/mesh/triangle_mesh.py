@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 from collections.abc import Callable, Iterable
 from functools import cached_property, wraps
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
@@ -15,6 +16,7 @@ from abfm.mesh.checks import check, twice_areas
 from abfm.mesh.orientation import faces_inward
 from abfm.mesh.topology import connected, next_corner, pinched_vertices
 from abfm.types import BoolArray, FloatArray, IntArray
+from abfm.workers.messages import sent_by_name
 
 Result = TypeVar("Result")
 Others = ParamSpec("Others")
@@ -24,7 +26,9 @@ Entry = TypeVar("Entry", bound=np.generic)
 def per_mesh(
     build: Callable[Concatenate[TriangleMesh, Others], Result],
 ) -> Callable[Concatenate[TriangleMesh, Others], Result]:
-    """Decorate ``build(mesh, ...)`` so that its result for these arguments is made once per mesh and kept with it."""
+    """Decorate ``build(mesh, ...)`` so that its result for these arguments is made once per mesh
+    and kept with it.
+    """
 
     @wraps(build)
     def cached(mesh: TriangleMesh, /, *others: Others.args, **named: Others.kwargs) -> Result:
@@ -39,14 +43,15 @@ def per_mesh(
     return cached
 
 
+@sent_by_name
 class TriangleMesh:
     """An oriented, connected, edge-manifold triangle mesh, with or without boundary.
 
-    Refused: no vertices or faces, wrong shapes or types, coordinates that are not finite or overflow, indices out of
-    range, degenerate or duplicate faces, edges with more than two faces, one-sided surfaces, several components.
-    Repaired, with a message: faces that disagree on a side are turned over (outward where the surface is closed,
-    otherwise to the side that most faces have), vertices that no face uses are dropped. Pinched vertices are
-    only reported.
+    Refused: no vertices or faces, wrong shapes or types, coordinates that are not finite or
+    overflow, indices out of range, degenerate or duplicate faces, edges with more than two faces,
+    one-sided surfaces, several components. Repaired, with a message: faces that disagree on a side
+    are turned over (outward where the surface is closed, otherwise to the side that most faces
+    have), vertices that no face uses are dropped. Pinched vertices are only reported.
 
     Parameters
     ----------
@@ -55,11 +60,13 @@ class TriangleMesh:
     faces : (F, 3) array of int
         Vertices of each triangle, counted from 0. Copied.
     largest_component : bool
-        Of several components keep the one with the largest area, with a message, instead of refusing the mesh.
+        Of several components keep the one with the largest area, with a message, instead of
+        refusing the mesh.
     messages : iterable of str
         What was already done to the input, put before the messages of the checks.
     numbers : tuple of (V,) array of int and int, optional
-        The vertex_ids, ascending, and the file_vertex_count of vertices from which others were left out already.
+        The vertex_ids, ascending, and the file_vertex_count of vertices from which others were left
+        out already.
 
     Attributes
     ----------
@@ -78,11 +85,13 @@ class TriangleMesh:
     face_edges : (F, 3) array of int
         Index of the edge opposite each corner.
     edge_slots : (E, 2) array of int
-        The slots ``3 f + k`` of the corners opposite each edge, smaller first; the second is -1 on the boundary.
+        The slots ``3 f + k`` of the corners opposite each edge, smaller first; the second is -1 on
+        the boundary.
     corner_fans : (F, 3) array of int
         The vertex of each corner if pinched vertices were cut apart.
     cache : dict
-        What :func:`per_mesh` keeps; it may be cleared at any time, and what is asked for again is made again.
+        What :func:`per_mesh` keeps; it may be cleared at any time, and what is asked for again is
+        made again.
 
     Raises
     ------
@@ -112,24 +121,41 @@ class TriangleMesh:
         numbers: tuple[IntArray, int] | None = None,
     ) -> None:
         draft, connectivity = check(vertices, faces, largest_component, numbers)
-        arrays = {name: getattr(draft, name) for name in ("vertices", "faces", "vertex_ids", "face_ids")}
-        self.__dict__.update({name: _frozen(array) for name, array in (arrays | connectivity._asdict()).items()})
+        arrays = {
+            name: getattr(draft, name) for name in ("vertices", "faces", "vertex_ids", "face_ids")
+        }
         self.__dict__.update(
-            file_vertex_count=draft.input_vertex_count, messages=(*messages, *draft.messages), cache={}
+            {name: _frozen(array) for name, array in (arrays | connectivity._asdict()).items()}
+        )
+        self.__dict__.update(
+            file_vertex_count=draft.input_vertex_count,
+            messages=(*messages, *draft.messages),
+            cache={},
         )
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise AttributeError(f"a TriangleMesh does not change: make a new one instead of setting {name}")
+        raise AttributeError(
+            f"a TriangleMesh does not change: make a new one instead of setting {name}"
+        )
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy, or the mesh in another process, has: nothing of what is kept with this one."""
+        """Return what a copy, or the mesh in another process, has: nothing of what is kept with
+        this one.
+        """
         return self.__dict__ | {"cache": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update({k: _frozen(v) if isinstance(v, np.ndarray) else v for k, v in state.items()})
+        self.__dict__.update(
+            {k: _frozen(v) if isinstance(v, np.ndarray) else v for k, v in state.items()}
+        )
 
     def __repr__(self) -> str:
         return f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
+
+    @property
+    def digest(self) -> str:
+        """Name of the mesh by its content, in hexadecimal digits: the same in every process."""
+        return _digest(self)
 
     @cached_property
     def length_scale(self) -> float:
@@ -138,9 +164,11 @@ class TriangleMesh:
 
     @per_mesh
     def normalized(self) -> TriangleMesh:
-        """The same mesh scaled to unit area (made once)."""
+        """Return the same mesh scaled to unit area (made once)."""
         scaled = copy.copy(self)
-        scaled.__dict__.update(vertices=_frozen(self.vertices / self.length_scale), length_scale=1.0)
+        scaled.__dict__.update(
+            vertices=_frozen(self.vertices / self.length_scale), length_scale=1.0
+        )
         return scaled
 
     @cached_property
@@ -182,21 +210,28 @@ class TriangleMesh:
 
     @cached_property
     def boundary_loop_count(self) -> int:
-        """Number of closed loops that make up the boundary; loops that touch at a pinched vertex count separately."""
+        """Number of closed loops that make up the boundary; loops that touch at a pinched vertex
+        count separately.
+        """
         start = next_corner(self.edge_slots[self.is_boundary_edge, 0])
-        ends = np.stack([self.corner_fans.ravel()[start], self.corner_fans.ravel()[next_corner(start)]], axis=1)
+        ends = np.stack(
+            [self.corner_fans.ravel()[start], self.corner_fans.ravel()[next_corner(start)]], axis=1
+        )
         loops = connected(int(self.corner_fans.max()) + 1, ends)
         return len(np.unique(loops[ends]))
 
     @cached_property
     def genus(self) -> int:
-        """Number of handles, from ``V - E + F = 2 - 2 genus - loops``; pinched vertices count as cut apart."""
+        """Number of handles, from ``V - E + F = 2 - 2 genus - loops``; pinched vertices count as
+        cut apart.
+        """
         pieces = connected(len(self.faces), self.edge_faces[~self.is_boundary_edge]).max() + 1
         characteristic = self.corner_fans.max() + 1 - len(self.edges) + len(self.faces)
         return int(2 * pieces - self.boundary_loop_count - characteristic) // 2
 
     def local_vertex(self, index: int) -> int:
-        """Row in ``vertices`` of the vertex that the file calls ``index``, counted from 0.
+        """Return the row in ``vertices`` of the vertex that the file calls ``index``, counted from
+        0.
 
         Raises
         ------
@@ -210,11 +245,14 @@ class TriangleMesh:
             )
         position = int(np.searchsorted(self.vertex_ids, index))
         if position == len(self.vertices) or self.vertex_ids[position] != index:
-            raise FunctionError(f"vertex {index} was dropped, as no kept face uses it: choose another")
+            raise FunctionError(
+                f"vertex {index} was dropped, as no kept face uses it: choose another"
+            )
         return position
 
     def restrict(self, values: NDArray[Entry]) -> NDArray[Entry]:
-        """Rows of ``values`` that belong to the kept vertices: (file_vertex_count, ...) or (V, ...) to (V, ...).
+        """Return the rows of ``values`` that belong to the kept vertices: (file_vertex_count, ...)
+        or (V, ...) to (V, ...).
 
         Raises
         ------
@@ -228,7 +266,20 @@ class TriangleMesh:
         expected = f"{self.file_vertex_count} vertices"
         if len(self.vertices) != self.file_vertex_count:
             expected += f" ({len(self.vertices)} of them kept)"
-        raise FunctionError(f"{len(values)} values were given for a mesh of {expected}: give one per vertex")
+        raise FunctionError(
+            f"{len(values)} values were given for a mesh of {expected}: give one per vertex"
+        )
+
+
+@per_mesh
+def _digest(mesh: TriangleMesh) -> str:
+    """Compute the digest of all that a pickle holds and is not made of the rest."""
+    found = hashlib.sha256(repr((mesh.file_vertex_count, mesh.messages)).encode())
+    for name in ("vertices", "faces", "vertex_ids", "face_ids"):
+        array = np.ascontiguousarray(getattr(mesh, name))
+        found.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        found.update(array.data)
+    return found.hexdigest()
 
 
 def _frozen(array: NDArray[Entry]) -> NDArray[Entry]:

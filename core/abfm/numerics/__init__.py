@@ -1,1 +1,3 @@
-"""Compiled kernels, sparse factorisation, and minimisation: nothing here knows of surfaces."""
+"""Numbers as given, compiled kernels, sparse factorisation, and minimisation: nothing here knows
+of surfaces.
+"""

@@ -7,17 +7,18 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager
 from typing import ClassVar
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from abfm.numerics.own_process import OwnProcess, ProcessEndedError, Requests, is_factored_apart
+from abfm.numerics.factoring_apart import is_factored_apart
 from abfm.numerics.spare_memory import ask_for
-from abfm.progress import step
 from abfm.types import FloatArray
+from abfm.workers.progress import step
+from abfm.workers.worker import Call, Worker, WorkerEndedError
 
 try:
     from cholespy import CholeskySolverD, MatrixType
@@ -27,37 +28,54 @@ except ImportError:  # no wheel for linux-aarch64
 Solve = Callable[[FloatArray], FloatArray]
 
 _BYTES = (
-    16  # of memory to ask for, times entries, times log2(unknowns); on surfaces of 642 to 163,842 vertices: 6 to 11
+    # of memory to ask for, times entries, times log2(unknowns); on surfaces of 642 to 163,842
+    # vertices: 6 to 11
+    16
 )
 
 
 def factor(matrix: sparse.csr_array) -> Solve:
-    """Factor a sparse symmetric positive definite matrix once; the result solves for one right-hand side (n,).
+    """Factor a sparse symmetric positive definite matrix once; the result solves for one right-hand
+    side (n,).
 
     Raises
     ------
     MemoryError
-        If there is not enough memory; when solving where it is in another process (`own_process.factoring_apart`).
+        If there is not enough memory; when solving where it is in another process
+        (`factoring_apart`).
     """
     if matrix.shape[0] == 0:  # a mesh without inner vertices; both libraries refuse it
         return np.copy
     if is_factored_apart(_work(matrix)):
         return _Elsewhere(matrix)
     with _told(matrix.shape[0]):
-        if CholeskySolverD is not None:
-            return _Factor(matrix)
-        lu = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        solve: Solve = lu.solve
-        return solve
+        return _factored(matrix)
+
+
+def _factored(matrix: sparse.csr_array) -> Solve:
+    if CholeskySolverD is not None:
+        return _Factor(matrix)
+    lu = splu(
+        matrix.tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    solve: Solve = lu.solve
+    return solve
 
 
 def _told(unknowns: int, since: float | None = None) -> AbstractContextManager[object]:
-    """The step of `abfm.progress`: nested dissection of a surface's mesh takes n^(3/2) operations."""
+    """The step of `abfm.workers.progress`: nested dissection of a surface's mesh takes n^(3/2)
+    operations.
+    """
     return step("factoring", unknowns**1.5, f" a system of {unknowns:,} unknowns", since)
 
 
 def _work(matrix: sparse.csr_array) -> float:
-    """How long factoring takes, in unknowns of a scalar system on vertices, which has seven entries a row."""
+    """Return how long factoring takes, in unknowns of a scalar system on vertices, which has seven
+    entries a row.
+    """
     unknowns, row = matrix.shape[0], matrix.nnz / matrix.shape[0]
     return float(unknowns * max(1.0, row / 7) ** 2)
 
@@ -65,8 +83,8 @@ def _work(matrix: sparse.csr_array) -> float:
 class _Factor:
     """A factorisation by cholespy.
 
-    One that outlives the interpreter, as global variables and threads make it, is reported on stderr as a leak of
-    cholespy's: all are therefore released when Python ends.
+    One that outlives the interpreter, as global variables and threads make it, is reported on
+    stderr as a leak of cholespy's: all are therefore released when Python ends.
     """
 
     _alive: ClassVar[weakref.WeakSet[_Factor]] = weakref.WeakSet()
@@ -94,8 +112,9 @@ class _Factor:
         if not hasattr(self, "_solver"):  # freed before, or there was no memory for it
             return
         if self._has_solved:
-            # What cholespy keeps for the latest right-hand side it frees when another width comes, but not at its end:
-            # so the last one is without columns. Of old, it takes it with these strides only.
+            # What cholespy keeps for the latest right-hand side it frees when another width comes,
+            # but not at its end: so the last one is without columns. Of old, it takes it with these
+            # strides only.
             nothing = np.ndarray((self._unknowns, 0), strides=(0, 8))
             self._solver.solve(nothing, nothing)
         del self._solver
@@ -110,39 +129,38 @@ class _Factor:
 
 
 class _Elsewhere:
-    """A factorisation in a process of its own; it is waited for when it is first used, so that several run at once."""
+    """A factorisation in a process of its own; it is waited for when it is first used, so that
+    several run at once.
+    """
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._lock = threading.Lock()
         self._unknowns, self._since = matrix.shape[0], time.monotonic()
-        self._is_factored = False
-        self._process = OwnProcess("abfm.numerics.cholesky")
-        self._send(matrix)
+        self._worker = Worker(_Kept, "the process that factors a linear system has ended")
+        self._factoring: Call[None] | None = self._worker.call(_Kept.factor, matrix)
 
     def __call__(self, b: FloatArray) -> FloatArray:
         with self._lock:
-            self._send(b)
             try:
-                with nullcontext() if self._is_factored else _told(self._unknowns, self._since):
-                    x: FloatArray = self._process.receive()
-                self._is_factored = True
-            except ProcessEndedError:
-                raise MemoryError("the process that factors a linear system has ended") from None
-        return x
-
-    def _send(self, message: object) -> None:
-        with suppress(ProcessEndedError):  # which is told when the answer does not come
-            self._process.send(message)
+                if self._factoring is not None:
+                    with _told(self._unknowns, self._since):
+                        self._factoring.result()
+                    self._factoring = None
+                return self._worker.call(_Kept.solve, b).result()
+            except WorkerEndedError as error:
+                raise MemoryError(str(error)) from None
 
 
-def _serve() -> None:
-    requests = Requests()
-    queue = iter(requests)
-    with suppress(MemoryError):  # which the other end takes from the end of this process
-        solve = factor(next(queue))
-        for b in queue:
-            requests.answer(solve(b))
+class _Kept:
+    """A factorisation in the process of an `_Elsewhere`."""
 
+    def __init__(self) -> None:
+        self._solve: Solve | None = None
 
-if __name__ == "__main__":
-    _serve()
+    def factor(self, matrix: sparse.csr_array) -> None:
+        self._solve = _factored(matrix)
+
+    def solve(self, b: FloatArray) -> FloatArray:
+        if self._solve is None:  # this process has taken the place of one that had factored
+            raise MemoryError("the process that factored a linear system has ended")
+        return self._solve(b)

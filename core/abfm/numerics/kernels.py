@@ -1,39 +1,94 @@
-"""Every numba kernel: arrays in and out, GIL released, compiled code kept on disk, one thread, fixed order of sums.
+"""Every numba kernel: arrays in and out, GIL released, compiled code kept on disk, one thread,
+fixed order of sums.
 
-Indices are unsigned: a signed one would be tested for counting from the end at every use, which doubles the time.
+Indices are unsigned: a signed one would be tested for counting from the end at every use, which
+doubles the time.
 """
 
 import hashlib
 import inspect
+import os
 import sys
+import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
-from numba.core.dispatcher import Dispatcher
 from scipy import sparse
 
+from abfm.errors import AbfmError
 from abfm.types import FloatArray, IndexArray
+
+try:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", "Environment variable", RuntimeWarning)
+        import numba
+        from numba.core.dispatcher import Dispatcher
+except (RuntimeWarning, ValueError) as error:
+    settings = ", ".join(f"{k}={v!r}" for k, v in os.environ.items() if k.startswith("NUMBA_"))
+    problem = str(error).partition("\n")[0].rstrip(".")
+    raise AbfmError(
+        f"numba does not take what the environment says ({settings}): {problem}; correct or unset "
+        "the variable"
+    ) from error
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
-def kernel(function: Kernel) -> Kernel:
-    """Compile with the settings that all kernels share.
+class _Cache:
+    """numba's cache of a kernel on disk, in which a damaged file counts as none, and what cannot
+    be kept is compiled again.
+    """
 
-    numba takes compiled code from disk as long as the function's own file is as it was. It is filed under a name with
-    the stamp of the other files, so that a change of a kernel reaches those that call it from elsewhere, too.
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+        self.cache_path: str = cache.cache_path
+
+    def load_overload(self, signature: object, target: object) -> object:
+        """Return the compiled code for a signature, or None where there is none."""
+        try:
+            return self._cache.load_overload(signature, target)
+        except Exception:  # of any kind: files are pickles
+            with suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, signature: object, compiled: object) -> None:
+        """Keep the compiled code for a signature."""
+        with suppress(Exception):
+            self._cache.save_overload(signature, compiled)
+
+    def flush(self) -> None:
+        """Forget all signatures."""
+        self._cache.flush()
+
+
+def kernel(function: Kernel) -> Kernel:
+    """Compile with the settings that all kernels share."""
+    return _compiled(function, {"contract"})
+
+
+def _compiled(function: Kernel, fastmath: set[str]) -> Kernel:
+    """Compile a function, or take it from disk.
+
+    numba takes compiled code from disk as long as the function's own file is as it was. It is filed
+    under a name with the stamp of the other files, so that a change of a kernel reaches those that
+    call it from elsewhere, too.
     """
     name = function.__qualname__
     function.__qualname__ = f"{name}_{_stamp(function.__globals__)}"
-    compiled = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})(function)
+    compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=fastmath)(function)
+    if hasattr(compiled, "enable_caching"):  # not where NUMBA_DISABLE_JIT says so
+        with suppress(RuntimeError):  # where no folder can be written to
+            compiled.enable_caching()
+            compiled._cache = _Cache(compiled._cache)
     function.__qualname__ = name
     return cast(Kernel, compiled)
 
 
 def _stamp(namespace: dict[str, Any]) -> str:
-    """Of the source of this file and of all whose kernels a module, or what it calls, has."""
+    """Hash the source of this file and of all whose kernels a module, or what it calls, has."""
     modules, left = {__name__}, [namespace]
     while left:
         for value in left.pop().values():
@@ -44,9 +99,14 @@ def _stamp(namespace: dict[str, Any]) -> str:
     return hashlib.sha256(sources.encode()).hexdigest()[:12]
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
+def _summed_in_any_order(function: Kernel) -> Kernel:
+    """Compile with sums in the compiler's order (the same bits whatever else runs)."""
+    return _compiled(function, {"contract", "reassoc"})
+
+
+@_summed_in_any_order
 def inner(a: FloatArray, b: FloatArray) -> float:
-    """Inner product of two flat arrays, summed in the compiler's order (the same bits whatever else runs)."""
+    """Return the inner product of two flat arrays."""
     total = 0.0
     for i in range(a.size):
         total += a[i] * b[i]
@@ -54,8 +114,10 @@ def inner(a: FloatArray, b: FloatArray) -> float:
 
 
 @kernel
-def csr_product(indptr: IndexArray, indices: IndexArray, data: FloatArray, x: FloatArray, out: FloatArray) -> None:
-    """``out = matrix @ x``."""
+def csr_product(
+    indptr: IndexArray, indices: IndexArray, data: FloatArray, x: FloatArray, out: FloatArray
+) -> None:
+    """Compute ``out = matrix @ x``."""
     for i in range(out.size):
         total = 0.0
         for e in range(indptr[i], indptr[i + 1]):
@@ -64,7 +126,7 @@ def csr_product(indptr: IndexArray, indices: IndexArray, data: FloatArray, x: Fl
 
 
 def product(matrix: sparse.csr_array, x: FloatArray) -> FloatArray:
-    """``matrix @ x`` for a CSR matrix, with the GIL released."""
+    """Compute ``matrix @ x`` for a CSR matrix, with the GIL released."""
     out = np.empty(matrix.shape[0])
     indptr, indices = unsigned(matrix.indptr), unsigned(matrix.indices)
     csr_product(indptr, indices, matrix.data, np.ascontiguousarray(x), out)
@@ -72,5 +134,5 @@ def product(matrix: sparse.csr_array, x: FloatArray) -> FloatArray:
 
 
 def unsigned(indices: IndexArray) -> IndexArray:
-    """The same memory with the sign bit read as a digit."""
+    """View the same memory with the sign bit read as a digit."""
     return indices.view(np.uint32 if indices.itemsize == 4 else np.uint64)

@@ -1,6 +1,7 @@
 """Strong Wolfe line search [Nocedal & Wright 2006, algorithms 3.5 and 3.6].
 
-SciPy's does not survive energies that are not finite, and asks for slopes where the value alone rules a step out.
+SciPy's does not survive energies that are not finite, and asks for slopes where the value alone
+rules a step out.
 """
 
 from collections.abc import Callable
@@ -27,7 +28,9 @@ Point = TypeVar("Point", bound=HasEnergy)
 
 @dataclass(frozen=True)
 class Trial(Generic[Point]):
-    """One step length tried: value, and slope along the direction (NaN where the value alone rules it out)."""
+    """One step length tried: value, and slope along the direction (NaN where the value alone
+    rules it out).
+    """
 
     length: float
     value: float
@@ -57,8 +60,8 @@ def strong_wolfe(
 
     Returns
     -------
-    The accepted trial; after twelve, the lowest with sufficient decrease. None if no length decreases the value. A
-    value that is not finite counts as infinite: the step is shortened.
+    The accepted trial; after twelve, the lowest with sufficient decrease. None if no length
+    decreases the value. A value that is not finite counts as infinite: the step is shortened.
     """
     low, high = start, None
     length = min(first, longest)
@@ -80,13 +83,16 @@ def strong_wolfe(
             length = min(length * 4, longest)
         else:
             length = _interpolate(low, high)
-            if abs(high.length - low.length) * max(abs(low.slope), abs(start.slope)) <= 1e-15 * abs(start.value):
+            if abs(high.length - low.length) * max(abs(low.slope), abs(start.slope)) <= 1e-15 * abs(
+                start.value
+            ):
                 break
     return low if low.length > 0 else None
 
 
 def _interpolate(low: Trial[Point], high: Trial[Point]) -> float:
-    """Minimiser of the cubic or, without a slope at ``high``, the parabola through both trials, kept off the ends.
+    """Minimise the cubic or, without a slope at ``high``, the parabola through both trials, kept
+    off the ends.
 
     A tenth of the way if ``high`` is infinite.
     """

@@ -6,7 +6,8 @@ import numpy as np
 def ask_for(size: float) -> None:
     """Make sure that so many bytes can be had now, before a library needs them.
 
-    Where memory runs out inside them, some free twice, some abort, and some go on with what they did not get.
+    Where memory runs out inside them, some free twice, some abort, and some go on with what they
+    did not get.
 
     Raises
     ------

@@ -1,4 +1,6 @@
-"""What comes in from files: plain, of a bounded size and as long as it says before anything is made of it."""
+"""What comes in from files: plain, of a bounded size and as long as it says before anything is
+made of it.
+"""
 
 from abfm.reading.door import LARGEST, inflated, most_inflated, open_plain, read_bytes
 from abfm.reading.gifti import GiftiArray, gifti_arrays

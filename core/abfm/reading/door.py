@@ -1,4 +1,6 @@
-"""The one door by which files come in: what is behind a name, and how much of it, is known before anything is read."""
+"""The one door by which files come in: what is behind a name, and how much of it, is known
+before anything is read.
+"""
 
 import errno
 import gzip
@@ -12,16 +14,25 @@ from typing import BinaryIO
 
 LARGEST = 4 << 30
 """Bytes of the largest file that is read."""
-_SMALL, _MOST_TIMES = 64 << 20, 20  # inflated data may have so many bytes, or so many times those of its file
+# inflated data may have so many bytes, or so many times those of its file
+_SMALL, _MOST_TIMES = 64 << 20, 20
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-_OTHER = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
+SPECIAL = {
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+"""What is no plain file and no folder, by its mode's format."""
 
 
 @contextmanager
 def open_plain(path: str | os.PathLike[str], most: int = LARGEST) -> Iterator[BinaryIO]:
-    """A plain file, open for reading: no folder, pipe, socket or device, and with at most so many bytes.
+    """Open a plain file for reading: no folder, pipe, socket or device, and with at most so many
+    bytes.
 
-    It is looked at before it is opened, as opening alone makes some devices act, and again when it is open.
+    It is looked at before it is opened, as opening alone makes some devices act, and again when it
+    is open.
 
     Raises
     ------
@@ -36,7 +47,7 @@ def open_plain(path: str | os.PathLike[str], most: int = LARGEST) -> Iterator[Bi
 
 
 def read_bytes(path: str | os.PathLike[str], most: int = LARGEST) -> bytes:
-    """All of a plain file that there is when it is opened; see `open_plain`.
+    """Read all of a plain file that there is when it is opened; see `open_plain`.
 
     Raises
     ------
@@ -52,7 +63,7 @@ def read_bytes(path: str | os.PathLike[str], most: int = LARGEST) -> bytes:
 
 
 def inflated(data: bytes, most: int | None = None) -> bytes:
-    """What a gzip file, or zlib's compressed data, holds.
+    """Decompress what a gzip file, or zlib's compressed data, holds.
 
     Parameters
     ----------
@@ -77,12 +88,15 @@ def inflated(data: bytes, most: int | None = None) -> bytes:
     except (OSError, EOFError, zlib.error) as error:
         raise ValueError("its compressed data is damaged or cut short") from error
     if len(found) > bound:
-        raise ValueError(f"its {len(data)} bytes of compressed data hold more than {bound}, the most that is read")
+        raise ValueError(
+            f"its {len(data)} bytes of compressed data hold more than {bound}, the most that is "
+            "read"
+        )
     return found
 
 
 def most_inflated(size: int) -> int:
-    """Bytes that what a file of this size holds may have when it is decompressed."""
+    """Return the bytes that what a file of this size holds may have when it is decompressed."""
     return max(_SMALL, _MOST_TIMES * size)
 
 
@@ -97,7 +111,7 @@ def _check(status: os.stat_result, most: int) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(status.st_mode):
-        kind = _OTHER.get(stat.S_IFMT(status.st_mode), "something else")
+        kind = SPECIAL.get(stat.S_IFMT(status.st_mode), "something else")
         raise OSError(errno.EINVAL, f"it is {kind}, not a file as is expected")
     if status.st_size > most:
         raise OSError(errno.EFBIG, f"it has {status.st_size} bytes, and at most {most} are read")

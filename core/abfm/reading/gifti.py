@@ -1,7 +1,8 @@
-"""The data arrays of GIFTI files, plain or compressed; what they say of their size is held against what there is.
+"""The data arrays of GIFTI files, plain or compressed; what they say of their size is held against
+what there is.
 
-Format: https://www.nitrc.org/projects/gifti (version 1.0). Own code, as nibabel believes sizes, expands what is
-compressed without a bound, and hangs or throws anything on files that are no GIFTI.
+Format: https://www.nitrc.org/projects/gifti (version 1.0). Own code, as nibabel believes sizes,
+expands what is compressed without a bound, and hangs or throws anything on files that are no GIFTI.
 """
 
 import base64
@@ -17,8 +18,10 @@ from numpy.typing import NDArray
 
 from abfm.reading.door import inflated, most_inflated, open_plain, read_bytes
 
-_TYPES = {f"NIFTI_TYPE_{name.upper()}": np.dtype(name) for name in ("uint8", "int8", "int16", "uint16", "int32")}
-_TYPES |= {f"NIFTI_TYPE_{name.upper()}": np.dtype(name) for name in ("uint32", "int64", "uint64", "float32", "float64")}
+_INTEGERS = ("uint8", "int8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
+_TYPES = {
+    f"NIFTI_TYPE_{name.upper()}": np.dtype(name) for name in (*_INTEGERS, "float32", "float64")
+}
 _ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
 _LAYOUTS = {"RowMajorOrder": "C", "ColumnMajorOrder": "F"}
 _MOST_DIMENSIONS = 6
@@ -32,7 +35,7 @@ class GiftiArray(NamedTuple):
 
 
 def gifti_arrays(path: str | os.PathLike[str]) -> list[GiftiArray]:
-    """All data arrays of a GIFTI file, in its order.
+    """Read all data arrays of a GIFTI file, in its order.
 
     Raises
     ------
@@ -49,7 +52,9 @@ def gifti_arrays(path: str | os.PathLike[str]) -> list[GiftiArray]:
 
 
 class _Reader:
-    """Takes the data arrays from the events of an XML parser; all of them together may have so many bytes."""
+    """Takes the data arrays from the events of an XML parser; all of them together may have so
+    many bytes.
+    """
 
     def __init__(self, path: Path, most: int) -> None:
         self._path, self._left = path, most
@@ -95,10 +100,12 @@ class _Reader:
         raise ValueError("it declares entities, which GIFTI has none of")
 
     def _values(self, text: str) -> NDArray[Any]:
-        """The array that the attributes describe."""
+        """Return the array that the attributes describe."""
         given = self._attributes
         kind = _one_of(_TYPES, given.get("DataType", ""), "DataType")
-        order = _one_of(_LAYOUTS, given.get("ArrayIndexingOrder", "RowMajorOrder"), "ArrayIndexingOrder")
+        order = _one_of(
+            _LAYOUTS, given.get("ArrayIndexingOrder", "RowMajorOrder"), "ArrayIndexingOrder"
+        )
         stored = kind.newbyteorder(_one_of(_ORDERS, given.get("Endian", "LittleEndian"), "Endian"))
         shape = _shape(given)
         encoding = given.get("Encoding", "GZipBase64Binary")
@@ -107,7 +114,8 @@ class _Reader:
             raise ValueError(f"an array of shape {shape} is more than a file of this size may hold")
         self._left -= size
         if encoding == "ASCII":
-            if text.strip().count("\n") + 1 == shape[0]:  # one row a line is one row a line, as others read it
+            # one row a line is one row a line, as others read it
+            if text.strip().count("\n") + 1 == shape[0]:
                 order = "C"
             return _numbers(text, kind, math.prod(shape)).reshape(shape, order=order)
         if encoding == "ExternalFileBinary":
@@ -117,14 +125,19 @@ class _Reader:
             if encoding == "GZipBase64Binary":
                 data = inflated(data, size)
         else:
-            raise ValueError(f"an array has the Encoding {encoding[:40]!r}; expected Base64Binary or the like")
+            raise ValueError(
+                f"an array has the Encoding {encoding[:40]!r}; expected Base64Binary or the like"
+            )
         if len(data) != size:
             raise ValueError(f"an array of shape {shape} has {len(data)} bytes; expected {size}")
         return np.frombuffer(data, stored).reshape(shape, order=order).astype(kind)
 
     def _beside(self, size: int) -> bytes:
-        """So many bytes of the file that the attributes name."""
-        name, offset = self._attributes.get("ExternalFileName", ""), self._attributes.get("ExternalFileOffset") or "0"
+        """Return so many bytes of the file that the attributes name."""
+        name, offset = (
+            self._attributes.get("ExternalFileName", ""),
+            self._attributes.get("ExternalFileOffset") or "0",
+        )
         with open_plain(self._path.parent / name) as file:
             file.seek(_whole(offset, "ExternalFileOffset"))
             return file.read(size)
@@ -145,7 +158,9 @@ def _shape(given: dict[str, str]) -> tuple[int, ...]:
 
 def _whole(text: str, name: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) <= 18):
-        raise ValueError(f"an array has the {name} {text[:40]!r}; expected a whole number, 0 or more")
+        raise ValueError(
+            f"an array has the {name} {text[:40]!r}; expected a whole number, 0 or more"
+        )
     return int(text)
 
 
@@ -155,7 +170,9 @@ def _numbers(text: str, kind: np.dtype[Any], count: int) -> NDArray[Any]:
         try:
             values = np.fromstring(text, dtype=kind, sep=" ")
         except (ValueError, DeprecationWarning) as error:
-            raise ValueError(f"an array of {count} numbers has something else among them") from error
+            raise ValueError(
+                f"an array of {count} numbers has something else among them"
+            ) from error
     if len(values) != count:
         raise ValueError(f"an array of {count} numbers has {len(values)}")
     return values

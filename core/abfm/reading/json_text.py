@@ -5,7 +5,7 @@ from typing import Any
 
 
 def from_json(text: str | bytes) -> Any:
-    """What a text in JSON holds.
+    """Return what a text in JSON holds.
 
     Raises
     ------

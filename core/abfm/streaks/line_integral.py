@@ -1,9 +1,10 @@
 """Line integral convolution: noise smeared along a field, which shows its lines all over a surface.
 
-Cabral and Leedom, Imaging Vector Fields Using Line Integral Convolution, SIGGRAPH 1993; streamlines serve all texels
-that they meet, as in Stalling and Hege, Fast and Resolution Independent Line Integral Convolution, SIGGRAPH 1995. Here
-they are walked on the surface itself, along the field made continuous, and the noise belongs to places in space, so
-that streaks know nothing of the texture's pieces nor of the mesh's.
+Cabral and Leedom, Imaging Vector Fields Using Line Integral Convolution, SIGGRAPH 1993; streamlines
+serve all texels that they meet, as in Stalling and Hege, Fast and Resolution Independent Line
+Integral Convolution, SIGGRAPH 1995. Here they are walked on the surface itself, along the field
+made continuous, and the noise belongs to places in space, so that streaks know nothing of the
+texture's pieces nor of the mesh's.
 """
 
 import numpy as np
@@ -14,7 +15,7 @@ from abfm.calculus.vector_fields import check_field, to_ambient, to_frame
 from abfm.errors import ParameterError, one_line
 from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
 from abfm.mesh import TriangleMesh
-from abfm.real_numbers import real_numbers
+from abfm.numerics.real_numbers import real_numbers
 from abfm.streaks import streamlines
 from abfm.streaks.texels import Canvas, FloatImage, fill_gaps, fill_margins
 from abfm.streaks.texture_atlas import TextureAtlas, texture_atlas
@@ -45,12 +46,13 @@ def line_integral_convolution(
     fade: bool = False,
     phase: ArrayLike | None = None,
 ) -> tuple[TextureAtlas, FloatImage]:
-    """A grey texture with streaks along a field.
+    """Return a grey texture with streaks along a field.
 
     Parameters
     ----------
     velocity : (F, 3) array
-        Tangent vectors; only their directions matter, unless the contrast is to fade. A normal part is dropped.
+        Tangent vectors; only their directions matter, unless the contrast is to fade. A normal part
+        is dropped.
     size : int
         Texels along a side of the texture.
     length : float
@@ -60,17 +62,19 @@ def line_integral_convolution(
     seed : int
         Of the noise.
     fade : bool
-        Whether the contrast is proportional to the speed of the continuous field: none where it is zero, and full from
-        the speed on that is exceeded on a fiftieth of the area.
+        Whether the contrast is proportional to the speed of the continuous field: none where it is
+        zero, and full from the speed on that is exceeded on a fiftieth of the area.
     phase : float or (P,) array, optional
-        Pictures at phases rising from 0 to 1, where they start again, show streaks that move along the field, which
-        are shorter than those of a single picture. Computing P of them at once is much faster than one by one.
+        Pictures at phases rising from 0 to 1, where they start again, show streaks that move along
+        the field, which are shorter than those of a single picture. Computing P of them at once is
+        much faster than one by one.
 
     Returns
     -------
     atlas : TextureAtlas
     image : (size, size) or (P, size, size) array of float32
-        From 0 to 1, row 0 at the bottom; grey (0.5) where there is no field and outside the triangles.
+        From 0 to 1, row 0 at the bottom; grey (0.5) where there is no field and outside the
+        triangles.
 
     Raises
     ------
@@ -81,7 +85,9 @@ def line_integral_convolution(
     field = to_ambient(mesh, to_frame(mesh, field / (np.abs(field).max() or 1.0)))
     phases = real_numbers(0.0 if phase is None else phase, "phase")
     if phases.ndim > 1 or not phases.size or not np.isfinite(phases).all():
-        raise ParameterError(f"phase is {one_line(phase, 60)}; expected a finite number or a list of them")
+        raise ParameterError(
+            f"phase is {one_line(phase, 60)}; expected a finite number or a list of them"
+        )
     for name, value in (("length", length), ("width", width)):
         if not 0 < value <= 1:
             raise ParameterError(f"{name} is {value}; expected more than 0 and at most 1")
@@ -92,17 +98,23 @@ def line_integral_convolution(
     images = np.zeros((phases.size, size * size), dtype=np.float32)
     if speeds.any():
         owners = atlas.texel_faces.ravel()
-        spacing = mesh.length_scale / float(np.sqrt((owners >= 0).sum()))  # of texels; some are finer
+        # of texels; some are finer
+        spacing = mesh.length_scale / float(np.sqrt((owners >= 0).sum()))
         grain = max(width * mesh.length_scale, _LEAST_TEXELS * spacing)
         flow = smooth_flow(mesh, field, grain)
         places = mesh.vertices @ _TILT / grain + _SHIFT
         areas = face_areas(mesh) / grain**2
-        canvas = Canvas(places, mesh.faces, areas, flow.neighbours, atlas.corners, owners, atlas.size)
+        canvas = Canvas(
+            places, mesh.faces, areas, flow.neighbours, atlas.corners, owners, atlas.size
+        )
         charts = _charts(places[mesh.faces], atlas.corners, flow)
-        weights = _kernels(length * mesh.length_scale / (_STEP * grain), None if phase is None else phases.ravel())
+        weights = _kernels(
+            length * mesh.length_scale / (_STEP * grain), None if phase is None else phases.ravel()
+        )
         parts = max(int(np.ceil(_STEP * grain / (_STRIDE * spacing))), _LEAST_PARTS)
         calm, done = _CALM * float(speeds.max()), np.zeros(len(owners), dtype=bool)
-        streamlines.convolve(canvas, charts, flow, weights, _STEP, parts, calm, int(seed) % 2**63, done, images)
+        lines = streamlines.Streamlines(flow, canvas, charts, _STEP, parts, calm, int(seed) % 2**63)
+        streamlines.convolve(lines, weights, done, images)
         fill_gaps(canvas, done, images)
         dark, bright = np.percentile(images[0, done][::_SAMPLE], _CONTRAST)
         fill_margins(canvas, done, images)
@@ -116,13 +128,16 @@ def line_integral_convolution(
 
 
 def _charts(places: FloatArray, texels: FloatArray, flow: SmoothFlow) -> FloatArray:
-    """Places in space and in the texture as ``a + b x + c y`` by those in each face's frame, (F, 5, 3)."""
+    """Return places in space and texture as ``a + b x + c y`` of those in frames, (F, 5, 3)."""
     corners = np.concatenate([places, texels], axis=2)
-    return np.concatenate([corners[:, 0, :, None], np.einsum("fiq,fik->fqk", corners, flow.gradients)], axis=2)
+    return np.concatenate(
+        [corners[:, 0, :, None], np.einsum("fiq,fik->fqk", corners, flow.gradients)], axis=2
+    )
 
 
 def _kernels(steps: float, phases: FloatArray | None) -> FloatArray:
-    """Weights (P, K) along a streamline, of equal norm: Hann's window, or Hann's ripples that move under it.
+    """Return weights (P, K) along a streamline, of equal norm: Hann's window, or Hann's ripples
+    that move under it.
 
     With two ripples all phases are about as different from the next.
     """

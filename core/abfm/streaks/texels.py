@@ -1,4 +1,4 @@
-"""Numba kernels on the texels of an atlas: laying it out, and finding the way between texels and faces."""
+"""Kernels on the texels of an atlas: laying it out, and the way between texels and faces."""
 
 import math
 from typing import NamedTuple
@@ -20,7 +20,8 @@ class Canvas(NamedTuple):
     vertices: FloatArray  # (V, 3), in units of the texel length
     faces: IndexArray  # (F, 3)
     areas: FloatArray  # (F,)
-    neighbours: IndexArray  # (F, 3), slot 3 f + k across the edge opposite each corner, -1 on the boundary
+    # (F, 3), slot 3 f + k across the edge opposite each corner, -1 on the boundary
+    neighbours: IndexArray
     corners: FloatArray  # (F, 3, 2), where the corners of each face lie, column and row in texels
     owners: IndexArray  # (texels,), face of each texel, row by row, or -1
     size: int  # texels in a row
@@ -28,7 +29,7 @@ class Canvas(NamedTuple):
 
 @kernel
 def set_on_shelves(widths: IndexArray, heights: IndexArray, size: int, corners: IndexArray) -> bool:
-    """Set rectangles of descending height on shelves of a square; lower left corners (n, 2). Whether they have room."""
+    """Set rectangles of descending height on shelves of a square; says whether they have room."""
     x, y, shelf = 0, 0, 0
     for i in range(widths.size):
         if x + widths[i] > size:
@@ -43,9 +44,13 @@ def set_on_shelves(widths: IndexArray, heights: IndexArray, size: int, corners: 
 
 @kernel
 def halve_rectangles(
-    corners: IndexArray, widths: IndexArray, heights: IndexArray, owners: IndexArray, texels: IndexArray
+    corners: IndexArray,
+    widths: IndexArray,
+    heights: IndexArray,
+    owners: IndexArray,
+    texels: IndexArray,
 ) -> None:
-    """Give the texels of each rectangle to its two owners (n, 2): below and above the falling diagonal."""
+    """Give the texels of rectangles to two owners (n, 2), below and above the falling diagonal."""
     for i in range(widths.size):
         w, h = widths[i], heights[i]
         for row in range(h):
@@ -56,7 +61,7 @@ def halve_rectangles(
 
 @kernel
 def weigh_texel(canvas: Canvas, texel: int, b: FloatArray) -> bool:
-    """Barycentric weights, for the face of a texel, of the texel's centre. Whether it is inside."""
+    """Compute barycentric weights of a texel's centre in its face; says whether it is inside."""
     f = canvas.owners[texel]
     corners = canvas.corners[f]
     u0, u1 = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
@@ -72,11 +77,15 @@ def weigh_texel(canvas: Canvas, texel: int, b: FloatArray) -> bool:
 
 @kernel
 def between_known(canvas: Canvas, nearest: IndexArray, texel: int) -> bool:
-    """Whether two opposite texels of the four around are of the same face and known: ``nearest`` is from 1 to 254."""
+    """Say whether two opposite neighbours are of the same face and known: 1 to 254."""
     for away in (1, canvas.size):
         count = 0
         for other in (texel - away, texel + away):
-            if 0 <= other < nearest.size and canvas.owners[other] == canvas.owners[texel] and 0 < nearest[other] < 255:
+            if (
+                0 <= other < nearest.size
+                and canvas.owners[other] == canvas.owners[texel]
+                and 0 < nearest[other] < 255
+            ):
                 count += 1
         if count == 2:
             return True
@@ -96,7 +105,8 @@ def clip(b: FloatArray) -> None:
 
 @kernel
 def unfold(canvas: Canvas, f: int, b: FloatArray) -> int:
-    """Rewrite weights of a place around face ``f`` for the face that it lies in, one edge further; returns that face.
+    """Rewrite weights of a place around face ``f`` for the face that it lies in, one edge further;
+    returns that face.
 
     Stays at the edge where nothing lies behind it.
     """
@@ -129,7 +139,7 @@ def unfold(canvas: Canvas, f: int, b: FloatArray) -> int:
 
 @kernel
 def fill_gaps(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
-    """Give texels inside triangles that are not ``done``, in ``images`` (P, texels), the mean of their neighbours."""
+    """Give texels inside triangles that are not ``done`` the mean of their neighbours."""
     b = np.empty(3)
     for texel in range(done.size):
         if canvas.owners[texel] < 0 or done[texel] or not weigh_texel(canvas, texel, b):
@@ -137,7 +147,9 @@ def fill_gaps(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
         known = [
             other
             for other in (texel - 1, texel + 1, texel - canvas.size, texel + canvas.size)
-            if 0 <= other < done.size and canvas.owners[other] == canvas.owners[texel] and done[other]
+            if 0 <= other < done.size
+            and canvas.owners[other] == canvas.owners[texel]
+            and done[other]
         ]
         for other in known:
             for picture in range(images.shape[0]):
@@ -147,7 +159,7 @@ def fill_gaps(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
 
 @kernel
 def fill_margins(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
-    """Give texels around each triangle, in ``images`` (P, texels), what lies behind its edge, from those ``done``."""
+    """Give texels around each triangle what lies behind its edge, from those ``done``."""
     b = np.empty(3)
     for texel in range(done.size):
         if canvas.owners[texel] < 0 or done[texel]:

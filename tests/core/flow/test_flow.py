@@ -1,4 +1,4 @@
-"""The public flow: turns of a sphere, its group property, the way back, and partial linearised steps."""
+"""The public flow: turns of a sphere, group property, way back, partial linearised steps."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ BUMP = bump(BALL, BALL.vertices[5], 0.2)
 
 
 def test_a_turning_sphere_carries_functions_and_points_along_with_order_two() -> None:
-    """A quarter turn about z takes the bump at x to y, and what is at a point came from a quarter turn before."""
+    """A quarter turn about z takes the bump at x to y, and points came from one before."""
     sizes, functions, points = [], [], []
     for level in (3, 4, 5):
         mesh = icosphere(level)
         flow = Flow(mesh, rotation_field(mesh, [0, 0, 1]), np.pi / 2)
         turned = bump(mesh, [0, 1, 0], 0.15)
-        functions.append(l2_norm(mesh, flow.advect(bump(mesh, [1, 0, 0], 0.15)) - turned) / l2_norm(mesh, turned))
+        functions.append(
+            l2_norm(mesh, flow.push(bump(mesh, [1, 0, 0], 0.15)) - turned) / l2_norm(mesh, turned)
+        )
         x, y, z = mesh.vertices.T
         points.append(l2_norm(mesh, flow.point_map().positions - np.stack([y, -x, z], axis=1)))
         sizes.append(1 / 2**level)
@@ -51,14 +53,14 @@ def test_several_fields_in_a_row_share_the_time_and_the_last_one_goes_on() -> No
     halfway = advect(BALL, first, BUMP, 0.3)
     np.testing.assert_allclose(flow.push(BUMP, 0.3), halfway, atol=1e-9)
     np.testing.assert_allclose(flow.push(BUMP, 1.0), advect(BALL, last, halfway, 0.7), atol=1e-8)
-    np.testing.assert_allclose(flow.push(flow.advect(BUMP), -0.6), BUMP, atol=1e-7)
+    np.testing.assert_allclose(flow.push(flow.push(BUMP), -0.6), BUMP, atol=1e-7)
 
 
 def test_a_span_has_the_same_values_in_any_order_of_times() -> None:
     flow = Flow(BALL, wavy_field(BALL, 4))
     h = np.stack([BUMP, BUMP**2], axis=1)
     times = [0.4, 0.0, -0.3, 1.0]
-    values = flow.span(h, times)
+    values = flow.push(h, times)
     assert values.shape == (4, *h.shape)
     np.testing.assert_array_equal(values[1], h)
     for t, value in zip(times, values, strict=True):
@@ -74,13 +76,14 @@ def test_linearised_steps_are_the_first_two_terms_and_may_be_partial() -> None:
     step = f - 0.5 * (one @ f)
     np.testing.assert_allclose(flow.push(f, 0.2), f - 0.2 * (one @ f), atol=1e-12)
     np.testing.assert_allclose(flow.push(f, 0.7), step - 0.2 * (other @ step), atol=1e-12)
-    np.testing.assert_allclose(flow.advect(f), step - 0.5 * (other @ step), atol=1e-12)
+    np.testing.assert_allclose(flow.push(f), step - 0.5 * (other @ step), atol=1e-12)
     back = f + 0.2 * (other @ f)
     np.testing.assert_allclose(flow.push(f, -0.7), back + 0.5 * (one @ back), atol=1e-12)
 
 
 def test_two_flows_on_a_mesh_do_not_disturb_each_other() -> None:
-    one, other = Flow(BALL, wavy_field(BALL, 1)), Flow(BALL, wavy_field(BALL, 2), method="linearised")
+    one = Flow(BALL, wavy_field(BALL, 1))
+    other = Flow(BALL, wavy_field(BALL, 2), method="linearised")
     before = one.push(BUMP, 0.5)
     other.push(BUMP, 0.5)
     np.testing.assert_array_equal(one.push(BUMP, 0.5), before)
@@ -93,7 +96,11 @@ def test_two_flows_on_a_mesh_do_not_disturb_each_other() -> None:
         (np.zeros((0, 1280, 3)), {}, "velocity has shape"),
         (np.full((1280, 3), np.nan), {}, "not finite"),
         (np.zeros((1280, 3)), {"tau": 0.0}, "tau is 0.0; expected a positive time"),
-        (np.zeros((1280, 3)), {"method": "exact"}, "method is 'exact'; expected 'nonlinear' or 'linearised'"),
+        (
+            np.zeros((1280, 3)),
+            {"method": "exact"},
+            "method is 'exact'; expected 'nonlinear' or 'linearised'",
+        ),
     ],
 )
 def test_what_is_no_flow_is_refused_in_words(velocity, options, words) -> None:
@@ -114,12 +121,12 @@ def test_what_cannot_be_carried_is_refused_in_words() -> None:
 
 def test_of_a_function_at_many_times_nothing_large_stays_with_the_mesh() -> None:
     times, field = [0.2, 0.4, 0.8], wavy_field(BALL, 3)
-    Flow(BALL, field).span(BUMP, times)  # all is compiled
+    Flow(BALL, field).push(BUMP, times)  # all is compiled
     mesh = icosphere(3, radius=2.0)
     tracemalloc.start()
     try:
         flow = Flow(mesh, field)
-        values = flow.span(BUMP, times)
+        values = flow.push(BUMP, times)
         stays, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -1,4 +1,4 @@
-"""Fields made continuous: exact where they are linear, blind to creases, and more exact on finer meshes."""
+"""Fields made continuous: exact where linear, blind to creases, better on finer meshes."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 from abfm.calculus.operators import face_frames
 from abfm.flow.flow_lines import flow_lines
-from abfm.flow.smooth_flow import SmoothFlow, smooth_flow, walk_straight
-from abfm.maps.surface_points import project_onto_surface
+from abfm.flow.smooth_flow import SmoothFlow, Walker, smooth_flow, walk_straight
+from abfm.maps.closest_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.streaks.streamlines import direction
 from abfm.types import FloatArray
@@ -31,8 +31,8 @@ def walked(mesh: TriangleMesh, flow: SmoothFlow, face: int, step: float, count: 
     x, y = (frames[face] @ (places[face].mean(axis=0) - places[face, 0])).tolist()
     f, u, v, found = face, 0.0, 0.0, []
     for _ in range(count):
-        u, v = direction(flow, f, x, y, u, v, step, 0.0)
-        f, x, y, u, v = walk_straight(flow, f, x, y, u, v)
+        walker = direction(flow, Walker(f, x, y, u, v), step, 0.0)
+        f, x, y, u, v = walk_straight(flow, walker)
         if f < 0:
             break
         found.append(places[f, 0] + np.array([x, y]) @ frames[f])
@@ -42,7 +42,9 @@ def walked(mesh: TriangleMesh, flow: SmoothFlow, face: int, step: float, count: 
 def test_a_constant_field_stays() -> None:
     mesh = square(5)
     field = np.tile([0.3, -2.0, 0.0], (len(mesh.faces), 1))
-    assert_allclose(in_space(mesh, smooth_flow(mesh, field)), np.tile([0.3, -2.0, 0.0], (len(mesh.faces), 3, 1)))
+    assert_allclose(
+        in_space(mesh, smooth_flow(mesh, field)), np.tile([0.3, -2.0, 0.0], (len(mesh.faces), 3, 1))
+    )
 
 
 def test_a_linear_field_is_found_again_up_to_the_boundary() -> None:
@@ -50,9 +52,12 @@ def test_a_linear_field_is_found_again_up_to_the_boundary() -> None:
     matrix = np.array([[1.0, -2.0, 0], [0.5, 0.7, 0], [0, 0, 0]])
     field = mesh.vertices[mesh.faces].mean(axis=1) @ matrix.T
     exact = mesh.vertices[mesh.faces] @ matrix.T
-    assert_allclose(in_space(mesh, smooth_flow(mesh, field)), exact, rtol=0, atol=0.2)  # in a corner with one face
+    # in a corner with one face
+    assert_allclose(in_space(mesh, smooth_flow(mesh, field)), exact, rtol=0, atol=0.2)
     inside = (np.abs(mesh.vertices[mesh.faces] - 0.5)[..., :2] < 0.49).all(axis=2)
-    assert_allclose(in_space(mesh, smooth_flow(mesh, field))[inside], exact[inside], rtol=0, atol=0.01)
+    assert_allclose(
+        in_space(mesh, smooth_flow(mesh, field))[inside], exact[inside], rtol=0, atol=0.01
+    )
 
 
 def test_creases_do_not_matter() -> None:
@@ -65,7 +70,9 @@ def test_creases_do_not_matter() -> None:
     field = wavy_field(flat, 3)
     coefficients = np.einsum("fkx,fx->fk", face_frames(flat), field)
     carried = np.einsum("fkx,fk->fx", face_frames(folded), coefficients)
-    assert_allclose(smooth_flow(folded, carried).vectors, smooth_flow(flat, field).vectors, rtol=0, atol=1e-12)
+    assert_allclose(
+        smooth_flow(folded, carried).vectors, smooth_flow(flat, field).vectors, rtol=0, atol=1e-12
+    )
 
 
 def test_the_error_falls_with_the_square_of_the_edges() -> None:
@@ -81,7 +88,7 @@ def test_the_error_falls_with_the_square_of_the_edges() -> None:
 
 @pytest.mark.parametrize("mesh", [icosphere(2), torus(14, 9), open_cylinder(9, 4)])
 def test_both_sides_of_an_edge_agree(mesh: TriangleMesh) -> None:
-    """Corner vectors of two faces, seen relative to their common edge; exactly so where angles sum to a full turn."""
+    """Corner vectors relative to the common edge; exactly where angles sum to a full turn."""
     flow, field = smooth_flow(mesh, wavy_field(mesh, 2)), wavy_field(mesh, 2)
     vectors, (jumps, before) = in_space(mesh, flow), ([], [])
     for edge in np.flatnonzero((mesh.edge_faces >= 0).all(axis=1)):
@@ -124,8 +131,8 @@ def test_a_walk_back_returns() -> None:
     for step in (0.01, -0.01):
         u, v = 0.0, 0.0
         for _ in range(100):
-            u, v = direction(flow, f, x, y, u, v, step, 0.0)
-            f, x, y, u, v = walk_straight(flow, f, x, y, u, v)
+            walker = direction(flow, Walker(f, x, y, u, v), step, 0.0)
+            f, x, y, u, v = walk_straight(flow, walker)
     end = places[f, 0] + np.array([x, y]) @ frames[f]
     assert_allclose(end, places[5].mean(axis=0), rtol=0, atol=0.003)
 

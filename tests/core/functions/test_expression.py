@@ -29,19 +29,23 @@ FORMULAS = {
 }
 
 ATTACKS = (
-    *("x.__class__", "().__class__.__bases__", "__import__('os').system('true')", "open('/etc/passwd')", "x.tofile"),
-    *("[i for i in x]", "(i for i in x)", "[x]", "{1: x}", "lambda: x", "x[0]", "f'{x}'", "'a' * 9", "b'a'", "..."),
-    *("x and y", "not x", "x if y else z", "x @ y", "x // 2", "x << 9", "~x", "x is y", "x in y", "0 < x < 1"),
-    *("x = 1", "(x := 1)", "x; y", "import os", "sin(x, y)", "sin(*x)", "sin(x=x)", "sin(x, out=x)", "sin", "sin(sin)"),
-    *("True", "None", "2j", "max(x)", "where(x)", "sin(x)(y)", "w", "eval(x)", "", "#", "\\", "x\0", "x y", "(x", "x)"),
-    *("(" * 300 + "x" + ")" * 300, "-" * 900 + "x", "9" * 900, "x+" * 4000 + "x", "sin(" * 150 + "x" + ")" * 150 + "'"),
+    *("x.__class__", "().__class__.__bases__", "__import__('os').system('true')"),
+    *("open('/etc/passwd')", "x.tofile", "[i for i in x]", "(i for i in x)", "[x]", "{1: x}"),
+    *("lambda: x", "x[0]", "f'{x}'", "'a' * 9", "b'a'", "...", "x and y", "not x"),
+    *("x if y else z", "x @ y", "x // 2", "x << 9", "~x", "x is y", "x in y", "0 < x < 1"),
+    *("x = 1", "(x := 1)", "x; y", "import os", "sin(x, y)", "sin(*x)", "sin(x=x)"),
+    *("sin(x, out=x)", "sin", "sin(sin)", "True", "None", "2j", "max(x)", "where(x)", "sin(x)(y)"),
+    *("w", "eval(x)", "", "#", "\\", "x\0", "x y", "(x", "x)", "(" * 300 + "x" + ")" * 300),
+    *("-" * 900 + "x", "9" * 900, "x+" * 4000 + "x", "sin(" * 150 + "x" + ")" * 150 + "'"),
     *("9**9**9**9", "9.0**9**9", "1e999", "1/0", "log(-1)", "x/0", "10**400", "0**-1"),
 )
 
 
 @pytest.mark.parametrize("formula", FORMULAS)
 def test_values(formula: str) -> None:
-    assert_allclose(function(MESH, f"expression:{formula}"), FORMULAS[formula], rtol=1e-14, atol=1e-14)
+    assert_allclose(
+        function(MESH, f"expression:{formula}"), FORMULAS[formula], rtol=1e-14, atol=1e-14
+    )
 
 
 @pytest.mark.parametrize("formula", ATTACKS, ids=lambda formula: ascii(formula[:20]))
@@ -54,15 +58,13 @@ def test_everything_else_is_refused(formula: str) -> None:
     assert np.array_equal(MESH.vertices, before)
 
 
-def test_the_message_suggests_the_nearest_name() -> None:
-    with pytest.raises(FunctionError, match=r"'sine' is not known \(did you mean 'sin'\?\)"):
-        function(MESH, "expression:sine(x)")
-
-
 def test_values_that_are_not_finite_are_counted_with_an_example() -> None:
     shifted = TriangleMesh(MESH.vertices - MESH.vertices[5], MESH.faces)
     count = np.sum(shifted.vertices[:, 0] == 0)
-    with pytest.raises(FunctionError, match=f"not finite at {count} of {len(X)} vertices, for example inf at vertex"):
+    with pytest.raises(
+        FunctionError,
+        match=f"not finite at {count} of {len(X)} vertices, for example inf at vertex",
+    ):
         function(shifted, "expression:1/abs(x)")
 
 

@@ -1,8 +1,8 @@
-"""Values and maps from files that lie, wait or bite: one line each, and no more work than the file is worth."""
+"""Values and maps from files that lie, wait or bite: one line each, and no more work than the
+file is worth.
+"""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from abfm.errors import FunctionError, did_you_mean
 from abfm.functions import function
 from abfm.mesh import TriangleMesh
 from tests.core.reading.hostile import npy_of, one_byte_changed
+from tests.processes import python
 from tests.shapes import icosphere
 
 MESH = icosphere(0)
@@ -44,11 +45,15 @@ def test_devices_pipes_and_folders_are_refused(tmp_path: Path, suffix: str, form
     ("name", "content", "words"),
     [
         ("a.npy", npy_of("(6442450944,)", data=bytes(8)), "size is not what its header says"),
-        ("a.npy", npy_of("(12,)", "|O", bytes(96)), "type object"),
+        ("a.npy", npy_of("(12,)", "|O", bytes(96)), "type is object"),
         ("a.npy", b"\x93NUMPY\x01\x00v\x00" + b"(" * 118, "header is damaged"),
         ("a.csv", b"x" * 100_000 + b"\n1\n", "1 values were given"),
         ("a.csv", b"x" * 200_000 + b",y\n1,2\n", "field larger than field limit"),
-        ("a.csv", b"a" * 10_000 + b",\x1b[31m,c\n1,2,3\n", "has 3 columns; choose column=0 to 2 or one of aaa"),
+        (
+            "a.csv",
+            b"a" * 10_000 + b",\x1b[31m,c\n1,2,3\n",
+            "has 3 columns; choose column=0 to 2 or one of aaa",
+        ),
         ("a.csv", b"1,2\n3," + b"x" * 10_000, "where a number is expected"),
         ("a.csv", b"\x1b" * 10_000, "it has only the line"),
         ("a.txt", b"1 " * 100_000, "has 100000 columns"),
@@ -68,7 +73,9 @@ def test_names_that_cannot_be_printed_are_told_in_one_line(tmp_path: Path) -> No
 
 
 def test_columns_are_asked_for_in_one_line(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(",".join(f"name{number}" for number in range(5000)) + "\n" + ",".join(["1"] * 5000))
+    (tmp_path / "a.csv").write_text(
+        ",".join(f"name{number}" for number in range(5000)) + "\n" + ",".join(["1"] * 5000)
+    )
     assert "none called" in error_line(tmp_path / "a.csv", "file:{},column=" + "9" * 5000)
     assert "did you mean 'name12'" in error_line(tmp_path / "a.csv", "file:{},column=nome12")
 
@@ -105,9 +112,12 @@ def test_one_wrong_byte_of_an_array_is_noticed_or_harmless(tmp_path: Path) -> No
         check_outcomes(path)
 
 
-@settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
-    content=st.binary(max_size=60) | st.text("0123456789.,;\t\n\r\"'#+-eE naif\x00\x1b", max_size=60).map(str.encode),
+    content=st.binary(max_size=60)
+    | st.text("0123456789.,;\t\n\r\"'#+-eE naif\x00\x1b", max_size=60).map(str.encode),
     suffix=st.sampled_from([".csv", ".txt", ".npy", ".gii", ".gii.gz", ".sym.vts"]),
 )
 def test_any_bytes_are_values_or_refused(tmp_path: Path, content: bytes, suffix: str) -> None:
@@ -120,7 +130,8 @@ def test_maps_to_meshes_of_files_with_many_more_vertices_need_no_room(tmp_path: 
     """The address space has room for few numbers per vertex of the file."""
     np.save(tmp_path / "map.npy", np.arange(COUNT)[::-1] + 7)
     code = (
-        "import resource, sys, numpy; from abfm import TriangleMesh; from abfm.functions import function\n"
+        "import resource, sys, numpy; from abfm import TriangleMesh; from abfm.functions import "
+        "function\n"
         "vertices, faces, path = numpy.load(sys.argv[1]), numpy.load(sys.argv[2]), sys.argv[3]\n"
         "mesh = TriangleMesh(vertices, faces, numbers=(numpy.arange(len(vertices)) + 7, 10**9))\n"
         "function(mesh, f'permuted:{path}(coordinate:x)')\n"
@@ -131,7 +142,7 @@ def test_maps_to_meshes_of_files_with_many_more_vertices_need_no_room(tmp_path: 
     for name, array in (("vertices", MESH.vertices), ("faces", MESH.faces)):
         np.save(tmp_path / f"{name}.npy", array)
     paths = [tmp_path / "vertices.npy", tmp_path / "faces.npy", tmp_path / "map.npy"]
-    done = subprocess.run([sys.executable, "-c", code, *paths], capture_output=True, text=True, check=False)
+    done = python(code, *paths)
     assert done.stderr == ""
 
 

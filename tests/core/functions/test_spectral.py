@@ -24,7 +24,9 @@ def test_eigenvalues_of_the_sphere_converge_to_l_l_plus_1_with_order_2() -> None
     assert np.log2(errors[0] / errors[1]) > 1.9
 
 
-@pytest.mark.parametrize("mesh", [icosphere(3), torus(30, 15), hemisphere(8), tetrahedron()], ids=str)
+@pytest.mark.parametrize(
+    "mesh", [icosphere(3), torus(30, 15), hemisphere(8), tetrahedron()], ids=str
+)
 def test_eigenbasis_solves_the_generalised_problem(mesh: TriangleMesh) -> None:
     k = min(40, len(mesh.vertices))
     values, functions = eigenbasis(mesh, k)
@@ -51,10 +53,15 @@ def test_the_sign_of_an_odd_eigenfunction_makes_the_first_large_vertex_positive(
     x, y = np.meshgrid(np.linspace(-1, 1, 15), np.linspace(-0.4, 0.4, 7), indexing="ij")
     corner = (np.arange(14)[:, None] * 7 + np.arange(6)).ravel()
     faces = np.concatenate(
-        [np.stack([corner, corner + 7, corner + 8], axis=1), np.stack([corner, corner + 8, corner + 1], axis=1)]
+        [
+            np.stack([corner, corner + 7, corner + 8], axis=1),
+            np.stack([corner, corner + 8, corner + 1], axis=1),
+        ]
     )
     mesh = TriangleMesh(np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3), faces)
-    assert_allclose(function(mesh, "eigenfunction:1"), -np.sin(np.pi * mesh.vertices[:, 0] / 2), atol=0.05)
+    assert_allclose(
+        function(mesh, "eigenfunction:1"), -np.sin(np.pi * mesh.vertices[:, 0] / 2), atol=0.05
+    )
 
 
 def test_results_do_not_depend_on_what_was_computed_before() -> None:
@@ -63,7 +70,9 @@ def test_results_do_not_depend_on_what_was_computed_before() -> None:
     eigenbasis(used.normalized(), 3)
     for spec in ("eigenfunction:7", "hks", "wks"):
         assert_array_equal(function(fresh, spec), function(used, spec))
-    assert_array_equal(eigenbasis(used.normalized(), 3)[1], eigenbasis(used.normalized(), 32)[1][:, :3])
+    assert_array_equal(
+        eigenbasis(used.normalized(), 3)[1], eigenbasis(used.normalized(), 32)[1][:, :3]
+    )
 
 
 def test_eigenbasis_is_read_only_and_bounded() -> None:

@@ -1,4 +1,6 @@
-"""Functions and parameters at the ends of what they may be: a right result or a named reason, and no warning."""
+"""Functions and parameters at the ends of what they may be: a right result or a named reason,
+and no warning.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import abfm
-from abfm.matching.energy.problem import LARGEST, SMALLEST
-from abfm.parameters import CHOICES, LARGEST_ALPHA, MANY, PAPER, Parameters
+from abfm.matching.terms.functions import LARGEST, SMALLEST
+from abfm.parameters import CHOICES, PAPER, Parameters
 from tests.core.fields import bump
 from tests.core.invariance.moves import MESHES, examples
 
@@ -58,7 +60,11 @@ def test_alike_constant_or_far_apart(course: dict[str, Any]) -> None:
     assert "the target is constant" in matched(F, FLAT + 1, **course).verdict.reason
     assert matched(FLAT + 1, FLAT + 2, **course).verdict.kind == "impossible"
     assert matched(-F, F, **course).verdict.kind == "impossible"
-    assert matched(POINTS[3], POINTS[80], **course).verdict.kind in ("not reached", "nearly", "matched")
+    assert matched(POINTS[3], POINTS[80], **course).verdict.kind in (
+        "not reached",
+        "nearly",
+        "matched",
+    )
 
 
 @examples(5)
@@ -66,12 +72,17 @@ def test_alike_constant_or_far_apart(course: dict[str, Any]) -> None:
 def test_a_constant_added_to_both_changes_no_field(exponent: float, course: dict[str, Any]) -> None:
     """Up to the rounding ``eps |c|`` of the functions, of size 1, which each iteration lets grow.
 
-    When a stage is close enough is a share of ``||g||``, so that stages of a fixed length are compared.
+    When a stage is close enough is a share of ``||g||``, so that stages of a fixed length are
+    compared.
     """
     shift = np.copysign(10 ** abs(exponent), exponent)
-    plain, raised = (matched(F + c, G + c, balance=0, stage_iterations=1, **course) for c in (0, shift))
+    plain, raised = (
+        matched(F + c, G + c, balance=0, stage_iterations=1, **course) for c in (0, shift)
+    )
     tolerance = 1e-6 + 1e-8 * abs(shift)
-    assert np.abs(raised.velocity - plain.velocity).max() <= tolerance * np.abs(plain.velocity).max()
+    assert (
+        np.abs(raised.velocity - plain.velocity).max() <= tolerance * np.abs(plain.velocity).max()
+    )
     assert np.abs(raised.advected - shift - plain.advected).max() <= tolerance
 
 
@@ -83,7 +94,10 @@ def test_the_unit_of_functions_does_not_matter(exponent: int, course: dict[str, 
     match = matched(2.0**exponent * F, 2.0**exponent * G, **course)
     assert np.array_equal(match.velocity, expected.velocity)
     assert np.array_equal(match.energy_history, expected.energy_history)
-    assert (match.mismatch, match.verified_mismatch) == (expected.mismatch, expected.verified_mismatch)
+    assert (match.mismatch, match.verified_mismatch) == (
+        expected.mismatch,
+        expected.verified_mismatch,
+    )
 
 
 @pytest.mark.parametrize("size", [1e-12, 1e12, 2 * SMALLEST, LARGEST / 2])
@@ -95,7 +109,10 @@ def test_any_unit_does_up_to_rounding(size: float) -> None:
 @pytest.mark.parametrize("unit", ["relative", "absolute"])
 @pytest.mark.parametrize("size", [5e-324, 1e-300, 1e-162, 1e-101, 1e101, 1e200, 1e300, 1.7e308])
 def test_functions_whose_squares_leave_the_numbers_are_refused(size: float, unit: str) -> None:
-    for call in (matched, lambda f, g, **_: abfm.verify(MESH, f, g, np.zeros((len(MESH.faces), 3)), 1.0)):
+    for call in (
+        matched,
+        lambda f, g, **_: abfm.verify(abfm.Problem(MESH, f, g), np.zeros((len(MESH.faces), 3))),
+    ):
         with pytest.raises(abfm.FunctionError, match="over- or underflow; scale both"):
             call(size * F, size * G, sigma_unit=unit)
 
@@ -121,13 +138,12 @@ def ends() -> list[tuple[str, Any]]:
         if entry.name in CHOICES:
             found += [(entry.name, choice) for choice in CHOICES[entry.name]]
             continue
-        least, most = entry.metadata["minimum"], entry.metadata["maximum"]
+        least, most, without_least = entry.metadata["range"]
         if entry.type == "int":
             found += [(entry.name, least), (entry.name, most)]
         else:
-            low = [] if entry.metadata["open"] else [least]
-            high = LARGEST_ALPHA if entry.name == "alpha" else 1e30 if most == MANY else most
-            found += [(entry.name, value) for value in (*low, max(1e-30, 1.000001 * least), high)]
+            low = [] if without_least else [least]
+            found += [(entry.name, value) for value in (*low, max(1e-30, 1.000001 * least), most)]
     return found
 
 
@@ -146,9 +162,20 @@ def test_beyond_its_bounds_no_parameter_is_taken(name: str, value: Any) -> None:
         wrong: list[Any] = [value + "s", None, 1, ["hodge"], np.arange(1000), "\n" * 100]
     else:
         entry = next(entry for entry in fields(Parameters) if entry.name == name)
-        least, most = entry.metadata["minimum"], entry.metadata["maximum"]
-        wrong = [-1e-9 if least == 0 else least - 1, np.nan, np.inf, 10**400, -(10**400), 10**5000, "1", None, 1j, [1]]
-        wrong += [most + 1] if entry.type == "int" or most < MANY else [1e31]
+        least, most, _ = entry.metadata["range"]
+        wrong = [
+            -1e-9 if least == 0 else least - 1,
+            np.nan,
+            np.inf,
+            10**400,
+            -(10**400),
+            10**5000,
+            "1",
+            None,
+            1j,
+            [1],
+        ]
+        wrong += [most + 1 if most < 1e30 else 1e31]
         wrong += [1.5] if entry.type == "int" else [1e-31]
     for refused in wrong:
         with pytest.raises(abfm.ParameterError) as error:

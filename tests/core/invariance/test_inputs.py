@@ -1,4 +1,6 @@
-"""Whatever a Python user may give for functions, fields and numbers: taken for what it is, or refused in one line."""
+"""Whatever a Python user may give for functions, fields and numbers: taken for what it is, or
+refused in one line.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import pytest
 
 import abfm
 from abfm import baselines, calculus, flow, maps
-from abfm.flow.continuous_flow import flow_map
+from abfm.flow.continuous_flow import ContinuousFlow
 from tests.core.fields import bump, wavy_field
 from tests.core.invariance.moves import MESHES
 
@@ -73,8 +75,8 @@ OF_FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "channels": lambda f: calculus.channels(MESH, f, "f"),
     "transport": lambda f: baselines.optimal_transport(MESH, f, G, 0.5),
     "blend": lambda f: baselines.linear_blend(f, f, 0.5),
-    "verify": lambda f: abfm.verify(MESH, f, G, V, 1.0, subdivided=False).mismatch,
-    "pull back": lambda f: maps.pull_back(MESH, START, f),
+    "verify": lambda f: abfm.verify(abfm.Problem(MESH, f, G), V, subdivided=False).mismatch,
+    "pull back": lambda f: START.pull_back(f),
 }
 OF_FIELDS: dict[str, Callable[[Any], Any]] = {
     "start": lambda v: abfm.match(MESH, F, G, PARAMETERS, start=v).velocity,
@@ -84,11 +86,22 @@ OF_FIELDS: dict[str, Callable[[Any], Any]] = {
     "bracket": lambda v: calculus.lie_bracket_of(MESH, v, V),
     "pushforward": lambda v: calculus.pushforward(MESH, v, V, 0.01),
     "lines": lambda v: flow.flow_lines(MESH, v, START, 0.1)[0].positions,
-    "map": lambda v: flow_map(MESH, v, 0.5).positions,
+    "map": lambda v: ContinuousFlow(MESH, v, 0.5).destinations().positions,
     "energy": lambda v: abfm.MatchingEnergy(MESH, F, G, PARAMETERS)(v)[0],
 }
 NUMBERS: list[Any] = [
-    *(None, "a", "1", 1j, {}, [[1, 2], [3]], "\n".join("abc" * 100), np.arange(1000.0), np.array([1.0]), True),
+    *(
+        None,
+        "a",
+        "1",
+        1j,
+        {},
+        [[1, 2], [3]],
+        "\n".join("abc" * 100),
+        np.arange(1000.0),
+        np.array([1.0]),
+        True,
+    ),
     *(10**400, -(10**400), 10**5000, 10**20, 1e308, 5e-324, np.nan, np.inf, -1, 0, -0.0, 2.5),
     *(1, np.float32(1), np.int64(1), np.array(1.0), np.bool_(True)),
 ]
@@ -98,7 +111,7 @@ OF_NUMBERS: dict[str, Callable[[Any], Any]] = {
     "advect to": lambda t: abfm.advect(MESH, V, F, t),
     "pushforward to": lambda t: calculus.pushforward(MESH, V, V, t),
     "walk to": lambda t: flow.flow_lines(MESH, V, START, t),
-    "map to": lambda t: flow_map(MESH, V, t),
+    "map to": lambda t: ContinuousFlow(MESH, V, t),
     "method": lambda t: abfm.Flow(MESH, V, 1.0, t),
     "parameters": lambda t: abfm.match(MESH, F, G, t) if t is not None else None,
     "transport to": lambda t: baselines.optimal_transport(MESH, F, G, t),
@@ -128,8 +141,12 @@ def refused(call: Callable[[Any], Any], given: Any) -> bool:
     return False
 
 
-@pytest.mark.parametrize(("calls", "array"), [(OF_FUNCTIONS, F), (OF_FIELDS, V)], ids=["functions", "fields"])
-def test_the_same_numbers_in_another_form_are_the_same(calls: dict[str, Callable[[Any], Any]], array: Any) -> None:
+@pytest.mark.parametrize(
+    ("calls", "array"), [(OF_FUNCTIONS, F), (OF_FIELDS, V)], ids=["functions", "fields"]
+)
+def test_the_same_numbers_in_another_form_are_the_same(
+    calls: dict[str, Callable[[Any], Any]], array: Any
+) -> None:
     for name, call in calls.items():
         expected = call(array)
         for what, same in SAME.items():
@@ -140,7 +157,16 @@ def test_the_same_numbers_in_another_form_are_the_same(calls: dict[str, Callable
 def test_other_arrays_are_taken_or_refused(what: str) -> None:
     for calls, array in ((OF_FUNCTIONS, F), (OF_FIELDS, V)):
         for call in calls.values():
-            taken = what in ("single", "half", "truth", "whole", "small whole", "minus nothing", "huge", "tiny")
+            taken = what in (
+                "single",
+                "half",
+                "truth",
+                "whole",
+                "small whole",
+                "minus nothing",
+                "huge",
+                "tiny",
+            )
             is_refused = refused(call, OTHER[what](array))
             assert is_refused or taken or (call is OF_FUNCTIONS["blend"]) or (what == "nothing")
 
@@ -155,5 +181,5 @@ def test_functions_are_copied_when_they_are_taken() -> None:
     source, target = F.copy(), G.copy()
     energy = abfm.MatchingEnergy(MESH, source, target, PARAMETERS)
     source[:] = target[:] = 7
-    assert np.array_equal(energy.source, [F])
-    assert np.array_equal(energy.target, [G])
+    assert np.array_equal(energy.functions.source, [F])
+    assert np.array_equal(energy.functions.target, [G])

@@ -42,7 +42,9 @@ def make_socket(path: Path) -> None:
         opened.bind(str(path))
 
 
-@pytest.mark.parametrize(("make", "words"), [(os.mkdir, "a folder"), (os.mkfifo, "a pipe"), (make_socket, "a socket")])
+@pytest.mark.parametrize(
+    ("make", "words"), [(os.mkdir, "a folder"), (os.mkfifo, "a pipe"), (make_socket, "a socket")]
+)
 def test_what_is_no_file_is_not_replaced(tmp_path, monkeypatch, make, words):
     monkeypatch.chdir(tmp_path)  # names of sockets are short
     make(Path("m.npz"))
@@ -57,14 +59,18 @@ def test_a_device_is_not_replaced_also_behind_a_link(tmp_path):
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
 
 
-@pytest.mark.parametrize("name", ["a" * 252 + ".npz", "none/m.npz", "file/m.npz", "m\0.npz", "loop"])
+@pytest.mark.parametrize(
+    "name", ["a" * 252 + ".npz", "none/m.npz", "file/m.npz", "m\0.npz", "loop"]
+)
 def test_places_without_room_for_a_file_are_refused(tmp_path, name):
     (tmp_path / "file").touch()
     (tmp_path / "loop").symlink_to("loop")
     assert refusal(tmp_path / name).startswith("cannot write ")
 
 
-@pytest.mark.parametrize("name", ["a" * 251 + ".npz", "a." + "b" * 253, "ä" * 125 + ".npz", "." * 9])
+@pytest.mark.parametrize(
+    "name", ["a" * 251 + ".npz", "a." + "b" * 253, "ä" * 125 + ".npz", "." * 9]
+)
 def test_names_as_long_as_the_system_takes_are_written(tmp_path, name):
     check_writable(tmp_path / name)
     written(tmp_path / name)
@@ -117,7 +123,8 @@ KILLED = """
 import os, sys
 from pathlib import Path
 from abfm.io.temporary import temporary_file, temporary_folder
-with temporary_file(Path(sys.argv[1]), ".npz") as file, temporary_folder(Path(sys.argv[1])) as folder:
+place = Path(sys.argv[1])
+with temporary_file(place, ".npz") as file, temporary_folder(place) as folder:
     (folder / "frame").touch()
     print("there", flush=True)
     sys.stdin.read()
@@ -144,7 +151,8 @@ def test_what_a_killed_process_left_goes_with_the_next_write_and_not_before_it_i
 
 
 def test_others_files_are_left_alone(tmp_path):
-    names = [".abfm-00000000-0123456789ab.npz", ".m-0123456789ab.npz", ".abfm"]  # of another machine, or of nobody
+    # of another machine, or of nobody
+    names = [".abfm-00000000-0123456789ab.npz", ".m-0123456789ab.npz", ".abfm"]
     for name in names:
         (tmp_path / name).touch()
     written(tmp_path / "m.npz")
@@ -167,7 +175,9 @@ def test_many_writers_of_one_folder_do_not_disturb_one_another(tmp_path):
     for thread in threads:
         thread.join()
     assert problems == []
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {f"{n}.txt": str(n) for n in range(8)}
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+        f"{n}.txt": str(n) for n in range(8)
+    }
 
 
 def test_a_process_that_ends_at_once_can_remove_what_it_has_in_use(tmp_path):

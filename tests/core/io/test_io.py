@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import csv
-import errno
 import json
 import os
 import stat
-import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 import zipfile
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,8 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from abfm.errors import ResultError
@@ -33,7 +28,7 @@ from abfm.io import (
     save_arrays,
     write_atomically,
 )
-from tests.core.reading.hostile import refusal
+from tests.core.reading.hostile import refusal, with_flipped_bits
 from tests.shapes import square, tetrahedron, torus
 
 Arrays = dict[str, Any]
@@ -136,10 +131,16 @@ class TestResultFile:
             ({"target": np.zeros((16, 3))}, r"target has shape \(16, 3\); expected \(16, 2\)"),
             ({"advected": np.zeros((15, 2))}, r"advected has shape \(15, 2\); expected \(16, 2\)"),
             ({"advected": np.full((16, 2), 1j)}, "advected has type complex128"),
-            ({"velocity": np.zeros((3, 17, 3))}, r"velocity has shape \(3, 17, 3\); expected \(N, 18, 3\)"),
+            (
+                {"velocity": np.zeros((3, 17, 3))},
+                r"velocity has shape \(3, 17, 3\); expected \(N, 18, 3\)",
+            ),
             ({"velocity": np.zeros((0, 18, 3))}, r"velocity has shape \(0, 18, 3\)"),
             ({"velocity": np.full((1, 18, 3), np.nan)}, "velocity has values that are not finite"),
-            ({"energy_history": np.full((5, 3), np.inf)}, "energy_history has values that are not finite"),
+            (
+                {"energy_history": np.full((5, 3), np.inf)},
+                "energy_history has values that are not finite",
+            ),
             ({"stages": np.zeros(4, dtype=int)}, r"stages has shape \(4,\); expected \(5\)"),
             ({"vertex_ids": np.arange(16) + 4}, "vertex_ids has an index outside 0 to 18"),
             ({"vertex_ids": np.arange(16)[::-1] + 3}, "vertex_ids do not ascend"),
@@ -163,19 +164,10 @@ class TestResultFile:
             load_arrays(saved_by_numpy(tmp_path / "m.npz", **change))
         assert "; " in error_line(tmp_path / "m.npz")
 
-    @pytest.mark.parametrize(
-        ("content", "words"),
-        [
-            (b"", "no result file of abfm"),
-            (b"OFF\n4 4 0\n", "no result file of abfm"),
-            (b"\x80\x04N.", "no result file of abfm"),
-        ],
-    )
-    def test_other_files_are_refused(self, tmp_path: Path, content: bytes, words: str) -> None:
-        (tmp_path / "m.npz").write_bytes(content)
-        assert words in error_line(tmp_path / "m.npz")
-
-    def test_other_zips_are_refused(self, tmp_path: Path) -> None:
+    def test_other_files_are_refused(self, tmp_path: Path) -> None:
+        for content in (b"", b"OFF\n4 4 0\n", b"\x80\x04N."):
+            (tmp_path / "m.npz").write_bytes(content)
+            assert "no result file of abfm" in error_line(tmp_path / "m.npz")
         with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
             file.writestr("readme.txt", "hello")
         assert "no result file of abfm" in error_line(tmp_path / "a.zip")
@@ -183,44 +175,29 @@ class TestResultFile:
             file.writestr("format_version.npy", "hello")
         assert "format_version" in error_line(tmp_path / "b.zip")
 
-    def test_missing_files_and_folders_are_refused(self, tmp_path: Path) -> None:
         assert "No such file" in error_line(tmp_path / "none.npz")
         assert "directory" in error_line(tmp_path)
 
-    def test_damage_is_noticed(self, tmp_path_factory: pytest.TempPathFactory) -> None:
-        folder = tmp_path_factory.mktemp("damage")
-        save_arrays(folder / "whole.npz", result_arrays())
-        whole = (folder / "whole.npz").read_bytes()
-        damaged = folder / "damaged.npz"
+    def test_damage_is_noticed(self, tmp_path: Path) -> None:
+        path, given = tmp_path / "m.npz", result_arrays()
+        save_arrays(path, given)
+        whole = path.read_bytes()
 
-        @settings(deadline=None, max_examples=150, derandomize=True)
-        @given(position=st.integers(0, len(whole) - 1), value=st.integers(1, 255))
-        def flip(position: int, value: int) -> None:
-            content = bytearray(whole)
-            content[position] ^= value
-            damaged.write_bytes(content)
-            try:
-                loaded = load_arrays(damaged)
-            except ResultError as error:
-                outcome = str(error)
-                assert "\n" not in outcome
-            else:  # a byte of the zip's own that carries no content
-                assert loaded.keys() == result_arrays().keys()
-                for name, array in loaded.items():
-                    assert_array_equal(array, result_arrays()[name])
+        def check(loaded: Arrays) -> None:
+            assert loaded.keys() == given.keys()
+            for name, array in loaded.items():
+                assert_array_equal(array, given[name])
 
-        @settings(deadline=None, max_examples=50, derandomize=True)
-        @given(length=st.integers(0, len(whole) - 1))
-        def cut(length: int) -> None:
-            damaged.write_bytes(whole[:length])
-            assert "cut short" in error_line(damaged)
-
-        flip()
-        cut()
+        with_flipped_bits(path, load_arrays, check)
+        for length in range(0, len(whole), len(whole) // 50):
+            path.write_bytes(whole[:length])
+            assert "cut short" in error_line(path)
 
     def test_what_would_not_load_is_not_saved(self, tmp_path: Path) -> None:
         path = tmp_path / "m.npz"
-        with pytest.raises(ResultError, match=r"m\.npz not written: velocity has values that are not finite"):
+        with pytest.raises(
+            ResultError, match=r"m\.npz not written: velocity has values that are not finite"
+        ):
             save_arrays(path, result_arrays() | {"velocity": np.full((1, 18, 3), np.nan)})
         with pytest.raises(ResultError, match="no place for colour"):
             save_arrays(path, result_arrays() | {"colour": np.ones(3)})
@@ -228,14 +205,6 @@ class TestResultFile:
 
 
 class TestWriteAtomically:
-    def test_replaces_the_file(self, tmp_path: Path) -> None:
-        path = tmp_path / "a.txt"
-        for text in ("old", "new"):
-            with write_atomically(path) as temporary:
-                temporary.write_text(text)
-            assert path.read_text() == text
-        assert os.listdir(tmp_path) == ["a.txt"]
-
     def test_works_in_the_same_folder_under_the_same_suffix(self, tmp_path: Path) -> None:
         with write_atomically(tmp_path / "a.tar.gz") as temporary:
             assert temporary.parent == tmp_path
@@ -254,30 +223,6 @@ class TestWriteAtomically:
             interrupted()
         assert path.read_text() == "old"
         assert os.listdir(tmp_path) == ["a.txt"]
-
-    def test_a_full_disk_leaves_the_old_file(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        def full(_: int) -> None:
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-        path = tmp_path / "m.npz"
-        save_arrays(path, result_arrays())
-        monkeypatch.setattr(os, "fsync", full)
-        with pytest.raises(ResultError, match=r"cannot write .*m\.npz: No space left on device"):
-            save_arrays(path, result_arrays() | {"stop_reason": "cancelled"})
-        assert load_arrays(path)["stop_reason"] == "iteration limit"
-        assert os.listdir(tmp_path) == ["m.npz"]
-
-    def test_a_killed_process_leaves_the_old_file(self, tmp_path: Path) -> None:
-        path = tmp_path / "a.txt"
-        path.write_text("old")
-        program = (
-            "import os, sys\nfrom abfm.io.atomic import write_atomically\n"
-            "with write_atomically(sys.argv[1]) as temporary:\n    temporary.write_text('half')\n    os._exit(9)\n"
-        )
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-        killed = subprocess.run([sys.executable, "-c", program, str(path)], env=environment, check=False)
-        assert killed.returncode == 9
-        assert path.read_text() == "old"
 
     def test_the_data_is_on_the_disk_before_the_old_file_goes(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -312,14 +257,11 @@ class TestWriteAtomically:
         assert (tmp_path / "link").is_symlink()
         assert (tmp_path / "file").read_text() == "new"
 
-    def test_impossible_places_are_named(self, tmp_path: Path) -> None:
-        for path in (tmp_path / "no" / "a.txt", tmp_path):
-            with pytest.raises(ResultError, match=f"cannot write {path}: .*; choose"), write_atomically(path):
-                pass
-
 
 def read_vtu(path: Path) -> dict[str, np.ndarray]:
-    """Every array of a VTU file with raw appended data, by name, as the VTK file format describes it."""
+    """Every array of a VTU file with raw appended data, by name, as the VTK file format
+    describes it.
+    """
     head, _, data = path.read_bytes().partition(b'<AppendedData encoding="raw">')
     data = data[data.index(b"_") + 1 :]
     root = ElementTree.fromstring(head + b"</VTKFile>")
@@ -343,7 +285,11 @@ def read_vtu(path: Path) -> dict[str, np.ndarray]:
 class TestExports:
     mesh = torus(7, 5)
     random = np.random.default_rng(3)
-    f, colours, v_map = random.normal(size=35), random.normal(size=(35, 4)), random.normal(size=(35, 3))
+    f, colours, v_map = (
+        random.normal(size=35),
+        random.normal(size=(35, 4)),
+        random.normal(size=(35, 3)),
+    )
     area, velocity = random.uniform(size=70), random.normal(size=(70, 3))
 
     def test_vtu_keeps_every_digit(self, tmp_path: Path) -> None:
@@ -361,7 +307,9 @@ class TestExports:
         assert_array_equal(arrays["offsets"], np.arange(3, 211, 3))
         assert_array_equal(arrays["types"], np.full(70, 5))  # VTK_TRIANGLE
         assert_array_equal(arrays["f"], self.f)
-        assert_array_equal(np.stack([arrays[f"colours_{k}"] for k in range(4)], axis=1), self.colours)
+        assert_array_equal(
+            np.stack([arrays[f"colours_{k}"] for k in range(4)], axis=1), self.colours
+        )
         assert_array_equal(arrays["map"], self.v_map)
         assert_array_equal(arrays["area"], self.area)
         assert_array_equal(arrays["velocity"], self.velocity)
@@ -380,18 +328,21 @@ class TestExports:
         assert_array_equal(read.faces, self.mesh.faces)
         points, cells = (read.metadata["_ply_raw"][name]["data"] for name in ("vertex", "face"))
         assert_array_equal(points["f"], self.f)
-        assert_array_equal(np.stack([points[f"colours_{k}"] for k in range(4)], axis=1), self.colours)
+        assert_array_equal(
+            np.stack([points[f"colours_{k}"] for k in range(4)], axis=1), self.colours
+        )
         assert_array_equal(cells["area"].ravel(), self.area)
-        assert_array_equal(np.stack([cells[f"velocity_{k}"].ravel() for k in range(3)], axis=1), self.velocity)
+        assert_array_equal(
+            np.stack([cells[f"velocity_{k}"].ravel() for k in range(3)], axis=1), self.velocity
+        )
 
     def test_ply_without_data_is_a_plain_mesh(self, tmp_path: Path) -> None:
         export_ply(tmp_path / "a.ply", tetrahedron(), {}, {})
         assert (
-            b"property double z\nelement face 4\nproperty list uchar int vertex_indices\nend_header\n"
-            in (tmp_path / "a.ply").read_bytes()
+            b"property double z\nelement face 4\nproperty list uchar int vertex_indices\n"
+            b"end_header\n" in (tmp_path / "a.ply").read_bytes()
         )
 
-    @pytest.mark.parametrize(("export", "name"), [(export_ply, "a.ply"), (export_vtu, "a.vtu")])
     @pytest.mark.parametrize(
         ("points", "cells", "words"),
         [
@@ -404,10 +355,11 @@ class TestExports:
         ],
     )
     def test_data_that_does_not_fit_is_refused(
-        self, tmp_path: Path, export: Callable[..., None], name: str, points: Arrays, cells: Arrays, words: str
+        self, tmp_path: Path, points: Arrays, cells: Arrays, words: str
     ) -> None:
-        with pytest.raises(ResultError, match=words):
-            export(tmp_path / name, self.mesh, points, cells)
+        for export, name in ((export_ply, "a.ply"), (export_vtu, "a.vtu")):
+            with pytest.raises(ResultError, match=words):
+                export(tmp_path / name, self.mesh, points, cells)
         assert os.listdir(tmp_path) == []
 
     def test_names_of_the_format_are_refused(self, tmp_path: Path) -> None:

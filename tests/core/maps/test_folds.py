@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from abfm.flow.continuous_flow import flow_map
+from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.maps.closest_points import project_onto_surface
 from abfm.maps.folds import MOST, folds, turned_parts
-from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
+from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from tests.core.fields import rotation_field, wavy_field
@@ -24,7 +25,7 @@ def by_positions(mesh: TriangleMesh, move: Callable[[FloatArray], FloatArray]) -
 
 
 def shares(mesh: TriangleMesh, carried: Map, most: int = MOST) -> tuple[float, float]:
-    places = carried(vertex_points(mesh, np.arange(len(mesh.vertices)))).positions
+    places = carried(vertex_points(mesh)).positions
     return folds(mesh, carried, np.arange(len(mesh.faces)), places[mesh.faces], most)
 
 
@@ -37,7 +38,9 @@ def test_a_reflection_folds_every_face() -> None:
 
 def test_a_map_that_folds_half_of_the_plane_over_folds_that_half() -> None:
     mesh = square(40)
-    folded, overturned = shares(mesh, by_positions(mesh, lambda x: np.abs(x * [2, 1, 1] - [1, 0, 0])))
+    folded, overturned = shares(
+        mesh, by_positions(mesh, lambda x: np.abs(x * [2, 1, 1] - [1, 0, 0]))
+    )
     left = (mesh.vertices[mesh.faces].mean(axis=1)[:, 0] < 0.5).mean()
     assert abs(folded - left) < 0.02
     assert folded <= overturned
@@ -52,8 +55,8 @@ def test_a_collapsed_surface_is_not_folded() -> None:
 def test_smooth_flows_fold_nothing_even_where_they_overturn_stretched_faces(seed: int) -> None:
     mesh = icosphere(3)
     turn, field = rotation_field(mesh, [1, 0, 0]), 5 * wavy_field(mesh, seed)
-    assert shares(mesh, lambda start: flow_map(mesh, turn, 1.0, start=start)) == (0, 0)
-    folded, overturned = shares(mesh, lambda start: flow_map(mesh, field, 0.2, start=start))
+    assert shares(mesh, ContinuousFlow(mesh, turn, 1.0).destinations) == (0, 0)
+    folded, overturned = shares(mesh, ContinuousFlow(mesh, field, 0.2).destinations)
     assert overturned > 0.02
     assert folded < 0.05 * overturned
 

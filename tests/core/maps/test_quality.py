@@ -1,4 +1,4 @@
-"""Distances from the surface and folds, of maps made to have them, and whether warnings tell wrong maps."""
+"""Distances from the surface and folds of maps made to have them, and their warnings."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import pytest
 
 from abfm.assets import asset_path
 from abfm.errors import AbfmError
-from abfm.experiments.given_flow import feet, stream_field
+from abfm.experiments.fields import feet, stream_field
 from abfm.flow.flow import Flow
+from abfm.maps.distortion import distortion
+from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE, MapQuality, map_quality
-from abfm.maps.surface_points import distortion, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh, load_mesh
 from tests.shapes import icosphere, square, torus
 
@@ -18,11 +19,8 @@ from tests.shapes import icosphere, square, torus
 def test_the_identity_and_an_isometry_are_perfect() -> None:
     mesh = torus(24, 12)
     turned = TriangleMesh(7 * mesh.vertices[:, [1, 2, 0]], mesh.faces)
-    everywhere = np.arange(len(mesh.vertices))
-    for found in (
-        map_quality(mesh, vertex_points(mesh, everywhere)),
-        map_quality(mesh, vertex_points(turned, everywhere), turned),
-    ):
+    for codomain in (mesh, turned):
+        found = map_quality(PointMap.of_vertices(mesh, codomain))
         assert found == MapQuality(0.0, 0.0, 0.0)
         assert found.warning is None
 
@@ -33,7 +31,7 @@ def test_distances_are_those_that_were_given_in_any_unit(unit: float) -> None:
     mesh = TriangleMesh(2 * unit * mesh.vertices, mesh.faces)
     off = np.linspace(0, 0.3, len(mesh.vertices))
     moved = mesh.vertices + 2 * unit * np.outer(off, [0, 0, 1])
-    found = map_quality(mesh, project_onto_surface(mesh, moved))
+    found = map_quality(PointMap.project(mesh, mesh, moved))
     assert found.largest_distance == pytest.approx(0.3)
     assert found.rms_distance == pytest.approx(np.sqrt(np.mean(off**2)))
     assert found.folded == 0
@@ -44,7 +42,7 @@ def test_distances_are_those_that_were_given_in_any_unit(unit: float) -> None:
 
 def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces() -> None:
     mesh = torus(24, 12)
-    mirrored = map_quality(mesh, project_onto_surface(mesh, mesh.vertices * [1, 1, -1]))
+    mirrored = map_quality(PointMap.project(mesh, mesh, mesh.vertices * [1, 1, -1]))
     assert mirrored.folded == 1
     assert mirrored.largest_distance < 1e-12
     assert mirrored.warning is not None
@@ -52,7 +50,7 @@ def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces() -> None:
     flat = square(6)
     dragged = flat.vertices.copy()
     dragged[np.argmin(np.linalg.norm(flat.vertices - [0.5, 0.5, 0], axis=1))] += [0.3, 0, 0]
-    few = map_quality(flat, project_onto_surface(flat, dragged))
+    few = map_quality(PointMap.project(flat, flat, dragged))
     assert few.folded == distortion(flat, dragged).flipped.sum() / len(flat.faces)
     assert 0 < few.folded < FOLDED
     assert few.warning is None
@@ -62,8 +60,7 @@ def test_folds_are_judged_on_the_surface_that_the_map_leads_to() -> None:
     """A half-turned copy: on the mesh itself half of the normals would look the other way."""
     mesh = icosphere(2)
     turned = TriangleMesh(mesh.vertices * [-1, -1, 1], mesh.faces)
-    points = vertex_points(turned, np.arange(len(mesh.vertices)))
-    assert map_quality(mesh, points, turned).folded == 0
+    assert map_quality(PointMap.of_vertices(mesh, turned)).folded == 0
     inside_out = TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
     assert distortion(mesh, mesh.vertices, inside_out).flipped.all()
 
@@ -85,18 +82,27 @@ def test_the_report_has_the_numbers() -> None:
     )
 
 
-SURFACES = {"eight": load_mesh(asset_path("eight.off")), "torus": torus(40, 20), "sphere": icosphere(3)}
+SURFACES = {
+    "eight": load_mesh(asset_path("eight.off")),
+    "torus": torus(40, 20),
+    "sphere": icosphere(3),
+}
 
 
 @pytest.mark.parametrize("name", SURFACES)
 @pytest.mark.parametrize("modes", [{1: 1.0, 2: 1.0}, {5: 1.0, 8: 1.0}])
 @pytest.mark.parametrize("speed", [0.1, 0.3, 0.6])
-def test_maps_without_a_warning_are_near_exact_flow_lines(name: str, modes: dict[int, float], speed: float) -> None:
+def test_maps_without_a_warning_are_near_exact_flow_lines(
+    name: str, modes: dict[int, float], speed: float
+) -> None:
     mesh = SURFACES[name]
     field = stream_field(mesh, modes, speed)
     points = Flow(mesh, field).point_map()
-    found = map_quality(mesh, points)
-    errors = np.linalg.norm(points.positions - feet(mesh, field, np.ones(1))[0], axis=1) / mesh.length_scale
+    found = map_quality(points)
+    errors = (
+        np.linalg.norm(points.positions - feet(mesh, field, np.ones(1))[0], axis=1)
+        / mesh.length_scale
+    )
     if found.warning is None:
         assert errors.mean() < 0.025
     if found.largest_distance > LARGEST_DISTANCE:
@@ -107,5 +113,5 @@ def test_maps_without_a_warning_are_near_exact_flow_lines(name: str, modes: dict
 
 def test_a_map_of_other_vertices_is_refused() -> None:
     mesh = icosphere(1)
-    with pytest.raises(AbfmError, match="one row per vertex"):
-        map_quality(mesh, vertex_points(mesh, np.arange(5)))
+    with pytest.raises(AbfmError, match="one point per vertex"):
+        PointMap.of_vertices(mesh, mesh, np.arange(5))

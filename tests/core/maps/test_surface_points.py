@@ -1,4 +1,4 @@
-"""Closest points, point maps of flows and their distortion, against brute force and maps known exactly."""
+"""Closest points, point maps and distortion, against brute force and maps known exactly."""
 
 from __future__ import annotations
 
@@ -17,14 +17,10 @@ from scipy.sparse.linalg import expm_multiply
 from abfm.calculus.operators import face_areas, l2_norm
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.errors import AbfmError, FunctionError
-from abfm.maps.surface_points import (
-    POINTS_PER_QUERY,
-    SurfacePoints,
-    distortion,
-    map_vertices_to_nearest,
-    project_onto_surface,
-    pull_back,
-)
+from abfm.maps.closest_points import POINTS_PER_QUERY, project_onto_surface
+from abfm.maps.distortion import distortion
+from abfm.maps.point_maps import PointMap
+from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.types import FloatArray
 from tests.shapes import ellipsoid, hemisphere, icosphere, square, torus
@@ -47,8 +43,8 @@ def carried_by_rotation(mesh: TriangleMesh, h: FloatArray, angle: float) -> Floa
     return expm_multiply(-angle * operator, h)
 
 
-def rotation_map(mesh: TriangleMesh, angle: float) -> SurfacePoints:
-    return project_onto_surface(mesh, carried_by_rotation(mesh, mesh.vertices, angle))
+def rotation_map(mesh: TriangleMesh, angle: float) -> PointMap:
+    return PointMap.project(mesh, mesh, carried_by_rotation(mesh, mesh.vertices, angle))
 
 
 def observed_order(coarse: float, fine: float) -> float:
@@ -60,7 +56,9 @@ def brute_force_distances(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
     faces = len(mesh.faces)
     corners = np.tile(mesh.vertices[mesh.faces], (len(points), 1, 1))
     closest = trimesh.triangles.closest_point(corners, np.repeat(points, faces, axis=0))
-    return np.linalg.norm(closest.reshape(len(points), faces, 3) - points[:, None], axis=2).min(axis=1)
+    return np.linalg.norm(closest.reshape(len(points), faces, 3) - points[:, None], axis=2).min(
+        axis=1
+    )
 
 
 def assert_consistent(mesh: TriangleMesh, points: FloatArray, found: SurfacePoints) -> None:
@@ -68,9 +66,12 @@ def assert_consistent(mesh: TriangleMesh, points: FloatArray, found: SurfacePoin
     assert found.barycentric.min() >= 0
     assert_allclose(found.barycentric.sum(axis=1), 1, rtol=0, atol=1e-15)
     corners = mesh.vertices[mesh.faces[found.faces]]
-    assert_allclose(found.positions, (found.barycentric[..., None] * corners).sum(axis=1), rtol=0, atol=1e-14)
-    assert_allclose(found.distances, np.linalg.norm(points - found.positions, axis=1), rtol=0, atol=1e-15)
-    towards = ((corners - found.positions[:, None]) * (points - found.positions)[:, None]).sum(axis=2)
+    assert_allclose(
+        found.positions, (found.barycentric[..., None] * corners).sum(axis=1), rtol=0, atol=1e-14
+    )
+    towards = ((corners - found.positions[:, None]) * (points - found.positions)[:, None]).sum(
+        axis=2
+    )
     scale = 1 + np.abs(points).max()
     assert towards.max() <= 1e-13 * scale**2
 
@@ -81,36 +82,59 @@ class TestProjection:
         radii=arrays(float, 42, elements=st.floats(0.3, 2)),
         points=arrays(float, (12, 3), elements=st.floats(-3, 3)),
     )
-    def test_agrees_with_brute_force_on_random_stars(self, radii: FloatArray, points: FloatArray) -> None:
+    def test_agrees_with_brute_force_on_random_stars(
+        self, radii: FloatArray, points: FloatArray
+    ) -> None:
         sphere = icosphere(1)
         mesh = TriangleMesh(sphere.vertices * radii[:, None], sphere.faces)
         found = project_onto_surface(mesh, points)
-        assert_allclose(found.distances, brute_force_distances(mesh, points), rtol=0, atol=1e-14)
+        assert_allclose(
+            found.distances_from(points), brute_force_distances(mesh, points), rtol=0, atol=1e-14
+        )
         assert_consistent(mesh, points, found)
 
     @pytest.mark.parametrize("thickness", [1e-2, 1e-5, 1e-8])
     def test_agrees_with_brute_force_on_thin_triangles(self, thickness: float) -> None:
         flat = torus(9, 7)
         mesh = TriangleMesh(flat.vertices * [1, thickness, 0.3], flat.faces)
-        points = np.random.default_rng(2).uniform(-1.5, 1.5, size=(40, 3)) * [1, thickness**0.5, 0.5]
+        points = np.random.default_rng(2).uniform(-1.5, 1.5, size=(40, 3)) * [
+            1,
+            thickness**0.5,
+            0.5,
+        ]
         found = project_onto_surface(mesh, points)
-        assert_allclose(found.distances, brute_force_distances(mesh, points), rtol=0, atol=1e-14)
+        assert_allclose(
+            found.distances_from(points), brute_force_distances(mesh, points), rtol=0, atol=1e-14
+        )
         assert_consistent(mesh, points, found)
 
     def test_agrees_with_brute_force_on_a_body(self) -> None:
         mesh = load_mesh(HUMAN)
         random = np.random.default_rng(5)
-        points = mesh.vertices[::20] + 0.05 * mesh.length_scale * random.normal(size=(len(mesh.vertices[::20]), 3))
+        points = mesh.vertices[::20] + 0.05 * mesh.length_scale * random.normal(
+            size=(len(mesh.vertices[::20]), 3)
+        )
         found = project_onto_surface(mesh, points)
-        assert_allclose(found.distances, brute_force_distances(mesh, points), rtol=0, atol=1e-14 * mesh.length_scale)
+        assert_allclose(
+            found.distances_from(points),
+            brute_force_distances(mesh, points),
+            rtol=0,
+            atol=1e-14 * mesh.length_scale,
+        )
         assert_consistent(mesh, points, found)
 
     @settings(deadline=None, max_examples=60, derandomize=True)
     @given(points=arrays(float, (5, 3), elements=st.floats(-2, 3)))
     def test_is_clamping_for_a_square(self, points: FloatArray) -> None:
         found, expected = project_onto_surface(square(5), points), np.clip(points, 0, [1, 1, 0])
-        assert_allclose(found.distances, np.linalg.norm(points - expected, axis=1), rtol=0, atol=1e-14)
-        assert_allclose(found.positions, expected, rtol=0, atol=1e-7)  # moving sideways by 1e-8 changes no distance
+        assert_allclose(
+            found.distances_from(points),
+            np.linalg.norm(points - expected, axis=1),
+            rtol=0,
+            atol=1e-14,
+        )
+        # moving sideways by 1e-8 changes no distance
+        assert_allclose(found.positions, expected, rtol=0, atol=1e-7)
 
     @pytest.mark.parametrize("mesh", [icosphere(2), hemisphere(5), torus(9, 8)])
     def test_leaves_points_of_the_surface(self, mesh: TriangleMesh) -> None:
@@ -122,26 +146,18 @@ class TestProjection:
         assert_allclose(found.barycentric, weights, rtol=0, atol=1e-13)
         at_vertices = project_onto_surface(mesh, mesh.vertices)
         assert_allclose(at_vertices.positions, mesh.vertices, rtol=0, atol=1e-15)
-        assert_array_equal(map_vertices_to_nearest(mesh, at_vertices), np.arange(len(mesh.vertices)))
+        assert_array_equal(at_vertices.nearest_vertices(), np.arange(len(mesh.vertices)))
 
     def test_does_not_depend_on_the_other_points(self) -> None:
         mesh, random = icosphere(3), np.random.default_rng(6)
         points = random.normal(size=(POINTS_PER_QUERY + 500, 3))
         points[::7] = 0  # as far from every face
         order = random.permutation(len(points))
-        found, shuffled = project_onto_surface(mesh, points), project_onto_surface(mesh, points[order])
+        found = project_onto_surface(mesh, points)
+        shuffled = project_onto_surface(mesh, points[order])
         assert_array_equal(shuffled.faces, found.faces[order])
         assert_array_equal(shuffled.barycentric, found.barycentric[order])
         assert_array_equal(shuffled.positions, found.positions[order])
-
-    def test_scales_and_moves_with_the_mesh(self) -> None:
-        mesh, points = icosphere(2), np.random.default_rng(8).normal(size=(50, 3))
-        moved = TriangleMesh(1e-3 * mesh.vertices + [0.5, -1, 2], mesh.faces)
-        found, found_moved = (
-            project_onto_surface(mesh, points),
-            project_onto_surface(moved, 1e-3 * points + [0.5, -1, 2]),
-        )
-        assert_allclose(found_moved.distances, 1e-3 * found.distances, rtol=0, atol=1e-15)
 
     def test_no_points(self) -> None:
         assert project_onto_surface(icosphere(0), np.zeros((0, 3))).positions.shape == (0, 3)
@@ -162,24 +178,60 @@ class TestPullBack:
     def test_is_linear_in_each_face(self) -> None:
         mesh = torus(8, 6)
         found = project_onto_surface(mesh, np.random.default_rng(1).normal(size=(30, 3)))
-        assert_allclose(pull_back(mesh, found, mesh.vertices), found.positions, rtol=0, atol=1e-15)
-        values = pull_back(mesh, found, mesh.vertices @ [1, 2, 3] - 4)
+        assert_allclose(found.pull_back(mesh.vertices), found.positions, rtol=0, atol=1e-15)
+        values = found.pull_back(mesh.vertices @ [1, 2, 3] - 4)
         assert values.shape == (30,)
         assert_allclose(values, found.positions @ [1, 2, 3] - 4, rtol=0, atol=1e-14)
 
     def test_refuses_functions_of_other_meshes(self) -> None:
         mesh = icosphere(0)
         with pytest.raises(FunctionError, match="11 values were given for a mesh of 12 vertices"):
-            pull_back(mesh, project_onto_surface(mesh, mesh.vertices), np.zeros(11))
+            project_onto_surface(mesh, mesh.vertices).pull_back(np.zeros(11))
+
+
+class TestPointMaps:
+    def test_pulling_back_is_a_matrix_whose_rows_sum_to_one(self) -> None:
+        a, b = icosphere(1), torus(8, 6)
+        found = PointMap.project(a, b, 2 * a.vertices)
+        matrix = found.to_matrix()
+        h = np.random.default_rng(0).normal(size=(len(b.vertices), 2))
+        assert_allclose(matrix @ h, found.pull_back(h), rtol=0, atol=1e-14)
+        assert_allclose(matrix.sum(axis=1), 1, rtol=0, atol=1e-14)
+        assert_allclose(
+            found.distances, np.linalg.norm(2 * a.vertices - found.positions, axis=1), rtol=1e-14
+        )
+
+    def test_it_is_made_of_faces_and_weights(self) -> None:
+        mesh = icosphere(1)
+        identity = PointMap.of_vertices(mesh, mesh)
+        again = PointMap(mesh, mesh, identity.faces, identity.barycentric)
+        assert_array_equal(again.positions, mesh.vertices)
+        assert_array_equal(again.nearest_vertices(), np.arange(len(mesh.vertices)))
+        assert_array_equal(again.distances, np.zeros(len(mesh.vertices)))
+        assert_allclose(again.distortion().singular_values, 1, rtol=0, atol=1e-12)
+
+    def test_what_is_no_map_is_refused(self) -> None:
+        mesh, count = icosphere(0), 12
+        faces, weights = np.zeros(count, dtype=int), np.full((count, 3), 1 / 3)
+        for wrong_faces, wrong_weights, words in (
+            (faces[1:], weights[1:], "11 points for 12 vertices: give one point per vertex"),
+            (faces + 20, weights, "faces 20 to 20; expected 0 to 19"),
+            (faces, 2 * weights, "negative or do not sum to 1"),
+            (faces, weights[:, :2], r"expected \(P,\) whole numbers and \(P, 3\)"),
+        ):
+            with pytest.raises(AbfmError, match=words):
+                PointMap(mesh, mesh, wrong_faces, wrong_weights)
 
 
 class TestNearestVertices:
     def test_stays_on_its_side_of_a_thin_part(self) -> None:
         mesh = ellipsoid(2, 1, 1, 1e-3)
         random = np.random.default_rng(3)
-        points = np.column_stack([random.uniform(-0.5, 0.5, size=(200, 2)), random.choice([-1, 1], size=200)])
+        points = np.column_stack(
+            [random.uniform(-0.5, 0.5, size=(200, 2)), random.choice([-1, 1], size=200)]
+        )
         found = project_onto_surface(mesh, points)
-        nearest = map_vertices_to_nearest(mesh, found)
+        nearest = found.nearest_vertices()
         assert (mesh.vertices[nearest, 2] * points[:, 2] >= 0).all()
         corners = mesh.vertices[mesh.faces[found.faces]]
         assert_array_equal(
@@ -189,13 +241,14 @@ class TestNearestVertices:
 
 
 class TestFlowMaps:
-    """A rotation of the sphere, whose map is known: errors fall with the square of the edge length."""
+    """A rotation of the sphere, whose map is known: errors have order two."""
 
     meshes = (icosphere(3), icosphere(4))
 
     def test_map_is_where_values_came_from(self) -> None:
         errors = [
-            l2_norm(mesh, rotation_map(mesh, ANGLE).positions - rotated(mesh.vertices, -ANGLE)) for mesh in self.meshes
+            l2_norm(mesh, rotation_map(mesh, ANGLE).positions - rotated(mesh.vertices, -ANGLE))
+            for mesh in self.meshes
         ]
         assert observed_order(*errors) >= 1.85
         assert errors[1] < 0.01
@@ -204,24 +257,20 @@ class TestFlowMaps:
         errors = []
         for mesh in self.meshes:
             there, back = rotation_map(mesh, ANGLE), rotation_map(mesh, -ANGLE)
-            errors.append(l2_norm(mesh, pull_back(mesh, there, back.positions) - mesh.vertices))
+            errors.append(l2_norm(mesh, there.pull_back(back.positions) - mesh.vertices))
         assert observed_order(*errors) >= 1.85
 
     def test_pulling_back_agrees_with_advection(self) -> None:
         errors = []
         for mesh in self.meshes:
             h = np.sin(2 * mesh.vertices) + mesh.vertices[:, [1, 2, 0]]
-            pulled = pull_back(mesh, rotation_map(mesh, ANGLE), h)
+            pulled = rotation_map(mesh, ANGLE).pull_back(h)
             errors.append(l2_norm(mesh, pulled - carried_by_rotation(mesh, h, ANGLE)))
         assert observed_order(*errors) >= 1.85
 
-    def test_no_time_is_the_identity(self) -> None:
-        mesh = self.meshes[0]
-        assert_allclose(rotation_map(mesh, 0).positions, mesh.vertices, rtol=0, atol=1e-15)
-
     def test_a_rotation_distorts_less_and_less(self) -> None:
         """Distortion takes one derivative of the map, whose error is rough: one order less."""
-        results = [distortion(mesh, rotation_map(mesh, ANGLE).positions) for mesh in self.meshes]
+        results = [rotation_map(mesh, ANGLE).distortion() for mesh in self.meshes]
         for name in ("area", "conformal"):
             coarse, fine = (
                 np.sqrt(np.average((getattr(result, name) - 1) ** 2, weights=face_areas(mesh)))
@@ -255,28 +304,6 @@ class TestDistortion:
         if expected[1] > 0.01:
             assert_allclose(result.conformal, expected[0] / expected[1], rtol=1e-9)
             assert (result.flipped == (np.linalg.det(matrix) < 0)).all()
-
-    def test_of_a_scaling_does_not_depend_on_units(self) -> None:
-        mesh = icosphere(2, radius=1e-3)
-        result = distortion(mesh, 2 * mesh.vertices)
-        assert_allclose(result.area, 4, rtol=1e-13)
-        assert_allclose(result.conformal, 1, rtol=1e-13)
-
-    def test_of_a_mirror_is_flipped_everywhere(self) -> None:
-        mesh = torus(12, 9)
-        result = distortion(mesh, mesh.vertices * [1, 1, -1])
-        assert result.flipped.all()
-        assert_allclose(result.area, 1, rtol=0, atol=1e-13)
-
-    def test_finds_the_faces_that_one_folded_vertex_flips(self) -> None:
-        mesh = square(6)
-        inside = np.argmin(np.linalg.norm(mesh.vertices - [0.5, 0.5, 0], axis=1))
-        mapped = mesh.vertices.copy()
-        mapped[inside] += [0.3, 0, 0]
-        a, b, c = np.moveaxis(mapped[mesh.faces], 1, 0)
-        expected = np.cross(b - a, c - a)[:, 2] < 0
-        assert expected.any()
-        assert_array_equal(distortion(mesh, mapped).flipped, expected)
 
     def test_of_collapsed_faces(self) -> None:
         mesh = icosphere(1)

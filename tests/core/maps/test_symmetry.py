@@ -1,4 +1,4 @@
-"""Symmetries found from the shape: exact ones, after motions and renumbering, with noise, and where there is none."""
+"""Symmetries found from the shape: exact, moved, renumbered, with noise, and none."""
 
 from __future__ import annotations
 
@@ -12,11 +12,21 @@ from scipy.spatial.transform import Rotation
 
 from abfm.assets import asset_path
 from abfm.errors import ParameterError
-from abfm.experiments.meshes import bundled, stepped_slab, two_armed
+from abfm.experiments.vocabulary import bundled
 from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh
+from abfm.mesh.shapes import stepped_slab, two_armed
 from abfm.types import FloatArray
-from tests.shapes import disc, ellipsoid, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
+from tests.shapes import (
+    disc,
+    ellipsoid,
+    hemisphere,
+    icosphere,
+    open_cylinder,
+    square,
+    tetrahedron,
+    torus,
+)
 
 BOX = trimesh.creation.box()
 HUMAN = bundled("human_A.off")
@@ -32,7 +42,9 @@ SYMMETRIC = {
 }
 
 
-def moved(mesh: TriangleMesh, turn: FloatArray, scale: float, shift: FloatArray, order: np.ndarray) -> TriangleMesh:
+def moved(
+    mesh: TriangleMesh, turn: FloatArray, scale: float, shift: FloatArray, order: np.ndarray
+) -> TriangleMesh:
     """The mesh turned, scaled and shifted, vertex i of it being vertex order[i] of the old one."""
     new_of_old = np.argsort(order)
     vertices = scale * (mesh.vertices @ Rotation.from_rotvec(turn).as_matrix().T) + shift
@@ -52,13 +64,18 @@ def test_symmetric_meshes_have_exact_involutions(name: str, kind: Kind) -> None:
     assert_allclose(found.carry(mesh.vertices), mesh.vertices[found.vertex_map], atol=1e-9)
     assert_allclose(found.linear @ found.linear, np.eye(3), atol=1e-12)
     assert np.linalg.det(found.linear) == pytest.approx(-1 if kind == "mirror" else 1)
-    assert_allclose(found.linear @ found.axis, found.axis * (-1 if kind == "mirror" else 1), atol=1e-12)
+    assert_allclose(
+        found.linear @ found.axis, found.axis * (-1 if kind == "mirror" else 1), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
-    ("mesh", "order"), [(tetrahedron(), 3), (SYMMETRIC["cube"], 3), (SYMMETRIC["cube"], 4), (torus(30, 8), 5)]
+    ("mesh", "order"),
+    [(tetrahedron(), 3), (SYMMETRIC["cube"], 3), (SYMMETRIC["cube"], 4), (torus(30, 8), 5)],
 )
-def test_rotations_of_higher_order_come_back_after_as_many_times(mesh: TriangleMesh, order: int) -> None:
+def test_rotations_of_higher_order_come_back_after_as_many_times(
+    mesh: TriangleMesh, order: int
+) -> None:
     found = detect_symmetry(mesh, "rotation", order)
     vertices = np.arange(len(mesh.vertices))
     assert found.is_permutation
@@ -86,7 +103,9 @@ def test_the_human_has_the_mirror_that_its_file_says() -> None:
     shift=st.tuples(*[st.floats(-10, 10)] * 3),
     seed=st.integers(0, 2**20),
 )
-def test_a_mesh_that_is_moved_scaled_and_renumbered_has_the_same_symmetry(turn, scale, shift, seed) -> None:
+def test_a_mesh_that_is_moved_scaled_and_renumbered_has_the_same_symmetry(
+    turn, scale, shift, seed
+) -> None:
     mesh = two_armed(2)
     order = np.random.default_rng(seed).permutation(len(mesh.vertices))
     other = moved(mesh, np.array(turn), scale, scale * np.array(shift), order)
@@ -103,7 +122,8 @@ def test_noise_moves_the_plane_little_and_shows_in_the_error(level: float, seed:
     rng = np.random.default_rng(seed)
     mesh = HUMAN.normalized()
     noisy = TriangleMesh(
-        mesh.vertices + np.clip(level * rng.standard_normal(mesh.vertices.shape), -0.01, 0.01), mesh.faces
+        mesh.vertices + np.clip(level * rng.standard_normal(mesh.vertices.shape), -0.01, 0.01),
+        mesh.faces,
     )
     found = detect_symmetry(noisy, "mirror")
     assert abs(found.axis[0]) > np.cos(np.radians(1))
@@ -113,7 +133,11 @@ def test_noise_moves_the_plane_little_and_shows_in_the_error(level: float, seed:
 
 def test_a_mirror_of_the_shape_that_the_mesh_does_not_have() -> None:
     ball = ellipsoid(3, 1, 0.7, 0.5)
-    turned = Rotation.from_rotvec([0.3, 0.2, 0.1]).apply(icosphere(3).vertices.copy()) * [1, 0.7, 0.5]
+    turned = Rotation.from_rotvec([0.3, 0.2, 0.1]).apply(icosphere(3).vertices.copy()) * [
+        1,
+        0.7,
+        0.5,
+    ]
     found = detect_symmetry(TriangleMesh(turned, ball.faces), "mirror")
     assert not found.is_permutation
     assert 1e-6 < found.error < 0.01
@@ -146,7 +170,9 @@ def test_the_plane_of_a_flat_surface_is_no_mirror() -> None:
     assert detect_symmetry(mesh, "mirror").axis[2] == pytest.approx(0, abs=1e-9)
 
 
-@pytest.mark.parametrize(("kind", "order"), [("mirror", 3), ("rotation", 1), ("rotation", 0), ("glide", 2)])
+@pytest.mark.parametrize(
+    ("kind", "order"), [("mirror", 3), ("rotation", 1), ("rotation", 0), ("glide", 2)]
+)
 def test_kinds_and_orders_that_there_are_not(kind, order) -> None:
     with pytest.raises(ParameterError, match="expected"):
         detect_symmetry(tetrahedron(), kind, order)
@@ -168,9 +194,13 @@ def test_of_the_many_rotations_of_a_ring_the_one_that_moves_all_of_it_is_chosen(
     around = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     circle = np.stack([np.cos(around), np.sin(around), 0 * around], axis=1)
     vertices = np.concatenate([radius * circle for radius in np.linspace(1, 2, 6)])
-    ring, place = (index.ravel() for index in np.meshgrid(np.arange(5), np.arange(60), indexing="ij"))
+    ring, place = (
+        index.ravel() for index in np.meshgrid(np.arange(5), np.arange(60), indexing="ij")
+    )
     a, b = 60 * ring + place, 60 * ring + (place + 1) % 60
-    faces = np.concatenate([np.stack([a, a + 60, b], axis=1), np.stack([b, a + 60, b + 60], axis=1)])
+    faces = np.concatenate(
+        [np.stack([a, a + 60, b], axis=1), np.stack([b, a + 60, b + 60], axis=1)]
+    )
     found = detect_symmetry(TriangleMesh(vertices, faces), "rotation")
     assert_allclose(found.axis, [0, 0, 1], atol=1e-9)
     assert found.is_permutation

@@ -15,6 +15,7 @@ from abfm.calculus.operators import face_normals, l2_norm
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.flow.exponential import ExponentialFlow
 from abfm.parameters import PAPER
+from abfm.workers.progress import telling
 from tests.core.fields import bump, wavy_field
 from tests.shapes import hemisphere, icosphere, torus, with_loose_vertex
 
@@ -44,10 +45,18 @@ def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name):
     assert len(match.energy_history) <= 501
 
 
-@pytest.mark.parametrize("mesh", [SPHERE, hemisphere(12), torus(30, 12)], ids=["sphere", "hemisphere", "torus"])
+@pytest.mark.parametrize(
+    "mesh", [SPHERE, hemisphere(12), torus(30, 12)], ids=["sphere", "hemisphere", "torus"]
+)
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"segments": 3}, {"method": "linearised"}, {"gradient": "bracket", "substeps": 20}, {"alpha": 0.0}],
+    [
+        {},
+        {"segments": 3},
+        {"method": "linearised"},
+        {"gradient": "bracket", "substeps": 20},
+        {"alpha": 0.0},
+    ],
     ids=lambda changes: ",".join(map(str, changes.values())) or "default",
 )
 def test_every_method_lowers_the_mismatch(mesh, changes):
@@ -60,7 +69,12 @@ def test_every_method_lowers_the_mismatch(mesh, changes):
 def test_plain_lbfgs_is_available_and_slower():
     f, g = pair(SPHERE)
     plain, preconditioned = (
-        abfm.match(SPHERE, f, g, abfm.Parameters(iterations=20, cooling_stages=1, alpha=1.0, preconditioner=kind))
+        abfm.match(
+            SPHERE,
+            f,
+            g,
+            abfm.Parameters(iterations=20, cooling_stages=1, alpha=1.0, preconditioner=kind),
+        )
         for kind in ("none", "hodge")
     )
     assert plain.energy_history[-1, 0] < plain.energy_history[0, 0]
@@ -77,34 +91,15 @@ def test_the_result_is_what_it_says():
     expected = expm_multiply(-match.parameters.tau * D, f)
     assert np.linalg.norm(match.advected[:, 0] - expected) <= 1e-7 * np.linalg.norm(expected)
     assert match.advect(1.0) == pytest.approx(expected, abs=1e-7)
-    assert match.mismatch == pytest.approx(l2_norm(SPHERE, expected - g) / l2_norm(SPHERE, g), rel=1e-6)
+    assert match.mismatch == pytest.approx(
+        l2_norm(SPHERE, expected - g) / l2_norm(SPHERE, g), rel=1e-6
+    )
     value, _ = abfm.MatchingEnergy(SPHERE, f, g, p)(match.velocity / SPHERE.length_scale)
-    assert value == pytest.approx(match.energy_history[-1, 0], rel=1e-7)  # a search sums its series so far
-    assert match.stop_reason == match.verdict.kind == "not reached"
+    # a search sums its series so far
+    assert value == pytest.approx(match.energy_history[-1, 0], rel=1e-7)
+    assert match.stop_reason == "iteration limit"
+    assert match.verdict.kind == "not reached"
     assert len(match.energy_history) == len(match.stages) == 13
-
-
-def test_units_change_only_the_velocity():
-    f, g = pair(SPHERE)
-    large = abfm.TriangleMesh(SPHERE.vertices * 64, SPHERE.faces)
-    here, there = abfm.match(SPHERE, f, g, FEW), abfm.match(large, f, g, FEW)
-    assert there.velocity == pytest.approx(64 * here.velocity, rel=1e-6, abs=1e-6)
-    assert there.energy_history == pytest.approx(here.energy_history, rel=1e-6)
-
-
-def test_same_input_same_bits_with_other_work_beside_it():
-    f, g = pair(SPHERE)
-    alone = abfm.match(SPHERE, f, g, FEW)
-    others = [threading.Thread(target=abfm.match, args=(SPHERE, g, f, FEW)) for _ in range(2)]
-    for thread in others:
-        thread.start()
-    fresh = abfm.TriangleMesh(SPHERE.vertices, SPHERE.faces)
-    beside = abfm.match(fresh, f, g, FEW)
-    for thread in others:
-        thread.join()
-    assert np.array_equal(alone.velocity, beside.velocity)
-    assert np.array_equal(alone.energy_history, beside.energy_history)
-    assert np.array_equal(alone.advected, beside.advected)
 
 
 def test_several_channels_and_weights():
@@ -135,53 +130,26 @@ def test_mask_frees_what_it_hides():
     assert results[0] == pytest.approx(results[1], abs=1e-9)
 
 
-def test_equal_functions_need_no_field():
-    f, _ = pair(SPHERE)
-    match = abfm.match(SPHERE, f, f)
-    assert match.stop_reason == "converged"
-    assert match.mismatch == 0
-    assert not match.velocity.any()
-
-
-@pytest.mark.parametrize("f", [np.zeros(642), np.ones(642)], ids=["zeros", "ones"])
-def test_constant_functions_end_in_words(f):
-    match = abfm.match(SPHERE, f, pair(SPHERE)[1])
-    assert match.stop_reason == "impossible"
-    assert np.isfinite(match.mismatch)
-    assert not match.velocity.any()
-
-
-def test_parameters_of_another_type_are_refused_in_words():
-    with pytest.raises(abfm.ParameterError, match=r"expected abfm\.Parameters"):
-        abfm.match(SPHERE, *pair(SPHERE), {"iterations": 3})
-
-
 def test_callback_sees_every_row_of_the_history():
     f, g = pair(SPHERE)
     seen = []
-    match = abfm.match(SPHERE, f, g, abfm.Parameters(**PAPER, iterations=12), on_iteration=seen.append)
+    match = abfm.match(
+        SPHERE, f, g, abfm.Parameters(**PAPER, iterations=12), on_iteration=seen.append
+    )
     assert [item.iteration for item in seen] == list(range(13))
-    assert np.array_equal([[item.energy, item.regularity, item.mismatch_energy] for item in seen], match.energy_history)
+    assert np.array_equal(
+        [[item.energy, item.regularity, item.mismatch_energy] for item in seen],
+        match.energy_history,
+    )
     assert np.array_equal(seen[-1].velocity, match.velocity)
     assert seen[-1].mismatch == match.mismatch
     assert seen[-1].evaluations >= 13
 
 
-def test_cancel_keeps_the_best_so_far():
-    f, g = pair(SPHERE)
-    control = abfm.Control()
-    match = abfm.match(
-        SPHERE, f, g, on_iteration=lambda item: control.cancel() if item.iteration == 5 else None, control=control
-    )
-    assert match.stop_reason == "cancelled"
-    assert len(match.energy_history) == 6
-    whole = []
-    abfm.match(SPHERE, f, g, on_iteration=whole.append)
-    assert np.array_equal(match.velocity, whole[5].velocity)
-
-
 def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
-    """One with 10,000 sub-steps takes seconds: no more of them are made than the few until the next look."""
+    """One with 10,000 sub-steps takes seconds: no more of them are made than the few until the
+    next look.
+    """
     control, steps, of_first = abfm.Control(), 0, 0
     forward = ExponentialFlow.forward
 
@@ -201,6 +169,20 @@ def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
     match = abfm.match(SPHERE, *pair(SPHERE), parameters, on_iteration=first, control=control)
     assert match.stop_reason == "cancelled"
     assert steps < of_first + 300
+
+
+def test_cancelled_while_flow_lines_check_it_can_be_gone_on_from():
+    control = abfm.Control()
+
+    def tell(step):
+        if step is not None and step.task.startswith("checking"):
+            control.cancel()
+
+    with telling(tell):
+        match = abfm.match(SPHERE, *pair(SPHERE), abfm.Parameters(iterations=5), control=control)
+    assert match.stop_reason == "cancelled"
+    assert np.isnan(match.verified_mismatch)
+    assert "Continue" in [remedy.label for remedy in match.verdict.remedies]
 
 
 def test_cancelled_before_it_began_gives_the_start():
@@ -249,7 +231,9 @@ def test_warm_start_goes_on_from_the_field():
 
 @pytest.mark.parametrize(("given", "wanted"), [(2, 4), (4, 2), (3, 2), (2, 3), (3, 3)])
 def test_fields_for_other_segments_are_averaged_over_time(given, wanted):
-    """By integrals over each wanted part, here sums over parts so small that both numbers divide them."""
+    """By integrals over each wanted part, here sums over parts so small that both numbers divide
+    them.
+    """
     fields = np.stack([wavy_field(SPHERE, seed) for seed in range(given)])
     fine = np.repeat(fields, wanted, axis=0).reshape(wanted, given, *fields.shape[1:])
     p = abfm.Parameters(method="linearised", segments=wanted, iterations=0)
@@ -282,23 +266,10 @@ def test_pause_after_cancel_does_not_hold():
     assert abfm.match(SPHERE, *pair(SPHERE), control=control).stop_reason == "cancelled"
 
 
-def test_a_start_that_overflows_is_refused_in_words():
-    f, g = pair(SPHERE)
-    with pytest.raises(abfm.ParameterError, match="start"):
-        abfm.match(SPHERE, f, g, start=1e9 * wavy_field(SPHERE, 0))
-    with pytest.raises(abfm.ParameterError, match="start has shape"):
-        abfm.match(SPHERE, f, g, start=np.zeros((2, 3)))
-
-
-def test_functions_that_overflow_are_refused_in_words():
-    f, g = pair(SPHERE)
-    for unit in ("relative", "absolute"):
-        with np.errstate(over="ignore", invalid="ignore"), pytest.raises(abfm.FunctionError, match="scale"):
-            abfm.match(SPHERE, 1e200 * f, 1e200 * g, abfm.Parameters(sigma_unit=unit))
-
-
 @settings(max_examples=15, deadline=None)
-@given(exponent=st.floats(-6, 8), alpha=st.floats(-8, 6), sigma=st.floats(-6, 3), tau=st.floats(-3, 2))
+@given(
+    exponent=st.floats(-6, 8), alpha=st.floats(-8, 6), sigma=st.floats(-6, 3), tau=st.floats(-3, 2)
+)
 def test_wild_parameters_end_finite_and_no_worse(exponent, alpha, sigma, tau):
     f, g = (10.0**exponent * h for h in pair(SPHERE))
     p = abfm.Parameters(iterations=8, alpha=10**alpha, sigma=10**sigma, tau=10**tau)
@@ -306,20 +277,6 @@ def test_wild_parameters_end_finite_and_no_worse(exponent, alpha, sigma, tau):
     assert np.isfinite(match.velocity).all()
     assert np.isfinite(match.energy_history).all()
     assert_never_rises_within_a_stage(match)
-
-
-def test_save_and_load(tmp_path):
-    mesh = abfm.TriangleMesh(np.vstack([[9, 9, 9], SPHERE.vertices]), SPHERE.faces + 1)
-    f, g = pair(mesh)
-    match = abfm.match(mesh, f, g, FEW, mask=np.linspace(0, 1, 642))
-    assert match.push(np.ones(643), 1.0) == pytest.approx(1.0)  # as the file counts
-    match.save(tmp_path / "m.npz")
-    loaded = abfm.load_match(tmp_path / "m.npz")
-    for name in ("source", "target", "advected", "velocity", "energy_history", "stages", "mask", "weights"):
-        assert np.array_equal(getattr(loaded, name), getattr(match, name))
-    assert (loaded.mismatch, loaded.stop_reason, loaded.parameters) == (match.mismatch, match.stop_reason, FEW)
-    assert loaded.mesh.local_vertex(1) == 0
-    assert np.array_equal(loaded.advect(0.3), match.advect(0.3))
 
 
 def test_one_result_serves_several_threads():
@@ -350,14 +307,3 @@ def test_inverse_and_point_map():
     assert l2_norm(SPHERE, pulled - match.advect(1.0)) < 0.1 * l2_norm(SPHERE, g)
     assert np.median(match.distortion().conformal) < 2
     assert match.distortion(0.0).area == pytest.approx(1.0)
-
-
-def test_a_brief_cancel_leaves_the_verification_out():
-    f, g = SPHERE.vertices[:, 0], SPHERE.vertices[:, 1]
-    for briefly in (False, True):
-        control = abfm.Control()
-        match = abfm.match(
-            SPHERE, f, g, FEW, control=control, on_iteration=lambda _, c=control, b=briefly: c.cancel(briefly=b)
-        )
-        assert match.stop_reason == "cancelled"
-        assert np.isnan(match.verified_mismatch) == briefly

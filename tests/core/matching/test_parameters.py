@@ -40,7 +40,12 @@ def test_bad_values_are_refused_in_words(name, value, words):
 
 def test_numpy_scalars_become_plain_numbers():
     p = abfm.Parameters(tau=np.float32(1), memory=np.uint8(3), segments=2.0, iterations=np.int64(7))
-    assert [type(value) for value in (p.tau, p.memory, p.segments, p.iterations)] == [float, int, int, int]
+    assert [type(value) for value in (p.tau, p.memory, p.segments, p.iterations)] == [
+        float,
+        int,
+        int,
+        int,
+    ]
 
 
 @pytest.mark.parametrize(
@@ -49,12 +54,12 @@ def test_numpy_scalars_become_plain_numbers():
         ({"cooling_stages": 400}, "fewer stages"),
         ({"cooling_stages": 10**6}, "at least 1 and at most 1000"),
         ({"stage_iterations": 200, "iterations": 100}, "never reached"),
-        ({"cooling_factor": 1e300}, "between 1e-30 and"),
-        ({"sigma": 1e-300}, "sigma is 1e-300; expected a number between 1e-30 and"),
+        ({"cooling_factor": 1e300}, r"above 1 and at most 1e\+30"),
+        ({"sigma": 1e-300}, "sigma is 1e-300; expected a number above 0 .* from 1e-30 on"),
         ({"beta": 1e300}, "beta is 1e.300"),
         ({"segments": 10**300}, r"segments is 1000000\d+\.\.\.\d+; expected .* at most 1000"),
         ({"memory": 10**5}, "memory is 100000"),
-        ({"alpha": 1e12}, "1e12"),
+        ({"alpha": 1e12}, r"alpha is 1000000000000.0; .* at most 1e\+07"),
         ({"order": 3}, "order is 3; expected a whole number at least 1 and at most 2"),
         ({"reach": -0.1}, "reach is -0.1; expected a number at least 0"),
         ({"levels": 11}, "levels is 11; expected a whole number at least 0 and at most 10"),
@@ -62,7 +67,7 @@ def test_numpy_scalars_become_plain_numbers():
     ],
 )
 def test_values_beyond_computing_are_refused(changes, words):
-    with pytest.raises(abfm.ParameterError, match=words.replace("1e12", "alpha is 1e.12")):
+    with pytest.raises(abfm.ParameterError, match=words):
         abfm.Parameters(**changes)
 
 
@@ -74,7 +79,9 @@ def test_round_trip_and_unknown_names():
 
 
 def test_what_was_written_before_there_was_more_than_the_papers_energy_means_it():
-    """A dictionary that names nothing of what is new; one that names any of it is of today, with today's defaults."""
+    """A dictionary that names nothing of what is new; one that names any of it is of today, with
+    today's defaults.
+    """
     old = {"tau": 2.0, "alpha": 0.02, "sigma": 1e-3, "iterations": 150}
     assert abfm.Parameters.from_dict(old) == abfm.Parameters(**old, **PAPER)
     assert abfm.Parameters.from_dict({}) == abfm.Parameters(**PAPER)

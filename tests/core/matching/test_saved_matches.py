@@ -1,4 +1,6 @@
-"""Matches on disk: what is known of one comes back, and files of before are read as what they were."""
+"""Matches on disk: what is known of one comes back, and files of before are read as what they
+were.
+"""
 
 from __future__ import annotations
 
@@ -40,11 +42,21 @@ def test_everything_comes_back(match: Match, tmp_path: Path) -> None:
     match.save(tmp_path / "match.npz")
     loaded = abfm.load_match(tmp_path / "match.npz")
     assert np.isfinite([match.verified_mismatch, match.folded]).all()
-    for name in ("mismatch", "verified_mismatch", "folded", "stop_reason", "verdict", "parameters", "channels_given"):
+    for name in (
+        "mismatch",
+        "verified_mismatch",
+        "folded",
+        "stop_reason",
+        "verdict",
+        "parameters",
+        "channels_given",
+    ):
         assert getattr(loaded, name) == getattr(match, name)
     for name in ("source", "target", "advected", "velocity", "energy_history", "stages", "weights"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(match, name))
-    np.testing.assert_equal(asdict(loaded.verify(subdivided=False)), asdict(match.verify(subdivided=False)))
+    np.testing.assert_equal(
+        asdict(loaded.verify(subdivided=False)), asdict(match.verify(subdivided=False))
+    )
     loaded.save(tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "match.npz").read_bytes()
 
@@ -66,7 +78,9 @@ def test_what_is_not_known_stays_unknown(tmp_path: Path) -> None:
     match = abfm.match(MESH, f, f[::-1].copy(), control=control)
     match.save(tmp_path / "match.npz")
     loaded = abfm.load_match(tmp_path / "match.npz")
-    assert np.isnan([match.verified_mismatch, match.folded, loaded.verified_mismatch, loaded.folded]).all()
+    assert np.isnan(
+        [match.verified_mismatch, match.folded, loaded.verified_mismatch, loaded.folded]
+    ).all()
     assert loaded.stop_reason == "cancelled"
 
 
@@ -75,7 +89,9 @@ def test_a_file_without_the_new_entries_is_one_of_the_papers_energy(
     match: Match, tmp_path: Path, mismatch: float, kind: str
 ) -> None:
     match.save(tmp_path / "match.npz")
-    former = {name: value for name, value in match.parameters.to_dict().items() if name not in PAPER}
+    former = {
+        name: value for name, value in match.parameters.to_dict().items() if name not in PAPER
+    }
     old = rewritten(
         tmp_path / "match.npz",
         parameters=json.dumps(former),
@@ -95,7 +111,10 @@ def test_a_file_without_the_new_entries_is_one_of_the_papers_energy(
 
 
 def test_remedies_come_back_and_files_without_them_have_none(match: Match, tmp_path: Path) -> None:
-    remedies = Remedy("Continue", "go on", {}, True), Remedy("Match closer", "smaller", {"sigma": 0.5, "order": 1})
+    remedies = (
+        Remedy("Continue", "go on", {}, True),
+        Remedy("Match closer", "smaller", {"sigma": 0.5, "order": 1}),
+    )
     judged = replace(match, verdict=replace(match.verdict, remedies=remedies))
     judged.save(tmp_path / "match.npz")
     assert abfm.load_match(tmp_path / "match.npz").verdict == judged.verdict
@@ -106,13 +125,22 @@ def test_remedies_come_back_and_files_without_them_have_none(match: Match, tmp_p
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[{}]", "the remedies are '\\[{}\\]'; expected a list in JSON of what has label, words, parameters, goes_on"),
+        (
+            "[{}]",
+            "the remedies are '\\[{}\\]'; expected a list in JSON of what has label, words, "
+            "parameters, goes_on",
+        ),
         ("{", "the remedies are '{'; expected a list in JSON"),
         ("3", "the remedies are '3'; expected a list in JSON"),
-        ('[{"label": "a", "words": "b", "parameters": {"sigmma": 1}}]', "unknown parameter 'sigmma'"),
+        (
+            '[{"label": "a", "words": "b", "parameters": {"sigmma": 1}}]',
+            "unknown parameter 'sigmma'",
+        ),
     ],
 )
-def test_damaged_remedies_are_refused_in_words(match: Match, tmp_path: Path, text: str, words: str) -> None:
+def test_damaged_remedies_are_refused_in_words(
+    match: Match, tmp_path: Path, text: str, words: str
+) -> None:
     match.save(tmp_path / "match.npz")
     with pytest.raises(ResultError, match=words):
         abfm.load_match(rewritten(tmp_path / "match.npz", remedies=np.array(text)))
@@ -131,5 +159,7 @@ def test_an_entry_whose_name_is_no_text_is_told_in_words(match: Match, tmp_path:
 def test_a_verdict_of_another_kind_is_refused_in_words(match: Match, tmp_path: Path) -> None:
     match.save(tmp_path / "match.npz")
     strange = rewritten(tmp_path / "match.npz", verdict=np.array(["perhaps", "why", "what"]))
-    with pytest.raises(ResultError, match="the verdict is 'perhaps'; expected one of matched, nearly"):
+    with pytest.raises(
+        ResultError, match="the verdict is 'perhaps'; expected one of matched, nearly"
+    ):
         abfm.load_match(strange)

@@ -21,62 +21,82 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("meshes")
 
 
-CUT_OFF_PLY = ply_bytes(tetrahedron().vertices, tetrahedron().faces.tolist())[:-12]
-CUT_OFF_BINARY_PLY = ply_bytes(tetrahedron().vertices, tetrahedron().faces.tolist(), "binary_little_endian")[:-1]
+SMALL, SPHERE = tetrahedron(), icosphere(0)
+PLY, BINARY_PLY = (
+    ply_bytes(SMALL.vertices, SMALL.faces.tolist(), kind)
+    for kind in ("ascii", "binary_little_endian")
+)
+OFF = off_text(SMALL.vertices, SMALL.faces).encode()
+STL, TEXT_STL, GLB = (
+    exported(SPHERE.vertices, SPHERE.faces, kind) for kind in ("stl", "stl_ascii", "glb")
+)
+POINTS = trimesh.PointCloud(np.eye(3))
+TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 BAD_FILES = {
     "empty.obj": (b"", "the file is empty"),
     "words.obj": (b"hello\nworld", "no vertices"),
-    "points.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no faces.*point cloud"),
-    "zero.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "vertex 0, but OBJ counts vertices from 1"),
-    "beyond.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "names vertex 3 of 3"),
-    "line.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\n", "face 1, counting from 0, has 2 corners"),
-    "short.obj": (b"v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "vertex 1, counting from 0, has 2 coordinates instead of 3"),
-    "letters.obj": (b"v 0 0 0\nv 1 O 0\nv 0 1 0\nf 1 2 3\n", "it has 'O' where a number is expected"),
-    "letters_in_faces.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x/3\n", "it has 'x' where a whole number is expected"),
-    "digits.obj": (b"f 1 2 " + b"3" * 5000, "it has '3333.*' where a number of fewer digits is expected"),
+    "points.obj": (TRIANGLE, "no faces.*point cloud"),
+    "zero.obj": (TRIANGLE + b"f 0 1 2\n", "vertex 0, but OBJ counts vertices from 1"),
+    "beyond.obj": (TRIANGLE + b"f 1 2 4\n", "names vertex 3 of 3"),
+    "line.obj": (TRIANGLE + b"f 1 2 3\nf 1 2\n", "face 1, counting from 0, has 2 corners"),
+    "short.obj": (b"v 0 0 0\nv 1 0\nv 0 1 0\n", "vertex 1, .* has 2 coordinates instead of 3"),
+    "letters.obj": (b"v 0 0 0\nv 1 O 0\n", "it has 'O' where a number is expected"),
+    "letters_in_faces.obj": (TRIANGLE + b"f 1 2 x/3\n", "'x' where a whole number is expected"),
+    "digits.obj": (b"f 1 2 " + b"3" * 5000, "'3333.*' where a number of fewer digits is expected"),
     "digits.ply": (
         b"ply\nformat ascii 1.0\nelement vertex " + b"3" * 5000 + b"\nend_header\n",
         "it has '3333.*' where a number of fewer digits is expected",
     ),
     "counts_in_words.off": (b"OFF\nthree 1 0\n", "it has 'three' where a whole number is expected"),
-    "letters.off": (b"OFF\n3 1 0\n0 0 0\n1 O 0\n0 1 0\n3 0 1 2\n", "it has 'O' where a number is expected"),
-    "letters_in_faces.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 x\n", "'x' where a whole number is expected"),
-    "letters.ply": (ply_bytes(np.eye(3), [[0, 1, 2]]).replace(b"\n1.0", b"\none"), "it has 'one' where a number is"),
-    "letters_in_faces.ply": (ply_bytes(np.eye(3), [[0, 1, 2]]).replace(b"3 0", b"x 0"), "it has 'x' where a whole"),
+    "letters.off": (
+        b"OFF\n3 1 0\n0 0 0\n1 O 0\n0 1 0\n3 0 1 2\n",
+        "'O' where a number is expected",
+    ),
+    "letters_in_faces.off": (
+        b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 x\n",
+        "'x' where a whole number is expected",
+    ),
+    "letters.ply": (PLY.replace(b"\n1.0", b"\none"), "it has 'one' where a number is"),
+    "letters_in_faces.ply": (PLY.replace(b"\n3 0", b"\nx 0"), "it has 'x' where a number is"),
     "letters.stl": (b"solid\nvertex 0 0 x\nendsolid", "it has 'x' where a number is expected"),
     "bytes.gltf": (b"{\xff", "byte 1, counting from 0, is no text in UTF-8"),
     "digits.gltf": (b"1" * 5000, "its JSON has a number of too many digits"),
     "header.off": (b"PLY\n3 1 0\n", "first line is not OFF"),
     "counts.off": (b"OFF\n", "numbers of vertices and faces are missing"),
-    "cut.off": (off_text(tetrahedron().vertices, tetrahedron().faces)[:-10].encode(), "4 faces .* cut off"),
-    "corners.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n", "announces 4 corners, but its line has 3"),
+    "cut.off": (OFF[:-10], "4 faces .* cut off"),
+    "corners.off": (
+        b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n",
+        "announces 4 corners, but its line has 3",
+    ),
     "huge.off": (b"OFF\n99999999999999999999 1 0\n0 0 0\n", "cut off"),
-    "cut.ply": (CUT_OFF_PLY, "cut off"),
-    "cut_binary.ply": (CUT_OFF_BINARY_PLY, "cut off"),
+    "cut.ply": (PLY[:-12], "cut off"),
+    "cut_binary.ply": (BINARY_PLY[:-1], "cut off"),
     "header.ply": (b"ply\nformat ascii 1.0\n", "does not begin with a PLY header"),
     "format.ply": (b"ply\nformat utf 1.0\nend_header\n", "its format is utf"),
-    "type.ply": (b"ply\nformat ascii 1.0\nelement vertex 3\nproperty real x\nend_header\n", "a line .*property real x"),
-    "no_z.ply": (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nend_header\n0 0\n",
-                 "it has no property z"),
-    "points.ply": (trimesh.PointCloud(np.eye(3)).export(file_type="ply"), "no faces.*point cloud"),
-    "words.stl": (b"hello world", "neither a complete text file nor as long as its binary header says"),
-    "cut.stl": (exported(icosphere(0).vertices, icosphere(0).faces, "stl")[:-7], "may be cut off"),
-    "cut_text.stl": (exported(icosphere(0).vertices, icosphere(0).faces, "stl_ascii")[:-70], "may be cut off"),
-    "corners.stl": (b"solid\nvertex 0 0 0\nvertex 1 0 0\nendsolid", "2 corners do not make whole triangles"),
+    "type.ply": (PLY.replace(b"double x", b"real x"), "a line .*property real x"),
+    "no_z.ply": (PLY.replace(b"double z", b"double w"), "it has no property z"),
+    "points.ply": (POINTS.export(file_type="ply"), "no faces.*point cloud"),
+    "words.stl": (b"hello world", "neither a complete text file nor as long as its binary header"),
+    "cut.stl": (STL[:-7], "may be cut off"),
+    "cut_text.stl": (TEXT_STL[:-70], "may be cut off"),
+    "corners.stl": (
+        b"solid\nvertex 0 0 0\nvertex 1 0 0\nendsolid",
+        "2 corners do not make whole triangles",
+    ),
     "nothing.stl": (b"solid\nendsolid", "no vertices"),
     "no_triangles.stl": (bytes(84), "no vertices"),
     "no_scene.glb": (b"glTF" + bytes(80), r"cannot be read as \.glb"),
     "words.glb": (b"hello world", "cannot be read"),
-    "cut.glb": (exported(icosphere(0).vertices, icosphere(0).faces, "glb")[:-70], "cannot be read"),
-    "points.glb": (trimesh.Scene([trimesh.PointCloud(np.eye(3))]).export(file_type="glb"), "no vertices"),
+    "cut.glb": (GLB[:-70], "cannot be read"),
+    "points.glb": (trimesh.Scene([POINTS]).export(file_type="glb"), "no vertices"),
     "words.gltf": (b"hello world", "its JSON is damaged in line 1: Expecting value"),
     "words.gii": (b"hello world", "cannot be read"),
     "words.gii.gz": (b"hello world", "cannot be read"),
     "no_surface.gii": (nibabel.gifti.GiftiImage().to_bytes(), "0 point sets and 0 triangle arrays"),
-    "surface.txt": (b"hello", r"format is not known .* known are \.obj, \.off, \.ply, \.stl, \.glb, \.gltf, \.gii"),
+    "surface.txt": (b"", r"format is not known .* are \.obj, \.off, \.ply, \.stl, \.glb, \.gltf"),
     "surface": (b"hello", "format is not known"),
-    "points_in_disguise.obj": (exported(icosphere(0).vertices, icosphere(0).faces, "stl"), "no vertices"),
-}  # fmt: skip
+    "points_in_disguise.obj": (STL, "no vertices"),
+}
 
 
 @pytest.mark.parametrize("name", BAD_FILES)
@@ -103,7 +123,9 @@ def test_missing_file_and_folder(tmp_path):
 def test_gltf_without_its_buffer_names_it(tmp_path):
     files = trimesh.Scene([trimesh.creation.box()]).export(file_type="gltf")
     path = write(tmp_path, "a.gltf", files["model.gltf"])
-    with pytest.raises(MeshError, match=r"a\.gltf: a file that it names is missing: .*gltf_buffer_[01]\.bin"):
+    with pytest.raises(
+        MeshError, match=r"a\.gltf: a file that it names is missing: .*gltf_buffer_[01]\.bin"
+    ):
         load_mesh(path)
     for name in files:
         write(tmp_path, name, files[name])
@@ -148,7 +170,9 @@ VALID = {
     name: content(tetrahedron().vertices, tetrahedron().faces)
     for name, content in {
         **{name: writer for name, (writer, _) in WRITERS.items()},
-        **{name: lambda v, f, kind=kind: exported(v, f, kind) for name, kind in STL_WRITERS.items()},
+        **{
+            name: lambda v, f, kind=kind: exported(v, f, kind) for name, kind in STL_WRITERS.items()
+        },
     }.items()
 }
 

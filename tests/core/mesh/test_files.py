@@ -43,7 +43,9 @@ def test_stl_is_merged_in_order_of_first_appearance(folder, name, shape, scale):
     mesh = load_mesh(write(folder, name, content))
     _, first = np.unique(shape.faces, return_index=True)
     order = shape.faces.ravel()[np.sort(first)]
-    np.testing.assert_allclose(mesh.vertices, scale * shape.vertices[order], rtol=0, atol=4e-7 * scale)
+    np.testing.assert_allclose(
+        mesh.vertices, scale * shape.vertices[order], rtol=0, atol=4e-7 * scale
+    )
     np.testing.assert_array_equal(order[mesh.faces], shape.faces)
     assert mesh.file_vertex_count == len(shape.vertices)
     assert mesh.messages == (
@@ -64,7 +66,9 @@ def test_unused_vertices_still_count(tmp_path, name):
 
 
 def test_obj_ignores_textures_normals_groups_and_materials(tmp_path):
-    """The vertex order of the file survives corners with different texture coordinates and normals."""
+    """The vertex order of the file survives corners with different texture coordinates and
+    normals.
+    """
     text = """# a comment
 mtllib missing.mtl
 o thing
@@ -115,10 +119,14 @@ def test_polygons_are_split_in_the_order_of_the_file(tmp_path, kind):
     polygons = [[0, 1, 2, 3], [1, 4, 2]]
     if kind == "obj":
         lines = [f"v {x} {y} {z}" for x, y, z in QUAD_AND_TRIANGLE]
-        content = "\n".join(lines + ["f " + " ".join(str(i + 1) for i in polygon) for polygon in polygons])
+        content = "\n".join(
+            lines + ["f " + " ".join(str(i + 1) for i in polygon) for polygon in polygons]
+        )
     elif kind == "off":
         lines = ["OFF", "5 2 0"] + [f"{x} {y} {z}" for x, y, z in QUAD_AND_TRIANGLE]
-        content = "\n".join(lines + [" ".join(map(str, [len(polygon), *polygon])) for polygon in polygons])
+        content = "\n".join(
+            lines + [" ".join(map(str, [len(polygon), *polygon])) for polygon in polygons]
+        )
     else:
         content = ply_bytes(QUAD_AND_TRIANGLE, polygons, kind)
     mesh = load_mesh(write(tmp_path, f"a.{kind if len(kind) == 3 else 'ply'}", content))
@@ -167,9 +175,14 @@ def test_gltf_scene_is_joined_where_seams_split_it(tmp_path):
     scene = trimesh.Scene()
     for half, shift in ((sphere.faces[:37], 0.0), (sphere.faces[37:], 8.0)):
         corners = sphere.vertices[half].reshape(-1, 3) - [shift, 0, 0]
-        part = trimesh.Trimesh(corners.astype(np.float32), np.arange(len(corners)).reshape(-1, 3), process=False)
-        scene.add_geometry(part, transform=trimesh.transformations.translation_matrix([shift, 0, 0]))
-    # the shifted positions agree only up to rounding: bring them onto a grid that single precision holds exactly
+        part = trimesh.Trimesh(
+            corners.astype(np.float32), np.arange(len(corners)).reshape(-1, 3), process=False
+        )
+        scene.add_geometry(
+            part, transform=trimesh.transformations.translation_matrix([shift, 0, 0])
+        )
+    # the shifted positions agree only up to rounding: bring them onto a grid that single precision
+    # holds exactly
     for part in scene.geometry.values():
         part.vertices = np.round(part.vertices * 2**10) / 2**10
     scene.export(tmp_path / "a.glb")
@@ -183,8 +196,12 @@ def test_gltf_scene_is_joined_where_seams_split_it(tmp_path):
 def test_largest_component_of_a_file(tmp_path):
     small, sphere = tetrahedron(), icosphere(1, radius=3)
     vertices = np.concatenate([small.vertices + 20, sphere.vertices])
-    path = write(tmp_path, "a.off", off_text(vertices, np.concatenate([small.faces, sphere.faces + 4])))
-    with pytest.raises(MeshError, match=r"a\.off: the surface has 2 components.*--largest-component"):
+    path = write(
+        tmp_path, "a.off", off_text(vertices, np.concatenate([small.faces, sphere.faces + 4]))
+    )
+    with pytest.raises(
+        MeshError, match=r"a\.off: the surface has 2 components.*--largest-component"
+    ):
         load_mesh(path)
     mesh = load_mesh(path, largest_component=True)
     assert mesh.vertex_ids.tolist() == list(range(4, 46))

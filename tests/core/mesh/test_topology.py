@@ -2,13 +2,20 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from abfm.assets import asset_path
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.topology import edges_of_faces
-from tests.shapes import disc, ellipsoid, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
+from tests.shapes import (
+    disc,
+    ellipsoid,
+    hemisphere,
+    icosphere,
+    open_cylinder,
+    square,
+    tetrahedron,
+    torus,
+)
 
 SHAPES = {  # mesh, genus, boundary loops, boundary edges
     "sphere": (icosphere(2), 0, 0, 0),
@@ -33,7 +40,9 @@ def test_genus_boundary_and_euler_characteristic(mesh, genus, loops, edges):
     assert mesh.euler_characteristic == 2 - 2 * genus - loops
 
 
-@pytest.mark.parametrize(("name", "genus"), [("eight.off", 2), ("human_A.off", 0), ("fandisk.off", 0)])
+@pytest.mark.parametrize(
+    ("name", "genus"), [("eight.off", 2), ("human_A.off", 0), ("fandisk.off", 0)]
+)
 def test_shipped_meshes_are_clean_and_closed(name, genus):
     mesh = load_mesh(asset_path(name))
     assert mesh.messages == ()
@@ -49,7 +58,9 @@ def test_two_tori_joined_at_a_vertex_have_genus_two():
 
 
 @pytest.mark.parametrize(("mesh", "genus", "loops", "edges"), SHAPES.values(), ids=SHAPES)
-def test_edges_are_the_same_whether_or_not_they_are_sorted_with_their_places(mesh, genus, loops, edges):
+def test_edges_are_the_same_whether_or_not_they_are_sorted_with_their_places(
+    mesh, genus, loops, edges
+):
     found, opposite = edges_of_faces(mesh.faces, 2**31)  # too many vertices for that
     np.testing.assert_array_equal(found, mesh.edges)
     np.testing.assert_array_equal(opposite, mesh.face_edges)
@@ -60,29 +71,12 @@ def test_edges_lie_opposite_their_corners_and_between_their_faces(mesh, genus, l
     assert np.all(mesh.edges[:, 0] < mesh.edges[:, 1])
     for corner in range(3):
         others = np.delete(mesh.faces, corner, axis=1)
-        np.testing.assert_array_equal(np.sort(others, axis=1), mesh.edges[mesh.face_edges[:, corner]])
+        np.testing.assert_array_equal(
+            np.sort(others, axis=1), mesh.edges[mesh.face_edges[:, corner]]
+        )
     for edge, faces in enumerate(mesh.edge_faces):
         owners = np.flatnonzero((mesh.face_edges == edge).any(axis=1))
         assert faces.tolist() == ([*owners, -1] if len(owners) == 1 else owners.tolist())
-
-
-@given(st.randoms(use_true_random=False))
-def test_renumbering_changes_nothing_that_has_no_numbers(random):
-    mesh = open_cylinder(5, 3)
-    new_vertex = np.array(random.sample(range(len(mesh.vertices)), len(mesh.vertices)))
-    face_order = random.sample(range(len(mesh.faces)), len(mesh.faces))
-    vertices = np.empty_like(mesh.vertices)
-    vertices[new_vertex] = mesh.vertices
-    other = TriangleMesh(vertices, new_vertex[mesh.faces][face_order])
-    assert other.messages == ()
-    np.testing.assert_array_equal(other.faces, new_vertex[mesh.faces][face_order])
-    edge = {tuple(ends): row for row, ends in enumerate(other.edges.tolist())}
-    renamed = [edge[tuple(ends)] for ends in np.sort(new_vertex[mesh.edges], axis=1).tolist()]
-    assert sorted(renamed) == list(range(len(other.edges)))
-    np.testing.assert_array_equal(other.is_boundary_edge[renamed], mesh.is_boundary_edge)
-    np.testing.assert_array_equal(other.is_boundary_vertex[new_vertex], mesh.is_boundary_vertex)
-    assert (other.genus, other.boundary_loop_count) == (0, 2)
-    assert other.length_scale == pytest.approx(mesh.length_scale, rel=1e-14)
 
 
 def test_area_of_shapes_tends_to_the_exact_one():

@@ -1,6 +1,5 @@
 """Factorisations, and what stays of them."""
 
-import subprocess
 import sys
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 from scipy import sparse
 
 from abfm.numerics.cholesky import factor
+from tests.processes import python
 
 UNKNOWNS, TIMES = 20_000, 200
 AGAIN_AND_AGAIN = f"""
@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 from abfm.numerics.cholesky import factor
 
-matrix = sparse.csr_array(sparse.diags_array([4.0 - np.arange({UNKNOWNS}) % 2], offsets=[0], shape=({UNKNOWNS},) * 2))
+matrix = sparse.csr_array(sparse.diags_array(4.0 - np.arange({UNKNOWNS}) % 2))
 for time in range({TIMES} + 1):
     kept = factor(matrix)
     kept(np.ones({UNKNOWNS}))
@@ -27,7 +27,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - begin)
 
 
 def test_nothing_stays_of_those_that_are_forgotten_and_none_is_reported_in_the_end():
-    done = subprocess.run([sys.executable, "-c", AGAIN_AND_AGAIN], capture_output=True, text=True, check=True)
+    done = python(AGAIN_AND_AGAIN, check=True)
     assert not done.stderr
     each = int(done.stdout) * (1 if sys.platform == "darwin" else 1024) / TIMES
     assert each < UNKNOWNS  # bytes; eight for each unknown if the latest right-hand side stays

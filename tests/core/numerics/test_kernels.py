@@ -1,14 +1,17 @@
-"""What all kernels keep to, so that compiled code from disk works and is the code that was written."""
+"""What all kernels keep to, so that compiled code from disk works and is the code that was
+written.
+"""
 
 import importlib
 import inspect
+import os
 import pkgutil
-import subprocess
-import sys
 
+import pytest
 from numba.core.dispatcher import Dispatcher
 
 import abfm
+from tests.processes import python
 
 
 def all_kernels():
@@ -20,7 +23,9 @@ def all_kernels():
 
 
 def test_no_kernel_is_a_generator():
-    """Numba fails to compile the caller of a generator that another process, or an interrupted one, left on disk."""
+    """Numba fails to compile the caller of a generator that another process, or an interrupted
+    one, left on disk.
+    """
     kernels = list(all_kernels())
     assert len(kernels) > 50
     assert [k.__qualname__ for k in kernels if inspect.isgeneratorfunction(k)] == []
@@ -28,17 +33,48 @@ def test_no_kernel_is_a_generator():
 
 def test_a_kernel_that_changes_reaches_those_that_call_it_from_another_file(tmp_path):
     (tmp_path / "middle.py").write_text(
-        "from abfm.numerics.kernels import kernel\nfrom lower import f\n@kernel\ndef g(x):\n    return f(x)\n"
+        "from abfm.numerics.kernels import kernel\nfrom lower import f\n@kernel\ndef g(x):\n    "
+        "return f(x)\n"
     )
     (tmp_path / "upper.py").write_text(
-        "from abfm.numerics.kernels import kernel\nfrom middle import g\n@kernel\ndef h(x):\n    return g(x)\n"
+        "from abfm.numerics.kernels import kernel\nfrom middle import g\n@kernel\ndef h(x):\n    "
+        "return g(x)\n"
     )
     for sum_of in (1, 20):
         (tmp_path / "lower.py").write_text(
-            f"from abfm.numerics.kernels import kernel\n@kernel\ndef f(x):\n    return x + {sum_of}\n"
+            "from abfm.numerics.kernels import kernel\n@kernel\ndef f(x):\n    return x + "
+            f"{sum_of}\n"
         )
-        done = subprocess.run(
-            [sys.executable, "-c", "import upper; print(upper.h(10))"], cwd=tmp_path, capture_output=True, text=True
-        )
+        done = python("import upper; print(upper.h(10))", cwd=tmp_path)
         assert done.stdout.split() == [str(10 + sum_of)], done.stderr
     assert len(list((tmp_path / "__pycache__").glob("upper.h_*.nbi"))) == 2
+
+
+@pytest.mark.parametrize("damage", [b"", b"junk", bytes(1000)])
+def test_a_damaged_file_of_compiled_code_is_compiled_anew(tmp_path, damage):
+    code = (
+        "from abfm.numerics.kernels import inner; import numpy; "
+        "print(inner(numpy.ones(3), numpy.ones(3)), len(inner.stats.cache_hits))"
+    )
+
+    def run():
+        done = python(code, env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)})
+        assert done.stderr == ""
+        return done.stdout.split()
+
+    assert run() == ["3.0", "0"]
+    files = [*tmp_path.rglob("*.nb?")]
+    assert len(files) == 2
+    for file in files:
+        file.write_bytes(damage)
+    assert run() == ["3.0", "0"]
+    assert run() == ["3.0", "1"]
+
+
+@pytest.mark.parametrize("value", ["0", "many"])
+def test_settings_that_numba_does_not_take_are_refused_in_one_line(value):
+    code = "import abfm\ntry: abfm.match\nexcept abfm.AbfmError as error: print(error)"
+    done = python(code, env=os.environ | {"NUMBA_NUM_THREADS": value})
+    assert done.stderr == ""
+    assert done.stdout.startswith("numba does not take what the environment says")
+    assert f"(NUMBA_NUM_THREADS='{value}')" in done.stdout

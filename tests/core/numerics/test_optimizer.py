@@ -35,7 +35,9 @@ def rosenbrock(x):
 def test_rosenbrock_reaches_the_minimum_of_scipy():
     start = np.array([-1.2, 1.0, 0.5, -0.7, 1.3])
     state, energies = run(LBFGS(rosenbrock, tolerance=1e-9), start)
-    assert state.x == pytest.approx(minimize(rosen, start, jac=rosen_der, method="BFGS").x, abs=1e-5)
+    assert state.x == pytest.approx(
+        minimize(rosen, start, jac=rosen_der, method="BFGS").x, abs=1e-5
+    )
     assert all(after < before for before, after in pairwise(energies))
 
 
@@ -71,7 +73,9 @@ def test_steps_are_no_longer_than_allowed():
 def test_infinite_energies_are_stepped_around():
     def walled(x):
         inside = float(x[0]) < 1
-        return Point(float(-x[0] - 0.1 * np.log(1 - x[0])) if inside else np.inf, -1 + 0.1 / (1 - x))
+        return Point(
+            float(-x[0] - 0.1 * np.log(1 - x[0])) if inside else np.inf, -1 + 0.1 / (1 - x)
+        )
 
     state, _ = run(LBFGS(walled, tolerance=1e-8), [0.0])
     assert state.x == pytest.approx(0.9, abs=1e-6)
@@ -93,7 +97,12 @@ def test_a_stationary_start_is_converged():
 
 
 @example(bend=1.0, wave=1.0, first=1e-4, shift=2.75)
-@given(bend=st.floats(0.01, 100), wave=st.floats(0, 3), first=st.floats(1e-4, 100), shift=st.floats(0.1, 10))
+@given(
+    bend=st.floats(0.01, 100),
+    wave=st.floats(0, 3),
+    first=st.floats(1e-4, 100),
+    shift=st.floats(0.1, 10),
+)
 def test_accepted_lengths_satisfy_the_strong_wolfe_conditions(bend, wave, first, shift):
     def value(t):
         return bend * (t - shift) ** 2 + wave * np.sin(5 * t)

@@ -1,13 +1,18 @@
-"""Compiled libraries in processes that have little more memory than they use: too little, a bit more, ..., enough."""
+"""Compiled libraries in processes that have little more memory than they use: too little, a bit
+more, ..., enough.
+"""
 
 from __future__ import annotations
 
-import subprocess
 import sys
 
 import pytest
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere memory has no limit that can be set")
+from tests.processes import python
+
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux", reason="elsewhere memory has no limit that can be set"
+)
 
 RUNS = """
 import os, resource
@@ -49,7 +54,8 @@ from scipy import sparse
 from abfm.numerics import cholesky
 
 path = sparse.diags_array([2.01, -1, -1], offsets=[0, 1, -1], shape=(60, 60))
-grid = sparse.csr_array(sparse.kron(path, sparse.eye_array(60)) + sparse.kron(sparse.eye_array(60), path))
+one = sparse.eye_array(60)
+grid = sparse.csr_array(sparse.kron(path, one) + sparse.kron(one, path))
 cholesky.factor(sparse.csr_array(path))(np.ones(60))
 if cholesky.CholeskySolverD is not None:
     cholesky.CholeskySolverD = inside(cholesky.CholeskySolverD)
@@ -60,6 +66,6 @@ with_little_more(lambda: cholesky.factor(grid)(np.ones(3600)), most=8_000)
 @pytest.mark.parametrize("what", [DISTANCES, FACTORISATION], ids=["distances", "factorisation"])
 def test_a_library_is_not_called_where_memory_would_run_out_inside_it(what: str) -> None:
     """There it may not only raise a MemoryError (3) but, by chance, crash (below 0)."""
-    done = subprocess.run([sys.executable, "-c", RUNS + what], capture_output=True, text=True, check=True)
+    done = python(RUNS + what, check=True)
     assert set(done.stdout.split()) == {"0", "1"}
     assert done.stderr == ""

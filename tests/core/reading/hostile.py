@@ -1,4 +1,5 @@
-"""Makers of files that lie: headers, compressed data and archives which say that they hold more than there is.
+"""Makers of files that lie: headers, compressed data and archives which say that they hold more
+than there is.
 
 And what the refusal of such a file must be like.
 """
@@ -13,17 +14,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from abfm.errors import ResultError
 
-BIG = 1 << 30
+BIG = 65 << 20  # above what packed data may hold at the most, and soon made
 
 
 def npy(header: str, data: bytes = b"", version: int = 1) -> bytes:
     """An array file with a header of our own."""
     content = header.ljust(117).encode() + b"\n"
     return (
-        b"\x93NUMPY" + bytes([version, 0]) + len(content).to_bytes(2 if version == 1 else 4, "little") + content + data
+        b"\x93NUMPY"
+        + bytes([version, 0])
+        + len(content).to_bytes(2 if version == 1 else 4, "little")
+        + content
+        + data
     )
 
 
@@ -32,11 +39,15 @@ def npy_of(shape: str, descr: str = "<f8", data: bytes = b"") -> bytes:
     return npy(f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}", data)
 
 
-def gifti(text: str, dims: str = 'Dimensionality="1" Dim0="3"', encoding: str = "ASCII", more: str = "") -> bytes:
+def gifti(
+    text: str, dims: str = 'Dimensionality="1" Dim0="3"', encoding: str = "ASCII", more: str = ""
+) -> bytes:
     """A GIFTI file of one array of 32 bit floats."""
     return (
-        '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray Intent="NIFTI_INTENT_SHAPE" '
-        f'DataType="NIFTI_TYPE_FLOAT32" ArrayIndexingOrder="RowMajorOrder" {dims} Encoding="{encoding}" '
+        '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray '
+        'Intent="NIFTI_INTENT_SHAPE" '
+        f'DataType="NIFTI_TYPE_FLOAT32" ArrayIndexingOrder="RowMajorOrder" {dims} '
+        f'Encoding="{encoding}" '
         f'Endian="LittleEndian" {more}><Data>{text}</Data></DataArray></GIFTI>'
     ).encode()
 
@@ -53,7 +64,9 @@ def gifti_bomb(dims: str) -> bytes:
 
 
 def overlapping_zip(path: Path, names: list[str], content: bytes) -> None:
-    """A zip each of whose members holds the next one, header and all: together much more than the file."""
+    """A zip each of whose members holds the next one, header and all: together much more than
+    the file.
+    """
     found = []
     for name in reversed(names):
         member = zipfile.ZipInfo(name)
@@ -87,7 +100,9 @@ def members(path: Path) -> dict[str, bytes]:
 
 
 def rewrite(path: Path, changes: Mapping[str, Any], compression: int = zipfile.ZIP_STORED) -> None:
-    """Write a zip anew with other members: arrays as NumPy saves them, bytes as they are, and None leaves one out."""
+    """Write a zip anew with other members: arrays as NumPy saves them, bytes as they are, and
+    None leaves one out.
+    """
     content: dict[str, Any] = members(path)
     for name, value in changes.items():
         if isinstance(value, np.ndarray | np.generic):
@@ -96,7 +111,9 @@ def rewrite(path: Path, changes: Mapping[str, Any], compression: int = zipfile.Z
             content[name] = file.getvalue()
         else:
             content[name] = value
-    path.write_bytes(zipped({name: data for name, data in content.items() if data is not None}, compression))
+    path.write_bytes(
+        zipped({name: data for name, data in content.items() if data is not None}, compression)
+    )
 
 
 def refusal(load: Callable[[Path], object], path: Path) -> str:
@@ -116,3 +133,33 @@ def one_byte_changed(content: bytes, end: int | None = None) -> Iterator[bytes]:
         changed = bytearray(content)
         changed[position] ^= (0x01, 0x20, 0x80)[position % 3]
         yield bytes(changed)
+
+
+def with_flipped_bits(
+    path: Path, load: Callable[[Path], Any], check: Callable[[Any], None]
+) -> None:
+    """Load a file again and again with a byte changed: it is refused in one line, or comes as
+    it was, where the byte is one of the zip's own that carries no content.
+    """
+    whole = path.read_bytes()
+
+    @settings(deadline=None, max_examples=150, derandomize=True)
+    @given(position=st.integers(0, len(whole) - 1), value=st.integers(1, 255))
+    def flip(position: int, value: int) -> None:
+        content = bytearray(whole)
+        content[position] ^= value
+        path.write_bytes(content)
+        load_or_refuse(path, load, check)
+
+    flip()
+
+
+def load_or_refuse(path: Path, load: Callable[[Path], Any], check: Callable[[Any], None]) -> None:
+    """Check what is loaded, unless it is refused in one line."""
+    try:
+        loaded = load(path)
+    except ResultError as error:
+        message = str(error)
+        assert message.isprintable()
+    else:
+        check(loaded)

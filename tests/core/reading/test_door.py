@@ -19,7 +19,9 @@ def test_a_file_comes_whole(tmp_path: Path) -> None:
     assert read_bytes(tmp_path / "a") == read_bytes(tmp_path / "link") == b"\r\n\0whole"
 
 
-def test_what_is_no_plain_file_is_refused_and_nothing_waits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_plain_file_is_refused_and_nothing_waits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     os.mkfifo(tmp_path / "pipe")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "link").symlink_to("pipe")

@@ -31,7 +31,12 @@ def filtered(atlas: TextureAtlas, texture: FloatArray, places: FloatArray) -> Fl
     low = np.floor(places - 0.5).astype(int)
     u, v = (places - 0.5 - low).T
     total = np.zeros(len(places))
-    for dx, dy, weight in ((0, 0, (1 - u) * (1 - v)), (1, 0, u * (1 - v)), (0, 1, (1 - u) * v), (1, 1, u * v)):
+    for dx, dy, weight in (
+        (0, 0, (1 - u) * (1 - v)),
+        (1, 0, u * (1 - v)),
+        (0, 1, (1 - u) * v),
+        (1, 1, u * v),
+    ):
         column, row = np.minimum(low + np.array([dx, dy]), atlas.size - 1).T
         total += np.where(weight > 1e-9, weight * texture[row, column], 0)
     return total
@@ -55,7 +60,12 @@ def test_filtering_reads_only_texels_of_the_face(mesh: TriangleMesh, size: int) 
     faces, _, places = random_places(atlas, 30)
     for face in range(0, len(mesh.faces), max(len(mesh.faces) // 20, 1)):
         mine = faces == face
-        assert_allclose(filtered(atlas, (atlas.texel_faces == face).astype(float), places[mine]), 1, rtol=0, atol=1e-6)
+        assert_allclose(
+            filtered(atlas, (atlas.texel_faces == face).astype(float), places[mine]),
+            1,
+            rtol=0,
+            atol=1e-6,
+        )
 
 
 @cases
@@ -77,7 +87,9 @@ def test_texels_map_back_to_their_place(mesh: TriangleMesh, size: int) -> None:
     places = np.einsum("nc,ncx->nx", barycentric, atlas.corners[atlas.texel_faces[rows, columns]])
     assert_allclose(places, np.stack([columns, rows], axis=1) + 0.5, rtol=0, atol=1e-9)
     inside = (barycentric >= -1e-9).all(axis=1)
-    assert_array_equal(np.unique(atlas.texel_faces[rows, columns][inside]), np.arange(len(mesh.faces)))
+    assert_array_equal(
+        np.unique(atlas.texel_faces[rows, columns][inside]), np.arange(len(mesh.faces))
+    )
 
 
 @cases
@@ -89,7 +101,7 @@ def test_coordinates_lie_in_the_texture(mesh: TriangleMesh, size: int) -> None:
 
 
 def test_texels_are_shared_out_by_area() -> None:
-    """Edges are about as long in texels as they are on the surface, and never shorter than three quarters of it."""
+    """Edges are about as long in texels as on the surface, never below three quarters of it."""
     mesh = ellipsoid(3, 3, 1, 1)
     atlas = texture_atlas(mesh, 1024)
     ends = np.roll(atlas.corners, 1, axis=1) - atlas.corners

@@ -73,7 +73,11 @@ STOPS = {
     ],
 }
 TO_LMS = np.array(
-    [[1, 0.3963377774, 0.2158037573], [1, -0.1055613458, -0.0638541728], [1, -0.0894841775, -1.2914855480]]
+    [
+        [1, 0.3963377774, 0.2158037573],
+        [1, -0.1055613458, -0.0638541728],
+        [1, -0.0894841775, -1.2914855480],
+    ]
 )
 TO_RGB = np.array(
     [
@@ -133,7 +137,9 @@ def test_on_dark_grounds_lightness_rises_from_a_dark_grey_that_stands_out_from_t
 
 def test_maps_stay_themselves_on_light_grounds_and_where_they_have_no_zero():
     assert [on_ground(name, is_dark=False) for name in colormaps.NAMES] == list(colormaps.NAMES)
-    assert [on_ground(name, is_dark=True) for name in colormaps.NAMES[2:]] == list(colormaps.NAMES[2:])
+    assert [on_ground(name, is_dark=True) for name in colormaps.NAMES[2:]] == list(
+        colormaps.NAMES[2:]
+    )
 
 
 @pytest.mark.parametrize("is_dark", [False, True])
@@ -145,7 +151,7 @@ def test_the_two_ends_of_the_diverging_map_weigh_the_same_and_differ(is_dark):
 
 
 def test_images_hold_the_maps_in_linear_light():
-    rows = {name: np.asarray(image)[0] / 255 for name, image in colormaps.images().items()}
+    rows = {name: picture[0] / 255 for name, picture in colormaps.pictures().items()}
     assert set(rows) == set(STOPS)
     assert set(rows) > set(colormaps.NAMES)
     for name, row in rows.items():
@@ -153,8 +159,12 @@ def test_images_hold_the_maps_in_linear_light():
 
 
 def test_maps_of_well_known_names_have_the_colours_that_these_are_known_for():
-    assert table("viridis")[[0, -1]] == pytest.approx(np.array([[68, 1, 84], [253, 231, 37]]) / 255, abs=0.02)
-    assert table("coolwarm")[[0, -1]] == pytest.approx(np.array([[59, 76, 192], [180, 4, 38]]) / 255, abs=0.02)
+    assert table("viridis")[[0, -1]] == pytest.approx(
+        np.array([[68, 1, 84], [253, 231, 37]]) / 255, abs=0.02
+    )
+    assert table("coolwarm")[[0, -1]] == pytest.approx(
+        np.array([[59, 76, 192], [180, 4, 38]]) / 255, abs=0.02
+    )
 
 
 def test_polyscope_gets_no_name_that_it_has_already():
@@ -163,7 +173,7 @@ def test_polyscope_gets_no_name_that_it_has_already():
 
 
 def test_the_material_has_no_colour_of_its_own():
-    red, green, blue, black = map(np.asarray, material.images())
+    red, green, blue, black = material.pictures()
     assert (red[..., 0] == green[..., 1]).all()
     assert (red[..., 0] == blue[..., 2]).all()
     assert not red[..., 1:].any()

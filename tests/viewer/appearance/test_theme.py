@@ -10,13 +10,15 @@ import pytest
 
 from abfm_viewer.appearance.theme import Color, palette
 from abfm_viewer.document.document import THEMES
-from abfm_viewer.widgets.texts import Kind
+from abfm_viewer.widgets.toolkit import Kind
 from tests.viewer.contrast import SIGHTS, contrast, difference
 
 GROUNDS = ("panel", "field", "hovered", "pressed", "ground")
 CURVES = ("muted", "smoothness", "closeness")  # of the energy and its terms
-APART = 20.0  # in CIELAB, where 2.3 is just noticeable side by side; thin lines need several times as much
-READ, SEEN = 4.5, 3.0  # at least, of texts, and of marks without which a widget could not be understood
+# in CIELAB, where 2.3 is just noticeable side by side; thin lines need several times as much
+APART = 20.0
+# at least, of texts, and of marks without which a widget could not be understood
+READ, SEEN = 4.5, 3.0
 
 
 @pytest.mark.parametrize(("theme", "ink", "ground"), [*product(THEMES, get_args(Kind), GROUNDS)])

@@ -9,9 +9,8 @@ import pytest
 import trimesh
 from PIL import Image
 
-import abfm.experiments
-from abfm import MeshError
-from abfm.experiments import TITLES
+from abfm import MeshError, experiments
+from abfm.paper import TITLES
 from abfm_viewer import pictures
 from abfm_viewer.cli import main
 from abfm_viewer.errors import DrawingError
@@ -20,25 +19,22 @@ from tests.core.experiments.small import ran
 
 @pytest.fixture
 def small(monkeypatch):
-    """Make experiments small, and 7 the only figure; returns what is to take its place."""
-    real = abfm.experiments.experiment_of
+    """Make figures small, and 7 the only one."""
+    real = experiments.script
 
-    def set_up(mesh, small):
-        if mesh is not None and len(mesh.vertices) < 20:
+    def script(figure, stage):
+        if stage.mesh is not None and len(stage.mesh.vertices) < 20:
             raise MeshError("too few vertices")
-        return real(7).set_up(mesh, True)
+        return real(figure, replace(stage, small=True))
 
-    monkeypatch.setattr(abfm.experiments, "FIGURES", (7,))
-    monkeypatch.setattr(abfm.experiments, "experiment_of", lambda figure: replace(real(figure), set_up=set_up))
+    monkeypatch.setattr("abfm_viewer.cli.figure.FIGURES", (7,))
+    monkeypatch.setattr(experiments, "script", script)
 
 
 @pytest.fixture
 def known(small, monkeypatch):
     """What 7 finds on its own mesh is at hand."""
-    made = abfm.experiments.experiment_of
-    monkeypatch.setattr(
-        abfm.experiments, "experiment_of", lambda figure: replace(made(figure), run=lambda *_: ran(7)[1])
-    )
+    monkeypatch.setattr(experiments, "findings_of", lambda script: ran(7)[1])
 
 
 def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, capsys):
@@ -62,13 +58,9 @@ def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, capsys):
 
 
 def test_what_the_sheet_says_stands_in_every_output(known, tmp_path, capsys, monkeypatch):
-    made = abfm.experiments.experiment_of
-
-    def noted(setup, report):
-        found = made(7).run(setup, report)
-        return replace(found, sheet=replace(found.sheet, notes=("no map",)))
-
-    monkeypatch.setattr(abfm.experiments, "experiment_of", lambda figure: replace(made(figure), run=noted))
+    found = ran(7)[1]
+    noted = replace(found, sheet=replace(found.sheet, notes=("no map",)))
+    monkeypatch.setattr(experiments, "findings_of", lambda script: noted)
     assert main(["figure", "all", "--out", str(tmp_path), "--quiet"]) == 0
     assert "no map" in json.loads((tmp_path / "figure-7.json").read_text())["notes"]
     assert "no map" in (tmp_path / "index.html").read_text()
@@ -89,7 +81,12 @@ def test_another_mesh_is_named_and_stands_upright(small, tmp_path):
     trimesh.creation.capsule(height=3, radius=0.5, count=(12, 12)).export(mesh)
     sizes = []
     for up in ("y", "z"):
-        assert main(["figure", "7", "--mesh", str(mesh), "--up", up, "--out", str(tmp_path), "--quiet"]) == 0
+        assert (
+            main(
+                ["figure", "7", "--mesh", str(mesh), "--up", up, "--out", str(tmp_path), "--quiet"]
+            )
+            == 0
+        )
         with Image.open(tmp_path / "figure-7.png") as image:
             sizes.append(image.size)
     assert sizes[1][1] > 1.1 * sizes[0][1]  # upright panels are narrow, so that they may be high
@@ -104,26 +101,6 @@ def test_what_a_mesh_does_not_allow_is_refused_or_told_on_the_page(small, tmp_pa
     assert capsys.readouterr().err == "abfm: too few vertices\n"
     assert main(["figure", "all", *words]) == 0
     assert "Not on this mesh: too few vertices" in (tmp_path / "index.html").read_text()
-
-
-def test_the_picture_of_an_earlier_run_does_not_stay_beside_other_numbers(small, tmp_path):
-    mesh = tmp_path / "box.off"
-    trimesh.creation.box().export(mesh)
-    (tmp_path / "figure-7.png").touch()
-    assert main(["figure", "all", "--mesh", str(mesh), "--out", str(tmp_path), "--quiet"]) == 0
-    assert not (tmp_path / "figure-7.png").exists()
-
-
-def test_of_several_components_the_largest_can_be_taken(small, tmp_path, capsys):
-    parts = [trimesh.creation.icosphere(subdivisions=2), trimesh.creation.box()]
-    parts[1].apply_translation([5, 0, 0])
-    mesh = tmp_path / "parts.ply"
-    trimesh.util.concatenate(parts).export(mesh)
-    words = ["figure", "7", "--mesh", str(mesh), "--out", str(tmp_path), "--quiet"]
-    assert main(words) == 2
-    assert "--largest-component" in capsys.readouterr().err
-    assert main([*words, "--largest-component"]) == 0
-    assert "parts.ply, 162 vertices" in json.loads((tmp_path / "figure-7.json").read_text())["setting"]
 
 
 def test_without_opengl_the_numbers_are_there(known, tmp_path, monkeypatch, capsys):

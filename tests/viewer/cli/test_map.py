@@ -6,36 +6,31 @@ import json
 
 import numpy as np
 import pytest
-import trimesh
 
-from abfm import Parameters, TriangleMesh, function, load_match
+from abfm import Parameters, Problem, TriangleMesh, function, load_match
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.experiments.experiment import Setup
-from abfm.experiments.given_flow import tangent
-from abfm.experiments.set_up_apart import given
+from abfm.experiments import Example, as_match
+from abfm.experiments.fields import tangent
 from abfm.flow.flow import Flow
 from abfm.maps.quality import map_quality
 from abfm_viewer.cli import main
 from tests.shapes import ellipsoid, icosphere
 
 
+def saved(path, mesh, velocity, target="coordinate:x", tau=1.0):
+    """A result file of a flow that nobody searched."""
+    f, g = function(mesh, "coordinate:x"), function(mesh, target)
+    problem = Problem(mesh, f, g, Parameters(tau=tau))
+    as_match(Example(problem, "", (), Flow(mesh, velocity, tau))).save(path)
+    return path
+
+
 @pytest.fixture(scope="module")
 def turned(tmp_path_factory):
     """The result of half a turn of an ellipsoid of revolution about its axis, z."""
     mesh = ellipsoid(3, 1.0, 1.0, 1.5)
-    centers = mesh.vertices[mesh.faces].mean(axis=1)
-    velocity = np.pi * np.cross([0.0, 0.0, 1.0], centers)[None]
-    setup = Setup(
-        mesh=mesh,
-        name="",
-        sources=("coordinate:x",),
-        targets=("expression:-x",),
-        parameters=Parameters(),
-        flow=Flow(mesh, velocity),
-    )
-    path = tmp_path_factory.mktemp("map") / "turned.npz"
-    given(setup).save(path)
-    return path
+    velocity = np.pi * np.cross([0.0, 0.0, 1.0], mesh.vertices[mesh.faces].mean(axis=1))
+    return saved(tmp_path_factory.mktemp("map") / "turned.npz", mesh, velocity, "expression:-x")
 
 
 def test_the_map_is_half_a_turn_and_works_in_functions(turned, tmp_path, capsys):
@@ -54,7 +49,9 @@ def test_the_map_is_half_a_turn_and_works_in_functions(turned, tmp_path, capsys)
 
 def test_errors_against_a_known_map_are_told(turned, tmp_path, capsys):
     mesh = load_match(turned).mesh
-    half_turn = np.array([np.argmin(np.linalg.norm(mesh.vertices - p, axis=1)) for p in mesh.vertices * [-1, -1, 1]])
+    half_turn = np.array(
+        [np.argmin(np.linalg.norm(mesh.vertices - p, axis=1)) for p in mesh.vertices * [-1, -1, 1]]
+    )
     np.savetxt(tmp_path / "truth.txt", half_turn, fmt="%d")
     assert main(["map", str(turned), "--truth", str(tmp_path / "truth.txt"), "--json"]) == 0
     right = json.loads(capsys.readouterr().out)["accuracy"]
@@ -70,18 +67,8 @@ def test_errors_against_a_known_map_are_told(turned, tmp_path, capsys):
 def wild(tmp_path_factory):
     """The result of a field without any smoothness, whose discrete flow is no map."""
     mesh = icosphere(2)
-    velocity = np.random.default_rng(0).normal(size=(1, len(mesh.faces), 3))
-    setup = Setup(
-        mesh=mesh,
-        name="",
-        sources=("coordinate:x",),
-        targets=("coordinate:x",),
-        parameters=Parameters(tau=0.5),
-        flow=Flow(mesh, tangent(mesh, velocity[0]), 0.5),
-    )
-    path = tmp_path_factory.mktemp("map") / "wild.npz"
-    given(setup).save(path)
-    return path
+    velocity = tangent(mesh, np.random.default_rng(0).normal(size=(len(mesh.faces), 3)))
+    return saved(tmp_path_factory.mktemp("map") / "wild.npz", mesh, velocity, tau=0.5)
 
 
 @pytest.mark.parametrize("what", [[], ["--functional-map", "5"], ["--carry"]])
@@ -91,7 +78,7 @@ def test_what_is_no_map_is_told_and_warned_of_in_one_line(wild, what, tmp_path, 
     what = [*what, str(tmp_path / "uv.npy")] if what == ["--carry"] else what
     assert main(["map", str(wild), "--out", str(tmp_path / "out.npy"), *what]) == 0
     said = capsys.readouterr()
-    quality = map_quality(match.mesh, match.point_map())
+    quality = map_quality(match.point_map())
     assert quality.warning
     assert said.err == f"warning: {quality.warning}\n"
     assert said.out == f"{quality.report()}\nwrote {tmp_path / 'out.npy'}\n"
@@ -104,7 +91,7 @@ def test_json_has_the_quality_of_the_map_that_is_asked_for(wild, turned, tmp_pat
         said = capsys.readouterr()
         told = json.loads(said.out)["quality"]
         match = load_match(path)
-        quality = map_quality(match.mesh, match.point_map(time))
+        quality = map_quality(match.point_map(time))
         assert told["off_surface"] == quality.largest_distance
         assert told["off_surface_rms"] == quality.rms_distance
         assert told["folded"] == quality.folded
@@ -119,33 +106,31 @@ def test_texture_coordinates_are_carried_and_brought_back(turned, tmp_path):
     there, back = tmp_path / "there.npy", tmp_path / "back.csv"
     assert main(["map", str(turned), "--carry", str(tmp_path / "uv.npy"), "--out", str(there)]) == 0
     assert np.abs(np.load(there) + mesh.vertices[:, :2]).max() < 0.05
-    assert main(["map", str(turned), "--carry", str(there), "--time", "-1", "--out", str(back)]) == 0
+    assert (
+        main(["map", str(turned), "--carry", str(there), "--time", "-1", "--out", str(back)]) == 0
+    )
     np.testing.assert_allclose(np.loadtxt(back, delimiter=","), mesh.vertices[:, :2], atol=1e-6)
 
 
 def test_vertices_that_no_face_uses_have_no_place_and_keep_their_values(tmp_path):
     sphere = icosphere(2)
     mesh = TriangleMesh(np.concatenate([[[9.0, 9, 9]], sphere.vertices]), sphere.faces + 1)
-    setup = Setup(
-        mesh=mesh,
-        name="",
-        sources=("coordinate:x",),
-        targets=("coordinate:x",),
-        parameters=Parameters(),
-        flow=Flow(mesh, np.zeros((len(mesh.faces), 3))),
+    still = saved(tmp_path / "still.npz", mesh, np.zeros((len(mesh.faces), 3)))
+    assert main(["map", str(still), "--out", str(tmp_path / "map.txt")]) == 0
+    np.testing.assert_array_equal(
+        np.loadtxt(tmp_path / "map.txt"), [-1, *range(1, len(sphere.vertices) + 1)]
     )
-    given(setup).save(tmp_path / "still.npz")
-    assert main(["map", str(tmp_path / "still.npz"), "--out", str(tmp_path / "map.txt")]) == 0
-    np.testing.assert_array_equal(np.loadtxt(tmp_path / "map.txt"), [-1, *range(1, len(sphere.vertices) + 1)])
     table = np.arange(2.0 * mesh.file_vertex_count).reshape(-1, 2)
     np.save(tmp_path / "uv.npy", table)
     words = ["--carry", str(tmp_path / "uv.npy"), "--out", str(tmp_path / "out.npy")]
-    assert main(["map", str(tmp_path / "still.npz"), *words]) == 0
+    assert main(["map", str(still), *words]) == 0
     np.testing.assert_allclose(np.load(tmp_path / "out.npy"), table, atol=1e-9)
 
 
 def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, tmp_path):
-    assert main(["map", str(turned), "--functional-map", "12", "--out", str(tmp_path / "C.npy")]) == 0
+    assert (
+        main(["map", str(turned), "--functional-map", "12", "--out", str(tmp_path / "C.npy")]) == 0
+    )
     C = np.load(tmp_path / "C.npy")
     np.testing.assert_allclose(C[:, 0], np.eye(12)[0], atol=1e-6)
     np.testing.assert_allclose(C.T @ C, np.eye(12), atol=0.05)
@@ -153,6 +138,12 @@ def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, 
     assert eigenbasis(match.mesh.normalized(), 12)[1].shape == (len(match.mesh.vertices), 12)
 
 
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("own_folder")
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
@@ -162,7 +153,10 @@ def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, 
         (["--out", "map.obj"], "must end in .txt, .csv, .npy"),
         (["--out", "map.txt", "--carry", "none.npy"], "none.npy"),
         (["--out", "map.txt", "--carry", "short.npy"], "file 'short.npy': 3 values were given"),
-        (["--out", "map.txt", "--carry", "infinite.npy"], "file 'infinite.npy': some values are not finite"),
+        (
+            ["--out", "map.txt", "--carry", "infinite.npy"],
+            "file 'infinite.npy': some values are not finite",
+        ),
         (["--out", "C.npy", "--functional-map", "0"], "0 eigenfunctions"),
         (["--out", "C.npy", "--functional-map", "100000"], "100000 eigenfunctions"),
         (["--truth", "none.txt"], "none.txt"),
@@ -170,17 +164,10 @@ def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, 
         (["--out", "map.txt", "--time", "1e9"], "shorten the time"),
     ],
 )
-def test_bad_words_are_refused_in_one_line(turned, words, expected, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_bad_words_are_refused_in_one_line(turned, words, expected, capsys):
     np.save("short.npy", np.zeros(3))
     np.save("infinite.npy", np.full(len(load_match(turned).mesh.vertices), np.inf))
     assert main(["map", str(turned), *words]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert expected in error
-
-
-def test_a_mesh_is_no_result(tmp_path, capsys):
-    trimesh.creation.icosphere(subdivisions=1).export(tmp_path / "s.off")
-    assert main(["map", str(tmp_path / "s.off"), "--out", str(tmp_path / "m.txt")]) == 2
-    assert "s.off" in capsys.readouterr().err

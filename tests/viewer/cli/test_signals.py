@@ -15,12 +15,13 @@ import pytest
 from abfm import load_match
 from abfm.assets import asset_path
 from abfm_viewer.cli import main
+from tests.processes import argv, python
 
 COMMAND = [sys.executable, "-c", "import sys; from abfm_viewer.cli import main; sys.exit(main())"]
-LONG = [
-    *("match", str(asset_path("human_A.off")), "--source", "gaussian:vertex=394", "--target", "gaussian:vertex=14"),
-    *("--iterations", "1000000", "--tolerance", "0", "--sigma", "1e-6", "--out"),
-]
+LONG = argv(
+    f"match '{asset_path('human_A.off')}' --source gaussian:vertex=394 --target gaussian:vertex=14 "
+    "--iterations 1000000 --tolerance 0 --sigma 1e-6 --out"
+)
 
 
 def start(*words: str) -> subprocess.Popen[str]:
@@ -55,14 +56,18 @@ def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path: Pat
 
 def test_a_signal_ends_a_benchmark_with_what_was_finished():
     """Nothing is raised while libraries call back into Python: they would print it and go on."""
-    process = start("bench", "--success", "--only-given", "--mesh", str(asset_path("eight.off")), "--json")
+    process = start(
+        "bench", "--success", "--only-given", "--mesh", str(asset_path("eight.off")), "--json"
+    )
     assert process.stderr is not None
     while not process.stderr.readline().startswith("1/6"):
         assert process.poll() is None
     process.send_signal(signal.SIGTERM)
     told, errors = process.communicate(timeout=60)
     assert process.returncode == 143
-    assert errors.splitlines()[-1] == "stopping with what was finished; Ctrl-C again to leave at once"
+    assert (
+        errors.splitlines()[-1] == "stopping with what was finished; Ctrl-C again to leave at once"
+    )
     report = json.loads(told)
     assert report["interrupted"]
     assert 1 <= len(report["rows"]) < 6
@@ -75,9 +80,7 @@ def test_an_interrupt_before_the_solve_writes_nothing(tmp_path: Path):
         "o.mesh = interrupted\n"
         "from abfm_viewer.cli import main; sys.exit(main())"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script, *LONG, str(tmp_path / "m.npz")], capture_output=True, text=True, check=False
-    )
+    done = python(script, *LONG, str(tmp_path / "m.npz"))
     assert (done.returncode, done.stderr) == (130, "abfm: interrupted\n")
     assert list(tmp_path.iterdir()) == []
 
@@ -92,7 +95,7 @@ def test_an_interrupt_while_modules_load_is_one_line(module, program):
         "sys.meta_path.insert(0, CtrlC())\n"
         f"from abfm_viewer.{module} import main; sys.exit(main([]))"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    done = python(script)
     assert (done.returncode, done.stderr) == (130, f"{program}: interrupted\n")
 
 
@@ -106,24 +109,30 @@ def result(tmp_path_factory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_movie_and_leaves_the_older_file(number, result: Path, tmp_path: Path):
+def test_a_signal_ends_a_movie_and_leaves_the_older_file(result: Path, tmp_path: Path):
     movie = tmp_path / "m.mp4"
     movie.write_text("older")
-    process = start("render", str(result), "--out", str(movie), "--size", "320x240", "--seconds", "60", "--progress")
+    options = argv("--size 320x240 --seconds 60 --progress")
+    process = start("render", str(result), "--out", str(movie), *options)
     assert process.stdout is not None
     assert '"frame": 1,' in process.stdout.readline()
-    process.send_signal(number)
+    process.send_signal(signal.SIGINT)
     told, errors = process.communicate(timeout=60)
-    assert process.returncode == 128 + number
+    assert process.returncode == 130
     assert "wrote" not in told
     assert errors == "abfm: interrupted\n"
     assert movie.read_text() == "older"
     assert [path.name for path in tmp_path.iterdir()] == ["m.mp4"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize(("module", "program"), [("cli", "abfm"), ("app", "abfm-viewer")])
+@pytest.mark.parametrize(
+    ("module", "program", "number"),
+    [
+        ("cli", "abfm", signal.SIGINT),
+        ("cli", "abfm", signal.SIGHUP),
+        ("app", "abfm-viewer", signal.SIGTERM),
+    ],
+)
 def test_a_signal_inside_an_import_ends_the_program_at_once(module, program, number):
     """Where compiled code would swallow what is raised, nothing is raised."""
     script = (
@@ -138,7 +147,7 @@ def test_a_signal_inside_an_import_ends_the_program_at_once(module, program, num
         "sys.argv = ['abfm', 'info']\n"
         f"from abfm_viewer.{module} import main; sys.exit(main())"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    done = python(script)
     assert (done.returncode, done.stderr) == (128 + number, f"{program}: interrupted\n")
 
 
@@ -166,14 +175,7 @@ sys.exit(program_status("abfm", run))
 
 def test_what_is_in_use_is_removed_also_when_another_signal_comes_meanwhile(tmp_path):
     (tmp_path / "m.npz").write_text("old")
-    done = subprocess.run(
-        [sys.executable, "-c", LEAVING],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    )
+    done = python(LEAVING, cwd=tmp_path, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
     assert (done.returncode, done.stdout, done.stderr) == (143, "before", "abfm: interrupted\n")
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"m.npz": "old"}
 
@@ -186,20 +188,25 @@ def test_a_signal_that_is_to_be_ignored_stays_ignored():
         "with taken_over(print): os.kill(os.getpid(), signal.SIGHUP)\n"
         "os.kill(os.getpid(), signal.SIGHUP)\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    done = python(script)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="looks at processes through /proc")
 def test_a_helper_process_ends_with_the_one_that_started_it():
-    """A kill leaves that no time to end its helpers; one that computes looks whether anybody still waits."""
+    """A kill leaves that no time to end its helpers; one that computes looks whether anybody
+    still waits.
+    """
     script = (
-        "import os; from abfm.numerics.own_process import OwnProcess\n"
-        "process = OwnProcess('abfm.numerics.cholesky')\n"
-        "print(process._process.pid, os.getpgid(process._process.pid) != os.getpgid(0), flush=True)\n"
+        "import os; from abfm.workers.process import OwnProcess\n"
+        "process = OwnProcess('abfm.workers')\n"
+        "print(process.pid, os.getpgid(process.pid) != os.getpgid(0), "
+        "flush=True)\n"
         "os.kill(os.getpid(), 9)\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, check=False
+    )
     helper, is_apart = done.stdout.split()
     assert is_apart == "True"  # Ctrl-C on a terminal goes to a whole group
     for _ in range(600):

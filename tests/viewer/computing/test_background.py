@@ -1,4 +1,6 @@
-"""Work off the frame loop: the newest request counts, errors are told, and nothing outlives its owner."""
+"""Work off the frame loop: the newest request counts, errors are told, and nothing outlives its
+owner.
+"""
 
 from __future__ import annotations
 
@@ -8,36 +10,13 @@ import numpy as np
 import pytest
 
 from abfm import FunctionError
-from abfm.numerics.own_process import is_factored_apart
+from abfm.numerics.factoring_apart import is_factored_apart
 from abfm_viewer.computing.background import Jobs, Latest
 from tests.viewer.sessions import until
 
 
-def test_only_the_newest_of_several_requests_is_computed():
-    latest, may_end, computed = Latest[str]("test"), threading.Event(), []
-
-    def job(name):
-        def compute():
-            computed.append(name)
-            may_end.wait(10)
-            return name
-
-        return compute
-
-    assert latest.ask("first", job("first")) is None
-    until(lambda: computed == ["first"])
-    for name in ("second", "third"):
-        assert latest.ask(name, job(name)) is None
-        assert latest.busy
-    may_end.set()
-    until(lambda: latest.ask("third", job("third")) == "third")
-    assert computed == ["first", "third"]
-    assert not latest.busy
-    latest.close()
-
-
 def test_large_systems_are_factored_apart_beside_the_frame_loop_and_small_ones_and_others_here():
-    latest = Latest[list[bool]]("test")
+    latest = Latest[list[bool]]()
     latest.ask("sizes", lambda: [is_factored_apart(size) for size in (14_000, 15_000)])
     until(lambda: latest.key == "sizes")
     assert latest.value == [False, True]
@@ -46,7 +25,7 @@ def test_large_systems_are_factored_apart_beside_the_frame_loop_and_small_ones_a
 
 
 def test_an_error_is_told_in_one_line_and_forgotten_with_the_next_request():
-    latest = Latest[int]("test")
+    latest = Latest[int]()
 
     def fail():
         raise FunctionError("two\nlines")
@@ -62,8 +41,10 @@ def test_an_error_is_told_in_one_line_and_forgotten_with_the_next_request():
 
 @pytest.fixture
 def held():
-    """A `Latest` whose jobs wait for each other's leave: the latest, a function that makes jobs, what they did."""
-    latest, leave, begun = Latest[str]("test"), {}, []
+    """A `Latest` whose jobs wait for each other's leave: the latest, a function that makes jobs,
+    what they did.
+    """
+    latest, leave, begun = Latest[str](), {}, []
 
     def job(name):
         leave[name] = threading.Event()
@@ -113,18 +94,8 @@ def test_what_is_under_way_and_asked_for_again_is_not_computed_twice(held):
     assert begun == ["under way"]
 
 
-def test_until_the_newest_is_there_the_one_before_is_shown_if_it_is_about_the_same(held):
-    latest, job, _, end = held
-    assert latest.newest("sphere", 1, job("first")) is None
-    end("first")
-    until(lambda: not latest.busy)
-    assert latest.newest("sphere", 2, job("second")) == "first"
-    assert latest.newest("torus", 2, job("third")) is None
-    assert latest.newest("sphere", 1, job("first")) == "first"
-
-
 def test_keys_have_the_same_arrays_if_these_are_the_same_objects():
-    latest, values, calls = Latest[int]("test", at_once=True), np.zeros(3), []
+    latest, values, calls = Latest[int](at_once=True), np.zeros(3), []
 
     def count():
         calls.append(1)
@@ -135,16 +106,21 @@ def test_keys_have_the_same_arrays_if_these_are_the_same_objects():
 
 
 def test_what_is_computed_at_once_is_there_at_once_in_this_thread():
-    latest, threads = Latest[int]("test", at_once=True), []
+    latest, threads = Latest[int](at_once=True), []
     for number in (1, 2):
-        assert latest.ask(number, lambda number=number: threads.append(threading.current_thread()) or number) == number
+        assert (
+            latest.ask(
+                number, lambda number=number: threads.append(threading.current_thread()) or number
+            )
+            == number
+        )
         assert not latest.busy
     assert set(threads) == {threading.current_thread()}
 
 
 def test_jobs_of_one_owner_tell_and_end_together():
     jobs = Jobs()
-    one, other = jobs.latest("job one"), jobs.latest("job two")
+    one, other = jobs.latest(), jobs.latest()
     may_end = threading.Event()
     one.ask("a", lambda: may_end.wait(10))
     other.ask("b", lambda: 1 / 0)
@@ -153,18 +129,26 @@ def test_jobs_of_one_owner_tell_and_end_together():
     until(lambda: not jobs.busy)
     assert jobs.error == "ZeroDivisionError: division by zero"
     jobs.close()
-    assert not {"job one", "job two"} & {thread.name for thread in threading.enumerate()}
+    assert one.ask("c", lambda: 1) is None
+    assert not jobs.busy
 
 
-def test_closing_ends_the_thread_but_does_not_wait_long_for_a_job():
-    idle, busy, begun, may_end = Latest[int]("idle one"), Latest[int]("busy one"), threading.Event(), threading.Event()
-    idle.ask("soon", lambda: 1)
-    busy.ask("late", lambda: begun.set() or int(may_end.wait(30)))
-    until(lambda: idle.key == "soon" and begun.is_set())
-    idle.close()
-    busy.close(0.1)
-    names = {thread.name for thread in threading.enumerate()}
-    assert "idle one" not in names
-    assert "busy one" in names
-    may_end.set()
-    until(lambda: "busy one" not in {thread.name for thread in threading.enumerate()})
+def test_one_that_is_at_work_holds_up_no_other(held):
+    latest, job, begun, _ = held
+    latest.ask("late", job("late"))
+    until(lambda: begun == ["late"])
+    others = [Latest[int]() for _ in range(30)]
+    for number, other in enumerate(others):
+        other.ask(number, lambda number=number: number)
+    until(lambda: [other.value for other in others] == list(range(30)))
+
+
+def test_closing_does_not_wait_long_for_a_job(held):
+    latest, job, begun, end = held
+    latest.ask("late", job("late"))
+    until(lambda: begun == ["late"])
+    latest.close(0.1)
+    assert latest.is_at_work
+    end("late")
+    latest.close(10)
+    assert not latest.is_at_work

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+from tests.processes import python
 
 _RESIDENT = """
 import os
@@ -31,7 +30,8 @@ print(before - resident())
 
 
 _BLOCKS = """
-bytearray(30 << 20)  # freed at once: from now on the C library would take blocks up to this size from its pools
+# freed at once: from now on the C library would take blocks up to this size from its pools
+bytearray(30 << 20)
 keep_little()
 before = resident()
 kept = []
@@ -51,5 +51,5 @@ def test_large_blocks_are_given_back_when_they_are_freed():
 
 
 def _said_by(program: str) -> float:
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = python(program, check=True)
     return float(done.stdout)

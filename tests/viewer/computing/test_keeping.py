@@ -11,7 +11,7 @@ import pytest
 from abfm import AbfmError
 from abfm_viewer.computing import keeping
 from abfm_viewer.computing.keeping import FIRST, Keeper
-from abfm_viewer.computing.problem import Problem, Snapshot
+from abfm_viewer.computing.problem import ProblemSpec, Snapshot
 from tests.viewer.sessions import ENDLESS, problem
 
 PROBLEM = problem(ENDLESS)
@@ -30,7 +30,12 @@ class Iterate:
     """Whose field takes a while."""
 
     def __init__(self, clock: Clock, iteration: int, seconds: float, is_known: bool = True) -> None:
-        self.clock, self.iteration, self.seconds, self.is_known = clock, iteration, seconds, is_known
+        self.clock, self.iteration, self.seconds, self.is_known = (
+            clock,
+            iteration,
+            seconds,
+            is_known,
+        )
 
     @property
     def velocity(self) -> str:
@@ -40,7 +45,7 @@ class Iterate:
         return "field"
 
 
-def snapshot(iterate: object, of: Problem = PROBLEM) -> Snapshot:
+def snapshot(iterate: object, of: ProblemSpec = PROBLEM) -> Snapshot:
     return Snapshot(of, iterate, iterate)
 
 
@@ -49,7 +54,9 @@ def clock() -> Clock:
     return Clock()
 
 
-@pytest.mark.parametrize(("vertices", "seconds"), [(10_000, 0.007), (40_000, 0.033), (160_000, 0.15), (500, 2.0)])
+@pytest.mark.parametrize(
+    ("vertices", "seconds"), [(10_000, 0.007), (40_000, 0.033), (160_000, 0.15), (500, 2.0)]
+)
 def test_fetching_takes_a_fiftieth_of_the_time_but_for_one_field(clock, vertices, seconds):
     keeper, spent, moments = Keeper(vertices, clock), 0.0, []
     keeper.begin(PROBLEM)

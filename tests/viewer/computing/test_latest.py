@@ -1,4 +1,6 @@
-"""`Latest` as a machine of states: whatever is asked for and ends in whatever order, the last request is answered."""
+"""`Latest` as a machine of states: whatever is asked for and ends in whatever order, the last
+request is answered.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ class Asking(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.latest = Latest[tuple[int, int]]("asked at random")
+        self.latest = Latest[tuple[int, int]]()
         self.begun: list[tuple[tuple[int, int], threading.Event]] = []
         self.last: tuple[int, int] | None = None
 
@@ -88,9 +90,11 @@ TestAsking = Asking.TestCase
 TestAsking.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
 
 
-@pytest.mark.parametrize("error", [SystemExit("library"), KeyboardInterrupt(), BaseException("panic")])
-def test_whatever_a_job_raises_the_next_request_is_answered(error, capsys):
-    latest = Latest[int]("test")
+@pytest.mark.parametrize(
+    "error", [SystemExit("library"), KeyboardInterrupt(), BaseException("panic")]
+)
+def test_whatever_a_job_raises_the_next_request_is_answered(error):
+    latest = Latest[int]()
 
     def panic():
         raise error
@@ -109,7 +113,7 @@ def test_an_error_that_cannot_be_printed_ends_no_thread(monkeypatch):
             raise OSError("the terminal is gone")
 
     monkeypatch.setattr("sys.stderr", Gone())
-    latest = Latest[int]("test")
+    latest = Latest[int]()
     latest.ask("first", lambda: 1 // 0)
     until(lambda: not latest.busy)
     assert latest.error == "ZeroDivisionError: integer division or modulo by zero"
@@ -119,13 +123,13 @@ def test_an_error_that_cannot_be_printed_ends_no_thread(monkeypatch):
 
 
 def test_what_could_not_begin_as_there_was_no_thread_begins_with_the_next_request(monkeypatch):
-    latest = Latest[int]("test")
+    latest = Latest[int]()
 
-    def none_left(thread):
+    def none_left(*_):
         raise RuntimeError("can't start new thread")
 
     with monkeypatch.context() as patched:
-        patched.setattr(threading.Thread, "start", none_left)
+        patched.setattr(background.THREADS, "submit", none_left)
         with pytest.raises(RuntimeError):
             latest.ask("key", lambda: 1)
     until(lambda: latest.ask("key", lambda: 1) == 1)
@@ -133,32 +137,7 @@ def test_what_could_not_begin_as_there_was_no_thread_begins_with_the_next_reques
 
 
 def test_who_is_retired_is_not_waited_for():
-    latest = Latest[int]("test")
+    latest = Latest[int]()
     latest.retire()
     assert latest.ask("key", lambda: 1) is None
     assert not latest.busy
-
-
-def test_a_thread_without_work_ends_and_the_next_job_gets_another_one(monkeypatch):
-    monkeypatch.setattr(background, "_IDLE", 0.01)
-    latest = Latest[int]("resting at times")
-
-    def is_there() -> bool:
-        return "resting at times" in [thread.name for thread in threading.enumerate()]
-
-    for number in range(3):
-        latest.ask(number, lambda number=number: 2 * number)
-        until(lambda number=number: latest.ask(number, lambda: -1) == 2 * number)
-        until(lambda: not is_there())
-    latest.ask(3, lambda: 6)
-    latest.close(10)
-    assert not is_there()
-
-
-def test_requests_while_threads_come_and_go_are_all_answered(monkeypatch):
-    monkeypatch.setattr(background, "_IDLE", 0.0)
-    latest = Latest[int]("hardly ever there")
-    for number in range(300):
-        latest.ask(number, lambda number=number: number)
-        until(lambda number=number: latest.ask(number, lambda number=number: number) == number)
-    latest.close(10)

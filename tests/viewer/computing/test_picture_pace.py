@@ -11,7 +11,9 @@ from abfm_viewer.computing.picture_pace import PicturePace
 
 
 @pytest.mark.parametrize(("picture", "pause"), [(0.01, 0.09), (0.001, 0.05), (1.0, 0.2)])
-def test_none_is_made_for_nine_times_as_long_within_limits(picture: float, pause: float, monkeypatch) -> None:
+def test_none_is_made_for_nine_times_as_long_within_limits(
+    picture: float, pause: float, monkeypatch
+) -> None:
     now, made = [0.0], 0
     monkeypatch.setattr(picture_pace, "clock", SimpleNamespace(perf_counter=lambda: now[0]))
 

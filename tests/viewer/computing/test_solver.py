@@ -1,89 +1,450 @@
-"""The solver as the session knows it."""
+"""The solver: a run is what `abfm.match` does, can be held, ended and changed, and leaves what it
+found, though it matches in a process that may be killed.
+"""
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
+import time
+from concurrent.futures import wait
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+import abfm
+from abfm import AbfmError, Parameters
+from abfm.workers import worker as worker_module
+from abfm_viewer.computing import keeping
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.problem import Problem
+from abfm_viewer.computing.match_apart import MatchApart, is_pictured
+from abfm_viewer.computing.problem import ProblemSpec, State
 from abfm_viewer.computing.solver import Solver
-from tests.shapes import tetrahedron
-from tests.viewer.sessions import ENDLESS, SPHERE, problem, until
+from abfm_viewer.document.document import Channel
+from tests.shapes import icosphere, tetrahedron
+from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, problem, until
+
+
+@pytest.fixture(scope="module")
+def functions():
+    functions = Functions(SPHERE)
+    yield functions
+    functions.close()
 
 
 @pytest.fixture
 def solver():
-    functions = Functions(SPHERE)
     solver = Solver()
-    solver.start(problem(ENDLESS), functions, None)
-    until(lambda: solver.snapshot)
     yield solver
     solver.close()
-    functions.close()
+
+
+@pytest.fixture
+def running(solver, functions):
+    """One with a run that goes on until it is told otherwise, and has made some steps."""
+    solver.start(problem(ENDLESS), functions)
+    until(lambda: rows(solver) > 3)
+    return solver
+
+
+def rows(solver: Solver) -> int:
+    return len(solver.run.stages) if solver.run else 0
 
 
 def ended(solver: Solver):
-    left = []
-    until(lambda: (found := solver.collect()) and left.append(found) is None)
-    return left[0]
+    """The result and the run that a solver leaves, which ends of itself."""
+    solver.wait(60)
+    result, run, _ = solver.collect()
+    return result, run
 
 
-def test_before_any_run_nothing_is_finished():
-    solver = Solver()
-    assert not (solver.running)
-    assert not (solver.paused)
-    assert not (solver.finished)
+def kill(solver: Solver) -> None:
+    os.kill(solver.pid, signal.SIGKILL)
+
+
+def same_run(solver: Solver, mesh: abfm.TriangleMesh, parameters: Parameters) -> None:
+    """Checks that a match of a mesh is that of `abfm.match`, bit for bit."""
+    functions = Functions(mesh)
+    solver.start(ProblemSpec(mesh, (PAIR,), parameters, ""), functions)
+    solver.wait(60)
+    newest = solver.snapshot.iteration.iteration
+    result, run = ended(solver)
+    source, target = functions.evaluate(PAIR.source), functions.evaluate(PAIR.target)
+    expected = abfm.match(mesh, source[:, None], target[:, None], parameters)
+    functions.close()
+    assert (solver.running, solver.state) == (False, State.ENDED)
+    assert result.mesh is mesh
+    for name in ("velocity", "advected", "energy_history", "stages"):
+        np.testing.assert_array_equal(getattr(result, name), getattr(expected, name))
+    np.testing.assert_array_equal(run.energies, expected.energy_history)
+    np.testing.assert_array_equal(run.stages, expected.stages)
+    assert (result.verdict, result.stop_reason) == (expected.verdict, expected.stop_reason)
+    assert run.restarts == ()
+    assert newest == len(run.energies) - 1
+
+
+def carries(match: abfm.Match | abfm.Iteration, functions: Functions) -> None:
+    """Checks that a field carries the source to what it says."""
+    carried = abfm.Flow(SPHERE, match.velocity, ENDLESS.tau).push(
+        functions.evaluate(PAIR.source), ENDLESS.tau
+    )
+    np.testing.assert_allclose(carried, match.advected[:, 0], atol=1e-5)
+
+
+# What a run finds
+
+
+def test_it_finds_what_match_finds_also_on_another_mesh_prepared_or_not(solver):
+    same_run(solver, SPHERE, QUICK)
+    mesh = icosphere(2)
+    solver.prepare(mesh, replace(QUICK, levels=2))
+    same_run(solver, mesh, replace(QUICK, levels=2))
+
+
+def test_what_fails_while_meshes_are_made_ahead_stops_no_match(solver):
+    mesh = icosphere(2)
+    solver.prepare(mesh, None)
+    same_run(solver, mesh, QUICK)
+
+
+def test_a_run_that_waits_for_coarser_meshes_tells_of_them(solver, functions):
+    told = []
+    tell = solver._at
+    solver._at = lambda step: (told.append(step), tell(step))
+    sphere = abfm.TriangleMesh(1.1 * SPHERE.vertices, SPHERE.faces)  # of which none are made yet
+    solver.prepare(sphere, replace(QUICK, levels=2))
+    solver.start(replace(problem(replace(QUICK, levels=2)), mesh=sphere), functions)
+    ended(solver)
+    tasks = [step.task for step in told if step]
+    assert tasks.count("making coarser meshes") == 2  # ahead, and when the match takes them
+    assert told[-1] is None
+
+
+def test_a_mask_and_weights_reach_match(solver, functions):
+    masked = replace(
+        problem(), mask="expression:where(x > 0, 1, 0)", channels=(replace(PAIR, weight=2.0),)
+    )
+    solver.start(masked, functions)
+    result, _ = ended(solver)
+    assert not solver.failed
+    np.testing.assert_array_equal(result.mask, functions.evaluate(masked.mask))
+    assert result.weights.tolist() == [2.0]
+
+
+def test_what_is_wrong_with_a_problem_is_told_in_the_same_words(solver, functions):
+    negative = replace(problem(), mask="expression:0 * x - 1")
+    solver.start(negative, functions)
+    ended(solver)
+    source, target, mask = map(functions.evaluate, (PAIR.source, PAIR.target, negative.mask))
+    with pytest.raises(AbfmError) as error:
+        abfm.match(SPHERE, source, target, QUICK, mask=mask)
+    assert solver.failed
+    assert solver.reason == str(error.value)
+
+
+def test_an_error_inside_match_is_one_line(solver, functions, monkeypatch, capsys):
+    def broken(*_):
+        raise RuntimeError("boom\nand more")
+
+    monkeypatch.setattr(MatchApart, "match", broken)
+    solver.start(problem(), functions)
+    assert ended(solver) == (None, None)
+    assert (solver.failed, solver.reason) == (True, "RuntimeError: boom and more")
+    assert "Traceback" in capsys.readouterr().err  # for the developer
+
+
+def test_a_start_that_is_too_fast_is_replaced_by_none(solver, functions):
+    wild = np.zeros((1, len(SPHERE.faces), 3))
+    wild[:, :, 0] = 1e6
+    solver.start(problem(), functions, wild)
+    first, run = ended(solver)
+    assert not solver.failed
+    assert run.energies[0, 1] == 0
+    solver.start(problem(), functions, first.start_for(replace(QUICK, tau=1e-20)))
+    second, _ = ended(solver)
+    assert not solver.failed
+    np.testing.assert_array_equal(second.velocity, first.velocity)
+
+
+# What is told of it meanwhile
+
+
+def test_before_any_run_nothing_is_finished(solver):
+    assert not solver.running
+    assert not solver.paused
+    assert not solver.finished
     assert (solver.snapshot, solver.run, solver.collect()) == (None, None, None)
     solver.cancel()  # nothing to cancel, pause or resume
     solver.pause()
     solver.resume()
 
 
-def test_what_a_run_leaves_is_collected_once(solver):
-    until(lambda: len(solver.run.stages) > 5)
-    solver.cancel()
-    result, run, solved = ended(solver)
-    assert (solver.finished, solver.failed, solver.reason) == (True, False, "cancelled")
-    assert len(run.stages) == len(result.energy_history)
+def test_the_run_is_the_same_object_until_there_is_more_of_it(running):
+    running.pause()
+    until(lambda: running.run is running.run)
+    running.resume()
+    before = running.run
+    until(lambda: rows(running) > len(before.stages))
+    assert running.run is not before
+
+
+def test_the_fields_of_an_iterate_come_when_they_are_asked_for(running, functions):
+    running.pause()
+    shown = running.snapshot.shown
+    carries(shown, functions)
+    running.cancel()
+    ended(running)
+    running.start(problem(), functions)
+    ended(running)
+    assert shown.velocity is shown.velocity  # kept once it was there
+
+
+def test_the_fields_of_a_run_that_is_over_are_not_known_any_more(running, functions):
+    shown = running.snapshot.shown
+    running.cancel()
+    ended(running)
+    for _ in range(2):
+        running.start(problem(), functions)
+        ended(running)
+    with pytest.raises(AbfmError, match="not known any more"):
+        _ = shown.velocity
+
+
+def test_some_iterates_come_with_a_picture_and_these_are_shown(running):
+    until(lambda: running.snapshot.shown.iteration > 0)
+    assert is_pictured(running.snapshot.shown)
+    until(lambda: not is_pictured(running.snapshot.iteration))
+    assert running.snapshot.shown.iteration <= running.snapshot.iteration.iteration
+
+
+# Pausing and cancelling
+
+
+def test_a_paused_run_stands_still_goes_on_and_ends_with_the_best_field_when_cancelled(running):
+    running.pause()
+    assert running.paused
+    assert running.running
+    time.sleep(0.3)  # the evaluation under way ends
+    count = rows(running)
+    time.sleep(0.2)
+    assert rows(running) == count
+    running.resume()
+    assert not running.paused
+    until(lambda: rows(running) > count + 3)
+    running.pause()
+    running.cancel()
+    running.wait(60)
+    result, run, solved = running.collect()
+    assert (running.finished, running.failed, running.reason) == (True, False, "cancelled")
+    assert result.stop_reason == "cancelled"
+    assert len(result.energy_history) == len(run.stages)
+    totals = run.energies[:, 0]
+    assert totals[-1] == totals.min() < totals[0]
     assert solved.parameters == ENDLESS
-    assert solver.collect() is None
+    assert running.collect() is None
 
 
-def test_pause_and_resume(solver):
-    solver.pause()
-    assert solver.paused
-    assert solver.running
-    solver.resume()
-    assert not solver.paused
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_run_that_is_cancelled_while_it_starts_ends_after_its_first_evaluation(
+    solver, functions, paused
+):
+    solver.start(problem(ENDLESS), functions)
+    if paused:
+        solver.pause()
+    solver.cancel()
+    result, run = ended(solver)
+    assert result.stop_reason == "cancelled"
+    assert len(run.stages) >= 1
 
 
-def test_a_changed_problem_restarts_the_run(solver):
-    solver.follow_problem(problem(replace(ENDLESS, beta=1e-3)), dragging=True)
-    assert solver.problem.parameters.beta == 1e-3
-    until(lambda: solver.run.restarts)
+# A problem that changes
 
 
-def test_another_alpha_waits_until_the_mouse_lets_go(solver):
+def test_a_run_follows_another_problem_from_the_field_that_was_there(running):
+    until(lambda: rows(running) > 40)
+    changed = problem(replace(ENDLESS, beta=1e-4))
+    running.follow_problem(changed, dragging=True)
+    assert running.problem is changed
+    until(lambda: running.snapshot.problem is changed)
+    first = running.snapshot
+    assert first.shown.iteration <= first.iteration.iteration
+    until(lambda: rows(running) > 60)
+    running.cancel()
+    result, run = ended(running)
+    [restart] = run.restarts
+    assert 40 < restart < len(run.energies) == len(run.stages)
+    regularity = run.energies[:, 1]
+    assert regularity[0] == 0
+    # the field goes on
+    assert regularity[restart] == pytest.approx(regularity[restart - 1], rel=0.1)
+    assert result.parameters == changed.parameters
+
+
+def test_restarts_in_a_row_leave_each_problem_some_iterations(running):
+    for number in range(40):
+        running.follow_problem(problem(replace(ENDLESS, sigma=1e-3 * (1 + number / 100))))
+        time.sleep(0.01)
+    until(lambda: running.snapshot.problem is running.problem)
+    running.cancel()
+    _, run = ended(running)
+    restarts = np.array([0, *run.restarts])
+    assert len(restarts) > 2
+    assert np.diff(restarts).min() >= 3
+
+
+def test_another_alpha_waits_until_the_mouse_lets_go(running):
     changed = problem(replace(ENDLESS, alpha=0.5))
-    solver.follow_problem(changed, dragging=True)
-    assert solver.problem.parameters.alpha == ENDLESS.alpha
-    solver.follow_problem(changed, dragging=False)
-    assert solver.problem is changed
+    running.follow_problem(changed, dragging=True)
+    assert running.problem.parameters.alpha == ENDLESS.alpha
+    running.follow_problem(changed, dragging=False)
+    assert running.problem is changed
 
 
-def test_a_run_that_does_not_follow_stays_as_it_is(solver):
-    solver.follow = False
-    solver.follow_problem(problem(replace(ENDLESS, beta=1e-3)), dragging=False)
-    assert solver.problem.parameters == ENDLESS
+def test_a_run_that_does_not_follow_stays_as_it_is(running):
+    running.follow = False
+    running.follow_problem(problem(replace(ENDLESS, beta=1e-3)), dragging=False)
+    assert running.problem.parameters == ENDLESS
 
 
 @pytest.mark.parametrize("follow", [True, False])
-def test_another_mesh_ends_the_run(solver, follow):
-    solver.follow = follow
+def test_another_mesh_ends_the_run(running, follow):
+    running.follow = follow
     before = problem(ENDLESS)
-    solver.follow_problem(Problem(tetrahedron(), before.channels, ENDLESS, ""), dragging=False)
-    _, _, solved = ended(solver)
+    running.follow_problem(ProblemSpec(tetrahedron(), before.channels, ENDLESS, ""), dragging=False)
+    running.wait(60)
+    _, _, solved = running.collect()
     assert solved.mesh is SPHERE
-    assert solver.reason == "cancelled"
+    assert running.reason == "cancelled"
+
+
+def test_after_cancel_nothing_restarts(running):
+    running.cancel()
+    running.follow_problem(problem(QUICK))
+    result, _ = ended(running)
+    assert running.problem.parameters == result.parameters == ENDLESS
+
+
+def test_after_close_nothing_restarts_though_it_waits_less_than_an_evaluation_takes(
+    solver, functions, monkeypatch
+):
+    begun, go_on, solved = threading.Event(), threading.Event(), []
+
+    def slowly(self, problem, *given):
+        solved.append(problem.parameters)
+        begun.set()
+        go_on.wait(30)
+        return match(self, problem, *given)
+
+    match = MatchApart.match
+    monkeypatch.setattr(MatchApart, "match", slowly)
+    solver.start(problem(ENDLESS), functions)
+    begun.wait(30)
+    solver.follow_problem(problem(QUICK))
+    solver.close(0.01)
+    assert not solver.running
+    go_on.set()
+    wait([solver._working], 30)
+    assert solved == [ENDLESS]
+
+
+def test_a_restart_that_cannot_be_solved_keeps_the_result_so_far(running):
+    running.follow_problem(
+        problem(ENDLESS, Channel("gaussian:vertex=100000,width=0.1", PAIR.target))
+    )
+    result, _ = ended(running)
+    assert running.failed
+    assert "100000" in running.reason
+    assert "\n" not in running.reason
+    assert result.stop_reason == "cancelled"
+
+
+# A process that is killed
+
+
+def test_a_process_that_is_killed_fails_its_run_and_the_next_run_has_another(running):
+    shown = running.snapshot.shown
+    kill(running)
+    ended(running)
+    assert running.failed
+    assert "match again" in running.reason
+    with pytest.raises(AbfmError, match="match again"):
+        _ = shown.velocity
+    same_run(running, SPHERE, QUICK)
+
+
+def test_what_was_asked_for_of_a_killed_run_is_kept_but_not_for_another_run(running, functions):
+    found, _ = running.unfinished(running.snapshot, functions)
+    kill(running)
+    result, run = ended(running)
+    assert running.failed
+    np.testing.assert_array_equal(result.velocity, found.velocity)
+    assert len(run.stages) >= len(found.energy_history)
+    running.start(problem(ENDLESS), functions)
+    until(lambda: running.pid)
+    kill(running)
+    result, _ = ended(running)
+    assert result is None  # that of an earlier run is not this one's
+
+
+def test_a_killed_process_leaves_the_field_that_came_over_early_though_nobody_asked(
+    solver, functions, monkeypatch
+):
+    monkeypatch.setattr(keeping, "FIRST", 0.2)
+    solver.start(problem(ENDLESS), functions)
+    until(lambda: solver._keeper.newest)
+    kept = solver._keeper.newest
+    kill(solver)
+    result, run = ended(solver)
+    assert solver.failed
+    assert "\n" not in solver.reason
+    assert result.velocity.any()
+    if solver._keeper.newest is kept:  # else another one came just before
+        np.testing.assert_array_equal(result.velocity, kept.iteration.velocity)
+    carries(result, functions)
+    assert len(run.stages) > kept.iteration.iteration
+
+
+def test_a_run_that_is_killed_after_a_change_leaves_what_was_found_since_or_before(
+    solver, functions, monkeypatch
+):
+    monkeypatch.setattr(keeping, "FIRST", 0.1)
+    solver.start(problem(ENDLESS), functions)
+    until(lambda: solver._keeper.newest)
+    changed = problem(replace(ENDLESS, beta=1e-4))
+    solver.follow_problem(changed)
+    until(lambda: solver.snapshot.problem is changed)
+    kill(solver)
+    result, _ = ended(solver)
+    assert solver.failed
+    assert result.velocity.any()
+
+
+def test_a_process_that_does_not_start_fails_the_run(functions, monkeypatch):
+    monkeypatch.setattr(worker_module, "MODULE", "abfm.workers.nothing")
+    monkeypatch.setattr(MatchApart, "_spare", [])
+    solver = Solver()
+    solver.start(problem(), functions)
+    ended(solver)
+    assert solver.failed
+    solver.close()
+
+
+def test_closing_ends_a_match_and_its_process_at_once(running):
+    process = running._apart._worker._connection.process
+    running.close(seconds=0)
+    assert process.has_ended
+    wait([running._working], 10)
+    assert running._working.done()
+
+
+def test_a_process_that_is_idle_is_left_to_the_next_solver(functions):
+    pids = []
+    for _ in range(2):
+        solver = Solver()
+        same_run(solver, SPHERE, QUICK)
+        pids.append(solver.pid)
+        solver.close()
+        Solver().close()  # which has had none
+    assert pids[0] == pids[1]

@@ -1,4 +1,6 @@
-"""The file dialog's logic, without drawing: what is listed, and what clicks and typed names lead to."""
+"""The file dialog's logic, without drawing: what is listed, and what clicks and typed names lead
+to.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,15 @@ MESHES = (".off", ".obj")
 @pytest.fixture
 def folder(tmp_path):
     """A folder with meshes, other files, hidden ones and folders."""
-    for name in ("b.off", "A.OBJ", "ünïcode ☃.off", "two words.off", "notes.txt", ".hidden.off", "c.off.bak"):
+    for name in (
+        "b.off",
+        "A.OBJ",
+        "ünïcode ☃.off",
+        "two words.off",
+        "notes.txt",
+        ".hidden.off",
+        "c.off.bak",
+    ):
         (tmp_path / name).write_text("")
     for name in ("zebra", "Apple", ".git"):
         (tmp_path / name).mkdir()
@@ -43,9 +53,16 @@ def test_folders_come_first_and_hidden_and_other_files_are_left_out(folder):
     assert names == ["Apple/", "zebra/", "A.OBJ", "b.off", "two words.off", "ünïcode ☃.off"]
 
 
-def test_large_folders_are_cut_with_a_note_and_nothing_more_is_asked_of_their_files(tmp_path, monkeypatch):
-    """A folder tells names and which are folders; a disk far away takes its time for any other question."""
-    told = [SimpleNamespace(name=f"{number:05}.off", is_dir=lambda: False) for number in reversed(range(MOST + 5))]
+def test_large_folders_are_cut_with_a_note_and_nothing_more_is_asked_of_their_files(
+    tmp_path, monkeypatch
+):
+    """A folder tells names and which are folders; a disk far away takes its time for any other
+    question.
+    """
+    told = [
+        SimpleNamespace(name=f"{number:05}.off", is_dir=lambda: False)
+        for number in reversed(range(MOST + 5))
+    ]
     monkeypatch.setattr(os, "scandir", lambda folder: nullcontext(told))
     listing = read_folder(tmp_path, MESHES)
     assert listing.entries == tuple(Entry(f"{number:05}.off", False) for number in range(MOST))
@@ -65,7 +82,10 @@ def test_names_that_are_no_text_and_links_to_nowhere_do_no_harm(tmp_path):
     (tmp_path / os.fsdecode(b"bad\xff.off")).touch()
     (tmp_path / "gone.off").symlink_to("nowhere")
     (tmp_path / "loop").symlink_to("loop")
-    assert [entry.label for entry in read_folder(tmp_path, MESHES).entries] == ["bad�.off", "gone.off"]
+    assert [entry.label for entry in read_folder(tmp_path, MESHES).entries] == [
+        "bad�.off",
+        "gone.off",
+    ]
     shown(os.fsdecode(b"\xff")).encode()
     choice = FileChoice(tmp_path, MESHES)
     assert choice.go_or_take("gone.off") is None

@@ -41,8 +41,14 @@ OTHERS = st.one_of(
 
 @st.composite
 def terms_and_bump(draw):
-    """Terms among which there are Gaussians, whether they are inside a vertex map, and which Gaussian is meant."""
-    terms = [*draw(st.lists(GAUSSIANS | OTHERS, max_size=4)), draw(GAUSSIANS), *draw(st.lists(OTHERS, max_size=2))]
+    """Terms among which there are Gaussians, whether they are inside a vertex map, and which
+    Gaussian is meant.
+    """
+    terms = [
+        *draw(st.lists(GAUSSIANS | OTHERS, max_size=4)),
+        draw(GAUSSIANS),
+        *draw(st.lists(OTHERS, max_size=2)),
+    ]
     count = sum(isinstance(term, Gaussian) for term in terms)
     return terms, draw(st.booleans()), draw(st.integers(0, count - 1))
 
@@ -113,7 +119,9 @@ def test_vertices_count_as_the_file_does():
     assert len(mesh.vertices) == len(SPHERE.vertices)
     here, there = bumps.gaussians(bumps.added("gaussian:vertex=5", mesh))
     assert bumps.centre(here, mesh) == 5
-    assert there.vertex == (bumps.gaussians(bumps.added("gaussian:vertex=4", SPHERE))[1].vertex[0] + 1,)
+    assert there.vertex == (
+        bumps.gaussians(bumps.added("gaussian:vertex=4", SPHERE))[1].vertex[0] + 1,
+    )
     with pytest.raises(FunctionError, match="vertex 0 was dropped"):
         bumps.centre(parse("gaussian:vertex=0"), mesh)
 
@@ -128,15 +136,22 @@ def test_what_is_refused():
 
 
 def test_a_landmark_is_far_from_all_others_as_wide_as_the_last_and_at_a_vertex_of_the_file():
-    specs = ["gaussian:x=0,y=0,z=1,width=0.3", "coordinate:x + gaussian:x=0,y=1,z=0,width=0.2", "eigenfunction:3"]
+    specs = [
+        "gaussian:x=0,y=0,z=1,width=0.3",
+        "coordinate:x + gaussian:x=0,y=1,z=0,width=0.2",
+        "eigenfunction:3",
+    ]
     found = parse(bumps.landmark(specs, SPHERE))
     assert found.width == 0.2
     centre = SPHERE.vertices[found.sources(SPHERE)[0]]
     least = np.min(np.linalg.norm(centre - [[0, 0, 1], [0, 1, 0]], axis=1))
     for other in SPHERE.vertices:
-        assert np.min(np.linalg.norm(other - [[0, 0, 1], [0, 1, 0]], axis=1)) <= least + 0.1  # ends of edges
+        # ends of edges
+        assert np.min(np.linalg.norm(other - [[0, 0, 1], [0, 1, 0]], axis=1)) <= least + 0.1
     gap = TriangleMesh(np.vstack([np.zeros((5, 3)), SPHERE.vertices]), SPHERE.faces + 5)
-    assert parse(bumps.landmark(["gaussian:x=0,y=0,z=1"], gap)).vertex[0] == 5 + int(np.argmin(SPHERE.vertices[:, 2]))
+    assert parse(bumps.landmark(["gaussian:x=0,y=0,z=1"], gap)).vertex[0] == 5 + int(
+        np.argmin(SPHERE.vertices[:, 2])
+    )
 
 
 def test_a_landmark_needs_no_other_gaussian_and_minds_none_that_is_not_on_the_mesh():

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from abfm_viewer.document.document import Document, Front, Look
+from abfm_viewer.document.document import Document, Front, Look, Surface
 from abfm_viewer.document.history import LONGEST, History
 from tests.viewer.sessions import EGG, SPHERE
 
@@ -16,7 +16,7 @@ def at(history: History, time: float) -> Document:
 
 
 def test_undo_goes_back_to_the_very_start_and_redo_to_the_end():
-    start = Document(SPHERE, "sphere")
+    start = Document((Surface(SPHERE, "sphere"),))
     history = History(start)
     for time in (1.0, 2.0, 3.0):
         history.change(at(history, time), f"move to {time:g}")
@@ -34,7 +34,7 @@ def test_undo_goes_back_to_the_very_start_and_redo_to_the_end():
 
 
 def test_changes_with_the_same_merge_key_are_one_step():
-    history = History(Document(SPHERE, "sphere"))
+    history = History(Document((Surface(SPHERE, "sphere"),)))
     for time in (0.1, 0.2, 0.3):
         history.change(at(history, time), "scrub", "time")
     history.undo()
@@ -44,7 +44,7 @@ def test_changes_with_the_same_merge_key_are_one_step():
 
 
 def test_a_sealed_step_takes_nothing_more_in():
-    history = History(Document(SPHERE, "sphere"))
+    history = History(Document((Surface(SPHERE, "sphere"),)))
     history.seal()  # nothing to seal yet
     history.change(at(history, 0.1), "scrub", "time")
     history.seal()
@@ -54,16 +54,16 @@ def test_a_sealed_step_takes_nothing_more_in():
 
 
 def test_steps_of_different_kinds_between_keep_drags_apart():
-    history = History(Document(SPHERE, "sphere"))
+    history = History(Document((Surface(SPHERE, "sphere"),)))
     history.change(at(history, 0.1), "scrub", "time")
-    history.change(replace(history.document, name="ball"), "rename")
+    history.change(replace(history.document, mask="coordinate:x"), "mask")
     history.change(at(history, 0.2), "scrub", "time")
     history.undo()
-    assert (history.document.time, history.document.name) == (0.1, "ball")
+    assert (history.document.time, history.document.mask) == (0.1, "coordinate:x")
 
 
 def test_after_undo_a_drag_is_a_step_of_its_own():
-    history = History(Document(SPHERE, "sphere"))
+    history = History(Document((Surface(SPHERE, "sphere"),)))
     history.change(at(history, 0.1), "scrub", "time")
     history.undo()
     history.redo()
@@ -73,7 +73,7 @@ def test_after_undo_a_drag_is_a_step_of_its_own():
 
 
 def test_a_change_forgets_what_was_undone():
-    history = History(Document(SPHERE, "sphere"))
+    history = History(Document((Surface(SPHERE, "sphere"),)))
     history.change(at(history, 1), "one")
     history.undo()
     history.change(at(history, 2), "two")
@@ -83,7 +83,7 @@ def test_a_change_forgets_what_was_undone():
 
 
 def test_amending_leaves_no_step_and_undo_steps_over_it():
-    start = Document(SPHERE, "sphere")
+    start = Document((Surface(SPHERE, "sphere"),))
     history = History(start)
     history.change(at(history, 1), "one")
     history.document = at(history, 1.5)
@@ -93,20 +93,31 @@ def test_amending_leaves_no_step_and_undo_steps_over_it():
 
 
 def test_what_the_mouse_turned_stays_unless_a_step_chose_another_look():
-    front, side, above = (Look(Front((float(x), float(y), float(z)), (0.0, 0.0, 1.0))) for x, y, z in np.eye(3))
-    history = History(Document(SPHERE, "sphere"))
+    front, side, above = (
+        Look(Front((float(x), float(y), float(z)), (0.0, 0.0, 1.0))) for x, y, z in np.eye(3)
+    )
+    history = History(Document((Surface(SPHERE, "sphere"),)))
     history.change(at(history, 1), "move")
-    history.document = replace(history.document, view=replace(history.document.view, look=front, large="source"))
+    history.document = replace(
+        history.document, view=replace(history.document.view, look=front, large="source")
+    )
     history.undo()
-    assert (history.document.time, history.document.view.look, history.document.view.large) == (0, front, "source")
+    assert (history.document.time, history.document.view.look, history.document.view.large) == (
+        0,
+        front,
+        "source",
+    )
     history.redo()
-    history.change(replace(history.document, view=replace(history.document.view, look=side)), "look from the side")
+    history.change(
+        replace(history.document, view=replace(history.document.view, look=side)),
+        "look from the side",
+    )
     history.document = replace(history.document, view=replace(history.document.view, look=above))
     history.undo()
     assert history.document.view.look == front
     history.redo()
     assert history.document.view.look == above
-    ball = Document(EGG, "egg")
+    ball = Document((Surface(EGG, "egg"),))
     history.change(ball, "open egg")
     history.undo()
     assert history.document.view.look == above
@@ -115,7 +126,7 @@ def test_what_the_mouse_turned_stays_unless_a_step_chose_another_look():
 
 
 def test_only_the_latest_steps_are_kept():
-    history = History(Document(SPHERE, "sphere"))
+    history = History(Document((Surface(SPHERE, "sphere"),)))
     for number in range(LONGEST + 10):
         history.change(at(history, number + 1), "step")
     for _ in range(LONGEST + 10):

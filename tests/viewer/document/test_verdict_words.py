@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import abfm
+from abfm import StopReason
 from abfm.matching import Remedy, Verdict
 from abfm.matching.judging.verdict import Kind
 from abfm_viewer.cli.solving import Outcome
@@ -49,16 +50,25 @@ def found(iterations):
     )
     verdict = Verdict("matched", "the mismatch fell from 1 to 0.012", "")
     return replace(
-        match, mismatch=0.0123, verified_mismatch=0.03, folded=0.001, stop_reason="converged", verdict=verdict
+        match,
+        mismatch=0.0123,
+        verified_mismatch=0.03,
+        folded=0.001,
+        stop_reason="converged",
+        verdict=verdict,
     )
 
 
 def judged(match, kind, **known):
-    return replace(match, verdict=Verdict(kind, "the mismatch fell from 1 to 0.5: the cause", "advice"), **known)
+    return replace(
+        match,
+        verdict=Verdict(kind, "the mismatch fell from 1 to 0.5: the cause", "advice"),
+        **known,
+    )
 
 
 @pytest.mark.parametrize(
-    ("kind", "mismatch", "verified", "said", "meant"),
+    "case",
     [
         ("matched", 0.002, 0.014, "matched to 0.7%", "good"),
         ("matched", 0.049, 0.098, "matched to 5%", "good"),
@@ -76,16 +86,18 @@ def judged(match, kind, **known):
         ("impossible", 0.01, 0.01, "impossible", "failure"),
     ],
 )
-def test_the_headline_says_how_well_by_what_is_confirmed_and_has_a_colour(found, kind, mismatch, verified, said, meant):
+def test_the_headline_says_how_well_by_what_is_confirmed_and_has_a_colour(found, case):
+    kind, mismatch, verified, said, meant = case
     match = judged(found, kind, mismatch=mismatch, verified_mismatch=verified)
-    assert headline(match) == said
-    assert tone(match) == meant
+    assert (headline(match), tone(match)) == (said, meant)
 
 
 @settings(deadline=None)
 @given(pairs=st.lists(st.tuples(MISMATCH, MISMATCH | st.just(math.nan)), min_size=2, max_size=2))
 def test_a_smaller_share_never_has_a_worse_word_nor_a_worse_exit_status(found, pairs):
-    """Whatever mismatch and mismatch by flow lines two matches have, each with the kind that the judge gives it."""
+    """Whatever mismatch and mismatch by flow lines two matches have, each with the kind that the
+    judge gives it.
+    """
     matches = []
     for mismatch, verified in pairs:
         one = replace(found, mismatch=mismatch, verified_mismatch=verified)
@@ -108,7 +120,9 @@ def test_a_share_is_only_told_with_the_word_that_goes_with_it(found, mismatch, v
 
 
 def shown_share(match):
-    """The share in a match's headline, in percent; of all that it can be where it says so in words."""
+    """The share in a match's headline, in percent; of all that it can be where it says so in
+    words.
+    """
     words = headline(match)
     if words.endswith("gained"):
         return math.inf
@@ -117,13 +131,25 @@ def shown_share(match):
 
 def test_percents_have_as_many_digits_as_one_reads():
     values = [1e-5, 1e-4, 0.00094, 0.0096, 0.0149, 0.0996, 0.995]
-    assert [share(value) for value in values] == ["less than 0.01%", "0.01%", "0.09%", "1%", "1%", "10%", "100%"]
+    assert [share(value) for value in values] == [
+        "less than 0.01%",
+        "0.01%",
+        "0.09%",
+        "1%",
+        "1%",
+        "10%",
+        "100%",
+    ]
 
 
 def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
     assert why(judged(found, "not reached")) == "the cause"
-    assert why(found) == "it stopped where going on gained little"
-    assert why(replace(found, stop_reason="iteration limit")) == "it stopped after the 12 iterations it was given"
+    ended = replace(found, stop_reason=StopReason.NO_PROGRESS)
+    assert why(ended) == "it stopped where going on gained little"
+    assert (
+        why(replace(found, stop_reason="iteration limit"))
+        == "it stopped after the 12 iterations it was given"
+    )
 
 
 def test_what_is_not_known_is_left_out(found):
@@ -137,9 +163,17 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
         Remedy("Reach further", "a larger reach", {"reach": 0.6, "levels": 0}),
         Remedy("Continue", "go on", {}, True),
     )
-    match = replace(found, verdict=Verdict("not reached", "why", "a larger reach; or go on", remedies))
-    assert advice_in_options(match, "m.npz") == "reach further (--reach 0.6 --levels 0), or continue (--start m.npz)"
-    assert changes(remedies[0]) == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
+    match = replace(
+        found, verdict=Verdict("not reached", "why", "a larger reach; or go on", remedies)
+    )
+    assert (
+        advice_in_options(match, "m.npz")
+        == "reach further (--reach 0.6 --levels 0), or continue (--start m.npz)"
+    )
+    assert (
+        changes(remedies[0])
+        == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
+    )
     assert changes(remedies[1]) == "Go on.\nStarts a run from the present field."
     assert advice_in_options(judged(found, "impossible"), "m.npz") == "advice"
     assert advice(replace(match, stop_reason="given")) == ""
@@ -162,4 +196,8 @@ def test_a_place_names_mesh_stage_and_reach(found, iterations):
 
 
 def test_one_is_no_plural():
-    assert [counted(number, "iteration") for number in (0, 1, 2)] == ["0 iterations", "1 iteration", "2 iterations"]
+    assert [counted(number, "iteration") for number in (0, 1, 2)] == [
+        "0 iterations",
+        "1 iteration",
+        "2 iterations",
+    ]

@@ -18,7 +18,9 @@ def _recorded(request):
 @pytest.fixture
 def matched(gui):
     """The app after a short run."""
-    gui.session.amend(parameters=replace(gui.session.parameters, iterations=20, cooling_stages=1))
+    gui.session.editor.amend(
+        parameters=replace(gui.session.parameters, iterations=20, cooling_stages=1)
+    )
     gui.click("Match")
     gui.wait(lambda s: s.solver.finished)
     return gui
@@ -27,7 +29,7 @@ def matched(gui):
 @pytest.fixture
 def running(gui):
     """The app during a run that does not end by itself."""
-    gui.session.amend(parameters=ENDLESS)
+    gui.session.editor.amend(parameters=ENDLESS)
     gui.click("Match")
     gui.wait(lambda s: s.solver.snapshot is not None)
     return gui

@@ -1,4 +1,6 @@
-"""Whether two pictures show the same, though another version of Mesa may draw edges a little differently."""
+"""Whether two pictures show the same, though another version of Mesa may draw edges a little
+differently.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +17,14 @@ _MEAN, _WORST_BLOCK = 1.5, 12.0  # mean absolute differences of 0 to 255
 
 
 def difference(actual: Path, expected: Path, masked: Sequence[Rect] = ()) -> str:
-    """What is different; empty if nothing that matters. The difference is written beside the actual picture.
+    """What is different; empty if nothing that matters. The difference is written beside the actual
+    picture.
 
     A block catches what is small: a word that is missing, or a button.
     """
-    pictures = [np.asarray(Image.open(path).convert("RGB"), dtype=float) for path in (actual, expected)]
+    pictures = [
+        np.asarray(Image.open(path).convert("RGB"), dtype=float) for path in (actual, expected)
+    ]
     if pictures[0].shape != pictures[1].shape:
         return f"{actual} has shape {pictures[0].shape}, expected {pictures[1].shape} as {expected}"
     apart = np.abs(pictures[0] - pictures[1]).mean(axis=2)
@@ -33,7 +38,9 @@ def difference(actual: Path, expected: Path, masked: Sequence[Rect] = ()) -> str
     where = actual.with_name(f"{actual.stem}-difference.png")
     Image.fromarray(np.clip(4 * apart, 0, 255).astype(np.uint8)).save(where)
     return (
-        f"{actual} differs from {expected}: by {apart.mean():.2f} on average (at most {_MEAN}), and by "
-        f"{blocks.max():.1f} around x={column * _BLOCK}, y={row * _BLOCK} (at most {_WORST_BLOCK}); see {where}. "
+        f"{actual} differs from {expected}: by {apart.mean():.2f} on average (at most {_MEAN}), "
+        "and by "
+        f"{blocks.max():.1f} around x={column * _BLOCK}, y={row * _BLOCK} (at most "
+        f"{_WORST_BLOCK}); see {where}. "
         "If it is better so: pytest --update-snapshots"
     )

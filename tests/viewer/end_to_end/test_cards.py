@@ -1,4 +1,6 @@
-"""Messages over the surfaces: errors with their remedies, what is being opened, and the log of all of it."""
+"""Messages over the surfaces: errors with their remedies, what is being opened, and the log of
+all of it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import pytest
 from PIL import Image
 
 from abfm_viewer.session import session_files
-from tests.mesh_writers import off_text
+from tests.mesh_writers import off_file, off_text, write
 from tests.shapes import icosphere
 
 
@@ -20,9 +22,7 @@ def two_spheres(tmp_path):
     small, large = icosphere(1), icosphere(2)
     vertices = np.concatenate([small.vertices, 2 * large.vertices + 9])
     faces = np.concatenate([small.faces, large.faces + len(small.vertices)])
-    path = tmp_path / "two.off"
-    path.write_text(off_text(vertices, faces))
-    return path
+    return write(tmp_path, "two.off", off_text(vertices, faces))
 
 
 def cards(gui):
@@ -37,17 +37,17 @@ def cards(gui):
 
 def test_a_mesh_of_several_components_is_opened_by_its_remedy(gui, two_spheres):
     gui.window._dropped([str(two_spheres)])
-    gui.wait(lambda s: s.cards)
+    gui.wait(lambda s: s.notices.cards)
     assert cards(gui) == [["Open the largest component", "Open another mesh...", "Dismiss"]]
-    assert "several components" in gui.session.cards[0].text
+    assert "several components" in gui.session.notices.cards[0].text
     gui.click("Open another mesh...", "message 1")
     assert gui.window.dialogs.is_open
     gui.click("Cancel", "Open a mesh")
     assert cards(gui) == []  # who goes on has read it
     gui.window._dropped([str(two_spheres)])
-    gui.wait(lambda s: s.cards)
+    gui.wait(lambda s: s.notices.cards)
     gui.click("Open the largest component")
-    gui.wait(lambda s: len(s.mesh.vertices) == 162)
+    gui.wait(lambda s: len(s.surface().mesh.vertices) == 162)
     assert cards(gui) == []
 
 
@@ -55,12 +55,11 @@ def test_a_bad_file_says_everything_until_it_is_dismissed_or_mended(gui, tmp_pat
     bad = tmp_path / "bad.off"
     bad.write_text("OFF\nnonsense\n")
     gui.window._dropped([str(bad)])
-    gui.wait(lambda s: s.cards)
-    gui.session.set_parameter(alpha=2)
+    gui.wait(lambda s: s.notices.cards)
+    gui.session.editor.set_parameter(alpha=2)
     gui.frames(30)
     assert cards(gui) == [["Try again", "Open another mesh...", "Dismiss"]]
-    sphere = icosphere(1)
-    bad.write_text(off_text(sphere.vertices, sphere.faces))
+    off_file(bad, icosphere(1))
     gui.click("Try again")
     gui.wait(lambda s: s.document.name == "bad.off")
     assert cards(gui) == []
@@ -71,20 +70,28 @@ def test_a_remedy_is_offered_once_by_the_newest_card(gui, tmp_path):
     for count, path in enumerate(bad, 1):
         path.write_text("OFF\nnonsense\n")
         gui.window._dropped([str(path)])
-        gui.wait(lambda s, count=count: len(s.cards) == count)
-    assert cards(gui) == [["Try again", "Open another mesh...", "Dismiss"], ["Try again", "Dismiss"]]
+        gui.wait(lambda s, count=count: len(s.notices.cards) == count)
+    assert cards(gui) == [
+        ["Try again", "Open another mesh...", "Dismiss"],
+        ["Try again", "Dismiss"],
+    ]
     gui.click("Try again", within="message 2")  # the one that was meant is tried
-    gui.wait(lambda s: len(s.cards) == 2 and not s.loading)
-    assert [card.text.startswith("one.off") or "one.off" in card.text for card in gui.session.cards] == [True, False]
+    gui.wait(lambda s: len(s.notices.cards) == 2 and not s.loading.now)
+    assert [
+        card.text.startswith("one.off") or "one.off" in card.text
+        for card in gui.session.notices.cards
+    ] == [True, False]
     gui.click("Dismiss", within="message 1")
     assert cards(gui) == [["Try again", "Open another mesh...", "Dismiss"]]
 
 
 def test_what_is_told_again_has_one_card_with_the_newest_remedies(gui):
     done = []
-    gui.session.say("a problem", True, remedies={"Try again": lambda: done.append("first")})
-    gui.session.say("another", True)
-    gui.session.say("a problem", True, remedies={"Try again": lambda: done.append("second")})
+    gui.session.notices.say("a problem", True, remedies={"Try again": lambda: done.append("first")})
+    gui.session.notices.say("another", True)
+    gui.session.notices.say(
+        "a problem", True, remedies={"Try again": lambda: done.append("second")}
+    )
     assert cards(gui) == [["Dismiss"], ["Try again", "Dismiss"]]
     gui.click("Try again")
     assert done == ["second"]
@@ -93,14 +100,19 @@ def test_what_is_told_again_has_one_card_with_the_newest_remedies(gui):
 def test_at_most_three_are_shown_and_escape_takes_the_latest(running):
     gui = running
     for number in range(5):
-        gui.session.say(f"problem {number}", is_error=True)
-    gui.session.say("problem 4", is_error=True)  # no second time
+        gui.session.notices.say(f"problem {number}", is_error=True)
+    gui.session.notices.say("problem 4", is_error=True)  # no second time
     assert cards(gui) == [["Dismiss"]] * 3
     gui.click("Dismiss", "message 2")
-    assert [card.text for card in gui.session.cards] == ["problem 4", "problem 2", "problem 1", "problem 0"]
+    assert [card.text for card in gui.session.notices.cards] == [
+        "problem 4",
+        "problem 2",
+        "problem 1",
+        "problem 0",
+    ]
     gui.key("esc")
-    assert gui.session.cards[0].text == "problem 2"
-    while gui.session.cards:
+    assert gui.session.notices.cards[0].text == "problem 2"
+    while gui.session.notices.cards:
         gui.key("esc")
     assert gui.session.solver.running
     gui.key("esc")
@@ -111,7 +123,7 @@ def test_cards_take_no_click_beside_them_and_no_keys(gui):
     gui.click("Match", "steps")
     gui.click("sigma")
     assert imgui.GetIO().WantTextInput
-    gui.session.say("a problem", is_error=True)
+    gui.session.notices.say("a problem", is_error=True)
     gui.frames(5)
     assert imgui.GetIO().WantTextInput
     card = next(w for w in gui.window.ui.widgets if w.section == "message 1")
@@ -124,8 +136,8 @@ def test_cards_take_no_click_beside_them_and_no_keys(gui):
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_a_card_is_in_front_of_the_surfaces(gui, tmp_path, theme):
-    gui.session.set_view("theme", theme=theme)
-    gui.session.say("a problem " * 30, is_error=True)
+    gui.session.editor.set_view("theme", theme=theme)
+    gui.session.notices.say("a problem " * 30, is_error=True)
     gui.frames(3)
     card = next(w for w in gui.window.ui.widgets if w.section == "message 1")
     left, top, right, bottom = card.area
@@ -139,28 +151,28 @@ def test_a_card_is_in_front_of_the_surfaces(gui, tmp_path, theme):
 
 def test_a_save_that_fails_is_tried_again_or_goes_elsewhere(gui, tmp_path):
     (tmp_path / "inner").mkdir()
-    gui.session.set_parameter(alpha=2)
+    gui.session.editor.set_parameter(alpha=2)
     gui.window.files.save(tmp_path / "inner" / "a.abfm")
-    gui.wait(lambda s: s.path)
+    gui.wait(lambda s: s.saves.path)
     (tmp_path / "inner" / "a.abfm").unlink()
     (tmp_path / "inner").rmdir()
-    gui.session.set_parameter(alpha=3)
+    gui.session.editor.set_parameter(alpha=3)
     gui.key("ctrl+s")
-    gui.wait(lambda s: s.cards)
+    gui.wait(lambda s: s.notices.cards)
     gui.click("Save as...", "message 1")
     assert gui.window.dialogs.is_open
     gui.click("Cancel", "Save the project")
     gui.key("ctrl+s")
-    gui.wait(lambda s: s.cards)
+    gui.wait(lambda s: s.notices.cards)
     (tmp_path / "inner").mkdir()
     gui.click("Try again")
-    gui.wait(lambda s: not s.unsaved)
+    gui.wait(lambda s: not s.saves.unsaved)
     assert cards(gui) == []
 
 
 def test_the_keyboard_returns_to_the_box_after_a_save(gui, tmp_path):
     gui.window.files.save(tmp_path / "inner" / "a.abfm")  # there is no such folder
-    gui.wait(lambda s: s.cards)
+    gui.wait(lambda s: s.notices.cards)
     gui.type("spec", "gaussian:vertex=3,width=0.2", within="source", enter=False)
     gui.key("ctrl+s")
     gui.frames(3)
@@ -173,9 +185,7 @@ def test_the_keyboard_returns_to_the_box_after_a_save(gui, tmp_path):
 
 
 def test_what_is_being_opened_is_shown_with_a_way_out(gui, tmp_path, monkeypatch):
-    sphere, may_go_on = icosphere(1), threading.Event()
-    path = tmp_path / "slow.off"
-    path.write_text(off_text(sphere.vertices, sphere.faces))
+    path, may_go_on = off_file(tmp_path / "slow.off", icosphere(1)), threading.Event()
     read = session_files.load_mesh
 
     def slow(*words, **options):
@@ -183,7 +193,7 @@ def test_what_is_being_opened_is_shown_with_a_way_out(gui, tmp_path, monkeypatch
         return read(*words, **options)
 
     monkeypatch.setattr(session_files, "load_mesh", slow)
-    before = gui.session.document.mesh
+    before = gui.session.surface().mesh
     gui.window._dropped([str(path)])
     gui.wait(lambda s: any(w.section == "opening" for w in gui.window.ui.widgets))
     assert not gui.is_enabled("Match")
@@ -193,14 +203,14 @@ def test_what_is_being_opened_is_shown_with_a_way_out(gui, tmp_path, monkeypatch
     assert gui.is_enabled("Match")
     may_go_on.set()
     gui.frames(10)
-    assert gui.session.mesh is before
+    assert gui.session.surface().mesh is before
     gui.window._dropped([str(path)])
-    gui.wait(lambda s: len(s.mesh.vertices) == 42)
+    gui.wait(lambda s: len(s.surface().mesh.vertices) == 42)
     assert not [w for w in gui.window.ui.widgets if w.section == "opening"]
 
 
 def test_the_log_has_everything_and_can_be_copied(gui, tmp_path):
-    gui.session.say("first a notice")
+    gui.session.notices.say("first a notice")
     gui.window._dropped([str(tmp_path / "song.mp3")])
     gui.menu("Help", "Messages")
     gui.click("Copy")
@@ -211,20 +221,18 @@ def test_the_log_has_everything_and_can_be_copied(gui, tmp_path):
 
 
 def test_the_title_says_what_is_open_and_whether_it_is_saved(gui, tmp_path):
-    assert gui.session.title == "mesh"
-    gui.session.set_parameter(alpha=2)
-    assert gui.session.title == "* mesh"
+    assert gui.session.saves.title == "mesh"
+    gui.session.editor.set_parameter(alpha=2)
+    assert gui.session.saves.title == "* mesh"
     gui.window.files.save(tmp_path / "mine.abfm")
-    gui.wait(lambda s: not s.unsaved)
-    assert gui.session.title == "mine.abfm"
+    gui.wait(lambda s: not s.saves.unsaved)
+    assert gui.session.saves.title == "mine.abfm"
     assert gui.window.title._now == "mine.abfm - abfm"
 
 
 def test_closing_names_what_was_left(matched, tmp_path):
     gui, found = matched, matched.session.result
-    sphere = icosphere(1)
-    path = tmp_path / "b.off"
-    path.write_text(off_text(sphere.vertices, sphere.faces))
+    path = off_file(tmp_path / "b.off", icosphere(1))
     gui.window.files.open(path)
     gui.wait(lambda s: s.document.name == "b.off" and s.channels)
     gui.key("ctrl+q")
@@ -239,9 +247,7 @@ def test_closing_names_what_was_left(matched, tmp_path):
 
 
 def test_opening_during_a_run_asks_in_the_window(running, tmp_path):
-    gui, sphere = running, icosphere(1)
-    path = tmp_path / "b.off"
-    path.write_text(off_text(sphere.vertices, sphere.faces))
+    gui, path = running, off_file(tmp_path / "b.off", icosphere(1))
     gui.window._dropped([str(path)])
     gui.click("Go back", within="End the run?")
     assert gui.session.solver.running

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-import abfm
+from abfm_viewer.computing.match_apart import MatchApart
 from abfm_viewer.files.project import load_project
 from tests.viewer.sessions import ENDLESS, solving, until
 
@@ -18,17 +18,17 @@ from tests.viewer.sessions import ENDLESS, solving, until
 def running(gui, tmp_path, monkeypatch):
     """A run of a project that ends when `may_end` is set, after it was cancelled."""
     may_end = threading.Event()
-    match = abfm.match
+    match = MatchApart.match
 
-    def slow(*words, **options):
-        found = match(*words, **options)
+    def slow(*given):
+        found = match(*given)
         assert may_end.wait(60)
         return found
 
-    monkeypatch.setattr(abfm, "match", slow)
+    monkeypatch.setattr(MatchApart, "match", slow)
     gui.window.files.save(tmp_path / "work.abfm")
-    gui.wait(lambda s: s.path and not s.unsaved)
-    gui.session.set_parameter(**ENDLESS.to_dict())
+    gui.wait(lambda s: s.saves.path and not s.saves.unsaved)
+    gui.session.editor.set_parameter(**ENDLESS.to_dict())
     solving(gui.session)
     yield gui, may_end
     may_end.set()
@@ -62,7 +62,7 @@ def test_a_cancelled_close_keeps_the_window_and_the_field(running):
     gui.wait(lambda s: s.solver.finished)
     gui.frames(5)
     assert not gui.window.closing
-    assert gui.session.unsaved
+    assert gui.session.saves.unsaved
     assert gui.session.result.velocity.any()
 
 
@@ -83,10 +83,10 @@ def test_a_second_attempt_asks_again_and_may_close_at_once(running, tmp_path):
 
 def test_a_run_without_a_field_is_not_waited_for(gui, tmp_path, monkeypatch):
     may_begin = threading.Event()
-    monkeypatch.setattr(abfm, "match", lambda *words, **options: may_begin.wait(60) and 1 / 0)
+    monkeypatch.setattr(MatchApart, "match", lambda *_: may_begin.wait(60) and 1 / 0)
     gui.window.files.save(tmp_path / "work.abfm")
-    gui.wait(lambda s: s.path and not s.unsaved)
-    gui.session.set_parameter(sigma=0.25)
+    gui.wait(lambda s: s.saves.path and not s.saves.unsaved)
+    gui.session.editor.set_parameter(sigma=0.25)
     gui.click("Match")
     gui.key("ctrl+q")
     gui.click("Save", within="Save before closing?")
@@ -94,23 +94,24 @@ def test_a_run_without_a_field_is_not_waited_for(gui, tmp_path, monkeypatch):
     assert load_project(tmp_path / "work.abfm")[0].parameters.sigma == 0.25
     may_begin.set()
     gui.wait(lambda s: not s.solver.running)
-    for card in gui.session.cards:
-        gui.session.dismiss(card)
+    for card in gui.session.notices.cards:
+        gui.session.notices.dismiss(card)
 
 
-def test_a_killed_process_leaves_a_card_to_go_on_with(gui, monkeypatch):
-    gui.session.amend(parameters=replace(ENDLESS, levels=1))
-    gui.session.solver.work_apart()
+def test_a_killed_process_leaves_a_card_to_go_on_with(gui):
+    gui.session.editor.amend(parameters=replace(ENDLESS, levels=1))
     for label in ("Continue", "Match again"):
         solving(gui.session)
-        gui.session.solver.unfinished(gui.session.solver.snapshot, gui.session.functions)
+        gui.session.solver.unfinished(
+            gui.session.solver.snapshot, gui.session.functions_of(gui.session.document)
+        )
         kept = gui.session.solver._keeper.newest.iteration.velocity
-        os.kill(gui.session.solver._apart._connection._process._process.pid, signal.SIGKILL)
+        os.kill(gui.session.solver.pid, signal.SIGKILL)
         gui.wait(lambda s: s.solver.failed)
         assert (gui.session.result.velocity == kept).all()
-        assert "match again" in gui.session.cards[0].text
+        assert "match again" in gui.session.notices.cards[0].text
         gui.click(label, within="message 1")
         gui.wait(lambda s: s.solver.snapshot is not None)
-        assert gui.session.cards == ()
+        assert gui.session.notices.cards == ()
         gui.session.solver.cancel()
         gui.wait(lambda s: not s.solver.running)

@@ -1,9 +1,9 @@
-"""The Driver itself: labels, sliders, sections, menus, scrolling, errors, and what a process may do with it."""
+"""The Driver itself: labels, sliders, sections, menus, scrolling, errors, and what a process may
+do with it.
+"""
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,8 @@ import pytest
 from PIL import Image
 
 from abfm_viewer.automation import Driver, DriverError
-from abfm_viewer.widgets.slider_scale import share_of
+from abfm_viewer.scene.viewport import viewport
+from tests.processes import python
 from tests.shapes import icosphere
 from tests.viewer.sessions import QUICK, SIZE
 
@@ -21,7 +22,7 @@ ROOT = Path(__file__).parents[3]
 
 def test_the_example_of_the_documentation(tmp_path):
     with Driver(icosphere(2), backend="openGL3_egl", size=(1200, 500)) as gui:
-        gui.session.amend(parameters=QUICK)
+        gui.session.editor.amend(parameters=QUICK)
         gui.click("Match")
         gui.wait(lambda s: s.solver.finished, seconds=60)
         gui.type("alpha", "10")
@@ -36,9 +37,8 @@ def test_the_example_of_the_documentation(tmp_path):
         assert image.size == (1200, 500)
 
 
-@pytest.mark.parametrize(
-    ("label", "value"),
-    [
+def test_a_slider_goes_where_it_is_dragged(gui):
+    for label, value in (
         ("time", 0.0),
         ("time", 2.0),
         ("time", 1.234),
@@ -53,17 +53,16 @@ def test_the_example_of_the_documentation(tmp_path):
         ("segments", 7),
         ("iterations", 2000),
         ("memory", 40),
-    ],
-)
-def test_a_slider_goes_where_it_is_dragged(gui, label, value):
-    gui.session.set_parameter(method="linearised" if label == "segments" else "nonlinear")
-    gui.drag(label, value)
-    slider = gui.search.find(label, kinds=("slider",))
-    pixel = 1 / (slider.rect[2] - slider.rect[0] - 20)
-    here, there = (share_of(v, slider.low, slider.high, slider.log) for v in (float(slider.text), value))
-    assert here == pytest.approx(there, abs=1.6 * pixel)
-    if value in (0.0, slider.low, slider.high):
-        assert float(slider.text) == value
+    ):
+        method = "linearised" if label == "segments" else "nonlinear"
+        gui.session.editor.set_parameter(method=method)
+        gui.drag(label, value)
+        slider = gui.search.find(label, kinds=("slider",))
+        pixel = 1 / (slider.rect[2] - slider.rect[0] - 20)
+        here, there = (slider.ends.share_of(v) for v in (float(slider.text), value))
+        assert here == pytest.approx(there, abs=1.6 * pixel), label
+        if value in (0.0, slider.ends.low, slider.ends.high):
+            assert float(slider.text) == value, label
 
 
 def test_what_is_not_there_is_named_with_what_is_near(gui):
@@ -79,7 +78,9 @@ def test_what_is_not_there_is_named_with_what_is_near(gui):
         gui.key("ctrl+nonsense")
     with pytest.raises(DriverError, match="no surface 'ghost'; surfaces are source, "):
         gui.pick(3, "ghost")
-    with pytest.raises(DriverError, match=r"waited 0.1 s in vain; solver: running, busy: no, status line: empty"):
+    with pytest.raises(
+        DriverError, match=r"waited 0.1 s in vain; solver: running, busy: no, status line: empty"
+    ):
         gui.wait(lambda s: s.solver.finished, seconds=0.1)
 
 
@@ -95,7 +96,9 @@ def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
 
     disabled: set[str] = set()
     monkeypatch.setattr("abfm_viewer.panels.energy.draw", draw)
-    with pytest.raises(DriverError, match="'bump' is there 2 times, in 'Match/source', 'Match/target': say within="):
+    with pytest.raises(
+        DriverError, match="'bump' is there 2 times, in 'Match/source', 'Match/target': say within="
+    ):
         gui.click("bump")
     gui.click("bump", within="target")
     assert pressed == ["target"]
@@ -121,7 +124,7 @@ def test_what_is_closed_is_opened_and_stays_as_it_was_where_nothing_was_found(gu
 
 
 def test_the_button_match_is_not_the_tab(gui):
-    gui.session.amend(parameters=QUICK)
+    gui.session.editor.amend(parameters=QUICK)
     gui.click("Match", within="steps")
     assert not gui.session.solver.running
     assert gui.text_of("Match", within="steps") == "open"
@@ -132,14 +135,19 @@ def test_the_button_match_is_not_the_tab(gui):
 def test_a_picture_keeps_sections_and_scrolling_and_changes_nothing(gui, tmp_path):
     gui.check("previous runs", False)
     gui.frames(2)
-    before, moves = [(w.label, w.rect) for w in gui.window.ui.widgets], gui.session.history.moves
+    before, moves = (
+        [(w.label, w.rect) for w in gui.window.ui.widgets],
+        gui.session.editor.history.moves,
+    )
     drawn = gui.window.frames
     gui.screenshot(tmp_path / "once.png")
     assert gui.window.frames == drawn + 3
     assert [(w.label, w.rect) for w in gui.window.ui.widgets] == before
-    assert gui.session.history.moves == moves
+    assert gui.session.editor.history.moves == moves
     gui.screenshot(tmp_path / "twice.png")
-    once, twice = (np.asarray(Image.open(tmp_path / name), int) for name in ("once.png", "twice.png"))
+    once, twice = (
+        np.asarray(Image.open(tmp_path / name), int) for name in ("once.png", "twice.png")
+    )
     assert np.abs(once - twice).mean() < 0.1
     box = next(w.rect for w in gui.window.ui.widgets if w.label == "previous runs")
     tick = once[int(box[1]) : int(box[3]), int(box[0]) : int(box[0] + box[3] - box[1])]
@@ -152,8 +160,11 @@ def test_the_right_button_drags_in_as_many_steps_as_it_is_told(gui):
     gui.input.drag((150, 200), (165, 212), steps=7, button=1)
     after = gui.window.scene.view
     assert gui.window.frames - drawn == 1 + 1 + 7 + 2
-    vertex = gui.session.mesh.vertices[0]
-    places = [view.projected("source", gui.window.scene.viewport.drawn(vertex))[0] for view in (before, after)]
+    vertex = gui.session.surface().mesh.vertices[0]
+    places = [
+        view.projected("source", viewport(gui.session.surface().mesh).drawn(vertex))[0]
+        for view in (before, after)
+    ]
     np.testing.assert_allclose(places[1] - places[0], [15, 12, 0], atol=1e-6)  # moved, not turned
 
 
@@ -181,7 +192,10 @@ def test_nothing_is_held_from_one_driver_to_the_next():
 
 def test_a_process_has_one_backend():
     with (
-        pytest.raises(DriverError, match="this process draws with openGL3_egl, not openGL_mock: use one backend"),
+        pytest.raises(
+            DriverError,
+            match="this process draws with openGL3_egl, not openGL_mock: use one backend",
+        ),
         Driver(icosphere(1), backend="openGL_mock"),
     ):
         pass
@@ -195,16 +209,18 @@ from tests.shapes import icosphere
 from tests.viewer.sessions import QUICK
 for size in ((1280, 800), (1000, 640)):
     with Driver(icosphere(2), backend="openGL_mock", size=size) as gui:
-        gui.session.amend(parameters=QUICK)
+        gui.session.editor.amend(parameters=QUICK)
         gui.click("Match")
         gui.wait(lambda s: s.solver.finished)
         gui.type("alpha", "10")
         gui.drag("time", 0.5)
         before = gui.session.channels
         gui.pick(vertex=12, surface="target")
-        print(gui.session.parameters.alpha, round(gui.session.time, 1), gui.session.channels != before, gui.errors)
+        session = gui.session
+        chosen = session.channels != before
+        print(session.parameters.alpha, round(session.time, 1), chosen, gui.errors)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
+    done = python(code, cwd=ROOT)
     assert (done.stdout, done.returncode) == ("10.0 0.5 True {}\n" * 2, 0), done.stderr
 
 
@@ -212,8 +228,8 @@ def test_it_opens_what_the_app_opens(tmp_path, matched):
     matched.session.result.save(tmp_path / "a.npz")
     matched.menu("File", "Save project")
     matched.type("file name", "b")
-    matched.wait(lambda s: not s.unsaved)
+    matched.wait(lambda s: not s.saves.unsaved)
     for name in ("a.npz", "b.abfm"):
         with Driver(tmp_path / name, size=SIZE) as again:
             assert again.session.result.mismatch == matched.session.result.mismatch
-            assert not again.session.unsaved
+            assert not again.session.saves.unsaved

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-import abfm
 from abfm_viewer import panels
 from abfm_viewer.panels import right_panel, status_line, time_bar
+from abfm_viewer.widgets.containers import child, section
 from abfm_viewer.window import menus, window
 from tests.viewer.sessions import QUICK
 
-PARTS = {"menu": (menus, "draw"), "time bar": (time_bar, "draw"), "status line": (status_line, "draw")}
-PANELS = [(tab, part, module) for tab, parts in right_panel.TABS.items() for part, module in parts.items()]
+PARTS = {
+    "menu": (menus, "draw"),
+    "time bar": (time_bar, "draw"),
+    "status line": (status_line, "draw"),
+}
+PANELS = [
+    (tab, part, module) for tab, parts in right_panel.TABS.items() for part, module in parts.items()
+]
 PARTS |= {"labels": (window, "draw_annotations"), "Solver": (panels.solver, "draw")}
 
 
@@ -28,45 +34,46 @@ def lives(gui):
     return gui.window.frames > before + 3
 
 
-@pytest.mark.parametrize("part", PARTS)
-def test_a_part_that_fails_is_named_and_comes_back(gui, monkeypatch, capsys, part):
-    with monkeypatch.context() as patch:
-        patch.setattr(*PARTS[part], fail)
-        gui.frames(3)
-        assert gui.errors == {part: "RuntimeError: the roof leaks"}
-        assert gui.session.notice.is_error
-        assert gui.session.notice.text == f"{part}: RuntimeError: the roof leaks"
-        assert lives(gui)
-    gui.frames(2)
-    assert gui.errors == {}
-    assert capsys.readouterr().err.count("Traceback") == 1
-    gui.session.amend(parameters=QUICK)
+def test_a_part_that_fails_is_named_and_comes_back(gui, monkeypatch, capsys):
+    for part, place in PARTS.items():
+        with monkeypatch.context() as patch:
+            patch.setattr(*place, fail)
+            gui.frames(3)
+            assert gui.errors == {part: "RuntimeError: the roof leaks"}
+            assert gui.session.notices.latest.is_error
+            assert gui.session.notices.latest.text == f"{part}: RuntimeError: the roof leaks"
+            assert lives(gui)
+        gui.frames(2)
+        assert gui.errors == {}
+        assert capsys.readouterr().err.count("Traceback") == 1
+    gui.session.editor.amend(parameters=QUICK)
     gui.click("Match")
     gui.wait(lambda s: s.solver.finished)
 
 
-def test_the_tabs_are_these(gui):
-    assert [w.label for w in gui.window.ui.widgets if w.kind == "tab"] == ["Functions", "Match", "Look", "Export"]
-
-
-@pytest.mark.parametrize(("tab", "panel", "module"), PANELS)
-def test_a_panel_that_fails_leaves_the_others(gui, monkeypatch, tab, panel, module):
-    gui.click(tab, within=right_panel.STEPS)
-    with monkeypatch.context() as patch:
-        patch.setattr(module, "draw", fail)
-        gui.frames(3)
-        assert gui.errors == {panel: "RuntimeError: the roof leaks"}
-        assert set(right_panel.TABS) <= set(gui.labels())
-        assert lives(gui)
-        gui.drag("time", 0.5)
-    gui.frames(2)
-    assert gui.errors == {}
+def test_a_panel_that_fails_leaves_the_others(gui, monkeypatch):
+    for tab, panel, module in PANELS:
+        gui.click(tab, within=right_panel.STEPS)
+        with monkeypatch.context() as patch:
+            patch.setattr(module, "draw", fail)
+            gui.frames(3)
+            assert gui.errors == {panel: "RuntimeError: the roof leaks"}
+            assert set(right_panel.TABS) <= set(gui.labels())
+            assert lives(gui)
+            gui.drag("time", 0.5)
+        gui.frames(2)
+        assert gui.errors == {}
 
 
 def test_panels_that_fail_halfway_leave_imgui_whole(gui, monkeypatch):
     def draw(context):
         ui = context.ui
-        with ui.group("deep"), ui.disabled(), ui.child("inner", 40), ui.section("more") as is_open:
+        with (
+            ui.group("deep"),
+            ui.disabled(),
+            child(ui, "inner", 40),
+            section(ui, "more") as is_open,
+        ):
             assert is_open
             fail()
 
@@ -116,29 +123,12 @@ def test_a_dialog_that_fails_is_closed(gui, monkeypatch):
 
 def test_a_solver_that_fails_says_why(gui, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(abfm, "match", fail)
+        patch.setattr("abfm_viewer.computing.match_apart.MatchApart.match", fail)
         gui.click("Match")
         gui.wait(lambda s: s.solver.finished)
     assert gui.session.solver.failed
-    assert gui.session.notice.text == "the solver stopped: RuntimeError: the roof leaks"
-    gui.session.amend(parameters=QUICK)
+    assert gui.session.notices.latest.text == "the solver stopped: RuntimeError: the roof leaks"
+    gui.session.editor.amend(parameters=QUICK)
     gui.click("Match")
     gui.wait(lambda s: s.solver.finished)
     assert not gui.session.solver.failed
-
-
-def test_a_function_that_cannot_be_evaluated_says_why(gui):
-    gui.type("spec", "gaussian:vertex=99999,width=0.1", within="source")
-    gui.wait(lambda s: s.error("gaussian:vertex=99999,width=0.1"))
-    assert not gui.is_enabled("Match")
-    gui.key("ctrl+z")
-    gui.wait(lambda s: not s.obstacle)
-    assert gui.is_enabled("Match")
-
-
-def test_a_file_that_cannot_be_read_says_why(gui, tmp_path):
-    (tmp_path / "bad.off").write_text("OFF\nnonsense\n")
-    gui.menu("File", "Open mesh...")
-    gui.double_click("bad.off")
-    gui.wait(lambda s: s.notice.is_error)
-    assert "bad.off" in gui.session.notice.text

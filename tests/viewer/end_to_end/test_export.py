@@ -22,23 +22,31 @@ def small(matched):
     return matched
 
 
-def exported(gui, button, path, seconds=60):
+def exported(gui, button, path):
     """Press a button, name the file, and wait until it is written."""
     gui.click(button)
     gui.type("file name", path.name, enter=False)
     gui.click("Save")
-    gui.wait(lambda _: path.exists() and not gui.window.exporter.running, seconds)
+    gui.wait(lambda _: path.exists() and not gui.window.exporter.running, 60)
     assert not gui.window.exporter.failed, gui.window.exporter.message
 
 
 def test_sizes_and_settings(matched):
     exporter = matched.window.exporter
-    for name, size in (("4K", (3840, 2160)), ("8K", (7680, 4320)), ("HD", (1280, 720)), ("full HD", (1920, 1080))):
+    for name, size in (
+        ("4K", (3840, 2160)),
+        ("8K", (7680, 4320)),
+        ("HD", (1280, 720)),
+        ("full HD", (1920, 1080)),
+    ):
         matched.choose("size", name)
         assert (exporter.picture.width, exporter.picture.height) == size
     matched.choose("size", "window")
     left, top, right, bottom = matched.window.parts.scene
-    assert (exporter.picture.width, exporter.picture.height) == (round(right - left), round(bottom - top))
+    assert (exporter.picture.width, exporter.picture.height) == (
+        round(right - left),
+        round(bottom - top),
+    )
     matched.drag("pixels across", 2000)
     matched.drag("pixels down", 1000)
     assert exporter.picture.width == pytest.approx(2000, abs=120)
@@ -73,10 +81,10 @@ def test_a_picture_has_its_size_and_its_ground(small, tmp_path):
     assert alpha.max() == 255
 
 
-@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
-def test_a_movie_has_its_frames_and_its_size(small, tmp_path, suffix):
-    exported(small, "Save movie...", tmp_path / f"film{suffix}")
-    with av.open(tmp_path / f"film{suffix}") as movie:
+def test_a_movie_has_its_frames_and_its_size(small, tmp_path):
+    """As a GIF; an MP4 is among the stories of the first minutes."""
+    exported(small, "Save movie...", tmp_path / "film.gif")
+    with av.open(tmp_path / "film.gif") as movie:
         frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
     assert len(frames) == 5
     assert frames[0].shape == (300, 400, 3)

@@ -1,4 +1,6 @@
-"""The tab Look: what the surfaces show, arrows, streaks, flow lines, followed points, comparisons."""
+"""The tab Look: what the surfaces show, arrows, streaks, flow lines, followed points,
+comparisons.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,12 @@ MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "fu
 
 
 def calm(gui):
-    """Wait until nothing is computed in the background, of which the next frames may yet ask for something."""
-    gui.frames(5)
+    """Wait until nothing is computed in the background, of which the next frames may yet ask for
+    something.
+    """
+    gui.frames(3)
     gui.wait(lambda _: not gui.window.shown.busy)
-    gui.frames(5)
+    gui.frames(3)
 
 
 def test_the_advected_surface_shows_the_field(matched):
@@ -91,23 +95,32 @@ def test_maps_color_the_advected_surface(matched):
         calm(matched)
 
 
-def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, monkeypatch):
-    notes = []
-    note = Ui.note
-    monkeypatch.setattr(Ui, "note", lambda self, text, *kind: notes.append(text) or note(self, text, *kind))
+@pytest.fixture
+def notes(monkeypatch):
+    """What the panels write."""
+    found, note = [], Ui.note
+    monkeypatch.setattr(
+        Ui, "note", lambda ui, text, *kind: found.append(text) or note(ui, text, *kind)
+    )
+    return found
 
+
+def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, notes):
     def warned():
         return [text for text in notes if text.startswith("Warning: this map is not to be trusted")]
 
     session = matched.session
     good = session.result
     slow = replace(good, velocity=1e-3 * good.velocity)
-    wild = np.random.default_rng(0).normal(size=good.velocity.shape) * session.mesh.length_scale
-    normals = face_normals(session.mesh)
+    wild = (
+        np.random.default_rng(0).normal(size=good.velocity.shape)
+        * session.surface().mesh.length_scale
+    )
+    normals = face_normals(session.surface().mesh)
     wild -= (wild * normals).sum(axis=-1, keepdims=True) * normals
     matched.drag("time", 1.0)
     for result, expected in ((slow, 0), (replace(good, velocity=wild), 1)):
-        session.amend(result=result)
+        session.editor.amend(result=result)
         for coloring in MAPS:
             matched.choose("color by", coloring)
             calm(matched)
@@ -119,11 +132,7 @@ def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, monkeypatch)
             assert len(warned()) == wanted
 
 
-def test_numbers_of_the_last_run_are_gone_during_a_new_one(matched, monkeypatch):
-    notes = []
-    note = Ui.note
-    monkeypatch.setattr(Ui, "note", lambda self, text, *kind: notes.append(text) or note(self, text, *kind))
-
+def test_numbers_of_the_last_run_are_gone_during_a_new_one(matched, notes):
     def told():
         notes.clear()
         matched.frames(1)
@@ -131,7 +140,7 @@ def test_numbers_of_the_last_run_are_gone_during_a_new_one(matched, monkeypatch)
 
     matched.click("Look")
     assert told()
-    matched.session.amend(parameters=ENDLESS)
+    matched.session.editor.amend(parameters=ENDLESS)
     matched.click("Match")
     matched.wait(lambda s: s.solver.snapshot is not None)
     assert not told()
@@ -158,7 +167,7 @@ def test_the_comparison_has_surfaces_of_its_own(matched):
     matched.wait(lambda _: not matched.window.shown.mass_transport.busy)
     assert scene.names == ("source", "advected", "optimal transport", "error", "target")
     found = scene.paints["optimal transport"].values
-    weights = vertex_areas(matched.session.mesh)
+    weights = vertex_areas(matched.session.surface().mesh)
     assert weights @ found == pytest.approx(0.5 * (weights @ source + weights @ target))
     assert abs(found - 0.5 * (source + target)).max() > 0.2
     matched.check("optimal transport", False)
@@ -168,10 +177,12 @@ def test_the_comparison_has_surfaces_of_its_own(matched):
 
 
 def test_arrows_follow_a_run_no_more_often_than_the_surface_and_the_user_at_once(gui, monkeypatch):
-    gui.session.amend(parameters=ENDLESS)
+    gui.session.editor.amend(parameters=ENDLESS)
     gui.check("arrows")
     gui.click("Match")
-    gui.wait(lambda _: any(name == "arrows" for _, name, *_ in gui.window.scene.overlays.structures()))
+    gui.wait(
+        lambda _: any(name == "arrows" for _, name, *_ in gui.window.scene.overlays.structures())
+    )
     drawn = []
     draw = marks.draw_arrows
     monkeypatch.setattr(marks, "draw_arrows", lambda *given: (drawn.append(given), draw(*given)))

@@ -1,4 +1,6 @@
-"""What newcomers do in their first minutes, by mouse and keyboard: ten stories, each from a fresh window."""
+"""What newcomers do in their first minutes, by mouse and keyboard: ten stories, each from a
+fresh window.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import nullcontext
 from dataclasses import replace
-from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -18,32 +18,28 @@ from PIL import Image
 
 from abfm.assets import asset_path
 from abfm_viewer.automation import Driver
-from abfm_viewer.automation import driver as automation
-from tests.mesh_writers import off_text
-from tests.shapes import icosphere
+from tests.mesh_writers import off_file, off_text
+from tests.shapes import ellipsoid, icosphere
 from tests.viewer.sessions import SIZE
 
 TOP, BOTTOM = "gaussian:x=0,y=0,z=1,width=0.15", "gaussian:x=0.5,y=0,z=-0.87,width=0.15"
 _WORK = """
 import sys
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
-from abfm_viewer.automation import Driver, driver
+from abfm_viewer.automation import Driver
 from abfm_viewer.window import recovery
 from tests.viewer.sessions import ENDLESS
 mesh, state = map(Path, sys.argv[1:])
 recovery.Autosave = partial(recovery.Autosave, seconds=0.5)
-driver.tempfile = SimpleNamespace(TemporaryDirectory=lambda: nullcontext(str(state)))
-with Driver(mesh, size=(640, 480)) as gui:
+with Driver(mesh, size=(640, 480), state=state) as gui:
     gui.window.dialogs.folder = mesh.parent
     gui.wait(lambda session: not session.obstacle)
-    gui.session.amend(parameters=ENDLESS)
+    gui.session.editor.amend(parameters=ENDLESS)
     gui.key("ctrl+s")
     gui.type("file name", "work.abfm", enter=False)
     gui.click("Save")
-    gui.wait(lambda session: session.path and not session.unsaved)
+    gui.wait(lambda session: session.saves.path and not session.saves.unsaved)
     gui.click("Match")
     gui.wait(lambda session: session.solver.snapshot is not None)
     (state / "matching").touch()  # copies from now on hold the run
@@ -114,20 +110,23 @@ def test_wrong_mesh_card_and_remedy(gui, tmp_path):
     (tmp_path / "cut.off").write_text(both[: len(both) // 2])
     (tmp_path / "letter.obj").write_text("Dear reader")
     gui.window.dialogs.folder = tmp_path
-    was = gui.session.mesh
-    for name, told in (("letter.obj", "the mesh has no vertices"), ("cut.off", "the file is cut off")):
+    was = gui.session.surface().mesh
+    for name, told in (
+        ("letter.obj", "the mesh has no vertices"),
+        ("cut.off", "the file is cut off"),
+    ):
         gui.menu("File", "Open mesh...")
         gui.double_click(name)
-        gui.wait(lambda s: s.cards and not s.opening)
-        assert told in gui.session.cards[0].text
-        assert gui.session.mesh is was
+        gui.wait(lambda s: s.notices.cards and not s.loading.replacing)
+        assert told in gui.session.notices.cards[0].text
+        assert gui.session.surface().mesh is was
     gui.click("Open another mesh...", within="message 1")
     gui.double_click("two.off")
-    gui.wait(lambda s: s.cards and "two.off" in s.cards[0].text)
+    gui.wait(lambda s: s.notices.cards and "two.off" in s.notices.cards[0].text)
     gui.click("Open the largest component")
     gui.wait(lambda s: s.document.name == "two.off" and ready(s))
-    assert len(gui.session.mesh.vertices) == len(large.vertices)
-    assert gui.session.cards == ()
+    assert len(gui.session.surface().mesh.vertices) == len(large.vertices)
+    assert gui.session.notices.cards == ()
 
 
 def test_nonsense_is_refused_stays_and_is_mended(gui):
@@ -162,17 +161,20 @@ def test_a_figure_from_samples(gui):
     gui.menu("Samples", "Figure 11")
     gui.wait(lambda s: gui.window.files.sample == "Figure 11" and ready(s), 60)
     gui.click("Match")
-    gui.wait(lambda s: s.solver.snapshot is not None and s.solver.snapshot.iteration.iteration > 5, 60)
+    gui.wait(
+        lambda s: s.solver.snapshot is not None and s.solver.snapshot.iteration.iteration > 5, 60
+    )
     gui.click("Cancel")
     gui.wait(finished)
     assert not gui.session.outdated
     assert gui.session.result.mismatch < 1
 
 
-def test_change_sigma_while_it_runs(gui):
-    gui.click("Match")
-    gui.wait(lambda s: s.solver.snapshot is not None)
+def test_change_sigma_while_it_runs(running):
+    gui = running
     gui.drag("sigma", 0.1)
+    gui.wait(lambda s: s.solver.snapshot.problem.parameters.sigma > 0.05)
+    gui.click("Cancel")
     gui.wait(finished, 120)
     assert gui.session.result.parameters.sigma == pytest.approx(0.1, rel=0.2)
     assert gui.session.document.runs[-1].restarts
@@ -180,7 +182,8 @@ def test_change_sigma_while_it_runs(gui):
 
 def test_export_a_picture_and_a_movie(gui, tmp_path):
     exporter = gui.window.exporter
-    exporter.picture = replace(exporter.picture, width=400, height=300)  # the rest takes no user's time, but the test's
+    # the rest takes no user's time, but the test's
+    exporter.picture = replace(exporter.picture, width=400, height=300)
     exporter.movie = replace(exporter.movie, seconds=0.5, fps=10)
     gui.click("Match")
     gui.wait(finished, 120)
@@ -191,7 +194,9 @@ def test_export_a_picture_and_a_movie(gui, tmp_path):
     picture = np.asarray(Image.open(tmp_path / "flow.png").convert("RGB"), dtype=float)
     assert picture.std() > 5
     with av.open(tmp_path / "flow.mp4") as movie:
-        first, *_, last = [frame.to_ndarray(format="rgb24").astype(int) for frame in movie.decode(video=0)]
+        first, *_, last = [
+            frame.to_ndarray(format="rgb24").astype(int) for frame in movie.decode(video=0)
+        ]
     assert np.abs(first - last).mean() > 0.5
 
 
@@ -204,11 +209,11 @@ def test_compare_with_optimal_transport(gui):
     assert not np.allclose(paints["optimal transport"].values, paints["source"].values)
 
 
-def test_save_kill_and_recover(tmp_path, monkeypatch):
-    mesh, state = tmp_path / "egg.off", tmp_path / "state"
-    sphere = icosphere(2)
-    mesh.write_text(off_text(sphere.vertices * (1, 0.7, 0.55), sphere.faces))
-    app = subprocess.Popen([sys.executable, "-c", _WORK, str(mesh), str(state)])
+def test_save_kill_and_recover(tmp_path):
+    egg, state = ellipsoid(2, 1, 0.7, 0.55), tmp_path / "state"
+    mesh = off_file(tmp_path / "egg.off", egg)
+    command = [sys.executable, "-c", _WORK, str(mesh), str(state)]
+    app = subprocess.Popen(command, stderr=subprocess.PIPE)
     try:
         end = time.monotonic() + 60
         while not ((state / "matching").exists() and list(state.glob("autosave-*.abfm"))):
@@ -217,13 +222,18 @@ def test_save_kill_and_recover(tmp_path, monkeypatch):
             time.sleep(0.05)
     finally:
         app.send_signal(signal.SIGKILL)
-        app.wait(60)
-    monkeypatch.setattr(automation, "tempfile", SimpleNamespace(TemporaryDirectory=lambda: nullcontext(str(state))))
-    with Driver(icosphere(1), size=SIZE) as gui:
+        app.communicate(timeout=60)  # until all that have its stderr have ended
+    with Driver(icosphere(1), size=SIZE, state=state) as gui:
         gui.click("Recover")
         gui.wait(lambda s: s.result is not None)
-        assert gui.session.title == "* work.abfm"
-        assert len(gui.session.mesh.vertices) == len(sphere.vertices)
-        assert gui.session.result.velocity.any()
-        assert gui.session.result.stop_reason == "cancelled"
+        result = gui.session.result
+        assert gui.session.saves.title == "* work.abfm"
+        assert gui.session.saves.path == tmp_path / "work.abfm"
+        assert len(gui.session.surface().mesh.vertices) == len(egg.vertices)
+        assert gui.session.document.runs
+        assert result.velocity.any()
+        assert result.stop_reason == "cancelled"
+        gui.click("Continue", within="verdict")
+        gui.wait(lambda s: s.solver.snapshot is not None)
+        assert gui.session.solver.snapshot.iteration.mismatch <= 1.01 * result.mismatch
         assert not gui.errors

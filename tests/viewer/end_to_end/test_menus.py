@@ -14,7 +14,7 @@ from abfm_viewer.appearance import colormaps
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import LAYOUTS
 from abfm_viewer.window.menus import UI_SCALES
-from tests.mesh_writers import off_text
+from tests.mesh_writers import off_file
 from tests.shapes import icosphere
 from tests.viewer.sessions import EGG
 
@@ -22,15 +22,12 @@ from tests.viewer.sessions import EGG
 @pytest.fixture
 def sphere_file(tmp_path):
     """Another mesh, in a file with a blank in its name."""
-    sphere = icosphere(2)
-    path = tmp_path / "a sphere.off"
-    path.write_text(off_text(sphere.vertices, sphere.faces))
-    return path
+    return off_file(tmp_path / "a sphere.off", icosphere(2))
 
 
 def sphere_opened(gui):
     """Wait until the sphere is shown with its functions."""
-    gui.wait(lambda s: len(s.mesh.vertices) == 162 and s.values("target") is not None)
+    gui.wait(lambda s: len(s.surface().mesh.vertices) == 162 and s.values("target") is not None)
     assert not gui.window.dialogs.is_open
 
 
@@ -55,13 +52,13 @@ def test_a_mesh_is_opened_and_is_recent_then(wide, sphere_file):
     sphere_opened(gui)
     assert gui.session.document.name == sphere_file.name
     gui.key("ctrl+z")
-    assert gui.session.mesh is EGG
+    assert gui.session.surface().mesh is EGG
     recent = recent_label(gui)
     assert recent.endswith(sphere_file.name)
     gui.menu("File", "Recent", recent)
     sphere_opened(gui)
-    assert gui.session.notice.text.startswith(f"opened {sphere_file.name}")
-    np.testing.assert_array_equal(gui.session.mesh.faces, load_mesh(sphere_file).faces)
+    assert gui.session.notices.latest.text.startswith(f"opened {sphere_file.name}")
+    np.testing.assert_array_equal(gui.session.surface().mesh.faces, load_mesh(sphere_file).faces)
     gui.menu("File", "Recent", "Clear recent")
     assert gui.window.files.recent() == []
 
@@ -108,7 +105,7 @@ def test_folders_are_gone_through_to_save(gui, tmp_path):
     gui.type("folder", str(tmp_path / "inner"))
     gui.type("file name", "new", enter=False)
     gui.click("Save", within="Save the project")
-    gui.wait(lambda s: s.path == tmp_path / "inner" / "new.abfm" and not s.unsaved)
+    gui.wait(lambda s: s.saves.path == tmp_path / "inner" / "new.abfm" and not s.saves.unsaved)
     assert is_project(tmp_path / "inner" / "new.abfm")
     assert (tmp_path / "older.abfm").read_bytes() == b""
 
@@ -137,30 +134,41 @@ def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
     matched.type("file name", "first", enter=False)
     matched.click("Save", within="Save the project")
     matched.click("Replace")
-    matched.wait(lambda s: not s.unsaved and not matched.window.files.saving)
+    matched.wait(lambda s: not s.saves.unsaved and not matched.window.files.saving)
     assert not matched.window.dialogs.is_open
-    assert matched.session.path == path
+    assert matched.session.saves.path == path
     assert is_project(path)
-    matched.session.set_parameter(alpha=4.0)
+    matched.session.editor.set_parameter(alpha=4.0)
     matched.key("ctrl+s")  # asks nothing more
-    matched.wait(lambda s: not s.unsaved)
-    matched.session.set_parameter(alpha=saved.parameters.alpha)
+    matched.wait(lambda s: not s.saves.unsaved)
+    matched.session.editor.set_parameter(alpha=saved.parameters.alpha)
     matched.key("ctrl+s")
-    matched.wait(lambda s: not s.unsaved)
+    matched.wait(lambda s: not s.saves.unsaved)
     matched.click("Reset to defaults", within="Match")
     matched.menu("File", "Open project...")
     matched.double_click("first.abfm")
-    matched.wait(lambda s: s.path == path and s.parameters.sigma == 0.03)
-    assert "Undo returns to" in matched.session.notice.text
+    matched.wait(lambda s: s.saves.path == path and s.parameters.sigma == 0.03)
+    assert "Undo returns to" in matched.session.notices.latest.text
     opened = matched.session.document
-    for name in ("channels", "parameters", "mask", "time", "view", "lines", "points", "channel", "side", "bump"):
+    for name in (
+        "channels",
+        "parameters",
+        "mask",
+        "time",
+        "view",
+        "lines",
+        "points",
+        "channel",
+        "side",
+        "bump",
+    ):
         assert getattr(opened, name) == getattr(saved, name), name
-    np.testing.assert_array_equal(opened.mesh.vertices, saved.mesh.vertices)
-    np.testing.assert_array_equal(opened.mesh.faces, saved.mesh.faces)
+    np.testing.assert_array_equal(opened.surface().mesh.vertices, saved.surface().mesh.vertices)
+    np.testing.assert_array_equal(opened.surface().mesh.faces, saved.surface().mesh.faces)
     np.testing.assert_array_equal(opened.result.velocity, saved.result.velocity)
     np.testing.assert_array_equal(opened.runs[0].energies, saved.runs[0].energies)
     matched.wait(lambda _: not matched.window.shown.busy)
-    assert not matched.session.unsaved
+    assert not matched.session.saves.unsaved
 
 
 def test_undo_goes_back_to_the_start_and_redo_to_the_end(gui):
@@ -175,7 +183,7 @@ def test_undo_goes_back_to_the_start_and_redo_to_the_end(gui):
     gui.menu("View", "Dark theme")
     end = gui.session.document
     steps = 0
-    while gui.session.history.undo_label:
+    while gui.session.editor.history.undo_label:
         gui.menu("Edit", "Undo")
         steps += 1
     assert steps >= 5
@@ -183,7 +191,7 @@ def test_undo_goes_back_to_the_start_and_redo_to_the_end(gui):
     gui.key("esc")
     for name in ("channels", "parameters", "result", "runs", "view"):
         assert getattr(gui.session.document, name) == getattr(start, name), name
-    while gui.session.history.redo_label:
+    while gui.session.editor.history.redo_label:
         gui.menu("Edit", "Redo")
     for name in ("channels", "parameters", "result", "runs", "view", "time"):
         assert getattr(gui.session.document, name) == getattr(end, name), name
@@ -199,6 +207,7 @@ def test_light_and_dark(gui, tmp_path):
 
 
 def test_every_layout_color_map_and_scale(gui):
+    before = gui.session.view
     for layout in (*LAYOUTS[1:], LAYOUTS[0]):
         gui.menu("View", "Layout", layout)
         assert gui.session.view.layout == layout
@@ -214,6 +223,9 @@ def test_every_layout_color_map_and_scale(gui):
         width = gui.window.parts.status[2]
         left, _, right, _ = gui.window.parts.panel
         assert right - left == pytest.approx(min(380 * scale, 0.44 * width))
+    while gui.session.editor.history.undo_label:
+        gui.key("ctrl+z")
+    assert gui.session.view == before
 
 
 def test_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
@@ -232,7 +244,9 @@ def test_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
 
 
 def test_the_flow_is_seen_after_a_match_unless_that_is_switched_off(gui):
-    gui.session.amend(parameters=replace(gui.session.parameters, iterations=20, cooling_stages=1))
+    gui.session.editor.amend(
+        parameters=replace(gui.session.parameters, iterations=20, cooling_stages=1)
+    )
     gui.menu("View", "Flow after a match")
     assert gui.session.view.flow_after_match
     gui.session.player.speed = 4.0
@@ -262,23 +276,25 @@ def test_the_camera_turns_and_is_reset(gui):
 
 
 def test_defaults_return(gui):
-    gui.session.set_parameter(alpha=3.0)
+    gui.session.editor.set_parameter(alpha=3.0)
     gui.click("Reset to defaults", within="Edit")
     assert gui.session.parameters == Parameters()
 
 
 def test_help_is_closed_again(gui):
-    for entry, title in (("Shortcuts", "Shortcuts"), ("Messages", "Messages"), ("About", "About abfm")):
+    for entry in ("Shortcuts", "Messages", "About"):
         gui.menu("Help", entry)
-        gui.click("Close", within=title)
+        gui.click("Close", within="About abfm" if entry == "About" else entry)
         assert not gui.window.dialogs.is_open
 
 
-def test_every_shortcut_is_listed_and_does_something(gui, monkeypatch):
-    called = []
-    for action in gui.window.actions.all:
+def test_every_shortcut_is_listed_and_does_something_of_its_own(gui, monkeypatch):
+    actions, called = gui.window.actions, []
+    listed = "\n".join(keys for keys, _ in actions.listed())
+    for action in actions.all:
         monkeypatch.setattr(action, "do", lambda action=action: called.append(action))
-    for action in gui.window.actions.all:
+    for action in actions.all:
+        assert action.hint in listed
         for chord in action.chords:
             called.clear()
             gui.key(chord)

@@ -1,4 +1,7 @@
-"""Mesh and Functions: channels, families, Gaussians by widget and by mouse, vertex maps."""
+"""Mesh and Functions: channels, families, Gaussians by widget and by mouse, vertex maps.
+
+Both sides are drawn by the same code: what the widgets do is tried on one of them.
+"""
 
 from __future__ import annotations
 
@@ -38,13 +41,13 @@ def test_channels_are_added_copied_weighted_swapped_and_removed(gui):
     gui.click("Remove")
     assert len(session.channels) == 1
     assert not gui.is_enabled("Remove")
-    while session.history.undo_label:
+    while session.editor.history.undo_label:
         gui.key("ctrl+z")
     assert session.channels == (first,)
 
 
-@pytest.mark.parametrize("side", ["source", "target"])
-def test_every_family_can_be_chosen_and_is_evaluated(gui, side):
+def test_every_family_can_be_chosen_and_is_evaluated(gui):
+    side = "source"
     for family in sorted({cls.family for cls in families()} - {"gaussian", "file", "permuted"}):
         gui.choose("family", family, within=side)
         assert gui.session.active.spec(side).startswith(family)
@@ -56,8 +59,9 @@ def test_every_family_can_be_chosen_and_is_evaluated(gui, side):
     settled(gui)
 
 
-@pytest.mark.parametrize("side", ["source", "target"])
-def test_controls_of_the_families(gui, side):
+def test_controls_of_the_families(gui):
+    side = "target"
+
     def spec():
         return gui.session.active.spec(side)
 
@@ -104,8 +108,9 @@ def test_controls_of_the_families(gui, side):
     settled(gui)
 
 
-@pytest.mark.parametrize("side", ["source", "target"])
-def test_gaussians_by_widget(gui, side):
+def test_gaussians_by_widget(gui):
+    side = "source"
+
     def bumps():
         return gaussians(gui.session.active.spec(side))
 
@@ -126,8 +131,8 @@ def test_gaussians_by_widget(gui, side):
     settled(gui)
 
 
-@pytest.mark.parametrize("side", ["source", "target"])
-def test_gaussians_at_a_place(gui, side):
+def test_gaussians_at_a_place(gui):
+    side = "target"
     gui.type("spec", "gaussian:x=1,y=0,z=0,width=0.2", within=side)
     for name, number in (("x", "0.5"), ("y", "0.25"), ("z", "-0.125")):
         gui.type(name, number, within=side)
@@ -150,13 +155,13 @@ def test_gaussians_by_mouse(gui, side):
     gui.wheel(2, vertex=12, surface=side)
     assert bump().width > width
     settled(gui)
-    while gui.session.history.undo_label:
+    while gui.session.editor.history.undo_label:
         gui.key("ctrl+z")
     assert gui.session.channels == before
 
 
-@pytest.mark.parametrize("side", ["source", "target"])
-def test_values_and_vertex_maps_from_files(gui, tmp_path, side):
+def test_values_and_vertex_maps_from_files(gui, tmp_path):
+    side = "target"
     rng = np.random.default_rng(0)
     values, order = rng.normal(size=len(EGG.vertices)), rng.permutation(len(EGG.vertices))
     np.save(tmp_path / "values.npy", values)
@@ -178,21 +183,29 @@ def test_values_and_vertex_maps_from_files(gui, tmp_path, side):
     gui.choose("vertex map", "none", within=side)
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), values)
-    np.savetxt(tmp_path / "table.csv", np.stack([values, 2 * values], axis=1), delimiter=",", header="a,b", comments="")
+    np.savetxt(
+        tmp_path / "table.csv",
+        np.stack([values, 2 * values], axis=1),
+        delimiter=",",
+        header="a,b",
+        comments="",
+    )
     gui.type("path", str(tmp_path / "table.csv"), within=side)
     gui.type("column", "b", within=side)
     settled(gui)
     np.testing.assert_allclose(gui.session.values(side), 2 * values)
 
 
-@pytest.mark.parametrize("side", ["source", "target"])
-def test_vertex_maps_by_symmetry(gui, side):
+def test_vertex_maps_by_symmetry(gui):
     """The egg is symmetric; whatever the map, the function is the one that its text names."""
+    side = "source"
     for word in ("mirror", "rotation"):
         gui.choose("vertex map", word, within=side)
         settled(gui)
         spec = gui.session.active.spec(side)
         assert spec.startswith(f"permuted:{word}(")
-        np.testing.assert_array_equal(gui.session.values(side), function(gui.session.mesh, spec))
+        np.testing.assert_array_equal(
+            gui.session.values(side), function(gui.session.surface().mesh, spec)
+        )
     gui.choose("vertex map", "none", within=side)
     assert "permuted" not in gui.session.active.spec(side)

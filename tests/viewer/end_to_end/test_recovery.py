@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
-from types import SimpleNamespace
-
 import pytest
 
-from abfm_viewer.automation import Driver, driver
+from abfm_viewer.automation import Driver
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import load_project, save_project
 from tests.shapes import icosphere
@@ -15,13 +12,12 @@ from tests.viewer.sessions import SIZE, opened
 
 
 @pytest.mark.parametrize(("answer", "is_kept"), [("Later", True), ("Discard", False)])
-def test_a_copy_is_kept_or_discarded(tmp_path, monkeypatch, answer, is_kept):
+def test_a_copy_is_kept_or_discarded(tmp_path, answer, is_kept):
     session = opened()
     copy = tmp_path / "autosave-999999999.abfm"  # more than processes are counted to
     save_project(copy, session.document, {})
     session.close()
-    monkeypatch.setattr(driver, "tempfile", SimpleNamespace(TemporaryDirectory=lambda: nullcontext(str(tmp_path))))
-    with Driver(icosphere(1), size=SIZE) as gui:
+    with Driver(icosphere(1), size=SIZE, state=tmp_path) as gui:
         gui.wait(lambda _: gui.window.dialogs.is_asking("Recover unsaved work?"))
         gui.click(answer)
         gui.wait(lambda _: not gui.window.dialogs.is_open)
@@ -37,7 +33,7 @@ def left(tmp_path):
     project = tmp_path / "work.abfm"
     save_project(project, session.document, {})
     origin = Origin.of(project)
-    session.set_parameter(sigma=0.25)
+    session.editor.set_parameter(sigma=0.25)
     copy = tmp_path / "autosave-999999999.abfm"
     save_project(copy, session.document, {}, origin)
     session.close()
@@ -45,10 +41,9 @@ def left(tmp_path):
 
 
 @pytest.fixture
-def recovered(left, tmp_path, monkeypatch):
+def recovered(left, tmp_path):
     """The next launch, after Recover."""
-    monkeypatch.setattr(driver, "tempfile", SimpleNamespace(TemporaryDirectory=lambda: nullcontext(str(tmp_path))))
-    with Driver(icosphere(1), size=SIZE) as gui:
+    with Driver(icosphere(1), size=SIZE, state=tmp_path) as gui:
         gui.wait(lambda _: gui.window.dialogs.is_asking("Recover unsaved work?"))
         gui.click("Recover")
         gui.wait(lambda s: s.parameters.sigma == 0.25)
@@ -57,20 +52,20 @@ def recovered(left, tmp_path, monkeypatch):
 
 
 def written(gui: Driver) -> None:
-    gui.wait(lambda s: not s.unsaved and not gui.window.files.saving)
+    gui.wait(lambda s: not s.saves.unsaved and not gui.window.files.saving)
 
 
 def test_what_is_recovered_is_saved_in_its_project(recovered, left):
     project, copy = left
-    assert recovered.session.title == "* work.abfm"
+    assert recovered.session.saves.title == "* work.abfm"
     recovered.key("ctrl+s")
     written(recovered)
     assert not recovered.window.dialogs.is_open
     assert load_project(project)[0].parameters.sigma == 0.25
-    assert recovered.session.title == "work.abfm"
+    assert recovered.session.saves.title == "work.abfm"
     recovered.frames(2)
     assert not copy.exists()
-    recovered.session.set_parameter(sigma=0.125)
+    recovered.session.editor.set_parameter(sigma=0.125)
     recovered.key("ctrl+s")  # the file is as this launch wrote it
     written(recovered)
     assert load_project(project)[0].parameters.sigma == 0.125
@@ -97,12 +92,11 @@ def test_a_project_that_was_changed_meanwhile_is_replaced_only_after_a_question(
     assert load_project(project)[0].parameters.sigma == 0.25
 
 
-def test_a_project_that_is_gone_is_forgotten(left, tmp_path, monkeypatch):
+def test_a_project_that_is_gone_is_forgotten(left, tmp_path):
     project, _ = left
     project.unlink()
-    monkeypatch.setattr(driver, "tempfile", SimpleNamespace(TemporaryDirectory=lambda: nullcontext(str(tmp_path))))
-    with Driver(icosphere(1), size=SIZE) as gui:
+    with Driver(icosphere(1), size=SIZE, state=tmp_path) as gui:
         gui.wait(lambda _: gui.window.dialogs.is_asking("Recover unsaved work?"))
         gui.click("Recover")
         gui.wait(lambda s: s.parameters.sigma == 0.25)
-        assert (gui.session.path, gui.session.title) == (None, "* sphere")
+        assert (gui.session.saves.path, gui.session.saves.title) == (None, "* sphere")

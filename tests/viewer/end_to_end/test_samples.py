@@ -11,8 +11,8 @@ from PIL import Image
 
 from abfm import load_mesh
 from abfm.assets import asset_names, asset_path
-from abfm.experiments import FIGURES, experiment_of
-from abfm.experiments.set_up_apart import sent
+from abfm.experiments import Stage, as_match, script
+from abfm.paper import FIGURES
 from abfm_viewer.appearance.samples import PICTURES, SIDE, vertices
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.samples import MESHES
@@ -21,7 +21,9 @@ from tests.shapes import icosphere
 
 SIZE = (640, 480)  # into which the menu fits
 APART = (2, 7)
-"""Figures that a process of their own sets up here, as it does all of them in the app: a flow, and a file's values."""
+"""Figures that a process of their own sets up here, as it does all of them in the app: a flow,
+and a file's values.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -41,27 +43,37 @@ def wait(gui, condition, seconds=60):
 
 @pytest.mark.parametrize("figure", FIGURES)
 def test_a_figure_is_ready_to_match(samples, figure, monkeypatch):
-    setup = experiment_of(figure).set_up(None, False)
+    example = next(script(figure, Stage()))
+    problem, flow = example.problem, example.flow
     if figure not in APART:
-        received = pickle.loads(pickle.dumps(sent(setup)))
-        monkeypatch.setattr("abfm.experiments.set_up_apart", lambda _: received)
+        received = pickle.loads(pickle.dumps((example, as_match(example))))
+        monkeypatch.setattr("abfm.experiments.stated_apart", lambda _: received)
     samples.menu("Samples", f"Figure {figure}")
-    wait(samples, lambda session: session.notice.text.startswith(f"figure {figure} is ready"))  # is gone after a while
-    wait(samples, lambda session: session.mesh.vertices.shape == setup.mesh.vertices.shape and not session.obstacle)
+    # is gone after a while
+    wait(
+        samples, lambda session: session.notices.latest.text.startswith(f"figure {figure} is ready")
+    )
+    wait(
+        samples,
+        lambda session: (
+            session.surface().mesh.vertices.shape == problem.mesh.vertices.shape
+            and not session.obstacle
+        ),
+    )
     session = samples.session
-    np.testing.assert_array_equal(session.mesh.vertices, setup.mesh.vertices)
-    assert session.parameters == setup.parameters
-    values = np.stack([session.functions.evaluate(channel.source) for channel in session.channels], axis=1)
-    np.testing.assert_allclose(values, setup.source, atol=1e-12)
-    values = np.stack([session.functions.evaluate(channel.target) for channel in session.channels], axis=1)
-    np.testing.assert_allclose(values, setup.target, atol=1e-12)
-    assert not session.unsaved
-    assert (session.result is None) == (setup.flow is None)
-    if setup.flow is not None:
-        np.testing.assert_array_equal(session.result.velocity, setup.flow.velocity)
+    np.testing.assert_array_equal(session.surface().mesh.vertices, problem.mesh.vertices)
+    assert session.parameters == problem.parameters
+    functions = session.functions_of(session.document)
+    for side in ("source", "target"):
+        values = [functions.evaluate(channel.spec(side)) for channel in session.channels]
+        np.testing.assert_allclose(np.stack(values, axis=1), getattr(problem, side), atol=1e-12)
+    assert not session.saves.unsaved
+    assert (session.result is None) == (flow is None)
+    if flow is not None:
+        np.testing.assert_array_equal(session.result.velocity, flow.velocity)
     assert samples.text_of(f"Figure {figure}", "Samples") == "checked"
     samples.key("esc")
-    assert vertices()[f"Figure {figure}"] == len(setup.mesh.vertices)
+    assert vertices()[f"Figure {figure}"] == len(problem.mesh.vertices)
     assert samples.errors == {}
 
 
@@ -70,7 +82,7 @@ def test_a_bundled_mesh_opens_like_a_file(samples, name):
     mesh = load_mesh(asset_path(name))
     samples.menu("Samples", name)
     wait(samples, lambda session: session.document.name == name and not session.obstacle)
-    np.testing.assert_array_equal(samples.session.mesh.vertices, mesh.vertices)
+    np.testing.assert_array_equal(samples.session.surface().mesh.vertices, mesh.vertices)
     assert vertices()[name] == len(mesh.vertices)
     assert samples.window.files.recent()[0] == asset_path(name)
     checked = [w.label for w in opened_menu(samples) if w.text == "checked"]
@@ -102,11 +114,14 @@ def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(samples):
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 def test_the_menu_fits_into_the_window(samples, scale):
-    samples.session.set_view("scale", ui_scale=scale)
+    samples.session.editor.set_view("scale", ui_scale=scale)
     entries = opened_menu(samples)
-    assert all(0 <= w.rect[0] < w.rect[2] <= SIZE[0] and 0 < w.rect[1] < w.rect[3] <= SIZE[1] for w in entries)
+    assert all(
+        0 <= w.rect[0] < w.rect[2] <= SIZE[0] and 0 < w.rect[1] < w.rect[3] <= SIZE[1]
+        for w in entries
+    )
     samples.key("esc")
-    samples.session.set_view("scale", ui_scale=1.0)
+    samples.session.editor.set_view("scale", ui_scale=1.0)
 
 
 def test_pictures_come_again_after_polyscope_forgot_its_structures(samples):

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image, ImageDraw
 
 from abfm_viewer.automation import Driver
+from abfm_viewer.session import notices
 from tests.viewer.end_to_end.likeness import difference
 from tests.viewer.sessions import EGG
 
@@ -19,49 +20,55 @@ SNAPSHOTS = Path(__file__).parents[2] / "snapshots"
 
 def compared(gui, name, folder, update):
     """What is different between the window and a snapshot, which may be written anew."""
-    gui.wait(lambda s: not gui.window.shown.busy and not s.notice.text)
+    gui.wait(lambda s: not gui.window.shown.busy and not s.notices.latest.text)
     gui.frames(5)
     actual, expected = folder / name, SNAPSHOTS / name
     gui.screenshot(actual)
     assert not gui.errors
     left, top, right, bottom = gui.window.parts.status
     frames_per_second = ((left + right) / 2, top, right, bottom)
-    found = difference(actual, expected, [frames_per_second]) if expected.exists() else "there was none"
+    found = (
+        difference(actual, expected, [frames_per_second]) if expected.exists() else "there was none"
+    )
     if update and found:
         shutil.copy(actual, expected)
     return "" if update else found
 
 
-def test_the_window_in_its_main_states(tmp_path, request):
+def test_the_window_in_its_main_states(tmp_path, request, monkeypatch):
     """One walk through the app: every picture shows what the steps before it left."""
+    monkeypatch.setattr(notices, "_SECONDS_OF_NOTICE", 0.5)
     found, seen = [], []
     with Driver(EGG, size=(1280, 800)) as gui:
 
         def check(name):
             seen.append(name)
-            found.append(compared(gui, name, tmp_path, request.config.getoption("--update-snapshots")))
+            found.append(
+                compared(gui, name, tmp_path, request.config.getoption("--update-snapshots"))
+            )
 
-        gui.session.amend(view=replace(gui.session.view, flow_after_match=False))  # it depends on the machine's speed
+        # it depends on the machine's speed
+        gui.session.editor.amend(view=replace(gui.session.view, flow_after_match=False))
         check("start.png")
         gui.click("Match")
         gui.wait(lambda s: s.solver.finished)
         check("matched.png")
-        gui.window.ui.show_tab("Match")
+        gui.window.ui.open_tab = "Match"
         check("energy.png")
         gui.check("arrows")
-        gui.window.ui.show_tab("Look")
+        gui.window.ui.open_tab = "Look"
         check("arrows.png")
         gui.check("arrows", False)
         gui.check("linear blend")
         gui.check("error")
-        gui.window.ui.show_tab("Look")
+        gui.window.ui.open_tab = "Look"
         check("compare.png")
         gui.check("linear blend", False)
         gui.check("error", False)
         gui.menu("View", "Layout", "column")
         check("column.png")
         gui.menu("View", "Layout", "row")
-        gui.window.ui.show_tab("Match")
+        gui.window.ui.open_tab = "Match"
         gui.menu("View", "Dark theme")
         check("dark.png")
         gui.key("f1")

@@ -87,7 +87,7 @@ def test_a_function_that_cannot_be_computed_does_not_end_the_run(running, text):
     running.wait(lambda s: s.solver.snapshot is not None)
     problem = running.session.solver.problem
     running.type("spec", text, within="source")
-    running.wait(lambda s: s.error(text))
+    running.wait(lambda s: s.error("source"))
     running.frames(5)
     assert running.session.solver.running
     assert running.session.solver.problem == problem

@@ -37,7 +37,7 @@ def test_scrubbing_goes_from_the_source_to_the_match_and_beyond(matched):
 def test_a_text_that_is_no_time_is_refused(matched):
     for text in ("soon", "nan", "inf"):
         matched.type("time", text)
-        assert matched.session.notice.text == f"time: '{text}' is no number"
+        assert matched.session.notices.latest.text == f"time: '{text}' is no number"
         assert matched.session.time == 1
     assert matched.errors == {}
     matched.type("time", "99")
@@ -100,7 +100,11 @@ def test_the_track_stays_in_sight_under_the_mouse(matched, monkeypatch):
 
     def recorded(label, *options):
         if label == "##time slider":
-            frames = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
+            frames = (
+                imgui.ImGuiCol_FrameBg,
+                imgui.ImGuiCol_FrameBgHovered,
+                imgui.ImGuiCol_FrameBgActive,
+            )
             grounds.append([imgui.GetStyleColorVec4(color)[3] for color in frames])
         return slider(label, *options)
 
@@ -125,12 +129,16 @@ def test_the_track_stays_in_sight_under_the_mouse(matched, monkeypatch):
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-@pytest.mark.parametrize("width", [200, 300, 420, 560, 620, 900, 1600, 2180])
+@pytest.mark.parametrize("width", [200, 420, 560, 900, 2180])
 def test_rows_of_the_bar_are_as_few_as_hold_all(scale, width):
     rows = time_bar._rows(width / scale)
     assert rows == sorted(rows)
     for row in set(rows):
-        groups = [needed for at, needed in zip(rows, time_bar._groups(width / scale), strict=True) if at == row]
+        groups = [
+            needed
+            for at, needed in zip(rows, time_bar._groups(width / scale), strict=True)
+            if at == row
+        ]
         room = width / scale - time_bar._PADDING
         assert len(groups) == 1 or sum(groups) + time_bar._GAP * (len(groups) - 1) <= room
     assert time_bar.height(width, scale) >= time_bar.height(2 * width, scale)

@@ -1,7 +1,8 @@
-"""A plugin of pytest: every widget that the window shows to the tests of this folder is used by one of them.
+"""A plugin of pytest: every widget that the window shows to the tests of this folder is used by one
+of them.
 
-That is known when all of them ran, in whatever order and in however many processes; then a widget that none used is a
-failure of the whole run.
+That is known when all of them ran, in whatever order and in however many processes; then a widget
+that none used is a failure of the whole run.
 """
 
 from __future__ import annotations
@@ -13,7 +14,13 @@ from pathlib import Path
 import pytest
 
 FOLDER = Path(__file__).parent
-DYNAMIC = ("File/Recent", "Open a mesh", "Open a project or a result", "Open values", "Open a vertex map")
+DYNAMIC = (
+    "File/Recent",
+    "Open a mesh",
+    "Open a project or a result",
+    "Open values",
+    "Open a vertex map",
+)
 """Places whose labels are the names of files."""
 _SAVING = ("Save a ", "Save the ", "Export the ")
 _OUTPUT = "widgets"
@@ -34,24 +41,25 @@ class WidgetCoverage:
     @contextmanager
     def recording(self) -> Iterator[None]:
         """Remember what windows show, and what tests ask for."""
-        from abfm_viewer.automation.widget_search import WidgetSearch  # not in processes that only hand out tests
-        from abfm_viewer.widgets.toolkit import Ui
+        # not in processes that only hand out tests
+        from abfm_viewer.automation.widget_search import WidgetSearch
+        from abfm_viewer.widgets.widget_record import WidgetRecord
 
-        find, end_frame = WidgetSearch.find, Ui.end_frame
+        find, end_frame = WidgetSearch.find, WidgetRecord.end_frame
 
         def recorded_find(search, *args, **options):
             widget = find(search, *args, **options)
             self.used.add(_name(widget))
             return widget
 
-        def recorded_end_frame(ui):
-            end_frame(ui)
+        def recorded_end_frame(record):
+            end_frame(record)
             # What is drawn to be looked at is left out.
-            self.seen |= {_name(w) for w in ui.widgets if w.enabled and w.kind != "plot"}
+            self.seen |= {_name(w) for w in record.latest if w.enabled and w.kind != "plot"}
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(WidgetSearch, "find", recorded_find)
-            patch.setattr(Ui, "end_frame", recorded_end_frame)
+            patch.setattr(WidgetRecord, "end_frame", recorded_end_frame)
             yield
 
     def unused(self) -> list[tuple[str, str]]:
@@ -79,18 +87,25 @@ class WidgetCoverage:
         if self._all_ran():
             terminalreporter.write_sep("=", f"{len(self.used)} widgets used")
             for section, label in self.unused():
-                terminalreporter.write_line(f"no end-to-end test uses {label!r} in {section!r}", red=True)
+                terminalreporter.write_line(
+                    f"no end-to-end test uses {label!r} in {section!r}", red=True
+                )
 
     def _all_ran(self) -> bool:
         option = self._config.option
-        selected = option.keyword or option.markexpr or option.deselect or getattr(option, "lf", False)
+        selected = (
+            option.keyword or option.markexpr or option.deselect or getattr(option, "lf", False)
+        )
         chosen = selected or any("::" in word for word in self._config.args)
         return not chosen and self._files >= {path.name for path in FOLDER.glob("test_*.py")}
 
 
 def _name(widget) -> tuple[str, str]:
-    """Where a widget is and what it is called; one name for all channels, and one for all dialogs that save."""
+    """Where a widget is and what it is called; one name for all channels, for both sides of one,
+    and for all dialogs that save.
+    """
     section = "message" if widget.section.startswith("message ") else widget.section
+    section = section.replace("Functions/target", "Functions/source")
     section = "Save" if widget.section.startswith(_SAVING) else section
     label = "channel" if section == "Functions" and widget.kind == "choice" else widget.label
     if section == "Save" and widget.kind == "choice":

@@ -15,14 +15,15 @@ import pytest
 
 from abfm.io.temporary import temporary_file
 from abfm.types import FloatArray
-from abfm_viewer.document.document import Channel, Document
+from abfm_viewer.document.document import Channel, Document, Surface
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import StateFolder
 from tests.shapes import icosphere
 
-DOCUMENT = Document(icosphere(1), "sphere", channels=(Channel("coordinate:x", "coordinate:y"),))
-CHANGED = replace(DOCUMENT, name="changed")
+SURFACE = Surface(icosphere(1), "sphere")
+DOCUMENT = Document((SURFACE,), (Channel("coordinate:x", "coordinate:y"),))
+CHANGED = replace(DOCUMENT, surfaces=(replace(SURFACE, name="changed"),))
 
 
 class Clock:
@@ -83,7 +84,9 @@ def age(path: Path, seconds: float) -> None:
 
 
 class TestCopies:
-    def test_a_copy_is_written_when_it_is_time_and_something_changed(self, autosave: Autosave, clock: Clock) -> None:
+    def test_a_copy_is_written_when_it_is_time_and_something_changed(
+        self, autosave: Autosave, clock: Clock
+    ) -> None:
         clock.seconds = 19
         offer(autosave, DOCUMENT)
         assert not autosave.path.exists()
@@ -102,7 +105,7 @@ class TestCopies:
         assert copied(autosave) == "changed"
 
     def test_values_from_other_files_are_in_it(self, autosave: Autosave, clock: Clock) -> None:
-        values = DOCUMENT.mesh.vertices[:, 0]
+        values = SURFACE.mesh.vertices[:, 0]
         clock.seconds = 21
         autosave.offer(DOCUMENT, lambda: (DOCUMENT, {"file:a.npy": values}), True)
         autosave.close()
@@ -115,7 +118,9 @@ class TestCopies:
         assert known.asked.wait(10)
         for number in range(3):
             clock.seconds += 21
-            autosave.offer(replace(DOCUMENT, name=f"skipped {number}"), lambda: pytest.fail("two at once"), True)
+            autosave.offer(
+                replace(DOCUMENT, channel=number), lambda: pytest.fail("two at once"), True
+            )
         known.may_answer.set()
         settle(autosave)
         assert copied(autosave) == "sphere"
@@ -123,7 +128,9 @@ class TestCopies:
         assert copied(autosave) == "changed"
         assert autosave.error == ""
 
-    def test_a_heartbeat_tells_that_the_process_lives(self, autosave: Autosave, clock: Clock) -> None:
+    def test_a_heartbeat_tells_that_the_process_lives(
+        self, autosave: Autosave, clock: Clock
+    ) -> None:
         clock.seconds = 21
         offer(autosave, DOCUMENT)
         age(autosave.path, 1000)
@@ -132,7 +139,9 @@ class TestCopies:
         offer(autosave, DOCUMENT)
         assert recoverable(StateFolder(autosave.path.parent)) == []
 
-    def test_the_copy_goes_as_soon_as_everything_is_saved(self, autosave: Autosave, clock: Clock) -> None:
+    def test_the_copy_goes_as_soon_as_everything_is_saved(
+        self, autosave: Autosave, clock: Clock
+    ) -> None:
         clock.seconds = 21
         offer(autosave, DOCUMENT)
         offer(autosave, DOCUMENT, unsaved=False)
@@ -141,7 +150,9 @@ class TestCopies:
         offer(autosave, DOCUMENT)  # undone to what was not saved
         assert copied(autosave) == "sphere"
 
-    def test_a_copy_that_is_discarded_while_it_is_written_goes_too(self, autosave: Autosave, clock: Clock) -> None:
+    def test_a_copy_that_is_discarded_while_it_is_written_goes_too(
+        self, autosave: Autosave, clock: Clock
+    ) -> None:
         known = Known()
         clock.seconds = 21
         autosave.offer(DOCUMENT, lambda: (DOCUMENT, known()), True)
@@ -176,7 +187,9 @@ class TestCopies:
             with monkeypatch.context() as patched:
                 for name in ("utime", "unlink", "replace"):
                     patched.setattr(os, name, lambda *_: pytest.fail("a file was touched"))
-                patched.setattr(autosave._writer, "submit", lambda *_: pytest.fail("a copy was begun"))
+                patched.setattr(
+                    autosave._writer, "submit", lambda *_: pytest.fail("a copy was begun")
+                )
                 autosave.offer(document, lambda: pytest.fail("the content was asked for"), unsaved)
 
         offer_idly(DOCUMENT, unsaved=False)
@@ -195,7 +208,10 @@ class TestRecovery:
         ended = subprocess.Popen([sys.executable, "-c", ""])
         ended.wait()
         folder = StateFolder(tmp_path)
-        left, own = tmp_path / f"autosave-{ended.pid}.abfm", tmp_path / f"autosave-{os.getpid()}.abfm"
+        left, own = (
+            tmp_path / f"autosave-{ended.pid}.abfm",
+            tmp_path / f"autosave-{os.getpid()}.abfm",
+        )
         for path in (
             left,
             own,
@@ -230,7 +246,9 @@ class TestRecovery:
         assert load_project(recovery.path)[0].name == "changed"
         assert copied(autosave) == "sphere"
 
-    def test_what_is_taken_over_goes_when_it_is_saved(self, autosave: Autosave, tmp_path: Path) -> None:
+    def test_what_is_taken_over_goes_when_it_is_saved(
+        self, autosave: Autosave, tmp_path: Path
+    ) -> None:
         left = tmp_path / "autosave-1-2.abfm"
         left.touch()
         [recovery] = recoverable(StateFolder(tmp_path))

@@ -7,12 +7,12 @@ import zipfile
 
 import pytest
 
-from abfm_viewer.document.document import Document
+from abfm_viewer.document.document import Document, Surface
 from abfm_viewer.files.origin import MEMBER, Origin, load_origin
 from abfm_viewer.files.project import load_project, save_project
 from tests.shapes import icosphere
 
-DOCUMENT = Document(icosphere(0), "sphere")
+DOCUMENT = Document((Surface(icosphere(0), "sphere"),))
 
 
 @pytest.fixture
@@ -57,7 +57,12 @@ def test_other_files_are_copies_of_nothing(tmp_path):
     assert load_origin(path) is None
     save_project(path, DOCUMENT, {})
     assert load_origin(path) is None
-    for text in ("[]", "{", '{"path": 1, "modified": 2, "size": 3}', '{"path": "\\u0000", "modified": 2, "size": 3}'):
+    for text in (
+        "[]",
+        "{",
+        '{"path": 1, "modified": 2, "size": 3}',
+        '{"path": "\\u0000", "modified": 2, "size": 3}',
+    ):
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr(MEMBER, text)
         assert load_origin(path) is None

@@ -29,7 +29,9 @@ def test_paths_that_cannot_be_written_are_refused(tmp_path, name, words):
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which nobody may write")
 def test_a_folder_that_takes_no_files_is_refused():
-    with pytest.raises(ResultError, match=r"cannot write /proc/self/result\.npz: .*; choose a place that"):
+    with pytest.raises(
+        ResultError, match=r"cannot write /proc/self/result\.npz: .*; choose a place that"
+    ):
         outputs.check(Path("/proc/self/result.npz"), [".npz"])
 
 
@@ -40,17 +42,25 @@ def match():
     return abfm.match(mesh, x, y, abfm.Parameters(iterations=1, levels=1))
 
 
-@pytest.mark.parametrize("names", [["gone/m.npz"], ["gone/m.npz", "m.vtu"], ["m.csv", "gone/m.ply"]])
+@pytest.mark.parametrize(
+    "names", [["gone/m.npz"], ["gone/m.npz", "m.vtu"], ["m.csv", "gone/m.ply"]]
+)
 def test_a_result_whose_place_has_gone_is_written_elsewhere(names, match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ResultError, match=r"cannot write .*gone.*; the result is in .*\.npz$") as told:
+    with pytest.raises(
+        ResultError, match=r"cannot write .*gone.*; the result is in .*\.npz$"
+    ) as told:
         outputs.write_all([tmp_path / name for name in names], match)
     kept = Path(str(told.value).rpartition("the result is in ")[2])
     assert load_match(kept).mismatch == match.mismatch
-    assert {path.name for path in tmp_path.iterdir()} == {name for name in names if "/" not in name} | {kept.name}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        name for name in names if "/" not in name
+    } | {kept.name}
 
 
-def test_where_another_file_holds_the_result_nothing_is_written_elsewhere(match, tmp_path, monkeypatch):
+def test_where_another_file_holds_the_result_nothing_is_written_elsewhere(
+    match, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ResultError, match=r"cannot write .*gone.* space left$"):
         outputs.write_all([tmp_path / "gone" / "m.vtu", tmp_path / "m.npz"], match)

@@ -29,11 +29,21 @@ def test_recent_files_come_latest_first_and_once(folder: StateFolder, tmp_path: 
     assert folder.recent() == []
 
 
-def test_what_is_no_file_is_not_listed(folder: StateFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_file_is_not_listed(
+    folder: StateFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "a.off").touch()
     monkeypatch.chdir(tmp_path)
     folder.add_recent(Path("a.off"))
-    names = [None, {}, "", "a\0b", "x" * 5000, str(tmp_path), *json.loads((folder.path / "recent.json").read_text())]
+    names = [
+        None,
+        {},
+        "",
+        "a\0b",
+        "x" * 5000,
+        str(tmp_path),
+        *json.loads((folder.path / "recent.json").read_text()),
+    ]
     (folder.path / "recent.json").write_text(json.dumps(names))
     assert folder.recent() == [tmp_path / "a.off"]
 
@@ -45,7 +55,9 @@ def test_preferences_are_kept(folder: StateFolder) -> None:
     assert StateFolder(folder.path).preferences() == {"theme": "dark", "ui_scale": 1.5}
 
 
-@pytest.mark.parametrize("content", ["", "{", "[1, 2", "null", "3", '{"a": 1}', "[" * 100_000, "[null, 3]"])
+@pytest.mark.parametrize(
+    "content", ["", "{", "[1, 2", "null", "3", '{"a": 1}', "[" * 100_000, "[null, 3]"]
+)
 def test_damaged_files_count_as_empty(folder: StateFolder, content: str) -> None:
     folder.path.mkdir(parents=True)
     for name in ("recent.json", "preferences.json"):
@@ -70,7 +82,9 @@ def test_the_environment_names_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="each system has its own place")
-def test_by_default_it_is_where_the_system_keeps_such_things(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_by_default_it_is_where_the_system_keeps_such_things(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.delenv(VARIABLE, raising=False)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert StateFolder().path == tmp_path / "abfm"

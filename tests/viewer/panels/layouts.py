@@ -1,4 +1,5 @@
-"""What the window shows at several sizes and scales and in several states, as a program: JSON on the standard output.
+"""What the window shows at several sizes and scales and in several states, as a program: JSON on
+the standard output.
 
 It draws nothing (`openGL_mock`), which takes a process of its own.
 """
@@ -14,12 +15,13 @@ import numpy as np
 import polyscope.imgui as imgui
 
 from abfm.matching import Verdict
-from abfm.matching.energy.problem import Problem
 from abfm.matching.judging.verdict import Outcome, advice
+from abfm.matching.solving.stop_reason import StopReason
+from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import Parameters
 from abfm_viewer.automation import Driver
 from abfm_viewer.panels.right_panel import TABS
-from abfm_viewer.widgets.texts import Texts
+from abfm_viewer.widgets.toolkit import Ui
 from tests.viewer.sessions import EGG, ENDLESS
 
 SIZES = ((1000, 700), (1280, 800), (2560, 1440))
@@ -31,14 +33,16 @@ def two_channels_with_other_peaks() -> Verdict:
     """A verdict whose advice no button carries out: flow lines refute that one peak became two."""
     heights = EGG.vertices[:, 0] / np.ptp(EGG.vertices[:, 0])
     near, far = (np.exp(-20 * (heights - place) ** 2) for place in (heights.max(), heights.min()))
-    problem = Problem(EGG, np.stack([near, heights], 1), np.stack([near + far, heights], 1))
-    return advice(problem, Outcome(problem.target, 0.01, "converged", verified=0.5), Parameters())
+    problem = FunctionTerm(EGG, np.stack([near, heights], 1), np.stack([near + far, heights], 1))
+    return advice(
+        problem, Outcome(problem.target, 0.01, StopReason.CONVERGED, verified=0.5), Parameters()
+    )
 
 
 def _states(gui: Driver) -> Iterator[str]:
     """Bring the window from one state to the next."""
     yield "start"
-    gui.session.amend(parameters=ENDLESS)
+    gui.session.editor.amend(parameters=ENDLESS)
     gui.session.match()
     gui.wait(lambda s: s.solver.snapshot is not None)
     gui.session.player.playing = False
@@ -49,10 +53,11 @@ def _states(gui: Driver) -> Iterator[str]:
     yield "matched"
     found = gui.session.result
     assert found is not None
-    advised = replace(found, stop_reason="not reached", verdict=two_channels_with_other_peaks())
-    gui.session.amend(result=advised)
+    verdict = two_channels_with_other_peaks()
+    advised = replace(found, stop_reason=StopReason.NO_PROGRESS, verdict=verdict)
+    gui.session.editor.amend(result=advised)
     yield "advised"
-    gui.session.amend(result=found)
+    gui.session.editor.amend(result=found)
     gui.window.exporter.message = _WRITTEN
     yield "exported"
     gui.window.dialogs.show("A title", ["A line."])
@@ -64,16 +69,17 @@ def _layouts(
 ) -> Iterator[dict[str, object]]:
     for state in _states(gui):
         for scale in SCALES:
-            gui.session.amend(view=replace(gui.session.view, ui_scale=scale))
+            gui.session.editor.amend(view=replace(gui.session.view, ui_scale=scale))
             for tab in TABS:
-                gui.window.ui.show_tab(tab)
+                gui.window.ui.open_tab = tab
                 gui.frames(3)
                 lines.clear()
                 notes.clear()
                 gui.frames(1)
                 assert not gui.errors
                 widgets = [
-                    asdict(w) | {"text_width": imgui.CalcTextSize(w.shown or w.label)[0]} for w in gui.window.ui.widgets
+                    asdict(w) | {"text_width": imgui.CalcTextSize(w.shown or w.label)[0]}
+                    for w in gui.window.ui.widgets
                 ]
                 yield {
                     "state": state,
@@ -88,21 +94,17 @@ def _layouts(
 
 
 def _recorded(method: str) -> list[dict[str, object]]:
-    """Texts that a method of `Texts` writes from now on, with their places."""
+    """Texts that a method of `Ui` writes from now on, with their places."""
     found: list[dict[str, object]] = []
-    write = getattr(Texts, method)
+    write = getattr(Ui, method)
 
-    def recorded(ui: Texts, text: str, *options: object, **more: object) -> None:
+    def recorded(ui: Ui, text: str, *options: object, **more: object) -> None:
         write(ui, text, *options, **more)
         rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
-        found.append({"text": text, "rect": rect, "area": ui._widget_record._areas[-1]})
+        found.append({"text": text, "rect": rect, "area": ui.record._areas[-1]})
 
-    setattr(Texts, method, recorded)
+    setattr(Ui, method, recorded)
     return found
-
-
-def _width(text: str) -> float:
-    return imgui.CalcTextSize(text)[0]
 
 
 def main() -> None:

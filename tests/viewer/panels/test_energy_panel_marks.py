@@ -8,9 +8,17 @@ from abfm_viewer.document.document import Run
 from abfm_viewer.panels import energy
 
 
-def run(stages: list[int], vertices: list[int], reaches: list[float], restarts: tuple[int, ...] = ()) -> Run:
+def run(
+    stages: list[int], vertices: list[int], reaches: list[float], restarts: tuple[int, ...] = ()
+) -> Run:
     return Run(
-        np.ones((len(stages), 3)), np.array(stages), restarts, 0.1, "", np.array(vertices, dtype=int), np.array(reaches)
+        np.ones((len(stages), 3)),
+        np.array(stages),
+        restarts,
+        0.1,
+        "",
+        np.array(vertices, dtype=int),
+        np.array(reaches),
     )
 
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from abfm import TriangleMesh, progress
-from abfm.progress import Step, step
+from abfm import TriangleMesh
+from abfm.workers import progress
+from abfm.workers.progress import Step, step
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.evaluator import Evaluator
 from abfm_viewer.computing.solver import Solver
@@ -17,7 +18,7 @@ from tests.viewer.sessions import ENDLESS, SPHERE, opened, solving, until
 
 
 def test_a_job_tells_what_it_does_until_it_is_done():
-    go_on, latest = threading.Event(), Latest("test")
+    go_on, latest = threading.Event(), Latest()
 
     def job() -> int:
         with step("counting", about=" to ten"):
@@ -46,8 +47,7 @@ def test_functions_tell_what_takes_long_also_from_their_process(own_process):
     evaluator.close()
 
 
-@pytest.mark.parametrize("apart", [False, True])
-def test_a_run_tells_its_steps_wherever_it_runs(apart, monkeypatch):
+def test_a_run_tells_its_steps_though_it_runs_elsewhere(monkeypatch):
     told: list[str] = []
     tell = Solver._at
 
@@ -57,8 +57,6 @@ def test_a_run_tells_its_steps_wherever_it_runs(apart, monkeypatch):
 
     monkeypatch.setattr(Solver, "_at", listen)
     session = opened()
-    if apart:
-        session.solver.work_apart()
     session.match()
     until(lambda: session.solver.finished, session)
     assert any(task.startswith("factoring a system") for task in told)
@@ -75,7 +73,7 @@ def test_a_run_tells_how_long_an_iteration_takes_but_not_while_it_is_paused():
     session.close()
 
 
-def test_what_is_busy_is_said_with_its_step(monkeypatch):
+def test_what_is_busy_is_said_with_its_step():
     session = opened()
     go_on = threading.Event()
 
@@ -84,8 +82,8 @@ def test_what_is_busy_is_said_with_its_step(monkeypatch):
             go_on.wait(10)
         return lambda: None
 
-    session.load(Load("opening a file", read))
-    until(lambda: session._loading.step, session)
+    session.loading.begin(Load("opening a file", read))
+    until(lambda: session.loading.step, session)
     assert session.busy == "opening: reading .off"
     go_on.set()
     until(lambda: not session.busy, session)

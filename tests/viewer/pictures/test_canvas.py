@@ -23,7 +23,9 @@ def sphere(width: int, height: int, transparent: bool, ground=(1.0, 1.0, 1.0)):
         ps.remove_all_structures()
         ps.set_ground_plane_mode("none")
         ps.set_automatically_compute_scene_extents(True)
-        ps.register_surface_mesh("ball", mesh.vertices, mesh.faces, color=GREY, material=material.NAME)
+        ps.register_surface_mesh(
+            "ball", mesh.vertices, mesh.faces, color=GREY, material=material.NAME
+        )
         ps.set_vertical_fov_degrees(20)
         ps.look_at_dir((0, 0, 8), (0, 0, 0), (0, 1, 0))
         ps.set_background_color((*ground, 1.0))
@@ -68,11 +70,15 @@ def test_what_opengl_cannot_draw_is_refused_in_one_line(monkeypatch):
 
     def refuse(width, height, side):
         if width > 64:
-            raise RuntimeError("[polyscope]  [EXCEPTION] OpenGl error occurred. Text: Out of memory")
+            raise RuntimeError(
+                "[polyscope]  [EXCEPTION] OpenGl error occurred. Text: Out of memory"
+            )
         resize(width, height, side)
 
     monkeypatch.setattr(canvas, "_resize", refuse)
-    with pytest.raises(DrawingError, match="cannot draw a picture of 9000 x 9000 pixels; choose a smaller one"):
+    with pytest.raises(
+        DrawingError, match="cannot draw a picture of 9000 x 9000 pixels; choose a smaller one"
+    ):
         sphere(9000, 9000, transparent=False)
 
 

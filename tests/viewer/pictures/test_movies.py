@@ -20,7 +20,9 @@ SUFFIXES = [".mp4", ".gif"]
 
 
 def frames(count: int, height: int = 120, width: int = 160):
-    """A wave of colours in a disc on a dark ground; the length of a white bar in the corner tells the number."""
+    """A wave of colours in a disc on a dark ground; the length of a white bar in the corner
+    tells the number.
+    """
     y, x = np.mgrid[:height, :width]
     disc = (x - width / 2) ** 2 + (y - height / 2) ** 2 < (0.4 * height) ** 2
     colors = np.round(255 * table("abfm diverging")).astype(np.uint8)
@@ -42,7 +44,7 @@ def decoded(path: Path):
     return np.stack([picture.to_ndarray(format="rgb24") for picture in pictures]), seconds
 
 
-@pytest.mark.parametrize("fps", [0.5, 12, 23.976, 30, 50])
+@pytest.mark.parametrize("fps", [0.5, 23.976, 50])
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_frame_comes_back_in_its_place_and_the_movie_takes_its_time(suffix, fps, tmp_path):
     path, told = tmp_path / f"wave{suffix}", []
@@ -82,7 +84,9 @@ def test_a_gif_has_one_palette_and_loops_forever(tmp_path):
     data = (tmp_path / "wave.gif").read_bytes()
     assert b"NETSCAPE2.0\x03\x01\x00\x00\x00" in data
     colors = {
-        tuple(color) for picture in decoded(tmp_path / "wave.gif")[0] for color in picture.reshape(-1, 3).tolist()
+        tuple(color)
+        for picture in decoded(tmp_path / "wave.gif")[0]
+        for color in picture.reshape(-1, 3).tolist()
     }
     assert len(colors) <= 256
 
@@ -126,23 +130,32 @@ def test_what_is_raised_on_the_way_leaves_the_older_file(suffix, error, tmp_path
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize(
-    ("what", "error", "message"),
+    "case",
     [
         ("add_stream", UnknownCodecError("libx264"), "FFmpeg here has no libx264"),
-        ("mux", av.error.ExternalError(1, "Generic error in an external library"), "Generic error in an external"),
+        (
+            "mux",
+            av.error.ExternalError(1, "Generic error in an external library"),
+            "Generic error in an external",
+        ),
         ("mux", av.error.OSError(28, "No space left on device"), "No space left on device"),
         ("close", av.error.OSError(5, "Input/output error"), "Input/output error"),
     ],
 )
 def test_an_encoder_that_fails_is_one_line_and_leaves_the_older_file(
-    suffix, what, error, message, tmp_path, monkeypatch
+    suffix, case, tmp_path, monkeypatch
 ):
+    what, error, message = case
+
     def failing_open(*words, **options):
         container = open_container(*words, **options)
         if "w" not in words:
             return container
         failing = MagicMock(wraps=container)
-        failing.__enter__.return_value, failing.__exit__.side_effect = failing, lambda *_: failing.close()
+        failing.__enter__.return_value, failing.__exit__.side_effect = (
+            failing,
+            lambda *_: failing.close(),
+        )
         setattr(failing, what, MagicMock(side_effect=error))
         return failing
 
@@ -176,15 +189,19 @@ def test_a_full_disk_leaves_the_older_movie(suffix, size, tmp_path, monkeypatch)
     assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"old"]
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize(
-    ("given", "fps", "count", "message"),
+    "case",
     [
         ([], 25, 0, "0 frames; a movie needs at least one"),
         ([], 25, 3, "got 0 frames; expected 3"),
         ([*frames(2)], 25, 3, "got 2 frames; expected 3"),
         ([*frames(4)], 25, 3, "got 4 frames; expected 3"),
-        ([np.zeros((8, 8, 3), np.uint8), np.zeros((8, 9, 3), np.uint8)], 25, 2, r"frame 2 .* shape \(8, 9, 3\)"),
+        (
+            [np.zeros((8, 8, 3), np.uint8), np.zeros((8, 9, 3), np.uint8)],
+            25,
+            2,
+            r"frame 2 .* shape \(8, 9, 3\)",
+        ),
         ([np.zeros((8, 8, 4), np.uint8)], 25, 1, r"shape \(8, 8, 4\)"),
         ([np.zeros((8, 8), np.uint8)], 25, 1, r"shape \(8, 8\)"),
         ([np.zeros((1, 8, 3), np.uint8)], 25, 1, "at least 2 x 2 pixels"),
@@ -195,9 +212,10 @@ def test_a_full_disk_leaves_the_older_movie(suffix, size, tmp_path, monkeypatch)
         ([], np.nan, 3, "nan frames a second"),
     ],
 )
-def test_what_is_no_movie_is_refused_in_one_line(suffix, given, fps, count, message, tmp_path):
+def test_what_is_no_movie_is_refused_in_one_line(case, tmp_path):
+    given, fps, count, message = case
     with pytest.raises(ResultError, match=message) as raised:
-        write_movie(tmp_path / f"bad{suffix}", given, fps, count)
+        write_movie(tmp_path / "bad.mp4", given, fps, count)
     assert "\n" not in str(raised.value)
     assert list(tmp_path.iterdir()) == []
 

@@ -7,8 +7,8 @@ import pytest
 
 from abfm import TriangleMesh, load_mesh
 from abfm.assets import asset_path
+from abfm_viewer.computing.fronts import best_front
 from abfm_viewer.document.document import Front
-from abfm_viewer.document.fronts import best_front
 from abfm_viewer.scene.camera import fitted
 from tests.shapes import ellipsoid, icosphere, torus
 
@@ -34,9 +34,9 @@ def test_a_view_shows_both_functions():
 def test_a_surface_that_is_inside_out_is_seen_like_any_other():
     sphere = icosphere(3)
     functions = [bump(sphere, [1, 0, 0]), bump(sphere, [0, 0, 1])]
-    assert best_front(TriangleMesh(sphere.vertices, sphere.faces[:, ::-1]), *functions) == best_front(
-        sphere, *functions
-    )
+    assert best_front(
+        TriangleMesh(sphere.vertices, sphere.faces[:, ::-1]), *functions
+    ) == best_front(sphere, *functions)
 
 
 def test_a_view_without_functions_shows_the_broad_side():
@@ -45,14 +45,18 @@ def test_a_view_without_functions_shows_the_broad_side():
 
 
 def test_a_closed_surface_without_functions_is_seen_from_its_face():
-    """As much of it is seen from behind; where right and left show alike, it is always the same of them."""
+    """As much of it is seen from behind; where right and left show alike, it is always the same
+    of them.
+    """
     body = load_mesh(asset_path("human_A.off"))
     front = best_front(body)
     assert front.direction[2] > 0.9
     for turned in np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, 1.0, 1.0]):
         faces = body.faces if np.linalg.det(turned) > 0 else body.faces[:, ::-1]
         assert best_front(TriangleMesh(1e3 * body.vertices @ turned, faces)).direction[2] > 0.9
-    shuffled = TriangleMesh(1e3 * body.vertices, body.faces[np.random.default_rng(0).permutation(len(body.faces))])
+    shuffled = TriangleMesh(
+        1e3 * body.vertices, body.faces[np.random.default_rng(0).permutation(len(body.faces))]
+    )
     assert best_front(shuffled) == front
 
 
@@ -76,7 +80,9 @@ def test_up_stays_up(up):
 @pytest.mark.parametrize("aspect", [None, 0.4, 3.0])
 def test_the_camera_sees_everything_and_wastes_nothing(aspect):
     vertices = ellipsoid(3, 2, 1, 0.3).vertices + np.array([5, -3, 1])
-    camera = fitted(vertices, Front((0.6, 0.0, 0.8), (0.0, 1.0, 0.0)), aspect, angle=18.0, margin=0.0)
+    camera = fitted(
+        vertices, Front((0.6, 0.0, 0.8), (0.0, 1.0, 0.0)), aspect, angle=18.0, margin=0.0
+    )
     x, y = np.abs(projected(vertices, camera))
     assert max(x.max() / camera.aspect, y.max()) == pytest.approx(1)
     if aspect is None:

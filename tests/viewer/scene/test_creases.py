@@ -12,11 +12,9 @@ from abfm_viewer.scene.creases import drawn_mesh
 from tests.shapes import icosphere, open_cylinder
 
 
-def box(splits=2):
+def box():
     """A cube with even triangles."""
-    shape = trimesh.creation.box()
-    for _ in range(splits):
-        shape = shape.subdivide()
+    shape = trimesh.creation.box().subdivide().subdivide()
     return TriangleMesh(shape.vertices, shape.faces)
 
 
@@ -33,9 +31,12 @@ def test_a_cube_has_six_sides():
     drawn = drawn_mesh(mesh)
     np.testing.assert_array_equal(drawn.origin[drawn.faces], mesh.faces)
     sides = np.bincount(drawn.origin)
-    edges = (np.abs(np.abs(mesh.vertices) - 0.5) < 1e-9).sum(axis=1)  # 3 at corners, 2 on edges, 1 inside sides
+    # 3 at corners, 2 on edges, 1 inside sides
+    edges = (np.abs(np.abs(mesh.vertices) - 0.5) < 1e-9).sum(axis=1)
     np.testing.assert_array_equal(sides, edges)
-    normals = np.cross(*(mesh.vertices[mesh.faces[:, k]] - mesh.vertices[mesh.faces[:, 0]] for k in (1, 2)))
+    normals = np.cross(
+        *(mesh.vertices[mesh.faces[:, k]] - mesh.vertices[mesh.faces[:, 0]] for k in (1, 2))
+    )
     for vertex in range(len(drawn.origin)):
         around = normals[(drawn.faces == vertex).any(axis=1)]
         assert np.linalg.matrix_rank(around, tol=1e-6) == 1
@@ -55,7 +56,9 @@ def test_a_crease_that_ends_on_a_smooth_surface_splits_nothing_at_its_end():
     z = np.maximum(x, 0) ** 2 * np.abs(y) * 2  # a valley that begins in the middle
     i, j = np.meshgrid(np.arange(20), np.arange(20), indexing="ij")
     a, b, c, d = i * 21 + j, (i + 1) * 21 + j, (i + 1) * 21 + j + 1, i * 21 + j + 1
-    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    faces = np.concatenate(
+        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    )
     mesh = TriangleMesh(np.stack([x, y, z], -1).reshape(-1, 3), faces)
     drawn = drawn_mesh(mesh)
     twice = np.flatnonzero(np.bincount(drawn.origin) > 1)
@@ -70,7 +73,11 @@ def test_on_a_part_that_is_made_of_planes_half_sharp_edges_are_creases_too(degre
     z = np.tan(np.radians(degrees)) * np.maximum(x, 0)
     i, j = np.meshgrid(np.arange(8), np.arange(8), indexing="ij")
     a, b, c, d = i * 9 + j, (i + 1) * 9 + j, (i + 1) * 9 + j + 1, i * 9 + j + 1
-    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    faces = np.concatenate(
+        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    )
     mesh = TriangleMesh(np.stack([x, y, z], -1).reshape(-1, 3), faces)
     split = np.flatnonzero(np.bincount(drawn_mesh(mesh).origin) > 1)
-    np.testing.assert_array_equal(split, np.flatnonzero(mesh.vertices[:, 0] == 0) if degrees > 20 else [])
+    np.testing.assert_array_equal(
+        split, np.flatnonzero(mesh.vertices[:, 0] == 0) if degrees > 20 else []
+    )

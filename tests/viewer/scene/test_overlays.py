@@ -13,9 +13,11 @@ SPHERE = icosphere(3)
 UNIT = SPHERE.length_scale
 
 
-def lengths(velocity, density=0.5):
+def lengths(velocity):
     """Of the arrows of a field, where the fast ones are to be 0.1 long."""
-    return np.array([course.lengths[-1] for course in marks.arrow_courses(SPHERE, velocity, 0.1, density)])
+    return np.array(
+        [course.lengths[-1] for course in marks.arrow_courses(SPHERE, velocity, 0.1, 0.5)]
+    )
 
 
 def rotation():
@@ -52,7 +54,9 @@ def test_the_fast_ones_have_the_full_length_and_one_outlier_leaves_them_that():
 def test_a_field_that_moves_nothing_but_one_face_has_one_arrow_in_it():
     velocity = np.zeros((len(SPHERE.faces), 3))
     hidden = np.setdiff1d(np.arange(len(SPHERE.faces)), marks.evenly_spread(SPHERE, 0.5))[0]
-    velocity[hidden] = 1e-100 * (SPHERE.vertices[SPHERE.faces[hidden, 1]] - SPHERE.vertices[SPHERE.faces[hidden, 0]])
+    velocity[hidden] = 1e-100 * (
+        SPHERE.vertices[SPHERE.faces[hidden, 1]] - SPHERE.vertices[SPHERE.faces[hidden, 0]]
+    )
     assert len(lengths(velocity)) == 1
     assert 0 < lengths(velocity)[0] <= 0.1
     assert len(lengths(0 * velocity)) == 0

@@ -23,7 +23,9 @@ def drawn(pacing: Pacing, frames: int) -> list[int]:
     return found
 
 
-def test_a_machine_that_draws_slowly_shows_the_start_at_once_and_then_a_picture_now_and_then(session):
+def test_a_machine_that_draws_slowly_shows_the_start_at_once_and_then_a_picture_now_and_then(
+    session,
+):
     pacing = Pacing(session)
     pacing.redraw_seconds = 0.1
     frames = drawn(pacing, 100)

@@ -6,19 +6,23 @@ from types import SimpleNamespace
 
 import pytest
 
-from abfm_viewer.scene import resting
-from abfm_viewer.scene.resting import STILL, Resting
+from abfm_viewer.scene import pacing
+from abfm_viewer.scene.pacing import STILL, Resting
 
 FAST, SLOW, STUCK = 0.005, 0.1, 1.0
 
 
 @pytest.fixture
 def window(monkeypatch):
-    """A window whose clock we turn; `samples` are those that polyscope was told, one after the other."""
-    session = SimpleNamespace(solver=SimpleNamespace(running=False), player=SimpleNamespace(playing=False))
+    """A window whose clock we turn; `samples` are those that polyscope was told, one after the
+    other.
+    """
+    session = SimpleNamespace(
+        solver=SimpleNamespace(running=False), player=SimpleNamespace(playing=False)
+    )
     found = SimpleNamespace(session=session, samples=[], time=0.0, size=(1280, 800))
     fake = SimpleNamespace(set_SSAA_factor=found.samples.append, get_window_size=lambda: found.size)
-    monkeypatch.setattr(resting, "ps", fake)
+    monkeypatch.setattr(pacing, "ps", fake)
     found.resting = Resting(session, True, now=lambda: found.time)
 
     def frame(after, moves=False, seconds=FAST):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from abfm import TriangleMesh
 from abfm.flow import flow_lines
+from abfm.maps import SurfacePoints
 from abfm_viewer.scene import ribbons
 from tests.shapes import icosphere, square
 
@@ -20,8 +19,10 @@ HALF = 0.004
 def around(duration=1.0):
     """A flow line of a rotation about the z axis."""
     velocity = np.cross([0, 0, 1.0], SPHERE.vertices[SPHERE.faces].mean(axis=1))
-    face = int(np.argmin(np.abs(SPHERE.vertices[SPHERE.faces].mean(axis=1) - [1, 0, 0]).sum(axis=1)))
-    start = SimpleNamespace(faces=np.array([face]), barycentric=np.full((1, 3), 1 / 3))
+    face = int(
+        np.argmin(np.abs(SPHERE.vertices[SPHERE.faces].mean(axis=1) - [1, 0, 0]).sum(axis=1))
+    )
+    start = SurfacePoints(SPHERE, np.array([face]), np.full((1, 3), 1 / 3))
     return flow_lines(SPHERE, velocity, start, duration)[0]
 
 
@@ -68,7 +69,9 @@ def test_a_line_has_heads_along_it():
     course = ribbons.course_of(SPHERE, around(3.0))
     vertices, faces = ribbons.line_ribbons([course], HALF)
     assert faces.max() == len(vertices) - 1
-    off = np.abs(vertices[:, 2] - np.interp(angles(vertices), angles(course.places), course.places[:, 2]))
+    off = np.abs(
+        vertices[:, 2] - np.interp(angles(vertices), angles(course.places), course.places[:, 2])
+    )
     wide = np.sort(angles(vertices[off > 1.5 * HALF]))
     heads = 1 + (np.diff(wide) > 0.1).sum()
     assert heads == pytest.approx(course.lengths[-1] / 0.16, abs=1)
@@ -100,6 +103,9 @@ def test_lines_lie_outside_a_surface_that_is_inside_out():
     assert (course.normals * course.places).sum(axis=1).min() > 0
     levels = [0.0, 0.5]
     found, expected = (
-        ribbons.isoline_ribbons(mesh, mesh.vertices[:, 2], levels, HALF)[0] for mesh in (inside_out, SPHERE)
+        ribbons.isoline_ribbons(mesh, mesh.vertices[:, 2], levels, HALF)[0]
+        for mesh in (inside_out, SPHERE)
     )
-    assert np.linalg.norm(found, axis=1).min() == pytest.approx(np.linalg.norm(expected, axis=1).min())
+    assert np.linalg.norm(found, axis=1).min() == pytest.approx(
+        np.linalg.norm(expected, axis=1).min()
+    )

@@ -26,7 +26,9 @@ def front(rotation) -> Front:
 
 
 def view(zoom=1.0, target=None, rotation=None):
-    return Fit(POINTS, FRONT).view(PLACES, FRONT if rotation is None else front(rotation), zoom, target)
+    return Fit(POINTS, FRONT).view(
+        PLACES, FRONT if rotation is None else front(rotation), zoom, target
+    )
 
 
 def changed(seen, **change):
@@ -35,11 +37,11 @@ def changed(seen, **change):
     return view(values["zoom"], values["target"], values["rotation"])
 
 
-def point_at(seen, name, place, depth=0.0):
-    """The point of a surface that a place shows, at a depth."""
+def point_at(seen, name, place):
+    """The point of a surface that a place shows, as deep as its middle."""
     middle = seen.slots[name].middle
     x, y = (place[0] - middle[0]) / seen.scale, (middle[1] - place[1]) / seen.scale
-    return seen.target + np.array([x, y, depth]) @ seen.rotation
+    return seen.target + np.array([x, y, 0.0]) @ seen.rotation
 
 
 def test_every_surface_fits_its_slot_from_every_side_and_fills_it_from_the_front():
@@ -79,14 +81,21 @@ def test_what_is_under_the_mouse_stays_there_when_it_comes_nearer(place, factor)
     seen = view(1.3, np.array([0.1, 0, 0.05]))
     point = point_at(seen, "advected", place)
     zoom, target = seen.zoomed("advected", place, factor)
-    np.testing.assert_allclose(changed(seen, zoom=zoom, target=target).projected("advected", point)[0, :2], place)
+    np.testing.assert_allclose(
+        changed(seen, zoom=zoom, target=target).projected("advected", point)[0, :2], place
+    )
 
 
 @given(place=in_slot, factor=st.floats(1.1, 8.0))
 def test_going_back_is_the_same_way(place, factor):
     seen = view()
-    nearer = changed(seen, **dict(zip(("zoom", "target"), seen.zoomed("advected", place, factor), strict=True)))
-    half_way = changed(nearer, **dict(zip(("zoom", "target"), nearer.zoomed("advected", (0, 0), 0.97), strict=True)))
+    nearer = changed(
+        seen, **dict(zip(("zoom", "target"), seen.zoomed("advected", place, factor), strict=True))
+    )
+    half_way = changed(
+        nearer,
+        **dict(zip(("zoom", "target"), nearer.zoomed("advected", (0, 0), 0.97), strict=True)),
+    )
     point = point_at(nearer, "advected", place)
     np.testing.assert_allclose(half_way.projected("advected", point)[0, :2], place, atol=1e-6)
     zoom, target = nearer.zoomed("source", (0, 0), 1 / factor)
@@ -116,7 +125,9 @@ def test_the_ball_turns_with_the_mouse(start, end):
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1)
     ball = seen._on_ball("advected", start)
-    np.testing.assert_allclose(rotation @ seen.rotation.T @ ball, seen._on_ball("advected", end), atol=1e-9)
+    np.testing.assert_allclose(
+        rotation @ seen.rotation.T @ ball, seen._on_ball("advected", end), atol=1e-9
+    )
 
 
 def test_a_mouse_that_stays_turns_nothing():
@@ -173,12 +184,21 @@ def test_a_name_beside_its_surface_ends_where_that_begins_from_its_widest_side()
 
 def test_lines_are_between_slots_and_only_where_surfaces_reach_them():
     assert view().borders() == view(zoom=0.5).borders() == []
-    assert view(zoom=2.0).borders() == [((300.0, 0.0), (300.0, 500.0)), ((600.0, 0.0), (600.0, 500.0))]
+    assert view(zoom=2.0).borders() == [
+        ((300.0, 0.0), (300.0, 500.0)),
+        ((600.0, 0.0), (600.0, 500.0)),
+    ]
     five = slots("abcde", (0, 0, 900, 600), (1.0, 1.0), "automatic", 20.0)
     lines = Fit(POINTS, FRONT).view(five, FRONT, 2.0, None).borders()
     across = [(start, end) for start, end in lines if start[1] == end[1]]
     assert across == [((0.0, 300.0), (900.0, 300.0))]
-    assert sorted(start[0] for start, end in lines if start[0] == end[0]) == [150, 300, 450, 600, 750]
+    assert sorted(start[0] for start, end in lines if start[0] == end[0]) == [
+        150,
+        300,
+        450,
+        600,
+        750,
+    ]
     assert Fit(POINTS, FRONT).view({"a": five["a"]}, FRONT, 2.0, None).borders() == []
 
 
@@ -186,6 +206,32 @@ def test_a_fit_is_the_same_whatever_was_looked_at_before():
     rotations = Rotation.random(3, np.random.default_rng(1)).as_matrix()
     fit, sides = Fit(POINTS, FRONT), [front(rotation) for rotation in rotations]
     for side in (sides[0], sides[1], sides[1], FRONT, sides[2], sides[0]):
-        seen, alone = fit.view(PLACES, side, 1.0, None), Fit(POINTS, FRONT).view(PLACES, side, 1.0, None)
+        seen, alone = (
+            fit.view(PLACES, side, 1.0, None),
+            Fit(POINTS, FRONT).view(PLACES, side, 1.0, None),
+        )
         assert (seen.scale, seen.above) == (alone.scale, alone.above)
         np.testing.assert_array_equal(seen.rotation, side.axes)
+
+
+@given(
+    deltas=st.lists(st.tuples(st.floats(-400, 400), st.floats(-400, 400)), max_size=5),
+    zoom=st.floats(0.5, 8.0),
+)
+def test_a_turntable_stays_upright(deltas, zoom):
+    seen = view(zoom)
+    for delta in deltas:
+        seen = changed(seen, rotation=seen.orbited(delta))
+        across, up, _ = seen.rotation @ seen.upright
+        assert abs(across) < 1e-9
+        assert up > -1e-9
+        np.testing.assert_allclose(seen.rotation @ seen.rotation.T, np.eye(3), atol=1e-12)
+
+
+def test_what_faces_the_viewer_goes_where_the_turntable_is_dragged():
+    seen = view()
+    point = seen.target + 0.1 * seen.rotation[2]
+    for delta in ((9.0, 0.0), (0.0, 9.0), (-9.0, 0.0), (0.0, -9.0)):
+        after = changed(seen, rotation=seen.orbited(delta))
+        moved = (after.projected("source", point) - seen.projected("source", point))[0, :2]
+        assert moved @ delta > 0.99 * np.linalg.norm(moved) * 9

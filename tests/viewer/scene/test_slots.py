@@ -47,7 +47,9 @@ def test_slots_are_inside_and_apart_and_of_one_size(count, width, height, shape,
 
 
 def test_in_a_low_slot_the_name_stands_beside_the_surface():
-    low, high = (made(3, (0, 0, 600, height), layout="column", name_height=40.0) for height in (240, 900))
+    low, high = (
+        made(3, (0, 0, 600, height), layout="column", name_height=40.0) for height in (240, 900)
+    )
     for slot in low.values():
         assert slot.rect[1] == slot.name[1]
         assert slot.rect[3] - slot.rect[1] == 80
@@ -66,7 +68,10 @@ def test_six_surfaces_fill_the_window_in_rows_that_its_shape_asks_for():
     assert columns(made(6, (0, 0, 3000, 300))) == 6
     assert columns(made(6, (0, 0, 300, 3000))) == 1
     six = made(6, (0, 0, 900, 600))
-    assert sum((slot.rect[2] - slot.rect[0]) * (slot.rect[3] - slot.name[1]) for slot in six.values()) == 900 * 600
+    assert (
+        sum((slot.rect[2] - slot.rect[0]) * (slot.rect[3] - slot.name[1]) for slot in six.values())
+        == 900 * 600
+    )
 
 
 @pytest.mark.parametrize("shape", [(1.0, 1.0), (0.45, 1.0), (3.0, 1.0)])
@@ -74,7 +79,9 @@ def test_six_surfaces_fill_the_window_in_rows_that_its_shape_asks_for():
 @pytest.mark.parametrize("size", [(620, 480), (900, 600), (1780, 1260), (500, 900)])
 def test_an_automatic_layout_makes_surfaces_nearly_as_large_as_can_be(shape, count, size):
     def scale(**options):
-        return fitting(next(iter(made(count, (0, 0, *size), shape, **options).values())).half, shape)
+        return fitting(
+            next(iter(made(count, (0, 0, *size), shape, **options).values())).half, shape
+        )
 
     others = max(scale(layout="row"), scale(layout="column"))
     assert scale(layout="automatic") > 0.8 * others

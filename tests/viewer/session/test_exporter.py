@@ -8,11 +8,10 @@ from dataclasses import replace
 import av
 import numpy as np
 import pytest
-from PIL import Image
 
 import abfm
-from abfm.numerics.own_process import is_factored_apart
-from abfm_viewer.document.document import Channel, Document
+from abfm.numerics.factoring_apart import is_factored_apart
+from abfm_viewer.document.document import Channel, Document, Surface
 from abfm_viewer.files import outputs
 from abfm_viewer.session.exporter import Exporter, MovieSettings, PictureSettings
 from tests.shapes import icosphere
@@ -26,7 +25,9 @@ def document():
     mesh = icosphere(2)
     f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in ("source", "target"))
     match = abfm.match(mesh, f, g, abfm.Parameters(tau=3, iterations=3))
-    return Document(mesh, "sphere", (CHANNEL,), parameters=match.parameters, result=match, time=3.0)
+    return Document(
+        (Surface(mesh, "sphere"),), (CHANNEL,), parameters=match.parameters, result=match, time=3.0
+    )
 
 
 class Told(list):
@@ -58,16 +59,6 @@ def out(tmp_path):
     return folder
 
 
-def test_a_picture_without_a_ground(exporter, document, out):
-    exporter.picture = replace(exporter.picture, transparent=True, color_bar=False)
-    exporter.save_picture(out / "a.png", document, dict)
-    exporter.wait()
-    assert exporter._say == [(f"saved {out / 'a.png'}", False)]
-    picture = Image.open(out / "a.png")
-    assert (picture.size, picture.mode) == ((320, 240), "RGBA")
-    assert picture.getextrema()[3] == (0, 255)
-
-
 def test_a_rate_that_the_format_has_not_is_refused_in_the_panels_words(exporter, document, out):
     exporter.movie = replace(exporter.movie, fps=60)
     exporter.save_movie(out / "a.gif", document, dict)
@@ -85,7 +76,11 @@ def test_a_movie_tells_how_far_it_is(exporter, document, out):
         seen.add(exporter.progress)
         left.append(exporter.step.seconds_left())
         time.sleep(0.002)
-    assert (exporter.message, exporter.failed, exporter.progress) == (f"saved {out / 'a.mp4'}", False, 1.0)
+    assert (exporter.message, exporter.failed, exporter.progress) == (
+        f"saved {out / 'a.mp4'}",
+        False,
+        1.0,
+    )
     assert 0.0 in seen
     assert len(seen) > 2
     assert left[0] is None
@@ -121,7 +116,9 @@ def test_what_goes_wrong_in_the_process_is_told(exporter, document, out):
     assert list(out.iterdir()) == []
 
 
-def test_a_file_that_cannot_be_written_is_refused_before_anything_is_drawn(exporter, document, out, monkeypatch):
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_drawn(
+    exporter, document, out, monkeypatch
+):
     monkeypatch.setattr("subprocess.Popen", None)
     exporter.save_picture(out / "none" / "a.png", document, dict)
     exporter.wait()
@@ -132,18 +129,13 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_drawn(expor
     assert "must end in .mp4, .gif" in exporter.message
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".ply", ".vtu", ".csv"])
-def test_data_is_written_by_its_suffix(exporter, document, out, suffix):
-    path = out / f"a{suffix}"
-    exporter.save_result(path, document.result)
-    exporter.wait()
-    assert (exporter.message, exporter.failed) == (f"saved {path}", False)
-    assert path.stat().st_size > 100
-
-
-def test_large_systems_are_factored_apart_in_the_thread_of_an_export(exporter, document, out, monkeypatch):
+def test_large_systems_are_factored_apart_in_the_thread_of_an_export(
+    exporter, document, out, monkeypatch
+):
     asked = []
-    monkeypatch.setattr(outputs, "write", lambda path, match: asked.append(is_factored_apart(10**9)))
+    monkeypatch.setattr(
+        outputs, "write", lambda path, match: asked.append(is_factored_apart(10**9))
+    )
     exporter.save_result(out / "a.npz", document.result)
     exporter.wait()
     assert asked == [True]

@@ -9,20 +9,24 @@ import pytest
 
 from abfm_viewer.computing.background import Jobs
 from abfm_viewer.session.loading import Load, Loading
+from abfm_viewer.session.notices import Notices
 from tests.viewer.sessions import until
 
 
 class Slow:
-    """A read that takes as long as the test likes, and counts how often it began."""
+    """A read that takes as long as the test likes, and counts how often it began and was shown."""
 
     def __init__(self) -> None:
-        self.begun = 0
+        self.begun = self.shown = 0
         self.may_go_on = threading.Event()
 
     def __call__(self) -> Callable[[], None]:
         self.begun += 1
         assert self.may_go_on.wait(30)
-        return lambda: None
+        return self.show
+
+    def show(self) -> None:
+        self.shown += 1
 
 
 @pytest.fixture
@@ -33,80 +37,81 @@ def slow():
 
 
 @pytest.fixture
+def quick():
+    """A read that ends at once."""
+    quick = Slow()
+    quick.may_go_on.set()
+    return quick
+
+
+@pytest.fixture
 def loading():
     jobs = Jobs()
-    yield Loading(jobs)
+    yield Loading(jobs, Notices(lambda: 0))
     jobs.close()
 
 
-def begun(loading: Loading, read: Slow, source: object = None) -> Load:
-    before, load = read.begun, Load("reading", read, source=source)
-    loading.begin(load)
-    until(lambda: read.begun > before)
-    return load
+def begin(loading: Loading, read: Slow, source: object = None, waits: bool = True) -> None:
+    before = read.begun
+    loading.begin(Load("reading", read, source=source))
+    until(lambda: not waits or read.begun > before)
 
 
-def taken(loading: Loading) -> list[Load]:
-    """What is read in the end."""
-    found = []
-    until(lambda: loading.now is None or ((one := loading.taken()) and found.append(one[0])) or found)
-    return found
+def finish(loading: Loading) -> None:
+    """Wait until what is being read has been shown."""
+    until(lambda: loading.update() or loading.now is None)
 
 
-def test_what_was_given_up_is_not_taken(loading, slow):
-    begun(loading, slow)
+def test_what_was_given_up_is_not_shown(loading, slow, quick):
+    begin(loading, slow)
     loading.cancel()
     assert loading.now is None
     slow.may_go_on.set()
-    other = Load("other", lambda: lambda: None)
-    loading.begin(other)
-    assert taken(loading) == [other]
-    assert loading.taken() is None
+    begin(loading, quick)
+    finish(loading)
+    loading.update()
+    assert (slow.shown, quick.shown) == (0, 1)
 
 
 def test_the_same_again_is_read_once(loading, slow):
-    begun(loading, slow, "a file")
+    begin(loading, slow, "a file")
     for _ in range(3):
         loading.cancel()
-        again = Load("reading", slow, source="a file")
-        loading.begin(again)
+        begin(loading, slow, "a file", waits=False)
     slow.may_go_on.set()
-    assert taken(loading) == [again]
-    assert slow.begun == 1
-    loading.begin(Load("reading", slow, source="a file"))  # that is over: it is read anew
-    taken(loading)
-    assert slow.begun == 2
+    finish(loading)
+    assert (slow.begun, slow.shown) == (1, 1)
+    begin(loading, slow, "a file")  # that is over: it is read anew
+    finish(loading)
+    assert (slow.begun, slow.shown) == (2, 2)
 
 
-def test_another_source_waits_for_nothing(loading, slow):
-    begun(loading, slow, "a file")
-    other = Load("other", lambda: lambda: None, source="another file")
-    loading.begin(other)
-    assert taken(loading) == [other]
-    back = Load("reading", slow, source="a file")
-    loading.begin(back)
+def test_another_source_waits_for_nothing(loading, slow, quick):
+    begin(loading, slow, "a file")
+    begin(loading, quick, "another file")
+    finish(loading)
+    assert (slow.shown, quick.shown) == (0, 1)
+    begin(loading, slow, "a file", waits=False)
     slow.may_go_on.set()
-    assert taken(loading) == [back]
-    assert slow.begun == 1
+    finish(loading)
+    assert (slow.begun, slow.shown) == (1, 1)
 
 
 def test_one_that_is_given_up_before_it_begins_is_not_waited_for(loading, slow):
     for _ in range(20):
-        loading.begin(Load("reading", slow, source="a file"))
+        begin(loading, slow, "a file", waits=False)
         loading.cancel()
-    last = Load("reading", slow, source="a file")
-    loading.begin(last)
+    begin(loading, slow, "a file", waits=False)
     slow.may_go_on.set()
-    assert taken(loading) == [last]
+    finish(loading)
+    assert slow.shown == 1
 
 
 def test_closing_does_not_wait_for_what_was_given_up(slow):
-    jobs, joined = Jobs(), []
-    loading = Loading(jobs)
-    begun(loading, slow)
+    jobs = Jobs()
+    loading = Loading(jobs, Notices(lambda: 0))
+    begin(loading, slow)
     reader = loading._reader
     loading.cancel()
-    reader._thread.join = lambda seconds: joined.append(seconds)
     jobs.close()
-    assert sum(joined) <= 0.2
-    assert reader._thread.daemon
+    assert reader.is_at_work

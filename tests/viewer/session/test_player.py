@@ -56,7 +56,9 @@ def test_ping_pong_turns_at_both_ends():
     assert times.count(TAU) == 1
     assert times.count(0.0) == 2
     down = times.index(TAU)
-    assert all(b < a for a, b in zip(times[down:], times[down + 1 : times.index(0.0, 1)], strict=False))
+    assert all(
+        b < a for a, b in zip(times[down:], times[down + 1 : times.index(0.0, 1)], strict=False)
+    )
 
 
 def test_another_way_to_repeat_while_it_runs_back_goes_forward_again():

@@ -33,7 +33,7 @@ def test_the_first_remedy_of_a_far_pair_comes_closer_and_is_one_step_of_undo(ses
     until(lambda: session.solver.finished, session)
     assert session.result is not result
     assert session.result.verdict.kind in ("matched", "nearly")
-    assert session.history.undo_label == "reach further"
+    assert session.editor.history.undo_label == "reach further"
     session.undo()
     assert session.result is result
     assert session.parameters == before.parameters
@@ -49,21 +49,23 @@ def test_what_goes_on_starts_from_the_present_field(session):
     until(lambda: session.solver.finished, session)
     assert session.result.energy_history[0, 0] == pytest.approx(history[-1, 0], rel=0.1)
     assert history[:, 0].max() > 2 * history[-1, 0]
-    assert session.history.undo_label == "match"
+    assert session.editor.history.undo_label == "match"
 
 
 def test_a_result_is_a_step_of_its_own_if_the_user_did_something_since(session):
     session.remedy(session.result.verdict.remedies[0])
-    session.set_view("change the layout", layout="column")
+    session.editor.set_view("change the layout", layout="column")
     until(lambda: session.solver.finished, session)
-    assert session.history.undo_label == "match"
+    assert session.editor.history.undo_label == "match"
 
 
 def test_during_a_run_nothing_is_changed(session):
     remedy = session.result.verdict.remedies[0]
-    session.amend(parameters=ENDLESS)
+    session.editor.amend(parameters=ENDLESS)
     session.match()
     session.remedy(remedy)
     assert session.parameters == ENDLESS
     end_run(session)
-    assert session.history.undo_label == "match"  # the run's result is no part of a step before it
+    assert (
+        session.editor.history.undo_label == "match"
+    )  # the run's result is no part of a step before it

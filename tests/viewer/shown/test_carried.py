@@ -10,7 +10,7 @@ import pytest
 
 import abfm
 from abfm import AdvectionError
-from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.computing.background import Jobs
 from abfm_viewer.shown.carried import Carried, FlowState, span
 from tests.viewer.sessions import PAIR, QUICK, SPHERE, until
 
@@ -35,7 +35,7 @@ def jobs():
 
 @pytest.fixture
 def carried(jobs):
-    return Carried("test", jobs)
+    return Carried(jobs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,9 @@ def test_at_time_0_the_function_is_there_at_once(match, state, carried, jobs):
     assert not jobs.busy
 
 
-def test_scrubbing_shows_blends_and_a_settled_time_is_exact(match, state, carried, jobs, monkeypatch):
+def test_scrubbing_shows_blends_and_a_settled_time_is_exact(
+    match, state, carried, jobs, monkeypatch
+):
     source, may_go_on, carry = match.source[:, 0], threading.Event(), FlowState.carry
 
     def late(state, function, times):
@@ -117,51 +119,8 @@ def test_while_a_new_flow_is_followed_the_old_one_is_shown(match, state, carried
     assert distance(stale, match.advect(0.5)) < 2e-3
     until(lambda: not jobs.busy)
     assert distance(carried.at(faster, source, 0.5, settled=False), match.advect(0.55)) < 5e-3
-    assert carried.at(faster, SPHERE.vertices, 0.5, settled=False) is None  # of another shape: nothing to show
-
-
-def test_the_latest_request_wins_and_failures_are_not_repeated():
-    latest, hold, calls = Latest("test"), threading.Event(), []
-
-    def job(name):
-        def compute():
-            calls.append(name)
-            if name == "first":
-                hold.wait(10)
-            if name == "bad":
-                raise AdvectionError("no\nway")
-            return name
-
-        return compute
-
-    try:
-        assert latest.ask("first", job("first")) is None
-        until(lambda: calls == ["first"])
-        latest.ask("dropped", job("dropped"))
-        latest.ask("last", job("last"))
-        assert latest.busy
-        hold.set()
-        until(lambda: not latest.busy)
-        assert (latest.ask("last", job("last")), calls) == ("last", ["first", "last"])
-
-        for _ in range(3):
-            assert latest.ask("bad", job("bad")) is None
-            until(lambda: not latest.busy)
-        assert (latest.error, calls) == ("no way", ["first", "last", "bad"])
-        latest.ask("last", job("last"))
-        until(lambda: not latest.busy)
-        assert latest.ask("last", job("last")) == "last"
-        assert latest.error == ""
-    finally:
-        latest.close()
-
-
-def test_a_request_after_closing_is_never_answered():
-    latest = Latest("test")
-    latest.ask("one", lambda: 1)
-    until(lambda: not latest.busy)
-    latest.close()
-    assert latest.ask("two", lambda: 2) is None
+    # of another shape: nothing to show
+    assert carried.at(faster, SPHERE.vertices, 0.5, settled=False) is None
 
 
 def test_a_field_is_computed_when_it_is_first_needed():
@@ -173,6 +132,8 @@ def test_a_field_is_computed_when_it_is_first_needed():
 
     flow = FlowState(SPHERE, velocity, QUICK)
     assert asked == []
-    np.testing.assert_allclose(flow.carry(SPHERE.vertices[:, 0], np.array([1.0]))[0], SPHERE.vertices[:, 0])
+    np.testing.assert_allclose(
+        flow.carry(SPHERE.vertices[:, 0], np.array([1.0]))[0], SPHERE.vertices[:, 0]
+    )
     assert flow.velocity is flow.velocity
     assert asked == [1]

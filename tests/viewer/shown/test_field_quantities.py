@@ -57,7 +57,7 @@ def convolutions(monkeypatch):
 
 
 def show(session, **values):
-    session.amend(view=replace(session.view, **values))
+    session.editor.amend(view=replace(session.view, **values))
 
 
 def texture(shown):
@@ -119,23 +119,29 @@ def test_coloured_streaks_are_those_of_the_function_and_darker(session, shown):
     found = texture(shown)
     atlas, values = found.streaks.atlas, shown.flow.advected()
     colors = color_range(session.values("source"), session.values("target"))
-    bright = streak_texture(atlas, np.ones((atlas.size, atlas.size), dtype=np.float32), values, colors)
+    bright = streak_texture(
+        atlas, np.ones((atlas.size, atlas.size), dtype=np.float32), values, colors
+    )
     assert (found.colors <= bright + 1e-6).all()
     assert (found.colors >= (1 - SHADE) * bright - 1e-6).all()
     rows, columns = np.nonzero(atlas.texel_faces >= 0)
     function = np.einsum(
-        "pc,pc->p", texel_weights(atlas, rows, columns), values[atlas.mesh.faces[atlas.texel_faces[rows, columns]]]
+        "pc,pc->p",
+        texel_weights(atlas, rows, columns),
+        values[atlas.mesh.faces[atlas.texel_faces[rows, columns]]],
     )
     share = np.clip((function - colors.low) / (colors.high - colors.low), 0, 1)
     expected = linear_table(colors.colormap, 1024)[(1023 * share + 1e-6).astype(int)]
     np.testing.assert_allclose(bright[rows, columns], expected, rtol=0, atol=0.01)
 
 
-def test_streaks_without_a_function_are_grey(session, shown):
+def test_streaks_without_a_function_are_grey(shown):
     found = texture(shown)
     image = found.streaks.images[0]
     grey = streak_texture(found.streaks.atlas, image)
-    np.testing.assert_allclose(grey, streak_texture(found.streaks.atlas, (image / 255).astype(np.float32)), atol=1e-6)
+    np.testing.assert_allclose(
+        grey, streak_texture(found.streaks.atlas, (image / 255).astype(np.float32)), atol=1e-6
+    )
     assert (grey[..., 0] == grey[..., 2]).all()
     assert grey[image == 255].min() > grey[image == 0].max()
 
@@ -159,7 +165,10 @@ def test_phases_between_are_blended_and_the_last_leads_to_the_first(session, sho
     np.testing.assert_array_equal(streaks.at(3 / len(images)), images[3])
     between = streaks.at(1 - 0.25 / len(images))
     np.testing.assert_allclose(between, 0.25 * images[-1] + 0.75 * images[0], rtol=0, atol=0.51)
-    steps = [np.abs(after - before).mean() for before, after in zip(images, np.roll(images, -1, axis=0), strict=True)]
+    steps = [
+        np.abs(after - before).mean()
+        for before, after in zip(images, np.roll(images, -1, axis=0), strict=True)
+    ]
     assert max(steps) < 1.5 * min(steps)
 
 
@@ -175,7 +184,7 @@ def test_fading_streaks_have_less_contrast(session, shown, convolutions):
 
 def test_another_result_has_other_streaks(session, shown, convolutions):
     first = texture(shown)
-    session.set_parameter(alpha=1.0)
+    session.editor.set_parameter(alpha=1.0)
     session.match()
     until(lambda: session.solver.finished, session)
     assert texture(shown).streaks is not first.streaks
@@ -185,7 +194,7 @@ def test_another_result_has_other_streaks(session, shown, convolutions):
 def shown_field(shown, part):
     """The field that a part of the view gives, when there is nothing better to come."""
     session = shown.session
-    session.set_view("show", part=part)
+    session.editor.set_view("show", part=part)
     shown.quantities.field()
     until(lambda: not shown.quantities.busy and shown.quantities.field() is not None, session)
     return shown.quantities.field()
@@ -194,18 +203,22 @@ def shown_field(shown, part):
 def test_the_commuting_field_is_that_of_the_flow_and_says_how_well_it_commutes(session, shown):
     velocity = session.result.velocity[0]
     found = shown_field(shown, "commuting")
-    np.testing.assert_array_equal(found.velocity, commuting_fields(session.mesh, velocity)[0])
-    assert f"{relative_bracket(session.mesh, velocity, found.velocity):.3g}" in found.note
+    np.testing.assert_array_equal(
+        found.velocity, commuting_fields(session.surface().mesh, velocity)[0]
+    )
+    assert f"{relative_bracket(session.surface().mesh, velocity, found.velocity):.3g}" in found.note
     assert not shown.quantities.error
 
 
 def test_the_sources_gradient_is_carried_to_the_shown_time(session, shown):
     source, tau = session.values("source"), session.parameters.tau
-    start = to_ambient(session.mesh, (gradient(session.mesh) @ source).reshape(-1, 2))
+    start = to_ambient(
+        session.surface().mesh, (gradient(session.surface().mesh) @ source).reshape(-1, 2)
+    )
     for time in (0.0, 0.5 * tau, tau):
         session.set_time(time)
         found = shown_field(shown, "carried gradient").velocity
-        expected = pushforward(session.mesh, session.result.velocity[0], start, time)
+        expected = pushforward(session.surface().mesh, session.result.velocity[0], start, time)
         np.testing.assert_allclose(found, expected, atol=1e-9 * abs(expected).max())
 
 
@@ -218,8 +231,12 @@ def test_a_gradient_is_carried_along_several_fields_one_after_the_other():
     after = pushforward(mesh, velocity[0], start, 0.2)
     np.testing.assert_allclose(carried_gradient(flow, f, 0.2), after, atol=1e-12)
     after = pushforward(mesh, velocity[1], after, 0.2)
-    np.testing.assert_allclose(carried_gradient(flow, f, 0.5), pushforward(mesh, velocity[2], after, 0.1), atol=1e-12)
-    np.testing.assert_allclose(carried_gradient(flow, f, 1.0), pushforward(mesh, velocity[2], after, 0.6), atol=1e-12)
+    np.testing.assert_allclose(
+        carried_gradient(flow, f, 0.5), pushforward(mesh, velocity[2], after, 0.1), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        carried_gradient(flow, f, 1.0), pushforward(mesh, velocity[2], after, 0.6), atol=1e-12
+    )
 
 
 def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monkeypatch):
@@ -229,11 +246,11 @@ def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monk
     with pytest.raises(AbfmError, match="ended"):
         field_parts.commuting(FlowState(flow.mesh, flow.velocity, flow.parameters, final=False), 0)
     monkeypatch.setattr(field_parts, "_LARGEST", 100)
-    session.set_view("show", part="commuting")
+    session.editor.set_view("show", part="commuting")
     shown.quantities.field()
     until(lambda: not shown.quantities.busy, session)
     assert "up to 100 vertices; this mesh has 642" in shown.quantities.error
-    session.set_view("show", part="whole")
+    session.editor.set_view("show", part="whole")
     shown.quantities.field()
     until(lambda: not shown.quantities.busy, session)
     assert not shown.quantities.error

@@ -1,4 +1,6 @@
-"""Who goes back to what was shown before, while something else is being computed, sees that, and goes on seeing it."""
+"""Who goes back to what was shown before, while something else is being computed, sees that, and
+goes on seeing it.
+"""
 
 from __future__ import annotations
 
@@ -44,27 +46,31 @@ class Held:
 
 
 def test_the_whole_field_after_one_that_commutes_was_asked_for(session, shown, monkeypatch):
-    held = Held(monkeypatch, field_quantities, "field_part", lambda flow, segment, part: part == "commuting")
-    session.set_view("arrows", arrows=True)
+    held = Held(
+        monkeypatch, field_quantities, "field_part", lambda flow, segment, part: part == "commuting"
+    )
+    session.editor.set_view("arrows", arrows=True)
     until(lambda: shown.quantities.field() is not None, session)
     whole = shown.quantities.field()
     assert np.array_equal(whole.velocity, session.result.velocity[0])
-    session.set_view("part", part="commuting")
+    session.editor.set_view("part", part="commuting")
     until(lambda: shown.quantities.field() is not None and held.begun.is_set(), session)
-    session.set_view("part", part="whole")
+    session.editor.set_view("part", part="whole")
     assert shown.quantities.field() is whole
     held.may_end.set()
     until(lambda: not shown.quantities._field.is_at_work, session)
     assert shown.quantities.field() is whole
     assert shown.busy == ""
-    session.set_view("part", part="commuting")
+    session.editor.set_view("part", part="commuting")
     until(lambda: shown.quantities.field() is not whole, session)
     assert not np.array_equal(shown.quantities.field().velocity, whole.velocity)
 
 
 def test_optimal_transport_at_a_time_after_another_one_was_asked_for(session, shown, monkeypatch):
     tau = session.parameters.tau
-    held = Held(monkeypatch, abfm.baselines, "optimal_transport", lambda mesh, f, g, share: share == 0.9)
+    held = Held(
+        monkeypatch, abfm.baselines, "optimal_transport", lambda mesh, f, g, share: share == 0.9
+    )
 
     def values(share):
         session.set_time(share * tau)

@@ -43,12 +43,12 @@ def painter(shown):
 def session(shown):
     matched, document = shown.session, shown.session.document
     yield matched
-    matched.amend(**vars(document))
+    matched.editor.amend(**vars(document))
     until(lambda: not matched.obstacle, matched)
 
 
 def show(session, **values):
-    session.amend(view=replace(session.view, **values))
+    session.editor.amend(view=replace(session.view, **values))
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_all_functions_share_one_range_and_one_bar(session, painter):
 
 
 def test_a_signed_function_has_a_range_with_zero_in_the_middle(session, shown):
-    session.set_spec("source", "eigenfunction:2")
+    session.editor.set_spec("source", "eigenfunction:2")
     until(lambda: not session.obstacle, session)
     colors = Painter(shown).paint("source").colors
     assert colors.low == -colors.high < 0
@@ -119,7 +119,7 @@ def test_the_linear_blend_follows_the_time(session, shown):
     show(session, blend=True)
     tau = session.parameters.tau
     for time, share in ((0.0, 0.0), (0.25 * tau, 0.25), (tau, 1.0), (1.5 * tau, 1.0)):
-        session.amend(time=time)
+        session.editor.amend(time=time)
         expected = linear_blend(session.values("source"), session.values("target"), share, 1.0)
         np.testing.assert_allclose(Painter(shown).paint("linear blend").values, expected)
 
@@ -134,15 +134,17 @@ def test_optimal_transport_follows_the_time_and_ends_at_tau(session, shown, pain
     show(session, transport=True)
     tau = session.parameters.tau
     for time, share in ((0.25 * tau, 0.25), (tau, 1.0), (1.5 * tau, 1.0)):
-        session.amend(time=time)
+        session.editor.amend(time=time)
         source, target = session.values("source"), session.values("target")
-        expected = optimal_transport(session.mesh, source, target, share, sharpen=True)
+        expected = optimal_transport(session.surface().mesh, source, target, share, sharpen=True)
         np.testing.assert_array_equal(settled_transport(shown, painter).values, expected)
 
 
-def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(session, monkeypatch, shown, painter):
+def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(
+    session, monkeypatch, shown, painter
+):
     show(session, transport=True)
-    session.amend(time=0.0)
+    session.editor.amend(time=0.0)
     before = settled_transport(shown, painter)
     go_on = threading.Event()
 
@@ -151,7 +153,7 @@ def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(session
         return optimal_transport(*inputs, **options)
 
     monkeypatch.setattr("abfm.baselines.optimal_transport", late)
-    session.amend(time=0.5 * session.parameters.tau)
+    session.editor.amend(time=0.5 * session.parameters.tau)
     meanwhile = painter.paint("optimal transport")
     assert meanwhile.values is before.values
     assert meanwhile.title == "optimal transport: computing"
@@ -162,7 +164,7 @@ def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(session
 
 def test_negative_functions_have_no_optimal_transport_and_say_why(session, shown, painter):
     show(session, transport=True)
-    session.set_spec("source", "eigenfunction:2")
+    session.editor.set_spec("source", "eigenfunction:2")
     until(lambda: not session.obstacle, session)
     bare = settled_transport(shown, painter)
     assert bare.title == "optimal transport: no values"
@@ -176,7 +178,7 @@ def test_negative_functions_have_no_optimal_transport_and_say_why(session, shown
 
 
 def test_the_error_is_that_of_the_shown_time_and_its_range_ends_with_it(session, shown):
-    session.amend(time=session.parameters.tau)
+    session.editor.amend(time=session.parameters.tau)
     paint = Painter(shown).paint("error")
     expected = abs(session.values("target") - session.result.advected[:, 0])
     np.testing.assert_array_equal(paint.values, expected)
@@ -194,8 +196,8 @@ def test_coordinates_are_colours_between_the_ends_of_the_mesh(session, shown):
 
 def test_a_side_without_values_shows_none_and_the_other_one_stays(session, painter):
     target = painter.paint("target").values
-    session.set_spec("source", "eigenfunction:100000")
-    until(lambda: session.error("eigenfunction:100000"), session)
+    session.editor.set_spec("source", "eigenfunction:100000")
+    until(lambda: session.error("source"), session)
     bare = painter.paint("source")
     assert bare.title == "source: no values"
     assert bare.colors is None
@@ -211,7 +213,9 @@ def test_speed_is_in_units_of_the_mesh(session, painter):
     """So that graphics cards can draw it, however large or small the mesh's numbers are."""
     show(session, coloring="speed")
     found = []
-    until(lambda: found.append(painter.paint("advected")) or found[-1].kind == "face values", session)
+    until(
+        lambda: found.append(painter.paint("advected")) or found[-1].kind == "face values", session
+    )
     speed = np.linalg.norm(session.result.velocity[0], axis=1)
     np.testing.assert_allclose(found[-1].values, speed / SPHERE.length_scale)
     assert found[-1].colors.high == found[-1].values.max()
@@ -253,7 +257,7 @@ def test_labels_tell_of_extrapolation_and_of_values_beyond_the_colors(session, s
         (1.5, 1.0, "advected, extrapolated"),
         (1.5, -1.0, f"advected, extrapolated: {-high:.3g} to 0"),
     ):
-        session.amend(time=share * tau)
+        session.editor.amend(time=share * tau)
         values = factor * high * (source - source.min()) / np.ptp(source)
         monkeypatch.setattr(shown.flow, "advected", lambda values=values: values)
         painter = Painter(shown)
@@ -268,7 +272,11 @@ def test_what_optimal_transport_leaves_out_is_told(session, shown, painter):
     show(session, transport=True)
     assert settled_transport(shown, painter).title == "optimal transport"
     assert shown.mass_transport.note == ""
-    session.set_spec("source", "gaussian:x=1,y=0,z=0,width=0.15 + gaussian:x=-1,y=0,z=0,width=0.15,height=-0.005")
+    session.editor.set_spec(
+        "source", "gaussian:x=1,y=0,z=0,width=0.15 + gaussian:x=-1,y=0,z=0,width=0.15,height=-0.005"
+    )
     until(lambda: not session.obstacle, session)
     assert settled_transport(shown, painter).values.min() >= 0
-    assert shown.mass_transport.note == "optimal transport takes values below 0, down to -0.005, as 0"
+    assert (
+        shown.mass_transport.note == "optimal transport takes values below 0, down to -0.005, as 0"
+    )

@@ -35,11 +35,13 @@ def test_after_a_match_its_end_is_shown(session, watched):
 
 def test_an_outdated_end_is_not_shown_but_what_the_flow_makes_of_the_source_now(session, watched):
     shown = watched(matched(session))
-    session.set_spec("source", "coordinate:x")
+    session.editor.set_spec("source", "coordinate:x")
     until(lambda: not session.obstacle, session)
     time.sleep(0.2)
     until(lambda: (shown.flow.advected(), shown.flow.settled and not shown.flow.busy)[1], session)
-    expected = shown.flow.state.carry(session.values("source"), np.array([session.parameters.tau]))[0]
+    expected = shown.flow.state.carry(session.values("source"), np.array([session.parameters.tau]))[
+        0
+    ]
     np.testing.assert_allclose(shown.flow.advected(), expected, atol=1e-12)
 
 
@@ -49,7 +51,7 @@ def test_a_channel_that_the_run_does_not_have_is_carried_by_its_field(endless, w
     endless.solver.follow = False
     endless.solver.pause()
     time.sleep(0.1)
-    endless.duplicate_channel()
+    endless.editor.duplicate_channel()
     assert endless.document.channel == 1
     until(lambda: (shown.flow.advected(), shown.flow.settled and not shown.flow.busy)[1], endless)
     iterate = endless.solver.snapshot.shown
@@ -73,15 +75,16 @@ def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(
 
     endless.solver.resume()
     until(lambda: endless.solver.snapshot.iteration.iteration > iterate.iteration + 30, endless)
-    until(lambda: not np.allclose(shown.flow.advected(), early, atol=1e-4), endless)  # the span followed
+    # the span followed
+    until(lambda: not np.allclose(shown.flow.advected(), early, atol=1e-4), endless)
 
 
 def test_after_another_tau_the_shown_time_keeps_its_place_in_the_flow(session, watched):
     shown = watched(session)
     matched(session)
     session.set_time(0.5)
-    session.set_parameter(tau=2.0)
-    assert (session.time, session.end) == (1.0, 4.0)
+    session.editor.set_parameter(tau=2.0)
+    assert (session.time, session.document.end) == (1.0, 4.0)
     assert shown.flow.time == 0.5
     assert session.outdated
 
@@ -120,12 +123,14 @@ def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endles
     assert shown.flow.advected() is shown.flow.advected()
 
 
-def test_a_surface_says_so_while_it_shows_another_time_than_the_others(session, watched, monkeypatch):
+def test_a_surface_says_so_while_it_shows_another_time_than_the_others(
+    session, watched, monkeypatch
+):
     go, carry = threading.Event(), FlowState.carry
     monkeypatch.setattr(FlowState, "carry", lambda *given: go.wait(30) and carry(*given))
     shown = watched(matched(session))
     painter = Painter(shown)
-    session.set_view("see more", blend=True, error=True)
+    session.editor.set_view("see more", blend=True, error=True)
     session.set_time(0.5)
     titles = [painter.paint(name).title for name in ("advected", "error", "linear blend")]
     assert titles == ["advected: computing", "error: computing", "linear blend"]

@@ -1,4 +1,6 @@
-"""The installed app in a real window on a screen of its own (Xvfb), used with xdotool's mouse and keyboard."""
+"""The installed app in a real window on a screen of its own (Xvfb), used with xdotool's mouse
+and keyboard.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +13,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from tests.processes import run
 
 SIZE = (1280, 800)
 _PAUSE = 0.15  # seconds that the app may need for an event
@@ -28,32 +32,39 @@ class RealWindow:
         With the screen.
     """
 
-    def __init__(self, app: subprocess.Popen[bytes], widgets: Path, environment: dict[str, str]) -> None:
+    def __init__(
+        self, app: subprocess.Popen[bytes], widgets: Path, environment: dict[str, str]
+    ) -> None:
         self.app = app
         self._widgets = widgets
         self._environment = environment
 
     def xdotool(self, *words: object) -> str:
         """Send an event, and leave the app time for it."""
-        done = subprocess.run(
-            ["xdotool", *map(str, words)], env=self._environment, capture_output=True, text=True, check=True
-        )
+        done = run("xdotool", *map(str, words), env=self._environment, check=True)
         time.sleep(_PAUSE)
         return done.stdout.strip()
 
     def widgets(self) -> list[dict[str, Any]]:
         """The widgets as they are now: in a file that was written after this call."""
         before = time.time_ns()
-        self.until(lambda: self._widgets.exists() and self._widgets.stat().st_mtime_ns > before, "draws no frames")
+        self.until(
+            lambda: self._widgets.exists() and self._widgets.stat().st_mtime_ns > before,
+            "draws no frames",
+        )
         widgets: list[dict[str, Any]] = json.loads(self._widgets.read_text())
         return widgets
 
-    def find(self, label: str, kind: str = "", within: str = "", seconds: float = 20) -> dict[str, Any]:
+    def find(
+        self, label: str, kind: str = "", within: str = "", seconds: float = 20
+    ) -> dict[str, Any]:
         """A widget that can be used, scrolled into view; waits until there is one."""
         end = time.monotonic() + seconds
         while True:
             known = self.widgets()
-            fitting = [w for w in known if label in (w["label"], w["name"]) and kind in ("", w["kind"])]
+            fitting = [
+                w for w in known if label in (w["label"], w["name"]) and kind in ("", w["kind"])
+            ]
             fitting = [w for w in fitting if w["enabled"]]
             fitting = [w for w in fitting if not within or within in w["section"].split("/")]
             if fitting and self._in_view(fitting[0]):
@@ -112,8 +123,19 @@ class RealWindow:
 def screen() -> Iterator[dict[str, str]]:
     """A screen without a monitor; the environment of programs that use it."""
     read, write = os.pipe()
-    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(command, pass_fds=(write,), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    command = [
+        "Xvfb",
+        "-displayfd",
+        str(write),
+        "-screen",
+        "0",
+        f"{SIZE[0]}x{SIZE[1]}x24",
+        "-nolisten",
+        "tcp",
+    ]
+    server = subprocess.Popen(
+        command, pass_fds=(write,), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     os.close(write)
     try:
         with os.fdopen(read) as answer:
@@ -144,7 +166,9 @@ def opened(mesh: Path, folder: Path) -> Iterator[RealWindow]:
         try:
             window = RealWindow(app, widgets, environment)
             window.until(lambda: widgets.exists(), "shows no window")
-            name = window.xdotool("search", "--sync", "--onlyvisible", "--name", "abfm").splitlines()[0]
+            name = window.xdotool(
+                "search", "--sync", "--onlyvisible", "--name", "abfm"
+            ).splitlines()[0]
             window.xdotool("windowmove", name, 0, 0)  # there is no window manager
             window.xdotool("windowfocus", name)
             yield window

@@ -1,9 +1,12 @@
-"""How the program ends: with its status, when all have tidied up, and without taking the interpreter apart."""
+"""How the program ends: with its status, when all have tidied up, and without taking the
+interpreter apart.
+"""
 
 from __future__ import annotations
 
 import subprocess
-import sys
+
+from tests.processes import python
 
 _PROGRAM = """
 import atexit, sys
@@ -25,7 +28,7 @@ sys.exit(status)
 
 def ended(words: str) -> subprocess.CompletedProcess[str]:
     program = _PROGRAM.replace("{words}", words)
-    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60)
+    return python(program, timeout=60)
 
 
 def test_the_program_ends_when_all_have_tidied_up():

@@ -16,13 +16,20 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Xvfb is Linux's
 
 def test_from_launch_to_a_saved_movie(tmp_path):
     for program in ("Xvfb", "xdotool"):
-        assert shutil.which(program), f"{program} is missing; ./run test installs it, or apt-get install xvfb xdotool"
+        assert shutil.which(program), (
+            f"{program} is missing; ./run test installs it, or apt-get install xvfb xdotool"
+        )
     film = tmp_path / "a film.mp4"
     with opened(asset_path("eight.off"), tmp_path) as window:
         window.click("Match", "button")  # not the tab
         window.menu("File", "Export movie...")
         window.find("Save result...", seconds=120)  # when there is a result
-        for label, number in (("pixels across", 480), ("pixels down", 320), ("seconds", 1), ("fps", 12)):
+        for label, number in (
+            ("pixels across", 480),
+            ("pixels down", 320),
+            ("seconds", 1),
+            ("fps", 12),
+        ):
             window.type(label, str(number), within="Export")
         window.click("Save movie...")
         window.type("folder", str(tmp_path))

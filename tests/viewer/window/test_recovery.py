@@ -12,7 +12,7 @@ from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.files.project import load_project
 from abfm_viewer.window import recovery
 from abfm_viewer.window.recovery import Recoveries
-from tests.mesh_writers import off_text
+from tests.mesh_writers import off_file
 from tests.shapes import icosphere
 from tests.viewer.sessions import ENDLESS, end_run, until
 
@@ -28,12 +28,10 @@ def recoveries(desk, monkeypatch):
 
 
 def test_a_run_of_a_mesh_that_was_opened_later_is_kept(desk, recoveries, tmp_path):
-    mesh = icosphere(1)
-    path = tmp_path / "later.off"
-    path.write_text(off_text(mesh.vertices, mesh.faces))
+    path = off_file(tmp_path / "later.off", icosphere(1))
     desk.open(path)
     session = desk.session
-    session.amend(parameters=ENDLESS)
+    session.editor.amend(parameters=ENDLESS)
     session.reset_history()  # as if it had been saved
     session.match()
 
@@ -42,7 +40,7 @@ def test_a_run_of_a_mesh_that_was_opened_later_is_kept(desk, recoveries, tmp_pat
         return any(load_project(copy)[0].result for copy in desk.state.path.glob("autosave-*.abfm"))
 
     until(kept, session)
-    assert session.unsaved_documents == ()
+    assert session.saves.unsaved_documents == ()
 
 
 def test_a_run_whose_process_has_just_ended_is_no_problem_of_copies(desk, recoveries, monkeypatch):
@@ -54,7 +52,7 @@ def test_a_run_whose_process_has_just_ended_is_no_problem_of_copies(desk, recove
 
     session = desk.session
     monkeypatch.setattr(session.solver, "unfinished", unfinished)
-    session.amend(parameters=ENDLESS)
+    session.editor.amend(parameters=ENDLESS)
     session.match()
 
     def kept() -> bool:
@@ -62,18 +60,18 @@ def test_a_run_whose_process_has_just_ended_is_no_problem_of_copies(desk, recove
         return len(asked) > 1  # the first copy was written, or its problem told
 
     until(kept, session)
-    assert session.cards == ()
+    assert session.notices.cards == ()
     assert list(desk.state.path.glob("autosave-*.abfm"))
 
 
-def test_meshes_that_were_left_with_nothing_unsaved_have_no_copies_and_no_threads(desk, recoveries, tmp_path):
-    mesh = icosphere(1)
-    path = tmp_path / "later.off"
-    path.write_text(off_text(mesh.vertices, mesh.faces))
+def test_meshes_that_were_left_with_nothing_unsaved_have_no_copies_and_no_threads(
+    desk, recoveries, tmp_path
+):
+    path = off_file(tmp_path / "later.off", icosphere(1))
     session = desk.session
     for number in range(5):
         desk.open(path)
-        session.set_parameter(alpha=2.0 + number)
+        session.editor.set_parameter(alpha=2.0 + number)
 
         def copied() -> bool:
             recoveries.update()
@@ -89,4 +87,7 @@ def test_meshes_that_were_left_with_nothing_unsaved_have_no_copies_and_no_thread
         until(let_go, session)
     desk.open(path)
     until(lambda: recoveries.update() or len(recoveries._autosaves) <= 1, session)
-    until(lambda: not [each for each in threading.enumerate() if each.name.startswith("autosave")], session)
+    until(
+        lambda: not [each for each in threading.enumerate() if each.name.startswith("autosave")],
+        session,
+    )

@@ -1,12 +1,12 @@
-"""Menus, keys, dialogs, files and preferences in a running window, driven by mouse and keyboard events."""
+"""Menus, keys, dialogs, files and preferences in a running window, driven by mouse and keyboard
+events.
+"""
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,32 +15,35 @@ import polyscope.imgui as imgui
 import pytest
 
 from abfm_viewer import app
-from abfm_viewer.automation import driver as automation
-from abfm_viewer.automation.driver import Driver, DriverError
+from abfm_viewer.automation.driver import Driver
 from abfm_viewer.dialogs import file_choice
 from abfm_viewer.dialogs.folder import Entry, Listing
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session import Session
 from abfm_viewer.window import window
-from abfm_viewer.window.keyboard import _parts
-from tests.mesh_writers import off_text
+from tests.mesh_writers import off_file
+from tests.processes import python
 from tests.shapes import icosphere
-from tests.viewer.sessions import SIZE
+from tests.viewer.sessions import ENDLESS, SIZE
+
+SMALL = icosphere(1)
 
 
 @pytest.fixture
-def state(tmp_path, monkeypatch):
-    """The state folder of every `Driver` in a test, which is otherwise a new one each."""
-    folder = tmp_path / "state"
-    monkeypatch.setattr(automation, "tempfile", SimpleNamespace(TemporaryDirectory=lambda: nullcontext(str(folder))))
-    return StateFolder(folder)
+def state(tmp_path):
+    return StateFolder(tmp_path / "state")
 
 
 @pytest.fixture
-def gui(state):
-    """The app on a small sphere."""
-    with Driver(icosphere(2), size=SIZE) as gui:
+def launched(state):
+    """The app on a small sphere, or something else; all launches of a test share a state."""
+    return lambda what=SMALL: Driver(what, size=SIZE, state=state.path)
+
+
+@pytest.fixture
+def gui(state, launched):
+    with launched(icosphere(2)) as gui:
         gui.window.dialogs.folder = state.path.parent
         yield gui
 
@@ -48,15 +51,14 @@ def gui(state):
 @pytest.fixture
 def mesh_file(tmp_path):
     """Another sphere in a file with a blank in its name."""
-    sphere = icosphere(1)
-    path = tmp_path / "a sphere.off"
-    path.write_text(off_text(sphere.vertices, sphere.faces))
-    return path
+    return off_file(tmp_path / "a sphere.off", SMALL)
 
 
 def opened(gui: Driver, vertices: int) -> None:
     """Wait until a mesh of so many vertices is shown with its functions."""
-    gui.wait(lambda s: len(s.mesh.vertices) == vertices and s.values("target") is not None, 30)
+    gui.wait(
+        lambda s: len(s.surface().mesh.vertices) == vertices and s.values("target") is not None, 30
+    )
 
 
 def idle(gui: Driver) -> None:
@@ -66,51 +68,6 @@ def idle(gui: Driver) -> None:
 
 
 # Shortcuts
-
-
-def test_keys_are_unique_and_each_one_does_something(gui):
-    actions = gui.window.actions.all
-    chords = [chord for action in actions for chord in action.chords]
-    assert len(chords) == len(set(chords))
-    for action in actions:
-        assert callable(action.do)
-        for chord in action.chords:
-            assert _parts(chord)[0] > 0
-
-
-def test_the_list_in_help_names_every_key(gui):
-    actions = gui.window.actions
-    text = "\n".join(keys for keys, _ in actions.listed())
-    for action in actions.all:
-        assert action.hint in text
-    assert actions.save.hint.endswith("+S")
-
-
-def test_keys_move_in_time_and_change_the_view(gui):
-    session = gui.session
-    tau = session.parameters.tau
-    for chord, time_then in (("end", tau), ("right", 1.05 * tau), ("left", tau), ("left", 0.95 * tau), ("home", 0)):
-        gui.key(chord)
-        assert session.time == pytest.approx(time_then)
-    gui.key("l")
-    assert session.view.theme == "dark"
-    gui.key("space")
-    assert session.player.playing
-    gui.key("space")
-    assert not session.player.playing
-    gui.input.drag((100, 150), (200, 200))
-    assert session.view.look is not None
-    gui.key("r")
-    assert session.view.look is None
-    gui.key("ctrl+z")
-    gui.key("ctrl+z")
-    assert session.view.theme == "light"
-    assert session.history.redo_label
-    gui.key("ctrl+shift+z")
-    assert session.view.theme == "dark"
-    gui.key("ctrl+shift+z")
-    assert session.history.redo_label == ""
-    assert gui.errors == {}
 
 
 def test_files_are_saved_and_matches_start_with_what_is_being_typed(gui, tmp_path):
@@ -142,67 +99,7 @@ def test_keys_typed_into_a_box_do_nothing_else(gui):
     assert not gui.window.dialogs.is_open
 
 
-# Menus
-
-
-def test_every_menu_and_submenu_opens(gui):
-    for path in (
-        ["File"],
-        ["File", "Recent"],
-        ["Edit"],
-        ["View"],
-        ["View", "Layout"],
-        ["View", "Color map"],
-        ["View", "Surfaces"],
-        ["View", "Look from"],
-    ):
-        gui.menu(*path)
-        assert {w.label for w in gui.window.ui.widgets if w.kind == "menu" and w.text == "open"} == set(path)
-        gui.key("esc")
-        gui.frames(2)
-        assert "open" not in {w.text for w in gui.window.ui.widgets if w.kind == "menu"}
-    assert gui.errors == {}
-
-
-def test_the_view_menu_changes_the_view_and_undo_takes_it_back(gui):
-    for path, name, value in (
-        (("View", "Dark theme"), "theme", "dark"),
-        (("View", "Layout", "column"), "layout", "column"),
-        (("View", "Color map", "abfm diverging"), "colormap", "abfm diverging"),
-        (("View", "Isolines"), "isolines", True),
-        (("View", "Color bar"), "color_bar", False),
-        (("View", "UI scale", "1.5"), "ui_scale", 1.5),
-    ):
-        before = gui.session.view
-        gui.menu(*path)
-        assert getattr(gui.session.view, name) == value != getattr(before, name)
-        gui.key("ctrl+z")
-        assert gui.session.view == before
-        gui.key("ctrl+shift+z")
-        assert getattr(gui.session.view, name) == value
-    assert gui.errors == {}
-
-
 # Dialogs
-
-
-def test_a_dialog_greys_the_rest_and_keeps_the_mouse_from_the_scene(gui):
-    gui.key("f1")
-    gui.frames(3)
-    assert not gui.is_enabled("Match")
-    with pytest.raises(DriverError, match="grey"):
-        gui.click("Match")
-    gui.input.drag((100, 150), (200, 200))
-    gui.input.move(100, 150)
-    gui.input.wheel(2)
-    assert gui.session.view.look is None
-    gui.key("l")
-    assert gui.session.view.theme == "light"
-    gui.click("Close")
-    gui.frames(2)
-    assert gui.is_enabled("Match")
-    gui.input.drag((100, 150), (200, 200))
-    assert gui.session.view.look is not None
 
 
 def test_a_mesh_is_opened_by_its_typed_path_and_by_keys(gui, mesh_file, tmp_path):
@@ -234,7 +131,9 @@ def test_esc_leaves_the_box_first_and_then_the_dialog(gui):
 
 
 def test_ten_thousand_files_do_not_slow_the_window_down(gui, monkeypatch):
-    """Frames have no more to do with them than with a thousand, of which they draw a part as well."""
+    """Frames have no more to do with them than with a thousand, of which they draw a part as
+    well.
+    """
     lines = []
     for count in (1_000, 10_000):
         listing = Listing(tuple(Entry(f"{number:05}.off", False) for number in range(count)))
@@ -271,21 +170,10 @@ def test_an_error_after_a_dialog_is_shown_and_the_window_lives(gui, mesh_file, c
     gui.click(mesh_file.name)
     gui.click("Open")
     gui.frames(3)
-    assert "division by zero" in gui.session.notice.text
+    assert "division by zero" in gui.session.notices.latest.text
     assert not gui.window.dialogs.is_open
     assert gui.is_enabled("Match")
     assert "ZeroDivisionError" in capsys.readouterr().err
-
-
-def test_a_dialog_that_cannot_be_drawn_goes_away(gui, capsys):
-    gui.window.dialogs.show("Broken", [("only one column",)])
-    gui.frames(4)
-    assert not gui.window.dialogs.is_open
-    assert gui.session.notice.is_error
-    gui.window.dialogs.show("Whole", ["text"])
-    gui.frames(2)
-    gui.click("Close")
-    assert "Traceback" in capsys.readouterr().err
 
 
 # Closing, dropped files, preferences, recovery
@@ -298,17 +186,19 @@ def test_the_window_closes_at_once_when_all_is_saved(gui):
 
 def test_dropped_files_are_opened_or_refused_in_one_line(gui, mesh_file, tmp_path):
     gui.window._dropped([str(mesh_file), str(tmp_path / "second.off")])
-    assert "the first of 2" in gui.session.notice.text
+    assert "the first of 2" in gui.session.notices.latest.text
     opened(gui, 42)
     gui.window._dropped([str(tmp_path / "song.mp3")])
-    assert gui.session.notice.is_error
-    assert gui.session.notice.text.startswith("song.mp3 cannot be opened: expected a file that ends in .obj")
+    assert gui.session.notices.latest.is_error
+    assert gui.session.notices.latest.text.startswith(
+        "song.mp3 cannot be opened: expected a file that ends in .obj"
+    )
     gui.window._dropped([])
     assert gui.errors == {}
 
 
-def test_preferences_are_kept_for_the_next_launch(state):
-    with Driver(icosphere(1), size=SIZE) as gui:
+def test_preferences_are_kept_for_the_next_launch(state, launched):
+    with launched() as gui:
         gui.key("l")
         gui.menu("View", "UI scale", "1.25")
         gui.menu("View", "Flow after a match")
@@ -316,22 +206,22 @@ def test_preferences_are_kept_for_the_next_launch(state):
         gui.frames(2)
     expected = {"theme": "dark", "ui_scale": 1.25, "follow": False, "flow_after_match": False}
     assert state.preferences() == expected
-    with Driver(icosphere(1), size=SIZE) as gui:
+    with launched() as gui:
         assert (gui.session.view.theme, gui.session.view.ui_scale) == ("dark", 1.25)
         assert not gui.session.solver.follow
         assert not gui.session.view.flow_after_match
-        assert not gui.session.unsaved
-        assert gui.session.history.undo_label == ""
+        assert not gui.session.saves.unsaved
+        assert gui.session.editor.history.undo_label == ""
 
 
-def test_the_look_of_an_opened_project_is_no_preference(state, tmp_path):
-    with Driver(icosphere(1), size=SIZE) as gui:
-        gui.session.set_view("look", theme="dark", ui_scale=2.0)
+def test_the_look_of_an_opened_project_is_no_preference(state, tmp_path, launched):
+    with launched() as gui:
+        gui.session.editor.set_view("look", theme="dark", ui_scale=2.0)
         save_project(tmp_path / "dark.abfm", gui.session.document, {})
     state.set_preference("theme", "light")
     state.set_preference("ui_scale", 1.0)
     for first in (icosphere(2), tmp_path / "dark.abfm"):
-        with Driver(first, size=SIZE) as gui:
+        with launched(first) as gui:
             gui.window.files.open(tmp_path / "dark.abfm")
             opened(gui, 42)
             gui.frames(3)
@@ -339,10 +229,15 @@ def test_the_look_of_an_opened_project_is_no_preference(state, tmp_path):
     assert state.preferences() == {"theme": "light", "ui_scale": 1}
 
 
-def test_senseless_preferences_are_left_out(state):
-    for name, value in (("theme", "pink"), ("ui_scale", 1e9), ("follow", "maybe"), ("flow_after_match", 1)):
+def test_senseless_preferences_are_left_out(state, launched):
+    for name, value in (
+        ("theme", "pink"),
+        ("ui_scale", 1e9),
+        ("follow", "maybe"),
+        ("flow_after_match", 1),
+    ):
         state.set_preference(name, value)
-    with Driver(icosphere(1), size=SIZE) as gui:
+    with launched() as gui:
         assert (gui.session.view.theme, gui.session.view.ui_scale) == ("light", 1)
         assert gui.session.view.flow_after_match
 
@@ -351,8 +246,10 @@ def test_senseless_preferences_are_left_out(state):
 def crashed(state):
     """The copy that a process left which is gone: a sphere of 162 vertices with another alpha."""
     session = Session(icosphere(2), "sphere")
-    session.set_parameter(alpha=7)
-    done = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
+    session.editor.set_parameter(alpha=7)
+    done = subprocess.run(
+        [sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True
+    )
     path = state.path / f"autosave-{int(done.stdout)}.abfm"
     state.path.mkdir(parents=True, exist_ok=True)
     save_project(path, session.document, {})
@@ -360,37 +257,11 @@ def crashed(state):
     return path
 
 
-def test_work_of_a_crash_is_recovered(state, crashed):
-    with Driver(icosphere(1), size=SIZE) as gui:
-        gui.wait(lambda s: gui.window.dialogs.is_open, 10)
-        gui.frames(2)
-        gui.click("Recover")
-        opened(gui, 162)
-        assert gui.session.parameters.alpha == 7
-        assert gui.session.unsaved
-        assert gui.session.path is None
-        assert not crashed.exists()
-        assert list(state.path.glob(f"autosave-{os.getpid()}*.abfm"))  # until this process writes its own
-    assert list(state.path.glob("autosave-*")) == []
-
-
-def test_work_of_a_crash_waits_or_is_thrown_away(state, crashed):
-    for answer, stays in (("Later", True), ("Discard", False)):
-        with Driver(icosphere(1), size=SIZE) as gui:
-            gui.wait(lambda s, gui=gui: gui.window.dialogs.is_open, 10)
-            gui.frames(2)
-            gui.click(answer)
-            gui.frames(3)
-            assert not gui.window.dialogs.is_open
-            assert len(gui.session.mesh.vertices) == 42
-        assert crashed.exists() == stays
-
-
-def test_a_damaged_copy_is_told_once(state, crashed):
+def test_a_damaged_copy_is_told_once(state, crashed, launched):
     crashed.write_bytes(b"PK")
-    with Driver(icosphere(1), size=SIZE) as gui:
-        gui.wait(lambda s: s.notice.is_error, 10)
-        assert "unsaved work of an earlier launch is kept in" in gui.session.notice.text
+    with launched() as gui:
+        gui.wait(lambda s: s.notices.latest.is_error, 10)
+        assert "unsaved work of an earlier launch is kept in" in gui.session.notices.latest.text
     assert not crashed.exists()
     assert (state.path / f"unreadable-{crashed.name}").read_bytes() == b"PK"
 
@@ -399,15 +270,19 @@ def test_a_damaged_copy_is_told_once(state, crashed):
 
 
 @pytest.mark.parametrize(("bare", "rest"), [(None, 0.002), (0.0, 0.07)])
-def test_while_a_mesh_waits_for_its_functions_the_window_draws_half_of_the_time(gui, monkeypatch, bare, rest):
+def test_while_a_mesh_waits_for_its_functions_the_window_draws_half_of_the_time(
+    gui, monkeypatch, bare, rest
+):
     now, slept = [100.0], []
 
     def draw() -> None:
-        gui.session.bare_since = bare
+        gui.session.functions.bare_since = bare
         now[0] += 0.07
 
     monkeypatch.setattr(gui.window, "tick", draw)
-    monkeypatch.setattr(window, "time", SimpleNamespace(perf_counter=lambda: now[0], sleep=slept.append))
+    monkeypatch.setattr(
+        window, "time", SimpleNamespace(perf_counter=lambda: now[0], sleep=slept.append)
+    )
     gui.window._moved_at = now[0]
     gui.window.frame()
     assert slept == [pytest.approx(rest)]
@@ -419,10 +294,11 @@ def test_the_window_is_drawn_before_anything_of_the_solver_is_loaded(tmp_path):
         "from abfm_viewer.window.open_window import open_window\n"
         "import abfm_viewer.session.session as s; s.Session._find_defaults = lambda self: None\n"
         f"window = open_window(None, opengl.OFFSCREEN, (640, 400), Path({str(tmp_path)!r}))\n"
-        "window.tick(); print(sorted({'numba', 'scipy', 'igl', 'cholespy', 'trimesh'} & set(sys.modules)))\n"
+        "window.tick(); print(sorted({'numba', 'scipy', 'igl', 'cholespy', 'trimesh'} & "
+        "set(sys.modules)))\n"
         "print(window.errors); window.close()"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = python(code)
     assert done.stdout == "[]\n{}\n", done.stderr
 
 
@@ -445,15 +321,15 @@ def test_bad_words_are_one_line_and_status_2(words, expected, capsys):
     assert expected in told
 
 
-def test_recent_files_begin_with_the_one_on_the_command_line(state, mesh_file):
-    with Driver(mesh_file, size=SIZE) as gui:
+def test_recent_files_begin_with_the_one_on_the_command_line(launched, mesh_file):
+    with launched(mesh_file) as gui:
         assert gui.window.files.recent() == [Path(mesh_file)]
         assert imgui.GetIO().DisplaySize[0] > 0
 
 
-def test_a_window_has_its_own_sizes_whatever_another_one_left_in_imgui():
+def test_a_window_has_its_own_sizes_whatever_another_one_left_in_imgui(launched):
     def places():
-        with Driver(icosphere(1), size=SIZE) as gui:
+        with launched() as gui:
             gui.frames(2)
             return {(w.label, w.section): w.rect for w in gui.window.ui.widgets}
 
@@ -467,14 +343,16 @@ import sys
 from pathlib import Path
 from abfm_viewer.window.open_window import open_window
 from abfm.assets import asset_path
-window = open_window(asset_path("human_A.off"), "openGL3_egl", (400, 300), state_folder=Path(sys.argv[2]))
+mesh, folder = asset_path("human_A.off"), Path(sys.argv[2])
+window = open_window(mesh, "openGL3_egl", (400, 300), state_folder=folder)
 session = window.session
 while session.obstacle:
     window.frame()
-session.set_view("look", streaks=True)
-session.set_parameter(iterations=10 if sys.argv[1] == "streaks" else 100_000, tolerance=0)
+session.editor.set_view("look", streaks=True)
+session.editor.set_parameter(iterations=10 if sys.argv[1] == "streaks" else 100_000, tolerance=0)
 session.match()
-while not (window.shown.quantities._streaks.busy if sys.argv[1] == "streaks" else session.solver.snapshot):
+streaks = window.shown.quantities._streaks
+while not (streaks.busy if sys.argv[1] == "streaks" else session.solver.snapshot):
     window.frame()
 window.close()
 """
@@ -482,20 +360,18 @@ window.close()
 
 @pytest.mark.parametrize("moment", ["solver", "streaks"])
 def test_closing_in_the_middle_of_work_leaves_nothing_behind(moment, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", _CLOSED, moment, str(tmp_path)], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = python(_CLOSED, moment, str(tmp_path), timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 def test_quitting_during_a_run_asks_and_saves_its_best_field(gui, tmp_path):
     path = tmp_path / "run.abfm"
-    gui.session.set_parameter(iterations=100_000, tolerance=0.0, sigma=1e-6)
+    gui.session.editor.amend(parameters=ENDLESS)
     gui.window.files.save(path)
     idle(gui)
     gui.session.match()
     gui.wait(lambda s: s.solver.run is not None and len(s.solver.run.stages) > 5)
-    assert not gui.session.unsaved
+    assert not gui.session.saves.unsaved
     gui.key("ctrl+q")
     gui.frames(2)
     gui.click("Go back")

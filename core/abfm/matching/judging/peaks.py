@@ -1,9 +1,10 @@
 """Peaks and pits of a function, and how far each stands out: what no flow changes.
 
-The 0-dimensional persistence of a peak is how far one must go down from it to reach a higher one (Edelsbrunner and
-Harer, Computational Topology, 2010, chapter VII). A flow carries a function along a homeomorphism, so all of its peaks
-and pits arrive with their persistence. If two functions differ by less than ``e`` everywhere, their peaks pair up with
-persistences that differ by less than ``2 e``, but for those below ``2 e`` (Cohen-Steiner, Edelsbrunner and Harer 2007).
+The 0-dimensional persistence of a peak is how far one must go down from it to reach a higher one
+(Edelsbrunner and Harer, Computational Topology, 2010, chapter VII). A flow carries a function along
+a homeomorphism, so all of its peaks and pits arrive with their persistence. If two functions differ
+by less than ``e`` everywhere, their peaks pair up with persistences that differ by less than
+``2 e``, but for those below ``2 e`` (Cohen-Steiner, Edelsbrunner and Harer 2007).
 """
 
 from typing import NamedTuple
@@ -17,7 +18,8 @@ from abfm.types import FloatArray, IndexArray
 SHARE = 0.2
 """Share of the range by which a peak stands out that is counted."""
 
-_LOW, _HIGH = 0.1, 0.3  # shares that bound SHARE where two functions are compared: half of what is between is the error
+# shares that bound SHARE where two functions are compared: half of what is between is the error
+_LOW, _HIGH = 0.1, 0.3
 _CONSTANT = 1e-12  # of the largest value: a smaller range is rounding
 
 
@@ -32,14 +34,17 @@ class Extrema(NamedTuple):
 
 
 def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
-    """Persistence of each peak of a function (V,), largest first, in the function's units, all above 0.
+    """Persistence of each peak of a function (V,), largest first, in the function's units, all
+    above 0.
 
-    The first is that of the highest peak, the range ``max f - min f``. A plateau is one peak. A constant has none. The
-    boundary is like the rest of the surface: a function that rises up to it has a peak there. For pits give ``-f``.
+    The first is that of the highest peak, the range ``max f - min f``. A plateau is one peak. A
+    constant has none. The boundary is like the rest of the surface: a function that rises up to it
+    has a peak there. For pits give ``-f``.
     """
     if not np.ptp(f) > _CONSTANT * np.abs(f).max():
         return np.empty(0)
-    falling = np.argsort(-f, kind="stable")  # of equal values the one that comes first counts as higher
+    # of equal values the one that comes first counts as higher
+    falling = np.argsort(-f, kind="stable")
     rank = np.empty(len(f), dtype=np.int64)
     rank[falling] = np.arange(len(f))
     sorted_values = f[falling]
@@ -48,7 +53,8 @@ def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
 
 
 def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
-    """Number of peaks and pits of a function (V,) that stand out by a share of its range; of a constant 0 and 0.
+    """Number of peaks and pits of a function (V,) that stand out by a share of its range; of a
+    constant 0 and 0.
 
     Parameters
     ----------
@@ -61,8 +67,9 @@ def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
 def peaks_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> tuple[Extrema, Extrema] | None:
     """Peaks and pits of two functions (V,) where they differ beyond doubt, else None.
 
-    Beyond doubt: one has more that stand out by 0.3 of the larger range than the other has by 0.1 of it. Then every
-    flow leaves a difference of at least 0.1 of that range somewhere. The numbers told are those by 0.2, and differ too.
+    Beyond doubt: one has more that stand out by 0.3 of the larger range than the other has by 0.1
+    of it. Then every flow leaves a difference of at least 0.1 of that range somewhere. The numbers
+    told are those by 0.2, and differ too.
     """
     scale = float(max(np.ptp(f), np.ptp(g)))
     one, other = _both(mesh, f), _both(mesh, g)
@@ -89,16 +96,17 @@ def _counted(number: int, name: str) -> str:
 def _deaths(edges: IndexArray, rank: IndexArray) -> IndexArray:
     """Rank at which the peak at each rank meets a higher one, (V,); rank 0 is the highest vertex.
 
-    A vertex that is no peak meets a higher one at its own rank; the highest peak lasts to the end. Edges (E, 2) are
-    looked at in the order of their lower ends; components of what is above are kept by their highest ranks. SciPy's
-    components of a graph would not tell when they meet.
+    A vertex that is no peak meets a higher one at its own rank; the highest peak lasts to the end.
+    Edges (E, 2) are looked at in the order of their lower ends; components of what is above are
+    kept by their highest ranks. SciPy's components of a graph would not tell when they meet.
     """
     size = rank.size
     starts = np.zeros(size + 1, dtype=np.int64)
     for e in range(edges.shape[0]):
         starts[max(rank[edges[e, 0]], rank[edges[e, 1]]) + 1] += 1
     starts = np.cumsum(starts)
-    higher = np.empty(edges.shape[0], dtype=np.int64)  # the neighbours above each rank, one rank after the other
+    # the neighbours above each rank, one rank after the other
+    higher = np.empty(edges.shape[0], dtype=np.int64)
     free = starts.copy()
     for e in range(edges.shape[0]):
         a, b = rank[edges[e, 0]], rank[edges[e, 1]]

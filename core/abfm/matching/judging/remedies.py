@@ -1,15 +1,15 @@
 """What to try after a match, as changes of its parameters.
 
-Time has no remedy of its own: with ``w = tau v`` the energy is ``1/tau`` times that of ``tau = 1`` with ``sigma /
-sqrt(tau)``, so that a larger tau is a smaller sigma.
+Time has no remedy of its own: with ``w = tau v`` the energy is ``1/tau`` times that of ``tau = 1``
+with ``sigma / sqrt(tau)``, so that a larger tau is a smaller sigma.
 """
 
 from dataclasses import dataclass, field
 from typing import Any
 
-from abfm.matching.energy.problem import Problem
 from abfm.matching.judging import solvability
-from abfm.matching.judging.resolution import narrowest
+from abfm.matching.solving.resolution import narrowest
+from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LARGEST_ALPHA, MANY, SMALLEST, Parameters
 
 _USUAL = Parameters()
@@ -17,7 +17,16 @@ _FURTHER = 3.0  # how much larger or smaller a parameter is advised
 _COLDER = 10.0  # the same of sigma where the source did not go to the target at all
 _CARRIED = 1.5  # edges that the functions span, below which a smoother field was no truer
 _LONGER = 4  # how many times as many iterations
-_COURSE = ("order", "levels", "balance", "sigma", "sigma_unit", "cooling_stages", "cooling_factor", "stage_iterations")
+_COURSE = (
+    "order",
+    "levels",
+    "balance",
+    "sigma",
+    "sigma_unit",
+    "cooling_stages",
+    "cooling_factor",
+    "stage_iterations",
+)
 """What a search for a far target needs besides a reach, as by default."""
 
 
@@ -52,21 +61,25 @@ class Remedy:
 
 
 class Remedies:
-    """Makes remedies of a match: numbers start from the parameters it had, and from the last sigma."""
+    """Makes remedies of a match: numbers start from the parameters it had, and from the last
+    sigma.
+    """
 
-    def __init__(self, problem: Problem, parameters: Parameters, unmatched: float) -> None:
-        self._problem, self._parameters = problem, parameters
+    def __init__(self, functions: FunctionTerm, parameters: Parameters, unmatched: float) -> None:
+        self._functions, self._parameters = functions, parameters
         self._raised = unmatched > parameters.sigma
         self._sigma = unmatched if self._raised else parameters.sigma
 
     @property
     def too_far(self) -> bool:
         """Whether the target is farther away, straight through space, than the stages look."""
-        return self._parameters.reach < solvability.distance(self._problem)
+        return self._parameters.reach < solvability.distance(self._functions)
 
     @property
     def looks_near(self) -> bool:
-        """Whether the stages look less far than by default; on the surface it may be farther than through space."""
+        """Whether the stages look less far than by default; on the surface it may be farther
+        than through space.
+        """
         return self.too_far or self._parameters.reach < _USUAL.reach
 
     def go_on(self) -> Remedy:
@@ -80,15 +93,22 @@ class Remedies:
 
     def further(self) -> Remedy:
         """A larger reach, with the course that looks for far targets."""
-        p, needed = self._parameters, _rounded(max(solvability.distance(self._problem), _USUAL.reach))
+        p, needed = (
+            self._parameters,
+            _rounded(max(solvability.distance(self._functions), _USUAL.reach)),
+        )
         wanted = {name: getattr(_USUAL, name) for name in _COURSE} if not p.reach else {}
         wanted |= {"reach": needed, "iterations": max(p.iterations, _USUAL.iterations)}
         changed = {name: value for name, value in wanted.items() if value != getattr(p, name)}
         course = " and the course of the defaults" if len(changed) > 2 else ""
-        return Remedy("Reach further", f"a larger reach, such as {needed:g} of sqrt(area){course}", changed)
+        return Remedy(
+            "Reach further", f"a larger reach, such as {needed:g} of sqrt(area){course}", changed
+        )
 
     def truer(self) -> Remedy | None:
-        """What makes flow lines confirm more: parameters that stray go back to the defaults. None where none does."""
+        """Return what makes flow lines confirm more: parameters that stray go back to the defaults.
+        None where none does.
+        """
         p = self._parameters
         if self.too_far:
             return self.further()
@@ -103,8 +123,10 @@ class Remedies:
 
     @property
     def is_carried(self) -> bool:
-        """Whether the functions are wide enough on this mesh for a smoother field to be a truer one."""
-        return narrowest(self._problem) >= _CARRIED
+        """Whether the functions are wide enough on this mesh for a smoother field to be a truer
+        one.
+        """
+        return narrowest(self._functions) >= _CARRIED
 
     def smoother(self) -> Remedy:
         """A larger alpha, from no motion: near the present field there is no smoother way."""
@@ -114,7 +136,11 @@ class Remedies:
     def _smooth(self) -> Remedy:
         """The usual smoothness of a field in place of less."""
         p = self._parameters
-        wanted = {"order": _USUAL.order, "alpha": max(p.alpha, _USUAL.alpha), "balance": _USUAL.balance}
+        wanted = {
+            "order": _USUAL.order,
+            "alpha": max(p.alpha, _USUAL.alpha),
+            "balance": _USUAL.balance,
+        }
         changed = {name: value for name, value in wanted.items() if value != getattr(p, name)}
         told = " and ".join(f"{name} {value:g}" for name, value in changed.items())
         return Remedy("Smoother", f"a smoother field, by {told}", changed)
@@ -123,7 +149,7 @@ class Remedies:
         """A smaller sigma, from the present field."""
         sigma = max(_rounded(self._sigma / _FURTHER), SMALLEST)
         if self._raised:
-            size = max(_rounded(sigma * self._problem.function_size), SMALLEST)
+            size = max(_rounded(sigma * self._functions.function_size), SMALLEST)
             words = f"an absolute sigma, which is never raised, such as {size:g}"
             return Remedy("Match closer", words, {"sigma": size, "sigma_unit": "absolute"}, True)
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)

@@ -1,18 +1,20 @@
 """The end of a match: flow lines weighed against the discrete advection.
 
-The scheme disperses, and flow lines of a field made continuous are off by a little too: neither is the flow. With
-``g + b (f_tau - f o phi)`` as target a perfect match has ``(1 - b) f_tau + b (f o phi) = g``, so that both share what
-divides them. No derivative of flow lines is needed.
+The scheme disperses, and flow lines of a field made continuous are off by a little too: neither is
+the flow. With ``g + b (f_tau - f o phi)`` as target a perfect match has
+``(1 - b) f_tau + b (f o phi) = g``, so that both share what divides them. No derivative of flow
+lines is needed.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from abfm.errors import ParameterError
-from abfm.matching.energy.energy import MatchingEnergy
-from abfm.matching.judging.confirmation import Best, by_flow_lines
-from abfm.matching.schedule import MATCHED
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.solving.confirmation import by_flow_lines
+from abfm.matching.solving.incumbent import Candidate
+from abfm.matching.solving.schedule import MATCHED
 from abfm.types import FloatArray
 
 ROUND = 8
@@ -26,31 +28,30 @@ _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last o
 
 def balanced(
     energy: MatchingEnergy,
-    best: Best,
-    go_on: Callable[[FloatArray, FloatArray], Best | None],
-    between: Callable[[], None],
-) -> Best:
-    """Move the target by a share of what divides both witnesses, again and again; the best round stays.
+    best: Candidate,
+    go_on: Callable[[FloatArray, FloatArray], Candidate | None],
+) -> Iterator[Candidate]:
+    """Move the target by a share of what divides both witnesses, again and again.
 
-    After a round that costs the discrete mismatch more than it may, or gains nothing, the share is halved.
+    Yields ever better candidates; the last one is the best round. After a round that costs the
+    discrete mismatch more than it may, or gains nothing, the share is halved.
 
     Parameters
     ----------
     energy : MatchingEnergy
-    best : Best
+    best : Candidate
         The start.
     go_on : callable
-        Some iterations from fields (N, F, 2) towards a target (C, V); None where none are left.
-    between : callable
-        Called again and again; what it raises ends the work.
+        Some iterations from fields (N, F, 2) that may leave an offset (C, V) of the target; None
+        where none are left.
     """
     weight = share = energy.parameters.balance
     allowed = max(energy.relative_mismatch(best.point.advected), MATCHED)
-    away = np.zeros_like(energy.target)
+    away = np.zeros_like(energy.terms.carried)
     known, least = best, np.inf
     for _ in range(_ROUNDS):
         try:
-            walked = by_flow_lines(energy, known.x, between)
+            walked = by_flow_lines(energy, known.x)
         except ParameterError:  # too fast for walks
             break
         advected = known.point.advected
@@ -65,12 +66,12 @@ def balanced(
         else:
             gains_little = score > _BETTER * least
             best, least, away = known, score, advected - walked
+            yield best
             if gains_little:
                 break
-        if energy.relative_mismatch(energy.target + away) < _GAP:
+        if energy.terms.relative_size(away) < _GAP:
             break
-        found = go_on(best.x, energy.target + share * away)
+        found = go_on(best.x, share * away)
         if found is None:
             break
         known = found
-    return best

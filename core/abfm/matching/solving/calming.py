@@ -1,7 +1,9 @@
-"""Fields that come from a coarser mesh, smoothed as little as keeps their discrete flow calm on the finer one.
+"""Fields that come from a coarser mesh, smoothed as little as keeps their discrete flow calm on the
+finer one.
 
-Where the normal parts of a field jump over edges the discrete flow grows, on meshes of thin triangles beyond bounds.
-Smoothing on the scale of an edge, by the norm of first order, takes most of the jumps away.
+Where the normal parts of a field jump over edges the discrete flow grows, on meshes of thin
+triangles beyond bounds. Smoothing on the scale of an edge, by the norm of first order, takes most
+of the jumps away.
 """
 
 from collections.abc import Callable
@@ -9,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from abfm.matching.energy.regularizer import Regularizer
+from abfm.matching.objective.regularizer import Regularizer
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -19,9 +21,13 @@ _SCALES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # edges over which fields are smoothe
 
 
 def calmed(
-    mesh: TriangleMesh, x: FloatArray, mismatch: float, evaluate: Callable[[FloatArray], tuple[Point, float]]
+    mesh: TriangleMesh,
+    x: FloatArray,
+    mismatch: float,
+    evaluate: Callable[[FloatArray], tuple[Point, float]],
 ) -> tuple[FloatArray, Point]:
-    """Fields that carry the source about as well as they did on a coarser mesh, or else the best of those tried.
+    """Fields that carry the source about as well as they did on a coarser mesh, or else the best of
+    those tried.
 
     Parameters
     ----------
@@ -32,8 +38,8 @@ def calmed(
     mismatch : float
         Relative mismatch on the coarser mesh.
     evaluate : callable
-        What is known of fields on the finer mesh, and the relative mismatch that they leave; what it raises ends the
-        work.
+        What is known of fields on the finer mesh, and the relative mismatch that they leave; what
+        it raises ends the work.
 
     Returns
     -------
@@ -48,7 +54,9 @@ def calmed(
         tried = x
         if edges:
             smooth = Regularizer(mesh, area * edges**2)
-            tried = np.stack([smooth.inverse((smooth.mass * v.ravel()).reshape(v.shape)) for v in x])
+            tried = np.stack(
+                [smooth.inverse((smooth.mass * v.ravel()).reshape(v.shape)) for v in x]
+            )
         point, found = evaluate(tried)
         if found < least:
             calm, least = (tried, point), found

@@ -6,10 +6,10 @@ from functools import cached_property
 from typing import Protocol
 
 from abfm.calculus.vector_fields import to_ambient
-from abfm.matching.judging.confirmation import Best
-from abfm.matching.judging.early_warning import early_warning
-from abfm.matching.schedule import Stage
+from abfm.matching.solving.early_warning import early_warning
+from abfm.matching.solving.incumbent import Candidate
 from abfm.matching.solving.levels import Level
+from abfm.matching.solving.schedule import Stage
 from abfm.types import FloatArray
 
 
@@ -39,8 +39,10 @@ class Iteration:
     iteration: int  # number of steps taken, all stages together, 0 at the start
     stage: int  # from 0
     level: int  # which mesh, from 0, the coarsest; the last one is the mesh itself
-    levels: int  # of how many; a mesh with thin triangles counts twice, first with their vertices held together
-    vertices: int  # of that mesh; clusters of them (`abfm.flow.clusters`) where some are held together
+    # of how many; a mesh with thin triangles counts twice, first with their vertices held together
+    levels: int
+    # of that mesh; clusters of them (`abfm.flow.clusters`) where some are held together
+    vertices: int
     reach: float  # values in this stage
     sigma: float
     alpha: float
@@ -58,7 +60,9 @@ class Iteration:
 
     @property
     def advected(self) -> FloatArray:
-        """The source carried to tau, (V, C); on a coarser level what was carried there, interpolated."""
+        """The source carried to tau, (V, C); on a coarser level what was carried there,
+        interpolated.
+        """
         return self.look.advected
 
     @property
@@ -68,9 +72,13 @@ class Iteration:
 
 
 class Found:
-    """The look of an iterate: coefficients (N, F, 2) on the first of some levels, and the source carried there."""
+    """The look of an iterate: coefficients (N, F, 2) on the first of some levels, and the source
+    carried there.
+    """
 
-    def __init__(self, x: FloatArray, carried: FloatArray, levels: list[Level], iteration: int) -> None:
+    def __init__(
+        self, x: FloatArray, carried: FloatArray, levels: list[Level], iteration: int
+    ) -> None:
         self._x, self._carried, self._levels, self._iteration = x, carried, levels, iteration
 
     @cached_property
@@ -89,14 +97,21 @@ class Found:
 
     @cached_property
     def warning(self) -> str | None:
-        return early_warning(self._levels[0].energy, self._carried, self._iteration)
+        return early_warning(self._levels[0].energy.functions, self._carried, self._iteration)
+
+
+class CallerError(Exception):
+    """Memory ran out in what the caller wants done after an iteration: nothing of the solver's."""
+
+    def __init__(self, raised: MemoryError) -> None:
+        self.raised = raised
 
 
 class Record:
     """Keeps what a match has done, and tells of every iterate.
 
-    ``history`` has total, regularity and mismatch of every iterate, ``stage_of`` its stage; ``schedule`` has the stages
-    that were begun.
+    ``history`` has total, regularity and mismatch of every iterate, ``stage_of`` its stage;
+    ``schedule`` has the stages that were begun.
     """
 
     def __init__(self, on_iteration: Callable[[Iteration], None] | None) -> None:
@@ -108,10 +123,10 @@ class Record:
         self._level = 0
 
     def ends_on(self, level: int) -> bool:
-        """Whether the latest iterate is on this level."""
+        """Tell whether the latest iterate is on this level."""
         return bool(self.history) and self._level == level
 
-    def add(self, levels: list[Level], stage: Stage, best: Best) -> None:
+    def add(self, levels: list[Level], stage: Stage, best: Candidate) -> None:
         """The next iterate, on one of these levels."""
         point, self._level = best.point, stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
@@ -119,13 +134,14 @@ class Record:
         if self._on_iteration is None:
             return
         energy = levels[stage.level].energy
-        self._on_iteration(
+        carried = point.advected[: len(energy.functions.source)]
+        self._tell(
             Iteration(
                 iteration=len(self.history) - 1,
                 stage=len(self.schedule) - 1,
                 level=stage.level,
                 levels=len(levels),
-                vertices=energy.vertex_count,
+                vertices=energy.discretisation.size,
                 reach=stage.reach,
                 sigma=stage.sigma,
                 alpha=stage.alpha,
@@ -134,6 +150,13 @@ class Record:
                 mismatch_energy=point.mismatch,
                 mismatch=energy.relative_mismatch(point.advected),
                 evaluations=self.evaluations,
-                look=Found(best.x, point.advected, levels[stage.level :], len(self.history) - 1),
+                look=Found(best.x, carried, levels[stage.level :], len(self.history) - 1),
             )
         )
+
+    def _tell(self, iteration: Iteration) -> None:
+        assert self._on_iteration is not None
+        try:
+            self._on_iteration(iteration)
+        except MemoryError as error:
+            raise CallerError(error) from None

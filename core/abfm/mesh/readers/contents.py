@@ -11,7 +11,9 @@ from abfm.types import FloatArray, IntArray
 
 
 class FileContents(NamedTuple):
-    """Vertices (V, 3) in the file's order and count, triangles (F, 3), and what was changed on the way."""
+    """Vertices (V, 3) in the file's order and count, triangles (F, 3), and what was changed on
+    the way.
+    """
 
     vertices: FloatArray
     faces: IntArray
@@ -36,11 +38,13 @@ class PointList:
             If there are fewer than three, or one is no number.
         """
         if len(words) < 3:
-            raise ValueError(f"vertex {len(self)}, counting from 0, has {len(words)} coordinates instead of 3")
+            raise ValueError(
+                f"vertex {len(self)}, counting from 0, has {len(words)} coordinates instead of 3"
+            )
         self._numbers.extend(map(number, words[:3]))
 
     def array(self) -> FloatArray:
-        """All of them, (V, 3)."""
+        """Return all of them, (V, 3)."""
         return np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 3)
 
 
@@ -63,21 +67,27 @@ class PolygonList:
         try:
             self._corners.extend(corners)
         except OverflowError:
-            raise ValueError(f"face {len(self._sizes)}, counting from 0, names a vertex beyond all numbers") from None
+            raise ValueError(
+                f"face {len(self._sizes)}, counting from 0, names a vertex beyond all numbers"
+            ) from None
         self._sizes.append(len(corners))
 
     def arrays(self) -> tuple[IntArray, IntArray]:
-        """Number of corners of every face, (P,), and the corners of all, one face after the other."""
-        return np.frombuffer(self._sizes, dtype=np.int64), np.frombuffer(self._corners, dtype=np.int64)
+        """Return the number of corners of every face, (P,), and the corners of all, one face after
+        the other.
+        """
+        return np.frombuffer(self._sizes, dtype=np.int64), np.frombuffer(
+            self._corners, dtype=np.int64
+        )
 
 
 def few_corners(face: int, count: int) -> ValueError:
-    """What is said of a face with fewer than three corners."""
+    """Return what is said of a face with fewer than three corners."""
     return ValueError(f"face {face}, counting from 0, has {count} corners instead of 3 or more")
 
 
 def number(word: str | bytes) -> float:
-    """The number that a word of a text file is.
+    """Return the number that a word of a text file is.
 
     Raises
     ------
@@ -91,11 +101,13 @@ def number(word: str | bytes) -> float:
 
 
 def whole_number(word: str | bytes) -> int:
-    """The same for numbers of vertices, corners and faces."""
+    """Return the same for numbers of vertices, corners and faces."""
     try:
         return int(word)
     except ValueError:
-        raise _no_number(word, "a number of fewer digits" if word.isdigit() else "a whole number") from None
+        raise _no_number(
+            word, "a number of fewer digits" if word.isdigit() else "a whole number"
+        ) from None
 
 
 def _no_number(word: str | bytes, expected: str) -> ValueError:
@@ -104,12 +116,16 @@ def _no_number(word: str | bytes, expected: str) -> ValueError:
 
 
 def text(data: bytes) -> str:
-    """The text of a file, whose lines end with line feeds; signs that cannot be read are replaced."""
+    """Return the text of a file, whose lines end with line feeds; signs that cannot be read are
+    replaced.
+    """
     return data.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def merge_by_position(vertices: FloatArray, faces: IntArray) -> FileContents:
-    """Contents with vertices at exactly the same position made one, numbered in order of first appearance."""
+    """Return the contents with vertices at exactly the same position made one, numbered in order of
+    first appearance.
+    """
     _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.argsort(order)

@@ -1,7 +1,8 @@
-"""A plane polygon without holes, cut into triangles: one ear, a corner whose triangle is empty, after the other.
+"""A plane polygon without holes, cut into triangles: one ear, a corner whose triangle is empty,
+after the other.
 
-Meisters, "Polygons have ears", 1975. Each cut changes only whether its two neighbours are ears, which is asked again:
-the time grows with the square of the number of corners, whatever the shape.
+Meisters, "Polygons have ears", 1975. Each cut changes only whether its two neighbours are ears,
+which is asked again: the time grows with the square of the number of corners, whatever the shape.
 """
 
 import numpy as np
@@ -14,7 +15,8 @@ from abfm.types import BoolArray, FloatArray, IndexArray
 def clip_polygons(
     points: FloatArray, corners: IndexArray, sizes: IndexArray, asked: BoolArray, faces: IndexArray
 ) -> BoolArray:
-    """Write the triangles of the polygons that are asked for; those (P,) that have no right ones keep what they had.
+    """Write the triangles of the polygons that are asked for; those (P,) that have no right ones
+    keep what they had.
 
     Parameters
     ----------
@@ -46,10 +48,11 @@ def clip_polygons(
 
 @kernel
 def clip_ears(points: FloatArray) -> IndexArray:
-    """Triangles (n - 2, 3) of corners of a polygon that runs counterclockwise, or fewer if there are no more ears.
+    """Compute triangles (n - 2, 3) of corners of a polygon that runs counterclockwise, or fewer if
+    there are no more ears.
 
-    Of all ears the most even is cut first: flat ones are left to the end, when their neighbours have helped them.
-    A simple polygon always has one; what crosses itself may not.
+    Of all ears the most even is cut first: flat ones are left to the end, when their neighbours
+    have helped them. A simple polygon always has one; what crosses itself may not.
 
     Parameters
     ----------
@@ -76,14 +79,19 @@ def clip_ears(points: FloatArray) -> IndexArray:
         triangles[found, 0], triangles[found, 1], triangles[found, 2] = a, best, c
         found += 1
         after[a], before[c] = c, a
-        evenness[a], evenness[c] = _ear(points, before[a], a, c, after), _ear(points, a, c, after[c], after)
+        evenness[a], evenness[c] = (
+            _ear(points, before[a], a, c, after),
+            _ear(points, a, c, after[c], after),
+        )
         somewhere = a
     return triangles[:found]
 
 
 @kernel
 def _ear(points: FloatArray, a: int, b: int, c: int, after: IndexArray) -> float:
-    """Twice the area of the triangle at a corner over its longest side squared; 0 where it is no ear."""
+    """Compute twice the area of the triangle at a corner over its longest side squared; 0 where it
+    is no ear.
+    """
     area = _turn(points, a, b, c)
     if area <= 0:
         return 0.0
@@ -97,12 +105,14 @@ def _ear(points: FloatArray, a: int, b: int, c: int, after: IndexArray) -> float
         ):
             return 0.0
         k = after[k]
-    return float(area / max(_distance(points, a, b), _distance(points, b, c), _distance(points, c, a)))
+    return float(
+        area / max(_distance(points, a, b), _distance(points, b, c), _distance(points, c, a))
+    )
 
 
 @kernel
 def _turn(points: FloatArray, a: int, b: int, c: int) -> float:
-    """Twice the signed area of a triangle."""
+    """Compute twice the signed area of a triangle."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     return float(ux * (points[c, 1] - points[a, 1]) - uy * (points[c, 0] - points[a, 0]))
 
@@ -114,5 +124,5 @@ def _same(points: FloatArray, a: int, b: int) -> bool:
 
 @kernel
 def _distance(points: FloatArray, a: int, b: int) -> float:
-    """Squared."""
+    """Compute the squared distance of two points."""
     return float((points[a, 0] - points[b, 0]) ** 2 + (points[a, 1] - points[b, 1]) ** 2)

@@ -1,4 +1,5 @@
-"""The JSON and the buffers of a glTF 2.0 file; everything that one names in the other is looked at before it is used.
+"""The JSON and the buffers of a glTF 2.0 file; everything that one names in the other is looked at
+before it is used.
 
 Format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
 """
@@ -23,7 +24,9 @@ _COLUMNS = {"SCALAR": 1, "VEC3": 3}
 
 
 class Node(NamedTuple):
-    """A node of the scene: what it shows and the nodes below it, and how both are placed in what is above it."""
+    """A node of the scene: what it shows and the nodes below it, and how both are placed in what
+    is above it.
+    """
 
     mesh: int | None
     children: list[int]
@@ -59,10 +62,16 @@ class Document:
         self._buffers: dict[Path | int, bytes] = {}
 
     def roots(self) -> list[int]:
-        """Nodes of the scene that is to be shown; without scenes, those that are below no other."""
+        """Return the nodes of the scene that is to be shown; without scenes, those that are below
+        no other.
+        """
         if not _of(self._header, "scenes", list, []):
             nodes = range(len(_of(self._header, "nodes", list, [])))
-            below = {child for index in nodes for child in _indices(self._entry("nodes", index), "children")}
+            below = {
+                child
+                for index in nodes
+                for child in _indices(self._entry("nodes", index), "children")
+            }
             return [index for index in nodes if index not in below]
         return _indices(self._entry("scenes", _of(self._header, "scene", int, 0)), "nodes")
 
@@ -88,20 +97,33 @@ class Document:
                 raise ValueError(f"mesh {mesh} has a primitive that is no JSON object")
             positions = _of(_of(entry, "attributes", dict, {}), "POSITION", int, None)
             if positions is not None:  # others show nothing
-                found.append(Primitive(positions, _of(entry, "indices", int, None), _of(entry, "mode", int, 4)))
+                found.append(
+                    Primitive(
+                        positions, _of(entry, "indices", int, None), _of(entry, "mode", int, 4)
+                    )
+                )
         return found
 
     def numbers(self, index: int, shape: str) -> NDArray[Any]:
-        """What an accessor gives, (count, 1 or 3)."""
+        """Return what an accessor gives, (count, 1 or 3)."""
         entry, name = self._entry("accessors", index), f"accessor {index}"
         if "sparse" in entry:
-            raise ValueError(f"{name} is sparse, which is not read: export without sparse accessors")
-        if "bufferView" not in entry:
-            raise ValueError(f"{name} has no buffer view: export without compression (Draco, meshopt)")
-        kind = np.dtype(_KINDS.get(_of(entry, "componentType", int, 0), "V0"))
-        if not kind.itemsize or entry.get("type") != shape or (shape == "SCALAR" and kind.kind == "f"):
             raise ValueError(
-                f"{name} is not made of {'corners' if shape == 'SCALAR' else 'positions'} as glTF has them"
+                f"{name} is sparse, which is not read: export without sparse accessors"
+            )
+        if "bufferView" not in entry:
+            raise ValueError(
+                f"{name} has no buffer view: export without compression (Draco, meshopt)"
+            )
+        kind = np.dtype(_KINDS.get(_of(entry, "componentType", int, 0), "V0"))
+        if (
+            not kind.itemsize
+            or entry.get("type") != shape
+            or (shape == "SCALAR" and kind.kind == "f")
+        ):
+            raise ValueError(
+                f"{name} is not made of {'corners' if shape == 'SCALAR' else 'positions'} as glTF "
+                "has them"
             )
         view = self._entry("bufferViews", _of(entry, "bufferView", int, None))
         data = self._buffer(_of(view, "buffer", int, None))
@@ -113,20 +135,31 @@ class Document:
             _of(view, "byteStride", int, width),
         )
         if min(start, offset, count) < 0 or step < width or start + size > len(data):
-            raise ValueError(f"{name} and its buffer view ask for what the buffer of {len(data)} bytes does not have")
+            raise ValueError(
+                f"{name} and its buffer view ask for what the buffer of {len(data)} bytes does "
+                "not have"
+            )
         if count and offset + (count - 1) * step + width > size:
             raise ValueError(f"{name} announces {count} entries, more than its buffer view has")
-        found = np.ndarray((count, _COLUMNS[shape]), kind, data, start + offset if count else 0, (step, kind.itemsize))
+        found = np.ndarray(
+            (count, _COLUMNS[shape]),
+            kind,
+            data,
+            start + offset if count else 0,
+            (step, kind.itemsize),
+        )
         if shape == "VEC3" and kind.kind != "f" and entry.get("normalized") is True:
             return np.maximum(found / np.iinfo(kind).max, -1.0)
         return found
 
     def _buffer(self, index: int) -> bytes:
-        """The bytes of a buffer, wherever they are; read once."""
+        """Return the bytes of a buffer, wherever they are; read once."""
         uri = _of(self._entry("buffers", index), "uri", str, None)
         if uri is None:
             if index:
-                raise ValueError(f"buffer {index} has no data: export without compression (Draco, meshopt)")
+                raise ValueError(
+                    f"buffer {index} has no data: export without compression (Draco, meshopt)"
+                )
             return self._binary
         if not uri.startswith("data:"):
             path = (self._path.parent / unquote(uri)).resolve()
@@ -141,7 +174,7 @@ class Document:
         return self._buffers[index]
 
     def _entry(self, name: str, index: int | None) -> dict[str, Any]:
-        """One of the top-level objects of a kind."""
+        """Return one of the top-level objects of a kind."""
         entries = _of(self._header, name, list, [])
         if index is None or not 0 <= index < len(entries) or not isinstance(entries[index], dict):
             raise ValueError(f"it names {name}[{index}], but has {len(entries)} {name}")
@@ -150,14 +183,16 @@ class Document:
 
 
 def _chunks(data: bytes) -> tuple[bytes, bytes]:
-    """JSON and binary chunk of a .glb file."""
+    """Return the JSON and binary chunk of a .glb file."""
     if len(data) < 20:
         raise ValueError("it is too short for a binary glTF file")
     magic, version, length, json_length, kind = struct.unpack_from("<5I", data)
     if magic != _GLB or version != 2 or kind != _JSON:
         raise ValueError("it does not begin as binary glTF 2 does")
     if length > len(data) or 20 + json_length > length:
-        raise ValueError(f"it has {len(data)} bytes of {max(length, 20 + json_length)}: the file is cut off")
+        raise ValueError(
+            f"it has {len(data)} bytes of {max(length, 20 + json_length)}: the file is cut off"
+        )
     place = 20 + json_length
     while place + 8 <= length:
         size, kind = struct.unpack_from("<2I", data, place)
@@ -171,7 +206,7 @@ def _chunks(data: bytes) -> tuple[bytes, bytes]:
 
 
 def _of(entry: Any, name: str, kind: type, default: Any) -> Any:
-    """What a JSON object has under a name, of this type."""
+    """Return what a JSON object has under a name, of this type."""
     found = entry.get(name, default) if isinstance(entry, dict) else None
     if found is not default and (not isinstance(found, kind) or isinstance(found, bool)):
         raise ValueError(f"its {name} is no {_WORDS[kind]}, as glTF has it")
@@ -187,13 +222,19 @@ def _indices(entry: dict[str, Any], name: str) -> list[int]:
 
 def _numbers(entry: dict[str, Any], name: str, count: int) -> FloatArray:
     found = _of(entry, name, list, None)
-    if found is None or len(found) != count or not all(isinstance(number, int | float) for number in found):
+    if (
+        found is None
+        or len(found) != count
+        or not all(isinstance(number, int | float) for number in found)
+    ):
         raise ValueError(f"the {name} of a node is not made of {count} numbers")
     return np.array([float(number) for number in found])
 
 
 def _rotation(quaternion: FloatArray) -> FloatArray:
-    """The matrix (4, 4) of a quaternion w, x, y, z, of any length but 0, which turns nothing."""
+    """Return the matrix (4, 4) of a quaternion w, x, y, z, of any length but 0, which turns
+    nothing.
+    """
     matrix, square = np.eye(4), quaternion @ quaternion
     if square < np.finfo(np.float64).eps * 4:
         return matrix

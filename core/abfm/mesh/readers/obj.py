@@ -1,4 +1,6 @@
-"""Wavefront OBJ: one vertex per ``v`` line, whatever texture coordinates and normals the faces also name."""
+"""Wavefront OBJ: one vertex per ``v`` line, whatever texture coordinates and normals the faces
+also name.
+"""
 
 from pathlib import Path
 
@@ -8,12 +10,8 @@ from abfm.reading import read_bytes
 
 
 def read_obj(path: Path) -> FileContents:
-    """Vertices and faces of an OBJ file; groups, materials, textures and normals are passed over.
-
-    Raises
-    ------
-    ValueError
-        Saying what is wrong with the text.
+    """Read vertices and faces of an OBJ file; groups, materials, textures and normals are passed
+    over.
     """
     points, polygons = PointList(), PolygonList()
     for line in text(read_bytes(path)).replace("\\\n", " ").splitlines():
@@ -26,7 +24,9 @@ def read_obj(path: Path) -> FileContents:
 
 
 def _vertex(word: str, count: int) -> int:
-    """Index from 0 of the vertex in ``vertex/texture/normal``: counted from 1, or back from the last one so far."""
+    """Return the index from 0 of the vertex in ``vertex/texture/normal``: counted from 1, or back
+    from the last one so far.
+    """
     index = whole_number(word.partition("/")[0])
     if index == 0:
         raise ValueError("a face names vertex 0, but OBJ counts vertices from 1")

@@ -1,4 +1,6 @@
-"""Object File Format: OFF and its relatives with colours, normals or texture coordinates (COFF, NOFF, STOFF)."""
+"""Object File Format: OFF and its relatives with colours, normals or texture coordinates (COFF,
+NOFF, STOFF).
+"""
 
 import re
 from collections.abc import Iterator
@@ -12,13 +14,7 @@ HEADER = re.compile(r"(?:ST)?C?N?OFF\b", re.IGNORECASE)
 
 
 def read_off(path: Path) -> FileContents:
-    """Vertices and faces of a text OFF file.
-
-    Raises
-    ------
-    ValueError
-        Saying what is wrong with the text.
-    """
+    """Read vertices and faces of a text OFF file."""
     rows = _rows(text(read_bytes(path)))
     first = next(rows, [""])
     if not HEADER.fullmatch(first[0]):
@@ -28,7 +24,9 @@ def read_off(path: Path) -> FileContents:
         raise ValueError("the numbers of vertices and faces are missing")
     vertex_count, face_count = whole_number(counts[0]), whole_number(counts[1])
     if min(vertex_count, face_count) < 0:
-        raise ValueError(f"{vertex_count} vertices and {face_count} faces are announced: give their numbers")
+        raise ValueError(
+            f"{vertex_count} vertices and {face_count} faces are announced: give their numbers"
+        )
     points, polygons, lines = PointList(), PolygonList(), 0
     try:
         while lines < vertex_count + face_count:
@@ -43,14 +41,14 @@ def read_off(path: Path) -> FileContents:
         if lines >= vertex_count + face_count:
             raise
         raise ValueError(
-            f"{vertex_count} vertices and {face_count} faces are announced, but {lines} lines follow: "
-            "the file is cut off"
+            f"{vertex_count} vertices and {face_count} faces are announced, but {lines} lines "
+            "follow: the file is cut off"
         ) from error
     return split_polygons(points.array(), *polygons.arrays())
 
 
 def _rows(content: str) -> Iterator[list[str]]:
-    """Words of the lines that have any."""
+    """Return the words of the lines that have any."""
     for line in content.splitlines():
         if words := line.partition("#")[0].split():
             yield words

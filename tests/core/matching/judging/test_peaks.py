@@ -1,4 +1,6 @@
-"""Peaks and pits: known functions, a slow count of the same, and what a change of the function may do to them."""
+"""Peaks and pits: known functions, a slow count of the same, and what a change of the function
+may do to them.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ def gaussians(count: int) -> FloatArray:
 
 
 def slow_persistence(mesh: TriangleMesh, f: FloatArray) -> list[float]:
-    """For every vertex flood what lies above each lower value, until something higher than the vertex is met."""
+    """For every vertex flood what lies above each lower value, until something higher than the
+    vertex is met.
+    """
     neighbours: list[set[int]] = [set() for _ in f]
     for a, b in mesh.edges.tolist():
         neighbours[a].add(b)
@@ -95,18 +99,25 @@ def test_persistence_is_the_depth_of_the_pass():
     assert len(found) == 2
 
 
-@pytest.mark.parametrize("name", [name for name, mesh in SURFACES.items() if len(mesh.vertices) < 130])
+@pytest.mark.parametrize(
+    "name", [name for name, mesh in SURFACES.items() if len(mesh.vertices) < 130]
+)
 def test_the_slow_count_agrees(name):
     mesh = SURFACES[name]
     rng = np.random.default_rng(len(mesh.vertices))
-    for f in (rng.normal(size=len(mesh.vertices)), rng.integers(0, 4, len(mesh.vertices)).astype(float)):
+    for f in (
+        rng.normal(size=len(mesh.vertices)),
+        rng.integers(0, 4, len(mesh.vertices)).astype(float),
+    ):
         assert_allclose(persistence(mesh, f), slow_persistence(mesh, f), rtol=0, atol=1e-15)
 
 
 @given(SEEDS, st.floats(1e-3, 1e3), st.floats(-1e3, 1e3))
 def test_numbering_scale_and_offset_do_not_matter(seed, factor, offset):
     rng = np.random.default_rng(seed)
-    f = np.sin(3 * SPHERE.vertices @ rng.normal(size=(3, 2))).sum(axis=1) + rng.normal(0, 0.1, len(SPHERE.vertices))
+    f = np.sin(3 * SPHERE.vertices @ rng.normal(size=(3, 2))).sum(axis=1) + rng.normal(
+        0, 0.1, len(SPHERE.vertices)
+    )
     new = rng.permutation(len(f))
     values = np.empty_like(f)
     values[new] = f
@@ -115,18 +126,25 @@ def test_numbering_scale_and_offset_do_not_matter(seed, factor, offset):
     other = TriangleMesh(vertices, new[SPHERE.faces])
     assert_array_equal(persistence(other, values), persistence(SPHERE, f))
     assert_allclose(
-        persistence(SPHERE, factor * f + offset), factor * persistence(SPHERE, f), rtol=0, atol=1e-12 * (1e3 + factor)
+        persistence(SPHERE, factor * f + offset),
+        factor * persistence(SPHERE, f),
+        rtol=0,
+        atol=1e-12 * (1e3 + factor),
     )
     assert peaks(SPHERE, -f) == peaks(SPHERE, f)[::-1]
 
 
 @given(SEEDS, st.floats(0, 0.5), st.floats(0, 1))
 def test_a_small_change_pairs_peaks_up(seed, change, least):
-    """The theorem of stability: what stands out by ``least + 2 change`` before stands out by ``least`` afterwards."""
+    """The theorem of stability: what stands out by ``least + 2 change`` before stands out by
+    ``least`` afterwards.
+    """
     rng = np.random.default_rng(seed)
     f = rng.normal(size=len(SPHERE.vertices))
     g = f + rng.uniform(-change, change, len(f))
-    assert (persistence(SPHERE, f) >= least + 2 * change).sum() <= (persistence(SPHERE, g) >= least - 1e-12).sum()
+    assert (persistence(SPHERE, f) >= least + 2 * change).sum() <= (
+        persistence(SPHERE, g) >= least - 1e-12
+    ).sum()
 
 
 @given(SEEDS)

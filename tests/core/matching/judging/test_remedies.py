@@ -12,11 +12,12 @@ import pytest
 import abfm
 from abfm.errors import ParameterError
 from abfm.matching import Remedy
-from abfm.matching.energy.problem import Problem
 from abfm.matching.judging.remedies import Remedies
 from abfm.matching.judging.verdict import Outcome
 from abfm.matching.judging.verdict import advice as judged
 from abfm.matching.result import Match
+from abfm.matching.solving.stop_reason import StopReason
+from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LARGEST_ALPHA, MANY, PAPER, SMALLEST, Parameters
 from abfm.types import FloatArray
 from tests.core.fields import bump
@@ -51,7 +52,9 @@ def followed(match: Match, remedy: Remedy) -> Match:
         (["Smoother"], 90, Parameters(order=1, alpha=0.001, balance=0.0)),
     ],
 )
-def test_each_remedy_lowers_what_flow_lines_leave(labels: list[str], degrees: float, parameters: Parameters) -> None:
+def test_each_remedy_lowers_what_flow_lines_leave(
+    labels: list[str], degrees: float, parameters: Parameters
+) -> None:
     match = abfm.match(EGG, at(0), at(degrees), parameters)
     assert match.verdict.kind in ("nearly", "not reached")
     assert [remedy.label for remedy in match.verdict.remedies] == labels
@@ -62,13 +65,18 @@ def test_each_remedy_lowers_what_flow_lines_leave(labels: list[str], degrees: fl
 def test_a_larger_tau_is_a_smaller_sigma() -> None:
     """So that there is no remedy of more time in that sense."""
     p = Parameters(sigma=0.1, levels=1, balance=0.0, iterations=20)
-    slow, long = (abfm.match(EGG, at(0, 0.2), at(60, 0.2), q) for q in (replace(p, sigma=0.05), replace(p, tau=4.0)))
-    np.testing.assert_allclose(4 * long.velocity, slow.velocity, atol=1e-6 * np.abs(slow.velocity).max())
+    slow, long = (
+        abfm.match(EGG, at(0, 0.2), at(60, 0.2), q)
+        for q in (replace(p, sigma=0.05), replace(p, tau=4.0))
+    )
+    np.testing.assert_allclose(
+        4 * long.velocity, slow.velocity, atol=1e-6 * np.abs(slow.velocity).max()
+    )
     np.testing.assert_allclose(long.energy_history[:, 0], slow.energy_history[:, 0] / 4, rtol=1e-6)
 
 
 def test_a_remedy_changes_only_what_differs_and_is_plain_for_json() -> None:
-    problem = Problem(EGG, at(0), at(120))
+    problem = FunctionTerm(EGG, at(0), at(120))
     blind = Remedies(problem, BLIND, np.nan).further()
     assert blind.parameters["reach"] == 1.0
     assert {"order", "levels", "sigma", "sigma_unit", "iterations"} <= blind.parameters.keys()
@@ -80,7 +88,7 @@ def test_a_remedy_changes_only_what_differs_and_is_plain_for_json() -> None:
 
 
 def test_sigma_that_was_raised_is_lowered_as_an_absolute_one() -> None:
-    problem, p = Problem(EGG, at(0), at(60)), Parameters()
+    problem, p = FunctionTerm(EGG, at(0), at(60)), Parameters()
     assert Remedies(problem, p, np.nan).closer().parameters == {"sigma": 0.0067}
     raised = Remedies(problem, p, 0.3).closer().parameters
     assert raised["sigma_unit"] == "absolute"
@@ -96,18 +104,25 @@ def test_sigma_that_was_raised_is_lowered_as_an_absolute_one() -> None:
         (Parameters(reach=0.01), "Reach further"),
     ],
 )
-def test_what_flow_lines_refute_goes_back_towards_the_defaults_first(parameters: Parameters, labels: str) -> None:
-    found = Remedies(Problem(EGG, at(0, 0.2), at(60, 0.2)), parameters, np.nan).truer()
+def test_what_flow_lines_refute_goes_back_towards_the_defaults_first(
+    parameters: Parameters, labels: str
+) -> None:
+    found = Remedies(FunctionTerm(EGG, at(0, 0.2), at(60, 0.2)), parameters, np.nan).truer()
     assert found is not None
     assert found.label == labels
 
 
 def test_no_field_is_smooth_enough_for_functions_that_the_mesh_does_not_carry() -> None:
-    narrow = Problem(EGG, at(0, 0.01), at(60, 0.01))
+    narrow = FunctionTerm(EGG, at(0, 0.01), at(60, 0.01))
     assert Remedies(narrow, Parameters(), np.nan).truer() is None
-    for problem, labels in ((narrow, []), (Problem(EGG, at(0, 0.2), at(60, 0.2)), ["Smoother"])):
-        refuted = Outcome(problem.target, 0.0, "converged", verified=0.5)
-        assert [remedy.label for remedy in judged(problem, refuted, Parameters()).remedies] == labels
+    for problem, labels in (
+        (narrow, []),
+        (FunctionTerm(EGG, at(0, 0.2), at(60, 0.2)), ["Smoother"]),
+    ):
+        refuted = Outcome(problem.target, 0.0, StopReason.CONVERGED, verified=0.5)
+        assert [
+            remedy.label for remedy in judged(problem, refuted, Parameters()).remedies
+        ] == labels
         doubted = judged(problem, replace(refuted, verified=0.2), Parameters())
         assert (doubted.kind, doubted.remedies) == ("nearly", ())
 
@@ -118,15 +133,25 @@ def test_a_remedy_with_wrong_parameters_is_refused(wrong: dict[str, object]) -> 
         Remedy("Match closer", "a smaller sigma", wrong)
 
 
-EXTREMES = (Parameters(alpha=LARGEST_ALPHA), Parameters(sigma=SMALLEST), Parameters(iterations=MANY))
+EXTREMES = (
+    Parameters(alpha=LARGEST_ALPHA),
+    Parameters(sigma=SMALLEST),
+    Parameters(iterations=MANY),
+)
 
 
 @pytest.mark.parametrize("parameters", EXTREMES)
 @pytest.mark.parametrize("size", [1.0, 1e-29])
 def test_parameters_at_their_ends_cost_no_result(parameters, size):
-    problem = Problem(EGG, size * EGG.vertices[:, 0], size * EGG.vertices[:, 1])
+    problem = FunctionTerm(EGG, size * EGG.vertices[:, 0], size * EGG.vertices[:, 1])
     for unmatched in (math.nan, 0.3):
         remedies = Remedies(problem, parameters, unmatched)
-        given = (remedies.more_time(), remedies.smoother(), remedies.closer(), remedies.colder(), remedies.further())
+        given = (
+            remedies.more_time(),
+            remedies.smoother(),
+            remedies.closer(),
+            remedies.colder(),
+            remedies.further(),
+        )
         for remedy in given:
             replace(parameters, **remedy.parameters)

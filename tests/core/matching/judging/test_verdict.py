@@ -1,4 +1,6 @@
-"""The verdict on matches: each cause is told from a small match that has it, or from functions made for it."""
+"""The verdict on matches: each cause is told from a small match that has it, or from functions
+made for it.
+"""
 
 from __future__ import annotations
 
@@ -12,20 +14,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import abfm
-from abfm.matching.energy.problem import Problem
-from abfm.matching.judging.early_warning import early_warning
 from abfm.matching.judging.remedies import Remedy
-from abfm.matching.judging.solvability import distance, stood_still, vanished
+from abfm.matching.judging.solvability import distance
 from abfm.matching.judging.verdict import Kind, Outcome, Verdict, advice, confirmed_mismatch
 from abfm.matching.result import Match
+from abfm.matching.solving.early_warning import early_warning, stood_still, vanished
+from abfm.matching.solving.stop_reason import StopReason
+from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import PAPER, Parameters
 from abfm.types import FloatArray
 from tests.core.fields import bump
 from tests.shapes import icosphere
 
 SPHERE, FINE = icosphere(3), icosphere(4)
-NEAR: dict[str, Any] = {**PAPER, "alpha": 0.02, "sigma": 1e-3, "cooling_factor": 10, "iterations": 150}
-"""Parameters of a solver that does not look for far targets, and so fails in the ways that are told here."""
+NEAR: dict[str, Any] = {
+    **PAPER,
+    "alpha": 0.02,
+    "sigma": 1e-3,
+    "cooling_factor": 10,
+    "iterations": 150,
+}
+"""Parameters of a solver that does not look for far targets, and so fails in the ways that are
+told here.
+"""
 USUAL = Parameters(**NEAR)
 SHARE = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
 
@@ -40,7 +51,11 @@ def judged(match: Match, **known: float) -> Verdict:
     """The verdict on a match."""
     last = match.energy_history[match.stages == match.stages[-1], 0]
     outcome = Outcome(match.advected.T, match.mismatch, match.stop_reason, energies=last, **known)
-    return advice(Problem(match.mesh, match.source, match.target, match.mask, match.weights), outcome, match.parameters)
+    return advice(
+        FunctionTerm(match.mesh, match.source, match.target, match.mask, match.weights),
+        outcome,
+        match.parameters,
+    )
 
 
 def imagined(
@@ -52,15 +67,21 @@ def imagined(
     **known: float,
 ) -> Verdict:
     """The verdict on a function that a flow might have carried."""
-    problem = Problem(SPHERE, source, target)
+    problem = FunctionTerm(SPHERE, source, target)
     return advice(
-        problem, Outcome(advected[None], problem.relative_mismatch(advected[None]), reason, **known), parameters
+        problem,
+        Outcome(
+            advected[None], problem.relative_mismatch(advected[None]), StopReason(reason), **known
+        ),
+        parameters,
     )
 
 
 def test_a_match_needs_no_advice():
     match = abfm.match(SPHERE, at(0), at(45))
-    assert judged(match) == Verdict("matched", f"the mismatch fell from 0.86 to {match.mismatch:.2g}", "")
+    assert judged(match) == Verdict(
+        "matched", f"the mismatch fell from 0.86 to {match.mismatch:.2g}", ""
+    )
     assert judged(match, verified=0.08).kind == "matched"
     assert "(0.08 by flow lines)" in judged(match, verified=0.08).reason
 
@@ -68,10 +89,14 @@ def test_a_match_needs_no_advice():
 @settings(deadline=None)
 @given(mismatches=st.lists(st.tuples(SHARE, SHARE | st.just(np.nan)), min_size=2, max_size=2))
 def test_of_functions_that_flows_can_carry_the_kind_is_the_worse_the_more_is_confirmed(mismatches):
-    """What is confirmed is one number of the mismatch and that by flow lines; the limits of both are as they were."""
-    problem, judged_by = Problem(SPHERE, at(0), at(40)), []
+    """What is confirmed is one number of the mismatch and that by flow lines; the limits of both
+    are as they were.
+    """
+    problem, judged_by = FunctionTerm(SPHERE, at(0), at(40)), []
     for mismatch, verified in mismatches:
-        kind = advice(problem, Outcome(at(38)[None], mismatch, "converged", verified), USUAL).kind
+        kind = advice(
+            problem, Outcome(at(38)[None], mismatch, StopReason.CONVERGED, verified), USUAL
+        ).kind
         assert (kind == "matched") == (mismatch <= 0.05 and not verified > 0.1)
         assert (kind == "not reached") == (mismatch > 0.15 or verified > 0.3)
         judged_by.append((confirmed_mismatch(mismatch, verified), get_args(Kind).index(kind)))
@@ -99,7 +124,10 @@ def test_functions_are_judged_by_what_varies_however_small_beside_a_constant():
         assert still.kind == "not reached"
         matched = abfm.match(SPHERE, 1 + size * f, 1 + size * g)
         assert (matched.verdict.kind, matched.mismatch < 0.05) == ("matched", True)
-        assert judged(abfm.match(SPHERE, 1 + size * f, flat, Parameters(iterations=2))).kind == "impossible"
+        assert (
+            judged(abfm.match(SPHERE, 1 + size * f, flat, Parameters(iterations=2))).kind
+            == "impossible"
+        )
 
 
 def test_values_that_the_source_lacks_are_impossible_whatever_the_discrete_flow_shows():
@@ -128,26 +156,41 @@ def test_constants_are_impossible():
     to_flat, from_flat = judged(match), judged(abfm.match(SPHERE, flat, at(0)))
     assert to_flat.kind == from_flat.kind == "impossible"
     assert "the target is constant and the source is not" in to_flat.reason
-    assert from_flat.reason == "the mismatch stayed at 1: the source is constant, and no flow changes that"
+    assert (
+        from_flat.reason
+        == "the mismatch stayed at 1: the source is constant, and no flow changes that"
+    )
     assert judged(abfm.match(SPHERE, flat, 2 * flat)).kind == "impossible"
-    assert judged(abfm.match(SPHERE, at(0), 0 * flat, Parameters(iterations=3))).kind == "impossible"
+    assert (
+        judged(abfm.match(SPHERE, at(0), 0 * flat, Parameters(iterations=3))).kind == "impossible"
+    )
 
 
 def test_a_source_that_vanished_is_told():
     f, g = at(0, 0.05, FINE), at(120, 0.05, FINE)
-    problem = Problem(FINE, f, g)
+    problem = FunctionTerm(FINE, f, g)
     warnings: list[str | None] = []
-    match = abfm.match(FINE, f, g, replace(USUAL, iterations=20), on_iteration=lambda now: warnings.append(now.warning))
+    match = abfm.match(
+        FINE,
+        f,
+        g,
+        replace(USUAL, iterations=20),
+        on_iteration=lambda now: warnings.append(now.warning),
+    )
     verdict = judged(match)
     assert verdict.kind == "not reached"
-    assert verdict.reason.startswith("the mismatch fell from 1.4 to 1: the flow squeezed the source to nothing")
-    assert verdict.advice == "a larger reach, such as 1 of sqrt(area) and the course of the defaults"
+    assert verdict.reason.startswith(
+        "the mismatch fell from 1.4 to 1: the flow squeezed the source to nothing"
+    )
+    assert (
+        verdict.advice == "a larger reach, such as 1 of sqrt(area) and the course of the defaults"
+    )
     assert vanished(problem, match.advected.T)
     assert not vanished(problem, match.source.T)
     assert warnings[0] is None
     assert warnings[5] is not None
     assert warnings[5].startswith("the source is being squeezed to nothing")
-    outcome = Outcome(match.advected.T, match.mismatch, match.stop_reason)
+    outcome = Outcome(match.advected.T, match.mismatch, StopReason.NO_PROGRESS)
     assert distance(problem) == pytest.approx(np.sqrt(3) / FINE.length_scale, abs=0.03)
     assert "wider functions" in advice(problem, outcome, replace(USUAL, reach=1.0)).advice
 
@@ -159,15 +202,16 @@ def test_a_source_that_stood_still_for_want_of_iterations_gets_more():
 
 
 def test_a_source_that_stood_still_is_told():
-    match = abfm.match(SPHERE, at(0, 0.1), at(90, 0.1), replace(USUAL, sigma=10.0, cooling_stages=1))
-    assert match.stop_reason == "not reached"
+    match = abfm.match(
+        SPHERE, at(0, 0.1), at(90, 0.1), replace(USUAL, sigma=10.0, cooling_stages=1)
+    )
     verdict = judged(match)
     assert verdict.kind == "not reached"
     assert "the source hardly moved" in verdict.reason
     assert [remedy.label for remedy in verdict.remedies] == ["Reach further", "Match closer"]
     assert verdict.advice.endswith("a smaller sigma, such as 1")
     assert "more iterations" not in verdict.advice
-    problem = Problem(SPHERE, match.source, match.target)
+    problem = FunctionTerm(SPHERE, match.source, match.target)
     assert stood_still(problem, match.advected.T)
     assert early_warning(problem, match.advected.T, 2) is None
     told = early_warning(problem, match.advected.T, 10)
@@ -177,7 +221,7 @@ def test_a_source_that_stood_still_is_told():
 
 
 def test_a_match_that_goes_well_neither_vanishes_nor_stands_still():
-    problem, seen = Problem(SPHERE, at(0), at(45)), []
+    problem, seen = FunctionTerm(SPHERE, at(0), at(45)), []
     abfm.match(SPHERE, at(0), at(45), Parameters(iterations=30), on_iteration=seen.append)
     assert len(seen) == 31
     assert not any(vanished(problem, now.advected.T) or now.warning for now in seen)
@@ -199,8 +243,13 @@ def test_other_peaks_are_matched_in_part_at_best():
 def test_what_flow_lines_do_not_confirm_is_not_reached():
     verdict = imagined(at(0), at(40), at(40), verified=0.4)
     assert verdict.kind == "not reached"
-    assert verdict.reason.endswith("by flow lines the mismatch is 0.4, so the discrete flow is not one here")
-    assert verdict.advice == "a larger reach, such as 1 of sqrt(area) and the course of the defaults; or a finer mesh"
+    assert verdict.reason.endswith(
+        "by flow lines the mismatch is 0.4, so the discrete flow is not one here"
+    )
+    assert (
+        verdict.advice
+        == "a larger reach, such as 1 of sqrt(area) and the course of the defaults; or a finer mesh"
+    )
     nearly = imagined(at(0), at(40), at(40), verified=0.2)
     assert nearly.kind == "nearly"
     assert "confirm less" in nearly.reason
@@ -228,18 +277,30 @@ def test_iterations_that_ran_out():
     )
     nearly = imagined(at(0), at(45), at(50), "iteration limit", parameters=Parameters(iterations=4))
     assert (nearly.kind, nearly.remedies) == ("nearly", verdict.remedies)
-    refuted = imagined(at(0), at(45), at(53), "iteration limit", parameters=Parameters(iterations=4), verified=0.9)
+    refuted = imagined(
+        at(0), at(45), at(53), "iteration limit", parameters=Parameters(iterations=4), verified=0.9
+    )
     assert [remedy.label for remedy in refuted.remedies] == ["More time"]
     blind = imagined(at(0), at(45), at(50), "iteration limit")
     assert [remedy.label for remedy in blind.remedies] == ["Reach further"]
 
 
 def test_iterations_that_ran_out_long_after_the_energy_stopped_falling():
-    problem = Problem(SPHERE, at(0), at(60))
-    outcome = Outcome(at(30)[None], problem.relative_mismatch(at(30)[None]), "iteration limit", energies=np.ones(30))
+    problem = FunctionTerm(SPHERE, at(0), at(60))
+    outcome = Outcome(
+        at(30)[None],
+        problem.relative_mismatch(at(30)[None]),
+        StopReason.ITERATION_LIMIT,
+        energies=np.ones(30),
+    )
     verdict = advice(problem, outcome, USUAL)
-    assert verdict.reason.endswith("what is left differs, or would cost more smoothness than it gains")
-    assert "still falling" in advice(problem, replace(outcome, energies=np.linspace(2, 1, 30)), USUAL).reason
+    assert verdict.reason.endswith(
+        "what is left differs, or would cost more smoothness than it gains"
+    )
+    assert (
+        "still falling"
+        in advice(problem, replace(outcome, energies=np.linspace(2, 1, 30)), USUAL).reason
+    )
 
 
 @pytest.mark.parametrize(
@@ -260,15 +321,22 @@ def test_the_stop_reason_is_told_where_nothing_else_is(stop_reason, words, advis
 
 
 def test_without_smoothness_more_of_it_is_advised_from_the_usual_value_and_never_less():
-    problem = Problem(SPHERE, at(0), at(60))
-    outcome = Outcome(at(30)[None], problem.relative_mismatch(at(30)[None]), "line search failed")
+    problem = FunctionTerm(SPHERE, at(0), at(60))
+    outcome = Outcome(
+        at(30)[None], problem.relative_mismatch(at(30)[None]), StopReason.LINE_SEARCH_FAILED
+    )
     rough = Parameters(alpha=0.0)
     assert "a larger alpha, such as 0.01" in advice(problem, outcome, rough).advice
-    assert "alpha" not in advice(problem, replace(outcome, stop_reason="converged"), rough).advice
+    assert (
+        "alpha"
+        not in advice(problem, replace(outcome, stop_reason=StopReason.CONVERGED), rough).advice
+    )
 
 
 def test_signals_that_only_resemble_each_other_are_told_without_blame():
-    """Shared waves and others of each function's own, as measured signals have: the shared part is matched."""
+    """Shared waves and others of each function's own, as measured signals have: the shared part
+    is matched.
+    """
     rng = np.random.default_rng(1)
     waves = np.sin(5 * SPHERE.vertices @ rng.normal(size=(3, 6)) + rng.normal(size=6)).T
     f, g = waves[:3].sum(axis=0), waves[1:4].sum(axis=0)
@@ -282,7 +350,13 @@ def test_signals_that_only_resemble_each_other_are_told_without_blame():
 def test_every_verdict_is_one_line_without_a_full_stop():
     """All combinations of what may be known, for functions of each kind."""
     flat = np.full(len(SPHERE.vertices), 0.3)
-    pairs = [(at(0), at(60)), (at(0), 1.3 * at(60)), (at(0), 3 * at(60)), (at(0), at(60) + at(-60)), (flat, at(0))]
+    pairs = [
+        (at(0), at(60)),
+        (at(0), 1.3 * at(60)),
+        (at(0), 3 * at(60)),
+        (at(0), at(60) + at(-60)),
+        (flat, at(0)),
+    ]
     unknown = np.nan
     kinds: set[Kind] = set()
     for f, g in pairs:

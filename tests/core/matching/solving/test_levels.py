@@ -11,9 +11,9 @@ import pytest
 from abfm import MatchingEnergy, Parameters
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.solving import levels as module
-from abfm.matching.solving.control import CancelledError
 from abfm.matching.solving.levels import Level, _making, levels, on_the_mesh, prepare
 from abfm.mesh import coarsening
+from abfm.workers.control import CancelledError, Control, controlled
 from tests.core.fields import bump, rotation_field
 from tests.core.surfaces import relative_error, renumbered
 from tests.shapes import icosphere, torus
@@ -27,7 +27,7 @@ def energy(mesh):
 
 
 def all_levels(finest: MatchingEnergy) -> list[Level]:
-    return levels(on_the_mesh(finest), lambda: None)
+    return levels(on_the_mesh(finest))
 
 
 def made(mesh):
@@ -45,7 +45,9 @@ def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
     found = all_levels(energy(mesh))
     assert [len(level.energy.mesh.vertices) for level in found] == [50, 200, 800]
     for level in found[:-1]:
-        assert {"interpolation", "_covered", "_to_fine", "_to_coarse"} <= vars(level._to_finer).keys()
+        assert {"interpolation", "_covered", "_to_fine", "_to_coarse"} <= vars(
+            level._to_finer
+        ).keys()
 
 
 def test_a_match_waits_for_what_is_being_made(monkeypatch):
@@ -70,10 +72,9 @@ def test_a_match_waits_for_what_is_being_made(monkeypatch):
 def test_who_waits_can_be_cancelled():
     mesh = icosphere(1)
 
-    def cancelled():
-        raise CancelledError
-
-    with _making(mesh), pytest.raises(CancelledError), _making(mesh, cancelled):
+    cancelled = Control()
+    cancelled.cancel()
+    with _making(mesh), controlled(cancelled), pytest.raises(CancelledError), _making(mesh):
         pass
     with _making(mesh):  # nobody holds it any more
         pass
@@ -88,11 +89,15 @@ def chosen(mesh, f, g, monkeypatch, **extras):
 def test_meshes_that_do_not_resolve_the_functions_are_left_out(monkeypatch):
     """A bump of half the width allows for one mesh less, of a quarter of the vertices each."""
     mesh = icosphere(4)
-    counts = [chosen(mesh, *(bump(mesh, [0, 0, s], w) for s in (1, -1)), monkeypatch) for w in (0.3, 0.15, 0.075)]
+    counts = [
+        chosen(mesh, *(bump(mesh, [0, 0, s], w) for s in (1, -1)), monkeypatch)
+        for w in (0.3, 0.15, 0.075)
+    ]
     assert counts == [3, 2, 1]
     flat = np.ones(len(mesh.vertices))
     assert chosen(mesh, flat, flat, monkeypatch) == 3
-    assert chosen(icosphere(2), bump(icosphere(2), [0, 0, 1], 0.5), np.ones(162), monkeypatch) == 1  # small enough
+    # small enough
+    assert chosen(icosphere(2), bump(icosphere(2), [0, 0, 1], 0.5), np.ones(162), monkeypatch) == 1
 
 
 def test_what_has_no_weight_does_not_choose(monkeypatch):
@@ -109,29 +114,37 @@ def test_the_energy_is_about_the_same_on_all_meshes():
     f = np.stack([bump(mesh, [0, 0, 1], 0.3), 2 * bump(mesh, [1, 0, 0], 0.3)], axis=1)
     g = np.stack([bump(mesh, [0, 1, 0], 0.3), 2 * bump(mesh, [0, 0.6, 0.8], 0.3)], axis=1)
     mask = 0.5 + 0.4 * mesh.vertices[:, 1]
-    finest = MatchingEnergy(mesh, f, g, Parameters(levels=3), mask, [1.0, 0.3])
+    finest = MatchingEnergy(mesh, f, g, Parameters(levels=3), mask=mask, weights=[1.0, 0.3])
     found = all_levels(finest)
-    assert [level.energy.vertex_count for level in found] == [160, 640, 2562]
+    assert [level.energy.discretisation.size for level in found] == [160, 640, 2562]
     assert found[-1].energy is finest
     for level in found[:-1]:
         E = level.energy
-        assert E.function_size == finest.function_size
+        assert E.functions.function_size == finest.functions.function_size
         assert E.mesh.length_scale == 1
-        assert (E.mask >= 0).all()
-        np.testing.assert_array_equal(E.weights, finest.weights)
+        assert (E.functions.mask >= 0).all()
+        np.testing.assert_array_equal(E.functions.weights, finest.functions.weights)
         for reach in (0.0, 0.5):
-            here, there = (each.evaluate(np.zeros(each.shape), 0.1, reach).energy for each in (E, finest))
+            here, there = (
+                each.objective(0.1, reach).evaluate(np.zeros(each.shape)).energy
+                for each in (E, finest)
+            )
             assert abs(here / there - 1) < 0.15
 
 
 def test_fields_there_and_back_move_as_far():
     """In units of each mesh scaled to unit area, whose surfaces differ."""
-    finest = MatchingEnergy(icosphere(4), *(bump(icosphere(4), [0, 0, s], 0.3) for s in (1, -1)), Parameters(levels=2))
+    finest = MatchingEnergy(
+        icosphere(4), *(bump(icosphere(4), [0, 0, s], 0.3) for s in (1, -1)), Parameters(levels=2)
+    )
     coarser, finer = all_levels(finest)
     field = rotation_field(finer.energy.mesh, [0.3, -0.5, 0.8])[None]
     down = coarser.fields_from_finer(field)
     expected = rotation_field(coarser.energy.mesh, [0.3, -0.5, 0.8])
-    assert relative_error(coarser.energy.mesh, to_ambient(coarser.energy.mesh, down[0]), expected) < 0.02
+    assert (
+        relative_error(coarser.energy.mesh, to_ambient(coarser.energy.mesh, down[0]), expected)
+        < 0.02
+    )
     up = to_ambient(finest.mesh, coarser.fields_to_finer(down))
     assert relative_error(finest.mesh, up[0], field[0]) < 0.02
 

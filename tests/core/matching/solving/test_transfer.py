@@ -1,4 +1,6 @@
-"""What goes between two meshes of a surface: exact where it can be, of second order else, whatever place and unit."""
+"""What goes between two meshes of a surface: exact where it can be, of second order else,
+whatever place and unit.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.calculus.operators import vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.maps.surface_points import project_onto_surface
+from abfm.maps.closest_points import project_onto_surface
 from abfm.matching.solving.transfer import Transfer
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
@@ -51,7 +53,9 @@ def test_constants_stay_both_ways(pair: Transfer) -> None:
 
 
 def test_both_ways_are_averages(pair: Transfer) -> None:
-    """No weight is negative, so that no value lies beyond those that were there; a mask stays one."""
+    """No weight is negative, so that no value lies beyond those that were there; a mask stays
+    one.
+    """
     down = pair.function_to_coarse(np.eye(len(pair.fine.vertices))).T
     for matrix in (pair.interpolation.toarray(), down):
         assert (matrix >= 0).all()
@@ -59,7 +63,9 @@ def test_both_ways_are_averages(pair: Transfer) -> None:
 
 
 def test_averages_are_the_adjoint_of_interpolation(pair: Transfer) -> None:
-    """``<f, P h> = <P* f, h>`` with the fine areas, and for the averages the areas that the coarse hats cover."""
+    """``<f, P h> = <P* f, h>`` with the fine areas, and for the averages the areas that the
+    coarse hats cover.
+    """
     rng = np.random.default_rng(0)
     f, h = rng.normal(size=len(pair.fine.vertices)), rng.normal(size=len(pair.coarse.vertices))
     areas = vertex_areas(pair.fine)
@@ -78,7 +84,9 @@ def test_integrals_are_kept_but_for_the_area() -> None:
         pair = Transfer(coarser(fine), fine)
         f = bump(fine, [0, 0, 1], 0.2)
         integral, down = vertex_areas(fine) @ f, pair.function_to_coarse(f)
-        assert (pair.interpolation.T @ vertex_areas(fine)) @ down == pytest.approx(integral, rel=1e-10)
+        assert (pair.interpolation.T @ vertex_areas(fine)) @ down == pytest.approx(
+            integral, rel=1e-10
+        )
         errors.append(abs(vertex_areas(pair.coarse) @ down / integral - 1))
     assert observed_orders([4, 2, 1], errors).min() > 1.8
     assert errors[-1] < 0.005
@@ -90,15 +98,22 @@ def test_linear_functions_and_constant_fields_on_a_plane_stay() -> None:
     coarse = coarser(mesh)
     pair = Transfer(coarse, mesh)
     slope = np.array([2.0, -3.0, 0.0])
-    covered = project_onto_surface(coarse, mesh.vertices).distances < 1e-12
+    covered = project_onto_surface(coarse, mesh.vertices).distances_from(mesh.vertices) < 1e-12
     assert covered.mean() > 0.8
     np.testing.assert_allclose(
-        pair.function_to_fine(1 + coarse.vertices @ slope)[covered], (1 + mesh.vertices @ slope)[covered], atol=1e-14
+        pair.function_to_fine(1 + coarse.vertices @ slope)[covered],
+        (1 + mesh.vertices @ slope)[covered],
+        atol=1e-14,
     )
-    for of, on, carried in ((coarse, mesh, pair.field_to_fine), (mesh, coarse, pair.field_to_coarse)):
+    for of, on, carried in (
+        (coarse, mesh, pair.field_to_fine),
+        (mesh, coarse, pair.field_to_coarse),
+    ):
         constant = np.broadcast_to(slope, (len(of.faces), 3))
         np.testing.assert_allclose(
-            to_ambient(on, carried(constant)), np.broadcast_to(slope, (len(on.faces), 3)), atol=1e-12
+            to_ambient(on, carried(constant)),
+            np.broadcast_to(slope, (len(on.faces), 3)),
+            atol=1e-12,
         )
 
 
@@ -130,7 +145,9 @@ def test_errors_fall_with_the_square_of_the_edge_length() -> None:
 
 
 def assert_same_but_on_edges(found: FloatArray, expected: FloatArray) -> None:
-    """Where the closest point lies on an edge, rounding chooses the face whose tangent plane counts."""
+    """Where the closest point lies on an edge, rounding chooses the face whose tangent plane
+    counts.
+    """
     apart = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1).max()
     assert np.mean(apart > 1e-7) < 0.35
     assert np.sqrt(np.mean(apart**2)) < 0.02
@@ -144,7 +161,12 @@ def test_units_place_and_rotation_do_not_matter(name: str, scale: float) -> None
     coarse = coarser(fine)
     rotation = Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix()
     here = Transfer(coarse, fine)
-    there = Transfer(*(TriangleMesh(scale * moved(mesh, rotation).vertices, mesh.faces) for mesh in (coarse, fine)))
+    there = Transfer(
+        *(
+            TriangleMesh(scale * moved(mesh, rotation).vertices, mesh.faces)
+            for mesh in (coarse, fine)
+        )
+    )
     f, h = bump(fine, fine.vertices[40], 0.2), bump(coarse, coarse.vertices[10], 0.2)
     np.testing.assert_allclose(there.function_to_coarse(f), here.function_to_coarse(f), atol=1e-8)
     np.testing.assert_allclose(there.function_to_fine(h), here.function_to_fine(h), atol=1e-8)
@@ -163,10 +185,14 @@ def test_the_order_of_vertices_and_faces_does_not_matter() -> None:
     mixed, vertices, faces = renumbered(coarse, 1)
     h, u = bump(coarse, coarse.vertices[10], 0.2), wavy_field(coarse, 3)
     one, other = Transfer(coarse, fine), Transfer(mixed, fine)
-    np.testing.assert_allclose(other.function_to_fine(h[vertices]), one.function_to_fine(h), atol=1e-12)
+    np.testing.assert_allclose(
+        other.function_to_fine(h[vertices]), one.function_to_fine(h), atol=1e-12
+    )
     assert_same_but_on_edges(other.field_to_fine(u[faces]), one.field_to_fine(u))
     f = bump(fine, fine.vertices[40], 0.2)
-    np.testing.assert_allclose(other.function_to_coarse(f), one.function_to_coarse(f)[vertices], atol=1e-12)
+    np.testing.assert_allclose(
+        other.function_to_coarse(f), one.function_to_coarse(f)[vertices], atol=1e-12
+    )
 
 
 def test_same_input_same_bits_prepared_or_not() -> None:
@@ -176,7 +202,12 @@ def test_same_input_same_bits_prepared_or_not() -> None:
         pair = Transfer(coarser(fine), fine)
         if prepared:
             pair.prepare()
-        found.append((pair.field_to_fine(wavy_field(pair.coarse, 1)), pair.field_to_coarse(wavy_field(fine, 1))))
+        found.append(
+            (
+                pair.field_to_fine(wavy_field(pair.coarse, 1)),
+                pair.field_to_coarse(wavy_field(fine, 1)),
+            )
+        )
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one, other)
 
@@ -210,4 +241,6 @@ def test_fields_turn_with_the_surface_and_keep_their_length() -> None:
     assert relative_error(fine, around, rotation_field(fine, [0, 0, 1])) < 0.03
     along = np.broadcast_to([0.0, 0.0, 1.0], (len(coarse.faces), 3))
     up = pair.field_to_fine(along)
-    np.testing.assert_allclose(up, to_frame(fine, np.broadcast_to([0.0, 0.0, 1.0], (len(fine.faces), 3))), atol=1e-9)
+    np.testing.assert_allclose(
+        up, to_frame(fine, np.broadcast_to([0.0, 0.0, 1.0], (len(fine.faces), 3))), atol=1e-9
+    )

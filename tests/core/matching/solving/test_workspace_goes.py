@@ -1,4 +1,6 @@
-"""A match's workspace goes with it, at once: not when Python's collector of cycles happens to look."""
+"""A match's workspace goes with it, at once: not when Python's collector of cycles happens to
+look.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,8 @@ import abfm
 from abfm import Control, Iteration, Parameters
 from abfm.errors import AbfmError
 from abfm.flow.exponential import Workspace
-from abfm.matching.energy.energy import MatchingEnergy
-from abfm.matching.energy.regularizer import Regularizer
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.objective.regularizer import Regularizer
 from abfm.matching.solving.descent import Descent
 from abfm.matching.solving.record import Record
 from tests.core.fields import bump
@@ -53,7 +55,9 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Iterator[weakref.WeakSet[Any]]:
 
 
 def left(alive: weakref.WeakSet[Any]) -> list[str]:
-    """What is still there besides what its mesh keeps: the norm of fields with the alpha that was asked for last."""
+    """What is still there besides what its mesh keeps: the norm of fields with the alpha that
+    was asked for last.
+    """
     kept = [mesh.cache.get("regularizer") for mesh in _meshes(SPHERE)]
     return [type(one).__name__ for one in alive if all(one is not each for each in kept)]
 
@@ -66,7 +70,9 @@ def _meshes(mesh: abfm.TriangleMesh) -> list[abfm.TriangleMesh]:
 @pytest.mark.parametrize("way", WAYS)
 def test_after_a_match(made: weakref.WeakSet[Any], way: str) -> None:
     looks = []
-    match = abfm.match(SPHERE, F, G, WAYS[way], on_iteration=lambda now: looks.append(now.advected.shape))
+    match = abfm.match(
+        SPHERE, F, G, WAYS[way], on_iteration=lambda now: looks.append(now.advected.shape)
+    )
     assert len(looks) == len(match.energy_history) > 1
     assert left(made) == []
 
@@ -74,7 +80,9 @@ def test_after_a_match(made: weakref.WeakSet[Any], way: str) -> None:
 @pytest.mark.parametrize("way", WAYS)
 def test_after_one_that_was_cancelled(made: weakref.WeakSet[Any], way: str) -> None:
     control = Control()
-    match = abfm.match(SPHERE, F, G, WAYS[way], on_iteration=lambda _: control.cancel(), control=control)
+    match = abfm.match(
+        SPHERE, F, G, WAYS[way], on_iteration=lambda _: control.cancel(), control=control
+    )
     assert match.stop_reason == "cancelled"
     assert left(made) == []
 

@@ -32,7 +32,12 @@ def test_cells_keep_apart_inside_the_sheet_and_have_one_height(rows, bars):
         assert above[0].top + above[0].height + LABEL < below[0].top
     assert layout.rows[-1][0].top + layout.rows[-1][0].height + LABEL <= layout.height
     for left, top, right, bottom in layout.bars:
-        assert layout.rows[-1][0].top + layout.rows[-1][0].height + LABEL < top < bottom < layout.height
+        assert (
+            layout.rows[-1][0].top + layout.rows[-1][0].height + LABEL
+            < top
+            < bottom
+            < layout.height
+        )
         assert 0 < left < right < layout.width
     for one, other in pairwise(layout.bars):
         assert one[2] < other[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm.experiments.sheet import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
+from abfm.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm_viewer.pictures.sheets.figure_picture import figure_picture
 from abfm_viewer.pictures.sheets.ranges import CLAMPED, captions, color_ranges
 from abfm_viewer.pictures.sheets.sheet_picture import wrapped
@@ -44,7 +44,8 @@ def test_what_colours_hide_is_said_with_its_true_extremes(paint):
     )
     end = abs(HEIGHT).max()
     assert captions(sheet) == [
-        f"Beyond the colours: 'u, carried' (speed) goes from {wild.min():,.4g} to 2.525e+04, the colours from "
+        f"Beyond the colours: 'u, carried' (speed) goes from {wild.min():,.4g} to 2.525e+04, the "
+        "colours from "
         f"{-end:,.4g} to {end:,.4g}."
     ]
 
@@ -61,7 +62,10 @@ def test_small_overshoots_are_not_worth_a_word(sign):
 def test_places_are_measured_by_the_bounding_box():
     inside, outside = 1.1 * SPHERE.vertices, SPHERE.vertices.copy()
     outside[5, 2] = SPHERE.vertices[:, 2].max() + 3 * np.ptp(SPHERE.vertices[:, 2])
-    panels = [Panel(SPHERE, Coordinates(places), name) for name, places in (("near", inside), ("far", outside))]
+    panels = [
+        Panel(SPHERE, Coordinates(places), name)
+        for name, places in (("near", inside), ("far", outside))
+    ]
     [line] = captions(of(*panels))
     assert "'far' lie up to 3 times the bounding box's extent outside" in line
     flat = square(4)
@@ -71,9 +75,15 @@ def test_places_are_measured_by_the_bounding_box():
 def test_notes_come_first_and_other_cells_have_nothing_to_hide():
     x = np.linspace(0, 1, 5)
     plot = Plot((Curve("a", x, x),), "x", "y", "", top=0.5)
-    sheet = of(Panel(SPHERE, Checker(1e6 * SPHERE.vertices[:, :2]), "c"), Panel(SPHERE, Streaks(FIELD), "s"), plot)
+    sheet = of(
+        Panel(SPHERE, Checker(1e6 * SPHERE.vertices[:, :2]), "c"),
+        Panel(SPHERE, Streaks(FIELD), "s"),
+        plot,
+    )
     assert captions(sheet) == []
-    noted = of(SOURCE, Panel(SPHERE, Values(9 * HEIGHT), "b", "result"), notes=("a map that is none",))
+    noted = of(
+        SOURCE, Panel(SPHERE, Values(9 * HEIGHT), "b", "result"), notes=("a map that is none",)
+    )
     assert captions(noted)[0] == "a map that is none"
     assert len(captions(noted)) == 2
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PIL import Image
 
-from abfm.experiments.sheet import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
+from abfm.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm_viewer.pictures.sheets.figure_picture import figure_picture
 from abfm_viewer.pictures.sheets.panel_pictures import POINT_COLORS, cameras, panel_pictures
 from abfm_viewer.pictures.sheets.plot_pictures import CURVE_COLORS, plot_picture
@@ -75,19 +74,22 @@ def test_marks_are_drawn():
 def test_a_sheet_has_the_papers_frames_and_labels():
     plain = Values(X, "height")
     rows = (
-        tuple(Panel(SPHERE, plain, frame, frame) for frame in ("source", "target", "result", "field", "other")),
+        tuple(
+            Panel(SPHERE, plain, frame, frame)
+            for frame in ("source", "target", "result", "field", "other")
+        ),
         (Panel(ellipsoid(2, 1, 2, 1), Coordinates(ellipsoid(2, 1, 2, 1).vertices), "tall"),),
     )
     picture = figure_picture(Sheet(rows))
-    frames = {(0x24, 0x55, 0xC3), (0xC6, 0x28, 0x28), (0x11, 0x11, 0x11), (0x8A, 0x90, 0x9C), (255, 255, 255)}
+    frames = {
+        (0x24, 0x55, 0xC3),
+        (0xC6, 0x28, 0x28),
+        (0x11, 0x11, 0x11),
+        (0x8A, 0x90, 0x9C),
+        (255, 255, 255),
+    }
     assert frames <= colors(picture)
     assert picture.mode == "RGB"
-
-
-def test_a_sheet_of_plots_alone_needs_no_surface():
-    x = np.linspace(0, 1, 20)
-    plot = Plot((Curve("a", x, x), Curve("b", x, x**2, faint=True)), "time", "value", "growth")
-    assert isinstance(figure_picture(Sheet(((plot,),))), Image.Image)
 
 
 def test_a_plot_has_its_curves_colours_and_size():
@@ -115,9 +117,14 @@ def test_a_curve_that_grows_beyond_bounds_leaves_the_plot():
     x = np.linspace(0, 1, 20)
     calm, wild = Curve("calm", x, x), Curve("wild", x, np.exp(20 * x))
     size, text = (500, 300), 18
-    whole, cut = (plot_picture(Plot((wild, calm), "t", "y", "", top=top), size, text) for top in (None, 4.0))
+    whole, cut = (
+        plot_picture(Plot((wild, calm), "t", "y", "", top=top), size, text) for top in (None, 4.0)
+    )
     blue = tuple(bytes.fromhex(CURVE_COLORS[1][1:]))
-    heights = [np.ptp(np.nonzero((np.asarray(picture) == blue).all(axis=2))[0][:]) for picture in (whole, cut)]
+    heights = [
+        np.ptp(np.nonzero((np.asarray(picture) == blue).all(axis=2))[0][:])
+        for picture in (whole, cut)
+    ]
     assert colors(whole) & colors(cut) >= {blue}
     assert heights[0] != heights[1]
 
@@ -128,14 +135,18 @@ def test_a_legend_without_a_free_place_stands_above_the_plot():
     many = tuple(Curve(f"curve {k}", x, 0 * x + k) for k in range(12))
     for curves, inside in ((few, True), (many, False)):
         picture = np.asarray(plot_picture(Plot(curves, "t", "y", ""), (500, 300), 18))
-        axis = np.flatnonzero((picture[:, :250] == 0).all(axis=2).sum(axis=0) > 100)  # the y axis' line is black
+        # the y axis' line is black
+        axis = np.flatnonzero((picture[:, :250] == 0).all(axis=2).sum(axis=0) > 100)
         top = np.flatnonzero((picture[:, axis[-1]] == 0).all(axis=1))[0]
         assert (top < 25) == inside
 
 
 def test_the_title_of_an_axis_is_whole_in_a_low_plot():
     x = np.linspace(0, 1, 20)
-    pictures = (plot_picture(Plot((Curve("", x, x),), "t", name, ""), (500, 160), 20) for name in ("m" * 18, ""))
+    pictures = (
+        plot_picture(Plot((Curve("", x, x),), "t", name, ""), (500, 160), 20)
+        for name in ("m" * 18, "")
+    )
     titled, bare = (np.asarray(picture) for picture in pictures)
     left = titled[:, : np.flatnonzero((bare < 255).any(axis=(0, 2)))[0] + 10]
     inked = np.flatnonzero((left < 128).any(axis=(1, 2)))

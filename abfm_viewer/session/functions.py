@@ -1,0 +1,131 @@
+"""Values of a session's functions; only meshes at work have a thread and a process for them."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+
+from abfm import AbfmError, TriangleMesh
+from abfm.types import FloatArray
+from abfm.workers.progress import Step
+from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.computing.evaluation import Evaluated, Functions
+from abfm_viewer.document.document import Document, Function
+from abfm_viewer.files.project_checks import terms_from_files
+
+
+class DocumentFunctions:
+    """Functions of the documents that a session may return to.
+
+    `bare_since` is the time, by `time.perf_counter`, from which on the present document has waited
+    for its first functions; None if it has some.
+    """
+
+    def __init__(self, jobs: Jobs) -> None:
+        self._at_once = jobs.at_once
+        self._by_mesh: dict[TriangleMesh, Functions] = {}
+        self._defaults: Latest[tuple[str, str]] = jobs.latest()
+        self._evaluated: dict[Functions, Evaluated] = {}
+        self.bare_since: float | None = None
+
+    def of(self, mesh: TriangleMesh) -> Functions:
+        """Functions of one mesh."""
+        if mesh not in self._by_mesh:
+            self._by_mesh[mesh] = Functions(mesh, at_once=self._at_once)
+        return self._by_mesh[mesh]
+
+    def add(self, mesh: TriangleMesh, known: Mapping[str, FloatArray]) -> None:
+        """Begin with a mesh that was opened, and known values (V,) of functions from files."""
+        if mesh in self._by_mesh:
+            self._by_mesh[mesh].let_go()
+        self._by_mesh[mesh] = Functions(mesh, known, self._at_once)
+
+    def defaults(self, mesh: TriangleMesh) -> tuple[tuple[str, str] | None, str]:
+        """Specs of a source and a target, None before they are known, and why there are none."""
+        found = self._defaults.ask(mesh, self.of(mesh).evaluator.defaults)
+        return found, self._defaults.error if self._defaults.key is mesh else ""
+
+    def update(self, document: Document) -> None:
+        """Evaluate what the document asks for, or take in what was: call once per frame."""
+        before, self._evaluated = self._evaluated, {}
+        for surface in document.surfaces:
+            evaluating = self.of(surface.mesh)
+            specs = tuple(one.spec for one in document.functions if one.surface == surface)
+            found = evaluating.ask(specs) if specs else None
+            self._evaluated[evaluating] = found or before.get(evaluating, Evaluated())
+        is_bare = not any(found.values or found.errors for found in self._evaluated.values())
+        self.bare_since = (self.bare_since or clock.perf_counter()) if is_bare else None
+
+    def values(self, function: Function) -> FloatArray | None:
+        """Values (V,); None before they were evaluated, or where they cannot be."""
+        found = self._evaluated.get(self.of(function.surface.mesh))
+        return found.values.get(function.spec) if found else None
+
+    def error(self, function: Function) -> str:
+        """Say why a function has no values; nothing if it has some or will have."""
+        found = self._evaluated.get(self.of(function.surface.mesh))
+        return found.errors.get(function.spec, "") if found else ""
+
+    def problem(self, document: Document) -> str:
+        """Name a function that cannot be evaluated, and why; nothing where all can, or may."""
+        failed = (one for one in document.functions if self.error(one))
+        return next((f"{one.spec}: {self.error(one)}" for one in failed), "")
+
+    def obstacle(self, document: Document) -> str:
+        """Say why functions keep a match of the document from starting; nothing if they do not."""
+        if not document.channels:
+            return "a source and a target for this mesh are being chosen"
+        if problem := self.problem(document):
+            return problem
+        if any(self.values(function) is None for function in document.functions):
+            return "the functions are being computed"
+        mask = self.values(document.mask_function)
+        if mask is not None and (mask.min() < 0 or not mask.any()):
+            return "the mask must not be negative, nor zero everywhere"
+        has_weight = any(channel.weight for channel in document.channels)
+        return "" if has_weight else "all channels have the weight 0"
+
+    def step(self, document: Document) -> Step | None:
+        """Return what is being done for the document's functions, if that is told."""
+        if not document.channels:
+            return self._defaults.step
+        steps = (self.of(surface.mesh).step for surface in document.surfaces)
+        return next((step for step in steps if step), None)
+
+    def busy(self, document: Document) -> str:
+        """Say in two words what is being done for them; nothing if nothing is."""
+        if not document.channels and not self._defaults.error:
+            return "choosing functions"
+        is_busy = any(self.of(surface.mesh).busy for surface in document.surfaces)
+        return "computing functions" if is_busy else ""
+
+    def keep(self, at_work: Collection[TriangleMesh], in_reach: Collection[TriangleMesh]) -> None:
+        """Let go what can be had again.
+
+        That is all of a mesh out of reach; of others what was computed but is not shown there. What
+        came from files stays as long as its mesh is in reach, as the files may have changed since.
+        Who is still evaluating goes on with what there was, and the process ends with that.
+        """
+        for mesh, functions in list(self._by_mesh.items()):
+            if mesh in at_work:
+                continue
+            mesh.cache.clear()  # also of what was still being computed when it was left
+            if mesh in in_reach and not functions.has_computed:
+                continue
+            if mesh in in_reach:
+                self._by_mesh[mesh] = functions.at_rest(_is_from_file)
+            else:
+                del self._by_mesh[mesh]
+            functions.let_go()
+
+    def close(self) -> None:
+        """End all threads and processes."""
+        for functions in self._by_mesh.values():
+            functions.retire()
+
+
+def _is_from_file(term: str) -> bool:
+    with suppress(AbfmError):
+        return term in terms_from_files(term)
+    return False

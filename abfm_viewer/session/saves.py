@@ -1,0 +1,119 @@
+"""What of a session is in files, and what would be lost if it ended now."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+from abfm_viewer.document.document import Document, Identity
+from abfm_viewer.files.origin import Origin
+from abfm_viewer.session.editor import Editor
+
+_CONTENT = ("channels", "parameters", "mask", "lines", "points")
+"""What besides the result would be lost; the view and the time do not count."""
+
+
+class Saves:
+    """The saved state and the project file of each document of the history, and unsaved ones.
+
+    Saving one state of a document settles its others: who saves has chosen among them.
+    """
+
+    def __init__(self, editor: Editor) -> None:
+        self._editor = editor
+        self._saved: dict[Identity, tuple[Document | None, Origin | None]] = {}
+        self._left: dict[Identity, Document] = {}
+        self.mark(editor.document, None)
+
+    @property
+    def path(self) -> Path | None:
+        """The project file that Save writes; None before there is one."""
+        origin = self.origin(self._editor.document)
+        return origin.path if origin else None
+
+    @property
+    def title(self) -> str:
+        """Say what is open, with a star where something of it is in no file."""
+        name = self.path.name if self.path else self._editor.document.name
+        return f"{'* ' if self.unsaved else ''}{name}"
+
+    @property
+    def unsaved(self) -> bool:
+        """Return whether something of the present document is in no file."""
+        return self._differs(self._editor.document)
+
+    @property
+    def unsaved_documents(self) -> tuple[Document, ...]:
+        """Return what would be lost if the session ended now: the present one, those left."""
+        document, differs = self._editor.document, self.unsaved
+        found = [document] if differs else []
+        for identity, left in self._left.items():
+            is_elsewhere = identity is not document.identity
+            has_other = left.result is not None and left.result is not document.result
+            if is_elsewhere or (has_other and not differs):
+                found.append(left)
+        return tuple(found)
+
+    def has_new_result(self, document: Document) -> bool:
+        """Return whether a document has a result that is in no file."""
+        saved = self._saved_state(document)
+        known = saved.result if saved else None
+        return document.result is not None and document.result is not known
+
+    def origin(self, document: Document) -> Origin | None:
+        """The project file of a document, as it was when it was last read or written here."""
+        return self._saved.get(document.identity, (None, None))[1]
+
+    def left(self, document: Document) -> Document | None:
+        """The unsaved state in which a document was left, or its latest unsaved result found.
+
+        `mark` is to be told of it when the document is being saved.
+        """
+        return self._left.get(document.identity)
+
+    def mark(
+        self, document: Document, origin: Origin | None, settles: Document | None = None
+    ) -> None:
+        """Remember that a document need not be saved, nor what was `left` when it was written."""
+        self._saved[document.identity] = document, origin
+        if self._left.get(document.identity) is settles:
+            self._left.pop(document.identity, None)
+
+    def recover(self, document: Document, origin: Origin | None) -> None:
+        """Remember that all of a document need be saved, in its project file if it has one."""
+        self._saved[document.identity] = None, origin
+
+    def leave(self, document: Document) -> None:
+        """Remember what is unsaved of a document whose place another one takes."""
+        before = self.left(document)
+        taken_back = before is not None and before.result is not None and document.result is None
+        if self._differs(document) and not taken_back:
+            self._left[document.identity] = document
+
+    def found(self, document: Document) -> None:
+        """Remember a document with a result that is in no file."""
+        self._left[document.identity] = document
+
+    def forget_all_but(self, identities: Collection[Identity]) -> None:
+        """Forget the files of documents that the history holds no more, unless unsaved."""
+        self._saved = {
+            identity: state
+            for identity, state in self._saved.items()
+            if identity in identities or identity in self._left
+        }
+
+    def reset(self) -> None:
+        """Forget all but the present document's project file."""
+        origin = self.origin(self._editor.document)
+        self._saved, self._left = {}, {}
+        self.mark(self._editor.document, origin)
+
+    def _differs(self, document: Document) -> bool:
+        """Return whether something of a document is in no file."""
+        if (saved := self._saved_state(document)) is None:
+            return True
+        changed = any(getattr(document, name) != getattr(saved, name) for name in _CONTENT)
+        return changed or document.result is not saved.result
+
+    def _saved_state(self, document: Document) -> Document | None:
+        return self._saved.get(document.identity, (None, None))[0]

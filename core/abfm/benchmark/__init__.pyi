@@ -1,9 +1,0 @@
-from . import success as success
-from .arrival import format_arrival as format_arrival
-from .arrival import run_arrival as run_arrival
-from .cosines import cosine_table as cosine_table
-from .cosines import cosines as cosines
-from .measure import run as run
-from .problem import sphere_problem as sphere_problem
-from .report import format_report as format_report
-from .report import markdown_table as markdown_table

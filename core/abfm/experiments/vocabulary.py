@@ -1,0 +1,279 @@
+"""The words of a figure's script: its stage, the problem that it states, and what it finds.
+
+A script is a generator: it states its problem, which the app opens, and yields it; when it goes on
+it computes, measures and draws, and returns what it found.
+"""
+
+import math
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from typing import Any, Protocol
+
+import numpy as np
+import trimesh
+
+from abfm.assets import asset_path
+from abfm.calculus.vector_fields import to_frame
+from abfm.errors import MeshError
+from abfm.flow.flow import Flow
+from abfm.functions import function
+from abfm.matching.judging.verdict import Kind, Verdict
+from abfm.matching.match import Iteration, match
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.problem import Problem
+from abfm.matching.result import Match
+from abfm.matching.solving.schedule import MATCHED
+from abfm.matching.solving.stop_reason import StopReason
+from abfm.mesh import TriangleMesh, load_mesh
+from abfm.parameters import Parameters
+from abfm.sheets import Sheet
+from abfm.types import FloatArray
+from abfm.workers.worker import Worker, stateless
+
+Report = Callable[[str, float], None]
+"""Told what is being done, in a few words, and which share of the figure is behind it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """The place of a figure: its own meshes, coarse ones for tests, or another one."""
+
+    mesh: TriangleMesh | None = None
+    name: str = "mesh"
+    small: bool = False
+    report: Report = lambda text, share: None
+
+    def surface(
+        self, name: str, make: Callable[..., TriangleMesh], *arguments: Any
+    ) -> tuple[TriangleMesh, str]:
+        """Return the mesh that is given and its name, or else the figure's own."""
+        return (make(*arguments), name) if self.mesh is None else (self.mesh, self.name)
+
+    def match(
+        self,
+        problem: Problem,
+        text: str = "matching",
+        shares: tuple[float, float] = (0.0, 0.95),
+        on_iteration: Callable[[Iteration], None] = lambda now: None,
+    ) -> Match:
+        """Match, and report of it from one share to another."""
+        limit, (begin, end) = max(problem.parameters.iterations, 1), shares
+
+        def heard(now: Iteration) -> None:
+            on_iteration(now)
+            self.report(text, begin + (end - begin) * now.iteration / limit)
+
+        return match(problem, on_iteration=heard)
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """A problem that is ready to run, in the app as well.
+
+    Attributes
+    ----------
+    problem : Problem
+    name : str
+        Name of its mesh.
+    specs : tuple of pairs of str
+        Source and target of each channel as text; ``file:name.npy``, which need not exist, stands
+        for a function that no text describes.
+    flow : Flow or None
+        What the figure is about, where it is given and not sought.
+    """
+
+    problem: Problem
+    name: str
+    specs: tuple[tuple[str, str], ...]
+    flow: Flow | None = None
+
+    @property
+    def values(self) -> dict[str, FloatArray]:
+        """Return the functions (V,) that no text describes, by their specs."""
+        sources, targets = zip(*self.specs, strict=True)
+        columns = [*self.problem.source.T, *self.problem.target.T]
+        named = zip([*sources, *targets], columns, strict=True)
+        return {spec: column for spec, column in named if spec.startswith("file:")}
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A measured number, whose `name` says its unit; what the paper claims about it, and whether it
+    bears that out.
+
+    The value must not exceed the `bound`, if there is one.
+
+    Raises
+    ------
+    MeshError
+        If the value is not finite: it could not be measured on this mesh.
+    """
+
+    name: str
+    value: float
+    claim: str = ""
+    reproduces: bool | None = None
+    bound: float | None = None
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise MeshError(
+                f"'{self.name}' came out as {self.value}: the mesh is too coarse or degenerate "
+                "for it"
+            )
+
+    @property
+    def passes(self) -> bool | None:
+        """Tell whether the value keeps the bound; None without one."""
+        return None if self.bound is None else bool(self.value <= self.bound)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as it stands in a figure's JSON."""
+        return {
+            "name": self.name,
+            "value": float(self.value),
+            "bound": None if self.bound is None else float(self.bound),
+            "pass": self.passes,
+            "claim": self.claim,
+            "reproduces": None if self.reproduces is None else bool(self.reproduces),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """The findings of a script: measures, the figure to draw, and what was run, in a sentence."""
+
+    measures: Sequence[Measure]
+    sheet: Sheet
+    setting: str
+
+
+Script = Generator[Example, None, Findings]
+
+
+def script(figure: int, stage: Stage) -> Script:
+    """Return the script of a figure of the paper."""
+    found: Script = _module(figure).figure(stage)
+    return found
+
+
+def claim(figure: int) -> str:
+    """Return what the paper shows with a figure."""
+    return str(_module(figure).CLAIM)
+
+
+def _module(figure: int) -> Any:
+    return import_module(f"abfm.experiments.figure_{figure:02}")
+
+
+def findings_of(script: Script) -> Findings:
+    """Run a script to its end."""
+    while True:
+        try:
+            next(script)
+        except StopIteration as end:
+            found: Findings = end.value
+            return found
+
+
+def stated_apart(figure: int) -> tuple[Example, Match | None]:
+    """State the problem of a figure on its own mesh, in a process of its own: eigenfunctions and
+    geodesics would stop a window. A given flow comes `as_match`.
+
+    Raises
+    ------
+    AbfmError
+        If it cannot be stated.
+    """
+    worker = Worker(stateless, f"figure {figure} was not set up: its process has ended; try again")
+    try:
+        return worker.call(_stated, figure).result()
+    finally:
+        worker.close()
+
+
+def _stated(_: None, figure: int) -> tuple[Example, Match | None]:
+    example = next(script(figure, Stage()))
+    return example, as_match(example)
+
+
+@lru_cache
+def bundled(name: str) -> TriangleMesh:
+    """Read a mesh that comes with abfm; it is the same object every time, so that what was computed
+    on it is kept.
+    """
+    return load_mesh(asset_path(name))
+
+
+def smoothed(name: str, times: int) -> TriangleMesh:
+    """Subdivide a bundled mesh by Loop's scheme, each time into four times as many faces."""
+    mesh = bundled(name)
+    shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).subdivide_loop(times)
+    return TriangleMesh(shape.vertices, shape.faces)
+
+
+def sized(mesh: TriangleMesh, name: str) -> str:
+    """Return the mesh in words."""
+    return f"{name}, {len(mesh.vertices):,} vertices"
+
+
+class Case(Protocol):
+    """A surface, one of several of the same name."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def mesh(self) -> TriangleMesh: ...
+
+
+def refined(levels: Sequence[Case]) -> str:
+    """Return a surface in words, coarse to fine."""
+    sizes = ", ".join(f"{len(level.mesh.vertices):,}" for level in levels)
+    return f"{levels[-1].name}, {sizes} vertices"
+
+
+def evaluated(mesh: TriangleMesh, specs: Sequence[str]) -> FloatArray:
+    """Evaluate functions that are given as text, (V, C)."""
+    return np.stack([function(mesh, spec) for spec in specs], axis=1)
+
+
+def carried_example(flow: Flow, name: str, source: str, target: str) -> Example:
+    """Return a function and what a given flow makes of it until tau, by the name of a file."""
+    f = function(flow.mesh, source)
+    problem = Problem(flow.mesh, f, flow.push(f), Parameters(tau=flow.tau))
+    return Example(problem, name, ((source, target),), flow)
+
+
+def as_match(example: Example) -> Match | None:
+    """Return the given flow as a match with its field, so that a window shows and saves it as any
+    result; None without.
+    """
+    if example.flow is None:
+        return None
+    problem, velocity = example.problem, example.flow.velocity
+    energy = MatchingEnergy(problem)
+    fields = to_frame(problem.mesh, velocity / problem.mesh.length_scale)
+    evaluated = energy.objective(problem.parameters.sigma).evaluate(fields)
+    mismatch = energy.relative_mismatch(evaluated.advected)
+    kind: Kind = "matched" if mismatch <= MATCHED else "not reached"
+    return Match(
+        problem=problem,
+        velocity=velocity,
+        advected=np.ascontiguousarray(evaluated.advected.T),
+        energy_history=np.array([[evaluated.energy, evaluated.regularity, evaluated.mismatch]]),
+        stages=np.zeros(1, dtype=np.int64),
+        mismatch=mismatch,
+        verified_mismatch=math.nan,
+        folded=math.nan,
+        stop_reason=StopReason.GIVEN,
+        verdict=Verdict(kind, "the field is given, not sought", ""),
+    )
+
+
+def affordable_iterations(mesh: TriangleMesh, most: int) -> int:
+    """Return 60 to ``most``, in about half a minute with three functions: for want of time, as fine
+    meshes need more.
+    """
+    return min(max(1_230_000 // len(mesh.vertices), 60), most)

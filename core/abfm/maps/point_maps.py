@@ -1,0 +1,119 @@
+"""Maps from the vertices of one surface to points of another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from abfm.errors import AbfmError
+from abfm.maps.closest_points import project_onto_surface
+from abfm.maps.distortion import Distortion, distortion
+from abfm.maps.surface_points import SurfacePoints, vertex_points
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class PointMap:
+    """A map from one surface to another: where on the codomain each vertex of the domain lies.
+
+    A flow carries functions, not points. The coordinate functions carried for a time are the places
+    that the vertices' values came from, near the surface but not on it, so that `project` makes
+    points of them.
+
+    Attributes
+    ----------
+    domain, codomain : TriangleMesh
+    faces : (V,) array of int
+        The face of the codomain that holds the image of each of the domain's V vertices.
+    barycentric : (V, 3) array
+        Weights of its corners, not negative, summing to 1.
+    distances : (V,) array, optional
+        How far images were from the codomain before they were brought onto it, in its units; 0 by
+        default.
+
+    Raises
+    ------
+    AbfmError
+        If there is not one point for each vertex, or these are not points of the codomain.
+    """
+
+    domain: TriangleMesh
+    codomain: TriangleMesh
+    faces: IntArray
+    barycentric: FloatArray
+    distances: FloatArray = field(default_factory=lambda: np.zeros(1))
+
+    def __post_init__(self) -> None:
+        count = len(self.domain.vertices)
+        if len(self.points.faces) != count:
+            raise AbfmError(
+                f"{len(self.points.faces)} points for {count} vertices: give one point per vertex"
+            )
+        object.__setattr__(self, "distances", np.broadcast_to(self.distances, count))
+
+    @classmethod
+    def of(cls, domain: TriangleMesh, points: SurfacePoints) -> PointMap:
+        """Return the map that takes each vertex to its own of V points."""
+        return cls(domain, points.mesh, points.faces, points.barycentric)
+
+    @classmethod
+    def of_vertices(
+        cls, domain: TriangleMesh, codomain: TriangleMesh, vertices: ArrayLike | None = None
+    ) -> PointMap:
+        """Return a vertex-to-vertex map (V,); by default each goes to the one with its number."""
+        return cls.of(domain, vertex_points(codomain, vertices))
+
+    @classmethod
+    def project(
+        cls, domain: TriangleMesh, codomain: TriangleMesh, positions: ArrayLike
+    ) -> PointMap:
+        """Return the map to the points of the codomain closest to positions (V, 3) in space."""
+        points = project_onto_surface(codomain, positions)
+        distances = points.distances_from(np.asarray(positions))
+        return cls(domain, codomain, points.faces, points.barycentric, distances)
+
+    @cached_property
+    def points(self) -> SurfacePoints:
+        """The images of the vertices."""
+        return SurfacePoints(self.codomain, self.faces, self.barycentric)
+
+    @property
+    def positions(self) -> FloatArray:
+        """The images in space, (V, 3), in the codomain's units."""
+        return self.points.positions
+
+    def pull_back(self, h: ArrayLike) -> FloatArray:
+        """Compose a function (V',) or (V', C) on the codomain's vertices with the map, (V,) or
+        (V, C).
+
+        With the positions of a second map this is the composition of both.
+
+        Raises
+        ------
+        FunctionError
+            If ``h`` does not fit the codomain.
+        """
+        return self.points.pull_back(h)
+
+    def nearest_vertices(self) -> IntArray:
+        """Round to a vertex-to-vertex map, (V,), see `SurfacePoints.nearest_vertices`."""
+        return self.points.nearest_vertices()
+
+    def to_matrix(self) -> sparse.csr_array:
+        """Return the matrix (V, V') of `pull_back`."""
+        count = len(self.faces)
+        entries = (
+            self.barycentric.ravel(),
+            self.codomain.faces[self.faces].ravel(),
+            3 * np.arange(count + 1),
+        )
+        return sparse.csr_array(entries, shape=(count, len(self.codomain.vertices)))
+
+    def distortion(self) -> Distortion:
+        """Measure what the map, linear on faces, does to each face, see `abfm.maps.distortion`."""
+        return distortion(self.domain, self.positions, self.codomain)

@@ -1,1 +1,0 @@
-"""The energy of the paper, with its gradient."""

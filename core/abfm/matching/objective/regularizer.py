@@ -1,0 +1,152 @@
+"""The norm ``||v||_alpha`` of fields (section 3) and its exact inverse.
+
+``R = G_F D_alpha = M + alpha M (A G_1^-1 A^T + B G_0^-1 B^T) M`` with ``M = G_F``, the gradients
+``A`` of edge and ``B`` of (rotated) vertex functions, and their masses. Because ``A^T M B = 0``,
+the Woodbury identity splits into two scalar problems,
+``R^-1 = M^-1 - alpha A (G_1 + alpha A^T M A)^-1 A^T - alpha B (G_0 + alpha B^T M B)^-1 B^T``.
+
+The norm of second order, ``(id + alpha Delta_H)^2``, is ``R M^-1 R``, with the inverse
+``R^-1 M R^-1``: fields of finite norm are continuous, which those of the first order, the paper's,
+need not be in two dimensions.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+from scipy import sparse
+
+from abfm.calculus import face_kernels
+from abfm.calculus.face_kernels import FaceSlopes
+from abfm.calculus.operators import (
+    Matrix,
+    mollified_shapes,
+    stiffness,
+)
+from abfm.mesh import TriangleMesh
+from abfm.numerics.cholesky import Solve, factor
+from abfm.types import FloatArray, IntArray
+
+# mass over stiffness of an edge or a vertex, from which on a factorisation is surely definite
+_LEAST_SHARE = 1e-13
+
+
+class Regularizer:
+    """``R = G_F D_alpha^order`` on frame coefficients (F, 2): apply, and apply the inverse.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    alpha : float
+        Weight of the Hodge Laplacian, in units of the mesh's area; not negative.
+    order : int
+        1 for the paper's norm, 2 for that of second order.
+    """
+
+    def __init__(self, mesh: TriangleMesh, alpha: float, order: int = 1) -> None:
+        self.alpha, self.order = alpha, order
+        # not the mesh, which keeps this object: a cycle would outlive both
+        shapes = mollified_shapes(mesh)
+        self._areas, self._gradients = shapes.areas, shapes.gradients
+        self._edges, self._vertices = mesh.face_edges, mesh.faces
+        self._slopes = FaceSlopes(self._gradients, self._edges, self._vertices)
+        self._inner = ~mesh.is_boundary_vertex
+        self._masses = (
+            self._definite(shapes.edge_areas, self._edges, 4),
+            np.where(self._inner, self._definite(shapes.vertex_areas, self._vertices, 1), np.inf),
+        )
+        self._factors: list[Solve] = []  # one list for all orders
+
+    def _definite(self, masses: FloatArray, owners: IntArray, factor_of: int) -> FloatArray:
+        """Return the masses, raised where they would be lost in the rounding of the stiffness."""
+        of_corners = np.einsum("fck,fck->fc", self._gradients, self._gradients)
+        weights = factor_of * self.alpha * self._areas[:, None] * of_corners
+        diagonal = np.bincount(owners.ravel(), weights.ravel(), minlength=len(masses))
+        return np.asarray(np.maximum(masses, _LEAST_SHARE * diagonal))
+
+    @property
+    def mass(self) -> FloatArray:
+        """Diagonal of ``G_F``, (2 F,)."""
+        return np.repeat(self._areas, 2)
+
+    @property
+    def _solvers(self) -> list[Solve]:
+        """Of the edges, and of the vertices off the boundary."""
+        if not self._factors:
+            found = []
+            for owners, masses, factor_of in (
+                (self._edges, self._masses[0], 4),
+                (self._vertices, self._masses[1], 1),
+            ):
+                form = stiffness(
+                    self._gradients, factor_of * self.alpha * self._areas, owners, len(masses)
+                )
+                inner = np.isfinite(masses)
+                if not inner.all():
+                    form = form[inner][:, inner]
+                found.append(factor(Matrix(form + sparse.diags_array(masses[inner]))))
+            self._factors[:] = found  # both at once: other threads may match on this mesh, too
+        return self._factors
+
+    def of_order(self, order: int) -> Regularizer:
+        """The same with another order; the factors are shared, also those that are not made yet."""
+        other = copy(self)
+        other.order = order
+        return other
+
+    def apply(self, v: FloatArray) -> FloatArray:
+        """``R v``."""
+        momentum = self._apply_once(v)
+        for _ in range(self.order - 1):
+            momentum = self._apply_once(momentum / self._areas[:, None])
+        return momentum
+
+    def inverse(self, momentum: FloatArray) -> FloatArray:
+        """``R^-1 m``: two scalar solves for each order, factored at the first call."""
+        v = self._invert_once(momentum)
+        for _ in range(self.order - 1):
+            v = self._invert_once(self._areas[:, None] * v)
+        return v
+
+    def _apply_once(self, v: FloatArray) -> FloatArray:
+        momentum = self._areas[:, None] * v
+        if self.alpha > 0:
+            (of_edges, of_vertices), (edge_masses, masses) = self._products(momentum), self._masses
+            of_edges, of_vertices = of_edges / edge_masses, of_vertices / masses
+            self._add_gradients(of_edges, of_vertices, self.alpha * self._areas, momentum)
+        return momentum
+
+    def _invert_once(self, momentum: FloatArray) -> FloatArray:
+        v: FloatArray = momentum / self._areas[:, None]
+        if self.alpha > 0:
+            on_edges, on_vertices = self._products(momentum)
+            solve_edges, solve_vertices = self._solvers
+            potential = np.zeros_like(on_vertices)
+            potential[self._inner] = solve_vertices(on_vertices[self._inner])
+            self._add_gradients(
+                solve_edges(on_edges), potential, np.full_like(self._areas, -self.alpha), v
+            )
+        return v
+
+    def _products(self, momentum: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``A^T m`` (E,) and ``B^T m`` (V,), also on the boundary."""
+        of_edges, of_vertices = (np.zeros(len(masses)) for masses in self._masses)
+        face_kernels.add_products(self._slopes, momentum, of_edges, of_vertices)
+        return of_edges, of_vertices
+
+    def _add_gradients(
+        self, on_edges: FloatArray, on_vertices: FloatArray, factors: FloatArray, field: FloatArray
+    ) -> None:
+        """Add ``A a + B b`` to a field (F, 2), times a factor for each face."""
+        face_kernels.add_gradients(self._slopes, on_edges, on_vertices, factors, field)
+
+
+def regularizer(mesh: TriangleMesh, alpha: float, order: int = 1) -> Regularizer:
+    """The mesh's regulariser; the latest one is kept, so that only a new ``alpha`` factors
+    again.
+    """
+    latest: Regularizer | None = mesh.cache.get("regularizer")
+    if latest is None or latest.alpha != alpha:
+        latest = mesh.cache["regularizer"] = Regularizer(mesh, alpha, order)
+    return latest if latest.order == order else latest.of_order(order)

@@ -1,0 +1,136 @@
+"""The contract of a data term: what the flow is to carry, and what is left of it to match."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abfm.mesh import TriangleMesh
+from abfm.parameters import Parameters
+from abfm.types import FloatArray
+
+
+class Restriction(Protocol):
+    """The way from a mesh to a coarser one of the same surface."""
+
+    @property
+    def coarse(self) -> TriangleMesh:
+        """The coarser mesh, in the units of the finer one."""
+        ...
+
+    def function_to_coarse(self, f: FloatArray) -> FloatArray:
+        """Average functions (..., V) on the coarser mesh."""
+        ...
+
+
+class Measure(Protocol):
+    """The norm of what is left; C is the number of functions that the term wants carried."""
+
+    def value_and_residual(
+        self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
+    ) -> tuple[float, FloatArray]:
+        """Return the term's energy, and its derivative (C, V) by functions carried to tau (C, V).
+
+        An offset (C, V) is what may be left.
+        """
+        ...
+
+    def value(self, carried: FloatArray, sigma: float) -> float:
+        """Return the energy alone."""
+        ...
+
+
+class DataTerm(Protocol):
+    """What is to be matched, on a mesh of unit area; immutable.
+
+    Attributes
+    ----------
+    word : str
+        What it is called.
+    """
+
+    word: str
+
+    @property
+    def carried(self) -> FloatArray:
+        """Functions (C, V) that the flow is to carry."""
+        ...
+
+    def measure(self, parameters: Parameters, reach: float) -> Measure:
+        """Make the norm of what is left; a reach above 0 is felt so far, in sqrt(area)."""
+        ...
+
+    def relative_mismatch(self, carried: FloatArray) -> float:
+        """Return what is left, 0 if nothing and about 1 before anything moved."""
+        ...
+
+    def relative_size(self, difference: FloatArray) -> float:
+        """Return the relative mismatch of functions that differ by so much from matching ones."""
+        ...
+
+    def restricted(self, restriction: Restriction) -> DataTerm | None:
+        """Return the term on a coarser mesh scaled to unit area; None if it has no place there."""
+        ...
+
+    def arrays(self) -> Mapping[str, NDArray[Any]]:
+        """Return everything that it is made of but the mesh, for files and digests."""
+        ...
+
+
+class DataTerms:
+    """A sum of data terms on one mesh: their functions are carried together.
+
+    Attributes
+    ----------
+    carried : (C, V) array
+        Functions of all terms, one after the other.
+    """
+
+    def __init__(self, terms: Sequence[DataTerm]) -> None:
+        self.terms = tuple(terms)
+        self.carried: FloatArray = np.concatenate([term.carried for term in terms])
+
+    def relative_mismatch(self, carried: FloatArray) -> float:
+        """Return the root of the sum of the terms' squares."""
+        pairs = zip(self.terms, self._split(carried), strict=True)
+        return math.hypot(*(term.relative_mismatch(own) for term, own in pairs))
+
+    def relative_size(self, difference: FloatArray) -> float:
+        """Return the relative mismatch of functions that differ by so much from matching ones."""
+        pairs = zip(self.terms, self._split(difference), strict=True)
+        return math.hypot(*(term.relative_size(own) for term, own in pairs))
+
+    def measure(self, parameters: Parameters, reach: float) -> Measure:
+        """Make the sum of the terms' norms."""
+        return _Sum(self, [term.measure(parameters, reach) for term in self.terms])
+
+    def _split(self, functions: FloatArray) -> list[FloatArray]:
+        ends = np.cumsum([len(term.carried) for term in self.terms])
+        return np.split(functions, ends[:-1])
+
+
+class _Sum:
+    """Norms of several terms, each of its own functions."""
+
+    def __init__(self, terms: DataTerms, measures: Sequence[Measure]) -> None:
+        self._terms, self._measures = terms, measures
+
+    def value_and_residual(
+        self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
+    ) -> tuple[float, FloatArray]:
+        split = self._terms._split
+        offsets = [None] * len(self._measures) if offset is None else split(offset)
+        parts = [
+            measure.value_and_residual(own, sigma, left)
+            for measure, own, left in zip(self._measures, split(carried), offsets, strict=True)
+        ]
+        values, residuals = zip(*parts, strict=True)
+        return float(sum(values)), np.concatenate(residuals)
+
+    def value(self, carried: FloatArray, sigma: float) -> float:
+        shares = self._terms._split(carried)
+        return sum(m.value(own, sigma) for m, own in zip(self._measures, shares, strict=True))

@@ -1,0 +1,249 @@
+"""A source that is to be carried to a target: the data term of the paper (Eq. 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from abfm.calculus.channels import channels
+from abfm.calculus.operators import l2_norm, vertex_areas
+from abfm.errors import FunctionError, ParameterError
+from abfm.matching.terms.data_term import Measure, Restriction
+from abfm.matching.terms.square_norms import L2Norm, SmoothedNorm, SquareNorm
+from abfm.mesh import TriangleMesh
+from abfm.numerics import kernels
+from abfm.numerics.real_numbers import real_numbers
+from abfm.parameters import Parameters
+from abfm.types import FloatArray
+
+SMALLEST, LARGEST = 1e-100, 1e100
+"""Of functions, as their largest value: squares of such sizes neither underflow nor overflow."""
+_LIGHTEST, _HEAVIEST = 1e-30, 1e30  # the same of masks and weights
+CONSTANT = 1e-9
+"""A function is constant whose deviation from its mean is no larger than this share of its norm."""
+_MOSTLY_CONSTANT = 0.05  # the same of one whose mismatch is told relative to what varies
+
+
+class FunctionTerm:
+    """A source f and a target g, (V,) or (V, C), on a mesh of unit area.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    f, g : (V,) or (V, C) arrays
+    mask : (V,) array, optional
+        Weight of the mismatch at each vertex of the mesh or of its file, not negative. Values of
+        the source may come from where it is 0.
+    weights : (C,) array, optional
+        Weight of each channel's mismatch, not negative.
+
+    Attributes
+    ----------
+    source, target : (C, V) arrays
+    mask : (V,) array or None
+    weights : (C,) array
+    areas : (V,) array
+        Those of the vertices times the mask.
+    function_size : float
+        The larger of the two functions' deviations from their means, in L2 with mask and weights,
+        all channels together; 1 where both are constant.
+
+    Raises
+    ------
+    FunctionError
+        If a function does not fit the mesh, or they have not as many channels.
+    ParameterError
+        If mask or weights do not fit, a value is negative or not finite, or all are zero or beyond
+        1e-30 to 1e30.
+    """
+
+    word = "closeness"
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        f: ArrayLike,
+        g: ArrayLike,
+        mask: ArrayLike | None = None,
+        weights: ArrayLike | None = None,
+    ) -> None:
+        self.mesh = mesh
+        self.source, self.target = channels(mesh, f, "source"), channels(mesh, g, "target")
+        count = len(self.source)
+        if count != len(self.target):
+            raise FunctionError(
+                f"source has {count} and target {len(self.target)} channels; give as many of each"
+            )
+        self.mask: FloatArray | None = None
+        if mask is not None:
+            of_vertices = real_numbers(mask, "mask", ParameterError)
+            if of_vertices.shape == (mesh.file_vertex_count,):
+                of_vertices = mesh.restrict(of_vertices)
+            self.mask = _weights(of_vertices, len(mesh.vertices), "mask")
+        self.weights = np.ones(count) if weights is None else _weights(weights, count, "weights")
+        self.areas = vertex_areas(mesh) if self.mask is None else vertex_areas(mesh) * self.mask
+        with np.errstate(over="ignore"):
+            size = max(self.deviation(self.source), self.deviation(self.target))
+        self.function_size = size or 1.0
+
+    def refuse_extremes(self) -> None:
+        """Raise FunctionError where values are so large or small that squares overflow."""
+        sizes = np.maximum(np.abs(self.source).max(axis=1), np.abs(self.target).max(axis=1))
+        largest, counting = float(sizes.max()), float(sizes[self.weights > 0].max())
+        if largest > LARGEST or 0 < counting < SMALLEST:
+            wrong = largest if largest > LARGEST else counting
+            raise FunctionError(
+                f"source and target have values of up to {wrong:.3g}, whose squares over- or "
+                f"underflow; scale both by the same factor, to between {SMALLEST:g} and {LARGEST:g}"
+            )
+
+    # As a data term
+
+    @property
+    def carried(self) -> FloatArray:
+        """The source."""
+        return self.source
+
+    def measure(self, parameters: Parameters, reach: float) -> Measure:
+        """Make the norm of the parameters' beta, or the smoothed one of a reach."""
+        if not reach:
+            return _Mismatch(self, parameters, L2Norm(self.mesh, parameters.beta, self.mask))
+        smoothed = SmoothedNorm(self.mesh, self.areas, reach)
+        smoothed.agree_with_l2(self.source - self.target, self.weights)
+        return _Mismatch(self, parameters, smoothed)
+
+    def relative_mismatch(self, carried: FloatArray) -> float:
+        """Return ``||f_tau - g|| / ||g||`` over all channels (C, V), see `relative_size`."""
+        return self.relative_size(carried - self.target)
+
+    def relative_size(self, difference: FloatArray) -> float:
+        """Return ``||d|| / ||g||`` in L2 over all channels (C, V), with mask and weights.
+
+        Relative to the source where the target is 0. Functions that are mostly a constant would
+        always be matched: where both deviate from their means by little of that norm the larger
+        deviation takes its place, unless both are constants.
+        """
+        scale = self.norm(self.target) or self.norm(self.source) or 1.0
+        deviation = max(self.deviation(self.source), self.deviation(self.target))
+        if CONSTANT * scale < deviation < _MOSTLY_CONSTANT * scale:
+            scale = deviation
+        return self.norm(difference) / scale
+
+    def restricted(self, restriction: Restriction) -> FunctionTerm | None:
+        """Return averages on the coarser mesh; None where nothing of the mask is left there."""
+        average = restriction.function_to_coarse
+        mask = None if self.mask is None else np.maximum(average(self.mask), 0)
+        if mask is not None and not mask.any():
+            return None
+        coarse = restriction.coarse.normalized()
+        f, g = average(self.source), average(self.target)
+        found = FunctionTerm(coarse, f.T, g.T, mask, self.weights)
+        found.function_size = self.function_size
+        return found
+
+    def arrays(self) -> Mapping[str, NDArray[Any]]:
+        """Return source and target as (V, C), mask if there is one, and weights."""
+        parts = {"source": self.source.T, "target": self.target.T}
+        if self.mask is not None:
+            parts["mask"] = self.mask
+        return {name: np.ascontiguousarray(part) for name, part in parts.items()} | {
+            "weights": self.weights
+        }
+
+    # What is said of both functions
+
+    def on(self, mesh: TriangleMesh) -> FunctionTerm:
+        """Return the same functions on this mesh in other units, such as the fields' own."""
+        other = copy(self)
+        other.mesh, other.areas = mesh, vertex_areas(mesh)
+        if self.mask is not None:
+            other.areas = other.areas * self.mask
+        return other
+
+    def weighed(self, mask: FloatArray) -> FunctionTerm:
+        """Return the same functions with another mask (V,), which may be 0 everywhere."""
+        other = copy(self)
+        other.mask, other.areas = mask, vertex_areas(self.mesh) * mask
+        return other
+
+    @property
+    def is_constant(self) -> bool:
+        """Tell whether source and target have one value each, up to rounding."""
+        norms = self.norm(self.source), self.norm(self.target)
+        deviations = self.deviation(self.source), self.deviation(self.target)
+        return max(deviations) <= CONSTANT * max(norms)
+
+    def norm(self, functions: FloatArray) -> float:
+        """Return the L2 norm over channels (C, V); infinite for what an unstable flow has made."""
+        with np.errstate(over="ignore"):
+            weighted = (np.sqrt(self.weights)[:, None] * functions).T
+            return l2_norm(self.mesh, weighted, self.mask)
+
+    def deviation(self, functions: FloatArray) -> float:
+        """Return the norm of channels (C, V) less the mean of each, by the mask."""
+        return float(np.sqrt(self.covariance(functions, functions)))
+
+    def covariance(self, one: FloatArray, other: FloatArray) -> float:
+        """Return the L2 product of channels (C, V) less the mean of each."""
+        areas = self.areas
+        apart = one - (one @ areas / areas.sum())[:, None]
+        products = apart * (other - (other @ areas / areas.sum())[:, None])
+        return float(self.weights @ (products @ areas))
+
+
+class _Mismatch:
+    """``1 / (2 sigma^2) sum_c w_c ||f_tau - g||^2`` in a norm; a relative sigma is in units of
+    `FunctionTerm.function_size`.
+    """
+
+    def __init__(self, functions: FunctionTerm, parameters: Parameters, norm: SquareNorm) -> None:
+        self._functions, self._norm = functions, norm
+        is_relative = parameters.sigma_unit == "relative"
+        self._unit = functions.function_size if is_relative else 1.0
+
+    def value_and_residual(
+        self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
+    ) -> tuple[float, FloatArray]:
+        target = self._functions.target if offset is None else self._functions.target + offset
+        residual = np.empty_like(carried)
+        total = 0.0
+        for c, weight in enumerate(self._weights(sigma)):
+            difference = carried[c] - target[c]
+            residual[c] = weight * self._norm(difference)
+            total += 0.5 * kernels.inner(residual[c], difference)
+        return total, residual
+
+    def value(self, carried: FloatArray, sigma: float) -> float:
+        functions, total = self._functions, 0.0
+        for own, target, weight in zip(carried, functions.target, functions.weights, strict=True):
+            difference = own - target
+            total += 0.5 * kernels.inner(float(weight) * self._norm(difference), difference)
+        return float(total / float(sigma * self._unit) ** 2)
+
+    def _weights(self, sigma: float) -> list[float]:
+        scale = float(sigma * self._unit)
+        try:
+            return [float(weight) / scale**2 for weight in self._functions.weights]
+        except (OverflowError, ZeroDivisionError):
+            raise FunctionError(
+                f"sigma in the functions' unit is {scale:.3g}, whose square over- or underflows; "
+                "scale the functions, mask, weights or sigma to usual sizes"
+            ) from None
+
+
+def _weights(values: ArrayLike, count: int, name: str) -> FloatArray:
+    array = real_numbers(values, name, ParameterError).copy()
+    if array.shape != (count,):
+        raise ParameterError(f"{name} has shape {array.shape}; expected ({count},)")
+    if not np.isfinite(array).all() or (array < 0).any() or not array.any():
+        raise ParameterError(f"{name} must be finite, not negative, and not zero everywhere")
+    if not _LIGHTEST <= array.max() <= _HEAVIEST:
+        raise ParameterError(
+            f"{name} is {array.max():.3g} at most; expected a largest value between "
+            f"{_LIGHTEST:g} and {_HEAVIEST:g}"
+        )
+    return array

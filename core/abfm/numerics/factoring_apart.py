@@ -1,0 +1,32 @@
+"""Which linear systems are factored in processes of their own."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+_SMALLEST = 15_000  # unknowns; cholespy factors fewer within a few frames of a window
+_factored_apart: ContextVar[float] = ContextVar(
+    "unknowns of linear systems that are factored apart", default=math.inf
+)
+
+
+@contextmanager
+def factoring_apart(unknowns: float = _SMALLEST) -> Iterator[None]:
+    """Factor linear systems of so many unknowns and more, or of fewer with long rows, in processes
+    of their own.
+
+    cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. So what
+    works beside a window works inside this block; it holds for this thread alone, and what others
+    do stays as it is.
+    """
+    before = _factored_apart.set(unknowns)
+    try:
+        yield
+    finally:
+        _factored_apart.reset(before)
+
+
+def is_factored_apart(unknowns: float) -> bool:
+    """Tell whether this thread has asked for it, for systems of this size."""
+    return unknowns >= _factored_apart.get()

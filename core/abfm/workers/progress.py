@@ -1,0 +1,181 @@
+"""How far long work is, told while it goes on: what is being done, and for how long it is expected
+to go on.
+
+Work says ``with step("factoring", work=n**1.5)``; whoever waits for it says ``with telling(show)``.
+How long a step takes is extrapolated from steps of the same name that this process has made before,
+smaller ones mostly: a match factors its coarse meshes first. Nothing that is computed depends on
+any of this.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field, replace
+
+# smaller works than this share of the largest one measured tell nothing about large ones
+_FORGETS = 0.25
+_SHORTEST = 1e-3  # seconds; shorter ones measure the clock
+_A_WHILE = 2.0  # seconds; how long less takes nobody asks
+_NEVER_DONE = 0.99  # share of a step that takes longer than expected
+
+
+@dataclass(frozen=True)
+class Step:
+    """A piece of work that has begun.
+
+    Attributes
+    ----------
+    task : str
+        What is being done, in a few words.
+    expected : float or None
+        Seconds that all of it takes; None if nobody knows.
+    done : float or None
+        Share of it that is counted to be done, 0 to 1; None if it is not counted.
+    began : float
+        By `time.monotonic`.
+    """
+
+    task: str
+    expected: float | None = None
+    done: float | None = None
+    began: float = field(default_factory=time.monotonic)
+
+    def share(self, now: float | None = None) -> float | None:
+        """Share that is done at a time, 0 to 1, which never falls; None if unknown."""
+        if self.done is not None:
+            return self.done
+        if self.expected is None:
+            return None
+        return min(self._elapsed(now) / self.expected, _NEVER_DONE)
+
+    def seconds_left(self, now: float | None = None) -> float | None:
+        """Seconds that it will still take, at least 0; None if unknown, as when it takes longer
+        than expected.
+        """
+        elapsed = self._elapsed(now)
+        if self.done is not None:
+            return elapsed * (1 / self.done - 1) if self.done > 0 else None
+        if self.expected is None or elapsed > self.expected:
+            return None
+        return self.expected - elapsed
+
+    def begun_now(self) -> Step:
+        """The same as it is told by another process, whose clock may be another one."""
+        return replace(self, began=time.monotonic())
+
+    def words(self, now: float | None = None) -> str:
+        """Return what is being done, and how long it goes on where that is known and takes a
+        while.
+        """
+        left, elapsed = self.seconds_left(now), self._elapsed(now)
+        if left is not None and left + elapsed >= _A_WHILE:
+            return f"{self.task}, about {rounded(left)} left"
+        return f"{self.task}, {rounded(elapsed)} so far" if elapsed >= _A_WHILE else self.task
+
+    def _elapsed(self, now: float | None) -> float:
+        return max((time.monotonic() if now is None else now) - self.began, 0.0)
+
+
+def rounded(seconds: float) -> str:
+    """A time as one says it: ``8 s``, ``20 s``, ``3 min``."""
+    if seconds < 10:
+        return f"{max(round(seconds), 1)} s"
+    if seconds < 55:
+        return f"{5 * round(seconds / 5)} s"
+    return f"{max(round(seconds / 60), 1)} min"
+
+
+def said(what: str, step: Step | None) -> str:
+    """Return what goes on, with the step that it is at if that is known:
+    ``opening: reading .off, about 5 s left``.
+    """
+    return f"{what}: {step.words()}" if step else what
+
+
+Tell = Callable[[Step | None], None]
+_tell: ContextVar[Tell | None] = ContextVar("who is told", default=None)
+_outer: ContextVar[Step | None] = ContextVar(
+    "the step that the present one is a part of", default=None
+)
+# seconds for a unit of work, and of how much it was measured here
+_rates: dict[str, tuple[float, float]] = {
+    # for a vertex, on a machine with two cores, as all of these
+    "making coarser meshes": (1.2e-5, 0),
+    "factoring": (1.4e-8, 0),  # for an unknown to 3/2
+    "factoring for distances": (2.6e-7, 0),  # for a vertex to 3/2
+    "checking by flow lines": (1.6e-5, 0),  # for a vertex
+}
+_lock = threading.Lock()
+
+
+@contextmanager
+def telling(tell: Tell) -> Iterator[None]:
+    """Tell of every step that this thread begins meanwhile, and None when there is none."""
+    before = _tell.set(tell)
+    try:
+        yield
+    finally:
+        _tell.reset(before)
+
+
+def tell(now: Step | None) -> None:
+    """Tell of a step that goes on elsewhere, and None at its end."""
+    if listener := _tell.get():
+        listener(now)
+
+
+@contextmanager
+def step(
+    task: str, work: float | None = None, about: str = "", since: float | None = None
+) -> Iterator[Callable[[float], None]]:
+    """Tell of a step while it goes on; what it gives is called with the share that is done, where
+    that is counted.
+
+    Parameters
+    ----------
+    task : str
+        What is being done; `about`, such as its size, is added when it is told.
+    work : float, optional
+        How much that is, in a unit of the task's own: seconds go with it.
+    since : float, optional
+        When it began, by `time.monotonic`, if not now.
+    """
+    known = _rates.get(task)
+    expected = known[0] * work if known and work else None
+    outer = _outer.get()
+    now = Step(f"{task}{about}", expected, None, time.monotonic() if since is None else since)
+
+    def done(share: float) -> None:
+        nonlocal now
+        if math.isfinite(share):
+            now = Step(now.task, now.expected, min(max(share, now.done or 0.0), 1.0), now.began)
+            tell(now)
+
+    inner = _outer.set(now)
+    tell(now)
+    try:
+        yield done
+        if work:
+            _learn(task, (time.monotonic() - now.began) / work, work)
+    finally:
+        _outer.reset(inner)
+        tell(outer)
+
+
+def _learn(task: str, rate: float, work: float) -> None:
+    """Keep the rate of large works, which that of small ones does not tell: a busy machine takes
+    longer at times.
+    """
+    if rate * work < _SHORTEST:
+        return
+    with _lock:
+        before, most = _rates.get(task, (rate, 0.0))
+        if work >= most:
+            _rates[task] = rate, work
+        elif work >= _FORGETS * most:
+            _rates[task] = (before + rate) / 2, most

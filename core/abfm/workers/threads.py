@@ -1,0 +1,64 @@
+"""Threads for jobs that a program does not wait for."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from functools import partial
+from typing import ParamSpec, TypeVar
+
+_IDLE = 10.0  # seconds without a job after which a thread ends; the next job gets another one
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+_Job = Callable[[], None]
+
+
+class DaemonThreads(Executor):
+    """As many threads as there are jobs at once: none waits for another one.
+
+    Those of `concurrent.futures.ThreadPoolExecutor` keep a program from ending while they work.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._condition = threading.Condition()
+        self._waiting: deque[_Job] = deque()
+        self._idle = 0
+
+    def submit(
+        self, function: Callable[Given, Result], /, *given: Given.args, **named: Given.kwargs
+    ) -> Future[Result]:
+        """Run a function in a thread; RuntimeError where the machine has no more of them."""
+        future = Future[Result]()
+        job = partial(_run, future, partial(function, *given, **named))
+        with self._condition:
+            if self._idle > len(self._waiting):
+                self._waiting.append(job)
+                self._condition.notify()
+            else:
+                thread = threading.Thread(
+                    target=self._work, args=([job],), name=self._name, daemon=True
+                )
+                thread.start()
+        return future
+
+    def _work(self, jobs: list[_Job]) -> None:
+        while jobs:
+            jobs.pop()()  # not kept while this thread is idle
+            with self._condition:
+                self._idle += 1
+                self._condition.wait_for(lambda: self._waiting, _IDLE)
+                self._idle -= 1
+                if self._waiting:
+                    jobs.append(self._waiting.popleft())
+
+
+def _run(future: Future[Result], function: Callable[[], Result]) -> None:
+    if future.set_running_or_notify_cancel():
+        try:
+            future.set_result(function())
+        except BaseException as error:  # also what is no Exception: the thread goes on
+            future.set_exception(error)

@@ -1,0 +1,232 @@
+"""Work in a process of its own, so that who must answer meanwhile is not held up.
+
+Libraries keep Python's interpreter to themselves while they factor a matrix, and a window keeps it
+while it draws: what runs in another process gets all of its time, and can be ended.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import weakref
+from collections import deque
+from collections.abc import Callable
+from contextlib import nullcontext, suppress
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
+
+from abfm.errors import AbfmError
+from abfm.workers.control import Control, present_control
+from abfm.workers.messages import Answer, Order, Request, pack
+from abfm.workers.process import OwnProcess, ProcessEndedError
+from abfm.workers.progress import tell
+
+State = TypeVar("State")
+Result = TypeVar("Result")
+Other = TypeVar("Other")
+Given = ParamSpec("Given")
+
+MODULE = "abfm.workers"
+
+
+class WorkerEndedError(AbfmError):
+    """The process has ended, by `Worker.close` or from outside."""
+
+
+class Call(Generic[Result]):
+    """A function that was called in the process; its `result` is to be waited for."""
+
+    def __init__(self, connection: _Connection, number: int, is_aside: bool) -> None:
+        self._connection, self.number, self.is_aside = connection, number, is_aside
+        self.named: dict[str, Any] = {}  # what was sent with it by name
+        self.answers: deque[Answer] = deque()
+
+    def result(self, on_report: Callable[[Any], object] = lambda report: None) -> Result:
+        """Wait for what the function returns, or raise what it raises.
+
+        Meanwhile steps are told as if this thread took them, its control holds and ends the call,
+        and ``on_report`` gets the reports. What is not waited for to its end is cancelled.
+        """
+        control, is_over = present_control(), False
+        try:
+            with control.watched(self._order) if control else nullcontext():
+                while True:
+                    _, kind, parcel = self._connection.answer(self)
+                    is_over = kind in ("value", "error")
+                    content, _ = parcel.unpack(self.named)
+                    match kind:
+                        case "step":
+                            # the other process may have another clock
+                            tell(content and content.begun_now())
+                        case "report":
+                            on_report(content)
+                        case "value":
+                            value: Result = content
+                            return value
+                        case "error":
+                            raise content
+        finally:
+            if not is_over:
+                self._connection.send_soon(Order(self.number, False, True, True))
+
+    def beside(
+        self,
+        function: Callable[Concatenate[Any, Given], Other],
+        *given: Given.args,
+        **_: Given.kwargs,
+    ) -> Call[Other]:
+        """Call another function in the same process at once, whatever it computes; not for long
+        ones.
+        """
+        return self._connection.call(function, given, True)
+
+    def _order(self, control: Control) -> None:
+        order = Order(self.number, control.paused, control.cancelled, control.brief)
+        self._connection.send_soon(order)
+
+
+def stateless() -> None:
+    """Make the state of a worker whose functions need none."""
+
+
+class Worker(Generic[State]):
+    """Calls functions in a process of its own, one after the other, with the state as the first
+    argument.
+
+    The process starts with the first call, and anew with the next one after it has ended; it ends
+    when the worker is closed or nothing refers to it any more.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the state in the process; like all functions one that can be imported there.
+    ended : str
+        What `WorkerEndedError` says to who waits for a process that has ended.
+    """
+
+    def __init__(self, make: Callable[[], State], ended: str) -> None:
+        self._make, self._ended = make, ended
+        self._lock = threading.Lock()
+        self._connection: _Connection | None = None
+        self._closed = False
+
+    def call(
+        self,
+        function: Callable[Concatenate[State, Given], Result],
+        /,
+        *given: Given.args,
+        **_: Given.kwargs,
+    ) -> Call[Result]:
+        """Call a function after those that were called before; what it gives is not waited for."""
+        with self._lock:
+            if self._closed:
+                raise WorkerEndedError(self._ended)
+            if self._connection is None or self._connection.process.has_ended:
+                try:
+                    self._connection = _Connection(self._make, self._ended)
+                except OSError as error:
+                    raise WorkerEndedError(self._ended) from error
+            connection = self._connection
+        return connection.call(function, given, False)
+
+    @property
+    def pid(self) -> int | None:
+        """The process's number; None before it starts."""
+        connection = self._connection
+        return connection.process.pid if connection else None
+
+    def close(self) -> None:
+        """End the process at once, and start no other; who waits for an answer is told."""
+        with self._lock:
+            self._closed = True
+            if self._connection is not None:
+                self._connection.close()
+
+
+class _Connection:
+    """To one process. It has no thread: one of those that wait for answers reads, and gives the
+    others theirs.
+    """
+
+    def __init__(self, make: Callable[[], object], ended: str) -> None:
+        self.process = OwnProcess(MODULE)
+        self._numbers = itertools.count()
+        self._has_ended = False
+        self._words = ended
+        self._calls: weakref.WeakValueDictionary[int, Call[Any]] = weakref.WeakValueDictionary()
+        self._sent: tuple[str, ...] = ()  # what the process has by name
+        self._step: Answer | None = None  # what it is doing
+        self._arrived = threading.Condition()
+        self._is_reading = False
+        self._sending = threading.Lock()
+        self._orders: deque[Order] = deque()
+        self._send(make)
+
+    def call(
+        self, function: Callable[..., Result], given: tuple[Any, ...], is_aside: bool
+    ) -> Call[Result]:
+        call = Call[Result](self, next(self._numbers), is_aside)
+        with self._arrived:
+            self._calls[call.number] = call
+            if self._step is not None and not is_aside:
+                call.answers.append(self._step)
+        with self._sending:
+            parcel, call.named = pack((function, given), self._sent)
+            self._sent = parcel.names or self._sent
+            self._send(Request(call.number, parcel, is_aside))
+        self._send_orders()
+        return call
+
+    def send_soon(self, order: Order) -> None:
+        """Send an order, or let the thread do it that is sending a request: without waiting."""
+        self._orders.append(order)
+        self._send_orders()
+
+    def answer(self, call: Call[Any]) -> Answer:
+        """Wait for the next answer to a call."""
+        while True:
+            with self._arrived:
+                while self._is_reading and not call.answers:
+                    self._arrived.wait()
+                if call.answers:
+                    return call.answers.popleft()
+                if self._has_ended:
+                    raise WorkerEndedError(self._words)
+                self._is_reading = True
+            answers: list[Answer] | None = None
+            try:
+                with suppress(ProcessEndedError):
+                    answers = self.process.receive()
+            finally:
+                if answers is None:
+                    self.process.close()  # so that it leaves no zombie
+                with self._arrived:
+                    self._is_reading, self._has_ended = False, answers is None
+                    self._hand_out(answers or [])
+                    self._arrived.notify_all()
+
+    def close(self) -> None:
+        """End the process at once."""
+        self.process.close()
+
+    def _send(self, message: object) -> None:
+        with suppress(ProcessEndedError):  # which is told when the answer does not come
+            self.process.send(message)
+
+    def _send_orders(self) -> None:
+        while self._orders and self._sending.acquire(blocking=False):
+            try:
+                with suppress(IndexError):
+                    self._send(self._orders.popleft())
+            finally:
+                self._sending.release()
+
+    def _hand_out(self, answers: list[Answer]) -> None:
+        """Give each to its call; steps to all that come after it, too, as they wait for it."""
+        for answer in answers:
+            is_step = answer.kind == "step"
+            if is_step:
+                self._step = answer
+            for number, call in list(self._calls.items()):
+                waits = is_step and number > answer.number and not call.is_aside
+                if waits or number == answer.number:
+                    call.answers.append(answer)

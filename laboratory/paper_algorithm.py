@@ -1,0 +1,199 @@
+"""The paper's algorithm as published: Algorithm 1 with the sub-steps of section 7, minimised by
+plain L-BFGS.
+
+Kept to measure the solver of this package against; `abfm.match` does the same job. The exponentials
+are those of SciPy's port of [AMH11]; SciPy's L-BFGS-B without bounds stands in for minFunc.
+"""
+
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import fmin_l_bfgs_b
+from scipy.sparse.linalg import expm_multiply
+
+from abfm.calculus.channels import channels
+from abfm.calculus.operators import (
+    Matrix,
+    averaging,
+    function_norm_matrix,
+    gradient,
+    vector_norm_matrix,
+)
+from abfm.calculus.vector_fields import directional_derivative, lie_bracket, to_ambient
+from abfm.mesh import TriangleMesh
+from abfm.parameters import Parameters
+from abfm.types import FloatArray
+
+MEMORY = 100
+"""Pairs that L-BFGS keeps: minFunc's default."""
+# norm of an exponent, a hundred times that of a good field; wild line searches would take minutes
+_TOO_FAST = 1e4
+# times the first energy stands for infinity, where L-BFGS-B gives up instead of shortening its step
+_BARRIER = 1e3
+
+
+def exponential_span(matrix: Matrix, x: FloatArray, end: float, intervals: int) -> FloatArray:
+    """Return ``exp(t matrix) x`` at ``intervals + 1`` even times from 0 to ``end``: ``exp_tspan``
+    of Algorithm 1, one per row.
+
+    Infinite where the matrix is so large that it would take minutes. The span always starts at 0:
+    with another start, SciPy's results have been wrong by many orders of magnitude.
+    """
+    if intervals == 0:
+        return x[None]
+    if not float(abs(matrix).sum(axis=0).max()) * end < _TOO_FAST:
+        return np.full((intervals + 1, len(x)), np.inf)
+    with np.errstate(all="ignore"):  # an unstable flow overflows: its energy is infinite
+        return np.asarray(
+            expm_multiply(matrix, x, start=0.0, stop=end, num=intervals + 1, endpoint=True)
+        )
+
+
+class PaperEnergy:
+    """Energy and gradient of NLABFM: Algorithm 1 for one sub-step, the n-step form of section 7 for
+    more.
+
+    The unknowns are coefficients in orthonormal face frames, so that plain L-BFGS takes the same
+    steps as on tangent vectors in space; the bracket is the tangential part of Eq. 11. Energy and
+    norms are those of `abfm.MatchingEnergy`.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Scaled to unit area here.
+    f, g : (V,) arrays
+        Source and target.
+    parameters : Parameters
+        Read are ``tau``, ``alpha``, ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k).
+    as_printed : bool
+        For ``n > 1``, leave out the factor ``exp(-dtau D_v)`` that the n-step form drops in print:
+        n-fold product rule and Eq. 9 have ``n - r + 1`` sub-steps where it has ``n - r``.
+    """
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        f: ArrayLike,
+        g: ArrayLike,
+        parameters: Parameters,
+        as_printed: bool = True,
+    ) -> None:
+        self.mesh = mesh.normalized()
+        self.source, self.target = channels(mesh, f, "source")[0], channels(mesh, g, "target")[0]
+        self.parameters = parameters
+        self.dropped = 1 if as_printed and parameters.substeps > 1 else 0
+        self.field_norm = vector_norm_matrix(self.mesh, parameters.alpha)
+        self.function_norm = function_norm_matrix(self.mesh, parameters.beta)
+
+    def __call__(self, v: FloatArray) -> tuple[float, FloatArray]:
+        """Return energy and gradient at frame coefficients (2F,) on the mesh scaled to unit area.
+
+        Infinite, with gradient 0, where one of them overflows or would take minutes.
+        """
+        p = self.parameters
+        derivative = directional_derivative(self.mesh, v.reshape(-1, 2))
+        states = exponential_span(-derivative, self.source, p.tau, p.substeps)
+        momentum = p.tau * (self.field_norm @ v)
+        with np.errstate(all="ignore"):
+            difference = states[-1] - self.target
+            mu = self.function_norm @ difference / p.sigma**2
+            energy = 0.5 * float(v @ momentum + mu @ difference)
+        if not np.isfinite(energy):
+            return np.inf, np.zeros_like(v)
+        sources = self._sources(Matrix(-derivative.T), states, mu)
+        dt = p.tau / p.substeps
+        bracket = lie_bracket(self.mesh, v.reshape(-1, 2))
+        transported = exponential_span(Matrix(bracket.T), sources, dt, p.quadrature)
+        slope = momentum - dt / (p.quadrature + 1) * transported.sum(axis=0)
+        return (energy, slope) if np.isfinite(slope).all() else (np.inf, np.zeros_like(v))
+
+    def _sources(self, backward: Matrix, states: FloatArray, mu: FloatArray) -> FloatArray:
+        """Return ``sum_r D̄_{f_(r-1)}^T exp(-(n - r + 1) dtau D_v)^T mu``, (2F,), with what is
+        dropped in print.
+        """
+        n = self.parameters.substeps
+        steps = n - self.dropped
+        momenta = exponential_span(backward, mu, steps * self.parameters.tau / n, steps)[::-1][:n]
+        slopes = (gradient(self.mesh) @ states[:n].T).reshape(-1, 2, n)
+        return np.asarray(
+            np.einsum("fxr,fr->fx", slopes, averaging(self.mesh).T @ momenta.T)
+        ).ravel()
+
+
+@dataclass(frozen=True)
+class PaperDescent:
+    """The result of the paper's algorithm.
+
+    Attributes
+    ----------
+    velocity : (F, 3) array
+        Field of the lowest energy, in the input's units.
+    energy : float
+        The lowest energy, on the mesh scaled to unit area.
+    history : (rows, 2) array
+        Seconds since the start, and the lowest energy so far, at the start and each time that it
+        fell.
+    evaluations : int
+    stop_reason : str
+        "time limit", or why L-BFGS stopped by itself.
+    """
+
+    velocity: FloatArray
+    energy: float
+    history: FloatArray
+    evaluations: int
+    stop_reason: str
+
+
+class _OutOfTimeError(Exception):
+    """Raised instead of an evaluation after the time limit."""
+
+
+def minimise(
+    mesh: TriangleMesh, f: ArrayLike, g: ArrayLike, parameters: Parameters, seconds: float = 60.0
+) -> PaperDescent:
+    """Run the paper's algorithm from ``v = 0`` until it stops by itself or the time is over, set-up
+    included.
+
+    The evaluation under way when time is up still counts. Of two stand-ins for minFunc (both with
+    its memory of `MEMORY` pairs, its scaling and a strong Wolfe search), SciPy's L-BFGS-B found
+    lower energies than this package's own L-BFGS without preconditioner, which has minFunc's first
+    step and constants.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    f, g : (V,) arrays
+    parameters : Parameters
+        As `PaperEnergy` reads them.
+    seconds : float
+        Time limit.
+    """
+    start = perf_counter()
+    energy = PaperEnergy(mesh, f, g, parameters)
+    best = np.zeros(2 * len(mesh.faces))
+    history: list[tuple[float, float]] = []
+    evaluations = 0
+
+    def evaluate(v: FloatArray) -> tuple[float, FloatArray]:
+        nonlocal best, evaluations
+        if evaluations and perf_counter() - start > seconds:
+            raise _OutOfTimeError
+        evaluations += 1
+        value, slope = energy(v)
+        if not history or value < history[-1][1]:
+            best = v.copy()
+            history.append((perf_counter() - start, value))
+        return min(value, _BARRIER * history[0][1]), slope
+
+    try:
+        *_, end = fmin_l_bfgs_b(
+            evaluate, best, m=MEMORY, factr=0.0, pgtol=0.0, maxiter=10**9, maxfun=10**9
+        )
+        reason = str(end["task"])
+    except _OutOfTimeError:
+        reason = "time limit"
+    velocity = to_ambient(energy.mesh, best.reshape(-1, 2)) * mesh.length_scale
+    return PaperDescent(velocity, history[-1][1], np.array(history), evaluations, reason)

@@ -1,0 +1,58 @@
+"""The small pictures of the menu Samples: drawn by
+``python -m laboratory.sample_pictures`` into one image.
+
+To be run when a figure or a bundled mesh comes or goes; the image is shipped with the app.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+from PIL import Image
+
+from abfm import load_mesh
+from abfm.assets import asset_path
+from abfm.paper import FIGURES
+from abfm.types import FloatArray
+from abfm_viewer.appearance.samples import COLUMNS, PICTURES, SIDE, TABLE
+from abfm_viewer.computing.evaluator import Evaluator
+from abfm_viewer.computing.fronts import best_front
+from abfm_viewer.document.document import Channel, Document, Surface, View
+from abfm_viewer.document.samples import MESHES
+from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
+from abfm_viewer.window.figure_document import figure_document
+
+_VIEW = View(layout="advected only", color_bar=False)
+_TIMES = 2  # as large, and then reduced: thin limbs stay smooth
+
+
+def draw_all() -> None:
+    """Write the pictures, transparent around the surfaces, and the table of vertices."""
+    documents = {name: _mesh_document(name) for name in MESHES}
+    documents |= {f"Figure {figure}": figure_document(figure, _VIEW) for figure in FIGURES}
+    rows = -(-len(documents) // COLUMNS)
+    sheet = Image.new("RGBA", (COLUMNS * SIDE, rows * SIDE))
+    for number, (document, known) in enumerate(documents.values()):
+        plain = replace(document, view=_VIEW, time=0.0, lines=(), points=())
+        options = PictureOptions(labels=False, color_bar=False, transparent=True)
+        with DocumentRenderer(plain, known, (_TIMES * SIDE, _TIMES * SIDE), options) as pictures:
+            picture = (
+                pictures.picture(0.0).convert("RGBA").resize((SIDE, SIDE), Image.Resampling.LANCZOS)
+            )
+        sheet.paste(picture, (number % COLUMNS * SIDE, number // COLUMNS * SIDE))
+    sheet.quantize(256, method=Image.Quantize.FASTOCTREE).save(PICTURES, optimize=True)
+    vertices = {
+        name: len(document.surface().mesh.vertices) for name, (document, _) in documents.items()
+    }
+    TABLE.write_text(json.dumps(vertices, indent=1) + "\n", encoding="utf-8")
+
+
+def _mesh_document(name: str) -> tuple[Document, dict[str, FloatArray]]:
+    mesh = load_mesh(asset_path(name))
+    surface = Surface(mesh, name, best_front(mesh))  # as it is opened
+    return Document((surface,), (Channel(*Evaluator(mesh).defaults()),)), {}
+
+
+if __name__ == "__main__":
+    draw_all()

@@ -1,0 +1,11 @@
+from .meshes import success_meshes as success_meshes
+from .problems import Trial as Trial
+from .problems import success_problems as success_problems
+from .record import BEFORE as BEFORE
+from .record import VERSIONS as VERSIONS
+from .record import run_trial as run_trial
+from .report import format_success as format_success
+from .report import success_table as success_table
+from .run import Selection as Selection
+from .run import merged as merged
+from .run import run_success as run_success

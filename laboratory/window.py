@@ -1,0 +1,270 @@
+"""What the window costs: the solver with and without it, its frames during a solve, and how long
+it takes to open.
+"""
+
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import abfm
+from abfm import Parameters, TriangleMesh
+from abfm.assets import asset_path
+from abfm.parameters import PAPER
+from abfm_viewer import signals
+from abfm_viewer.scene import opengl
+from abfm_viewer.scene.opengl import Backend
+from abfm_viewer.session.session import Session
+from abfm_viewer.window.window import Window
+from laboratory.problem import new_sphere
+
+LEAST_THROUGHPUT, LONGEST_FRAME, LARGEST_LAUNCH_RATIO = 0.8, 0.040, 1.5
+_SIZE = (1280, 800)
+_BARE = """
+import sys
+import numpy as np
+import trimesh
+import polyscope as ps
+mesh = trimesh.load(sys.argv[1], process=False)
+ps.set_verbosity(0)
+ps.set_use_prefs_file(False)
+ps.set_window_size(1280, 800)
+ps.init(sys.argv[2])
+surface = ps.register_surface_mesh("mesh", np.asarray(mesh.vertices), np.asarray(mesh.faces))
+surface.add_scalar_quantity("height", np.asarray(mesh.vertices)[:, 1], enabled=True)
+ps.frame_tick()
+print("drawn", flush=True)
+"""
+_APP = """
+import sys
+from abfm_viewer.window.open_window import open_window
+window = open_window(sys.argv[1], sys.argv[2], (1280, 800))
+window.tick()
+print("drawn", flush=True)
+window.close()
+"""
+
+
+def run(
+    tell: Callable[[str], None],
+    subdivisions: Sequence[int] = (5, 6),
+    parameters: Parameters | None = None,
+    long: int = 300,
+    repeats: int = 5,
+) -> dict[str, Any]:
+    """Measure all three; ratios are of medians of as many runs as `repeats` says, which take turns.
+
+    The solver's meshes are icospheres of ``10 * 4**subdivision + 2`` vertices, with the default
+    parameters unless others are given; frames are also measured during a solve of so many
+    iterations as `long` says, on the first one.
+    """
+    backend: Backend = (
+        opengl.WINDOW if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() else opengl.OFFSCREEN
+    )
+    tell("launch to the first frame, the app and bare polyscope in turns")
+    launch, throughput = _launch(backend, repeats), []
+    frames: dict[str, Any] = {}
+    for subdivision in subdivisions:
+        mesh = new_sphere(subdivision)
+        tell(
+            f"abfm.match and the window that follows it, {len(mesh.vertices):,} vertices, in turns"
+        )
+        with _opened(mesh, backend, parameters or Parameters()) as window:
+            throughput.append(_throughput(window, repeats))
+            if not frames:
+                tell("frames during a long solve")
+                frames = _frames(window, long)
+    return {
+        "launch": launch,
+        "throughput": throughput,
+        "frames": frames,
+        "settings": {"long": long, "repeats": repeats, "backend": backend, "cores": os.cpu_count()},
+    }
+
+
+@contextmanager
+def _opened(mesh: TriangleMesh, backend: Backend, parameters: Parameters) -> Iterator[Window]:
+    """Return the app's window as it is when a user presses Match."""
+    session = Session(mesh, "sphere")
+    window = Window(session, backend, _SIZE)
+    session.editor.set_parameter(**parameters.to_dict())
+    try:
+        while session.obstacle:
+            window.frame()
+        for _ in range(30):
+            window.frame()
+        yield window
+    finally:
+        window.close()
+
+
+def _in_turns(
+    repeats: int, runs: Mapping[str, Callable[[], float]]
+) -> tuple[dict[str, list[float]], float]:
+    """Run each kind in turns: what they give, and the ratio of the first median to the second."""
+    for run in runs.values():  # fills the caches of the disk, compiles and factors
+        run()
+    taken: dict[str, list[float]] = {name: [] for name in runs}
+    for _ in range(repeats):
+        for name, run in runs.items():
+            taken[name].append(run())
+    first, second = map(statistics.median, taken.values())
+    return taken, first / second
+
+
+def _launch(backend: Backend, repeats: int) -> dict[str, Any]:
+    """Return seconds from starting Python to the end of the first frame."""
+    arguments = str(asset_path("human_A.off")), backend
+    runs = {
+        name: partial(_until_drawn, [sys.executable, "-c", code, *arguments])
+        for name, code in (("app", _APP), ("bare polyscope", _BARE))
+    }
+    seconds, ratio = _in_turns(repeats, runs)
+    return {"seconds": seconds, "ratio": ratio, "at_most": LARGEST_LAUNCH_RATIO}
+
+
+def _until_drawn(command: list[str]) -> float:
+    start = time.perf_counter()
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,
+        signals.tidied(process.kill),
+    ):
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        elapsed = time.perf_counter() - start
+        process.stdout.read()
+    if line != "drawn\n":
+        raise RuntimeError(f"{Path(command[0]).name} drew nothing: {line!r}")
+    return elapsed
+
+
+def _throughput(window: Window, repeats: int) -> dict[str, Any]:
+    """Return iterations per second of the same match: by the window, whose surface follows it, and
+    by `abfm.match` alone.
+    """
+    session = window.session
+    mesh, parameters = session.surface().mesh, session.parameters
+    source, target = (
+        session.functions_of(session.document).evaluate(one.spec)
+        for one in session.document.functions
+    )
+    seconds: list[float] = []
+
+    def alone() -> float:
+        start = time.perf_counter()
+        found = abfm.match(mesh, source, target, parameters)
+        return len(found.energy_history) / (time.perf_counter() - start)
+
+    def with_window() -> float:
+        start, solver = time.perf_counter(), session.solver
+        session.match()
+        seconds.extend(_drawn(window, lambda: not solver.wait(0)))
+        elapsed = time.perf_counter() - start
+        while solver.running:
+            window.frame()
+        assert session.result is not None
+        return len(session.result.energy_history) / elapsed
+
+    rates, ratio = _in_turns(repeats, {"with window": with_window, "abfm.match": alone})
+    return {
+        "vertices": len(mesh.vertices),
+        "iterations_per_second": rates,
+        "ratio": ratio,
+        "at_least": LEAST_THROUGHPUT,
+        "frames": _summary(seconds),
+    }
+
+
+def _drawn(window: Window, goes_on: Callable[[], bool]) -> list[float]:
+    """Draw frames as long as something goes on; seconds from each to the next."""
+    ends = [time.perf_counter()]
+    while goes_on():
+        window.frame()
+        ends.append(time.perf_counter())
+    return np.diff(ends).tolist()
+
+
+def _frames(window: Window, iterations: int) -> dict[str, Any]:
+    """Return seconds from frame to frame while the window follows a solve that goes on for long."""
+    session = window.session
+    slow: dict[str, Any] = {
+        **PAPER,
+        "max_displacement": 1e-3,
+        "tolerance": 0.0,
+        "cooling_stages": 1,
+    }
+    session.editor.set_parameter(**slow, iterations=iterations)
+    session.match()
+    seconds = _drawn(window, lambda: not session.solver.wait(0))
+    return _summary(seconds) | {"p95_at_most": LONGEST_FRAME}
+
+
+def _summary(seconds: list[float]) -> dict[str, Any]:
+    median, high = map(float, np.percentile(seconds, (50, 95)))
+    return {"count": len(seconds), "median": median, "p95": high}
+
+
+def format_report(report: dict[str, Any]) -> str:
+    launch, frames, settings = (report[name] for name in ("launch", "frames", "settings"))
+    lines = [
+        f"launch to first frame, over bare polyscope: {launch['ratio']:.2f} (at most "
+        f"{launch['at_most']})"
+    ]
+    for each in report["throughput"]:
+        lines.append(
+            f"solver throughput, window that follows over abfm.match, {each['vertices']:,} "
+            "vertices: "
+            f"{each['ratio']:.2f} (at least {each['at_least']}); frames "
+            f"{_milliseconds(each['frames'])}"
+        )
+    lines.append(
+        f"frames during a solve of {settings['long']} iterations: {_milliseconds(frames)} "
+        f"(at most {1000 * frames['p95_at_most']:.0f})"
+    )
+    lines.append(
+        f"measured with {settings['repeats']} runs each, {settings['backend']}, "
+        f"{settings['cores']} cores"
+    )
+    return "\n".join(lines)
+
+
+def window_table(report: dict[str, Any]) -> str:
+    """Return the report as a table for a page of the documentation."""
+    launch, frames = report["launch"], report["frames"]
+    rows = [
+        (
+            "from the launch to the first frame, over bare polyscope",
+            f"{launch['ratio']:.2f}",
+            launch["at_most"],
+        )
+    ]
+    for each in report["throughput"]:
+        what = (
+            "solver throughput with a window that follows, over `abfm.match`, "
+            f"{each['vertices']:,} vertices"
+        )
+        rows.append(
+            (what, f"{each['ratio']:.2f}; frames {_milliseconds(each['frames'])}", each["at_least"])
+        )
+    rows.append(
+        (
+            "frames during a long solve",
+            _milliseconds(frames),
+            f"{1000 * frames['p95_at_most']:.0f} ms",
+        )
+    )
+    head = ["| what | measured | aim |", "|---|---|---|"]
+    return "\n".join([*head, *(f"| {what} | {measured} | {aim} |" for what, measured, aim in rows)])
+
+
+def _milliseconds(frames: dict[str, Any]) -> str:
+    median, high = 1000 * frames["median"], 1000 * frames["p95"]
+    return f"median {median:.0f} ms, 95th percentile {high:.0f} ms of {frames['count']}"

@@ -1,0 +1,284 @@
+"""The norm of fields: equal to its matrix, positive, its inverse exact, on every topology and by
+both solvers.
+"""
+
+import gc
+import threading
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from abfm.calculus.operators import (
+    Matrix,
+    cotangent_laplacian,
+    face_areas,
+    hat_gradients,
+    mollified_shapes,
+    vector_norm_matrix,
+    vertex_areas,
+)
+from abfm.calculus.vector_fields import to_frame
+from abfm.matching import match
+from abfm.matching.objective.regularizer import Regularizer, regularizer
+from abfm.mesh import TriangleMesh
+from abfm.numerics import cholesky
+from abfm.numerics.cholesky import factor
+from abfm.numerics.factoring_apart import factoring_apart
+from abfm.parameters import Parameters
+from tests.core.fields import rotation_field
+from tests.core.surfaces import SURFACES
+from tests.core.verification import observed_orders
+from tests.processes import python
+from tests.shapes import icosphere
+
+ALPHAS = [0.0, 1e-4, 0.1, 1.0, 1e3]
+
+
+@pytest.fixture(params=SURFACES)
+def mesh(request):
+    return SURFACES[request.param].normalized()
+
+
+def random_field(mesh, seed=0):
+    return np.random.default_rng(seed).normal(size=(len(mesh.faces), 2))
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_apply_is_the_norm_matrix(mesh, alpha):
+    v = random_field(mesh)
+    expected = vector_norm_matrix(mesh, alpha) @ v.ravel()
+    found = Regularizer(mesh, alpha).apply(v)
+    assert found.shape == v.shape
+    np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=1e-12 * abs(expected).max())
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_inverse_is_exact(mesh, alpha, order):
+    """To what rounding leaves of the condition number, about ``(1 + alpha / h^2)^order``."""
+    R, m = Regularizer(mesh, alpha, order), random_field(mesh)
+    condition = 1 + alpha * abs(vector_norm_matrix(mesh, 1.0)).max() / R.mass.min()
+    found = R.inverse(m)
+    assert found.shape == m.shape
+    assert np.linalg.norm(R.apply(found) - m) < 1e-13 * condition**order * np.linalg.norm(m)
+    back = R.inverse(R.apply(m)) - m
+    assert np.linalg.norm(back) < 1e-12 * condition**order * np.linalg.norm(m)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("alpha", [0.0, 1e-4, 0.1, 1.0])
+def test_symmetric_and_positive_both_ways(mesh, alpha, order):
+    """And no order is below the one before, the mass being the first."""
+    R, v, u = Regularizer(mesh, alpha, order), random_field(mesh, 1), random_field(mesh, 2)
+    norm = np.linalg.norm
+    for operator in (R.apply, R.inverse):
+        of_v, of_u = operator(v), operator(u)
+        rounding = 1e-12 * (norm(u) * norm(of_v) + norm(v) * norm(of_u))
+        assert (u * of_v).sum() == pytest.approx((v * of_u).sum(), rel=0, abs=rounding)
+        assert (v * of_v).sum() > 0
+    below = (R.mass * v.ravel() ** 2).sum()
+    if order == 2:
+        below = (v * Regularizer(mesh, alpha).apply(v)).sum()
+    assert (v * R.apply(v)).sum() >= (1 - 1e-12) * below
+
+
+@pytest.mark.parametrize("alpha", [0.1, 1e3])
+def test_inverse_is_that_of_scipy(mesh, alpha):
+    m = random_field(mesh)
+    expected = spsolve(sparse.csc_array(vector_norm_matrix(mesh, alpha)), m.ravel())
+    found = Regularizer(mesh, alpha).inverse(m)
+    np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=1e-9 * abs(expected).max())
+
+
+def test_without_alpha_it_is_the_mass(mesh):
+    v, R = random_field(mesh), Regularizer(mesh, 0.0)
+    np.testing.assert_array_equal(R.apply(v).ravel(), R.mass * v.ravel())
+    np.testing.assert_array_equal(R.inverse(v).ravel(), v.ravel() / R.mass)
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_second_order_is_its_matrix(mesh, alpha):
+    """``R M^-1 R``, so that ``<v, R_2 v> = <R v, M^-1 R v>``, the square of ``D_alpha v``."""
+    v, R = random_field(mesh), vector_norm_matrix(mesh, alpha)
+    momentum = R @ v.ravel()
+    second = Regularizer(mesh, alpha, 2)
+    expected = R @ (momentum / second.mass)
+    np.testing.assert_allclose(
+        second.apply(v).ravel(), expected, rtol=0, atol=1e-12 * abs(expected).max()
+    )
+    assert (v * second.apply(v)).sum() == pytest.approx(
+        (momentum**2 / second.mass).sum(), rel=1e-11
+    )
+
+
+def test_rotations_of_the_sphere_are_divided_by_their_eigenvalue():
+    """The field of a rotation is an eigenfield of ``Delta_H``: ``D_alpha^-order`` has
+    ``(1 + 2 alpha)^-order`` of it.
+
+    The error falls with the edge length. The norm itself has no such limit for interpolated fields,
+    whose jumps over edges the second order magnifies; the fields that minimise it have no such
+    jumps.
+    """
+    errors = []
+    for subdivisions in (3, 4, 5):
+        sphere = icosphere(subdivisions)
+        v = to_frame(sphere, rotation_field(sphere, [0.3, -0.5, 0.8]))
+        mass = np.repeat(face_areas(sphere), 2).reshape(v.shape)
+        found = [
+            2.4**order * Regularizer(sphere, 0.7, order).inverse(mass * v) - v for order in (1, 2)
+        ]
+        errors.append([np.sqrt((mass * u**2).sum() / (mass * v**2).sum()) for u in found])
+    assert min(observed_orders([4, 2, 1], [error for _, error in errors])) > 0.9
+    assert max(errors[-1]) < 0.002
+
+
+def test_orders_share_the_factors_there_are_and_the_first_is_as_it_was():
+    mesh = icosphere(2)
+    m = random_field(mesh)
+    plain = Regularizer(icosphere(2), 0.1)
+    second = regularizer(mesh, 0.1, 2)
+    first = regularizer(mesh, 0.1)
+    assert (first.order, second.order) == (1, 2)
+    np.testing.assert_array_equal(first.inverse(m), plain.inverse(m))
+    np.testing.assert_array_equal(first.apply(m), plain.apply(m))
+    assert regularizer(mesh, 0.1, 2) is second
+    second.inverse(m)
+    assert second.of_order(1)._solvers is second._solvers
+    np.testing.assert_array_equal(second.of_order(1).inverse(m), plain.inverse(m))
+
+
+def test_input_is_left_alone(mesh):
+    v = random_field(mesh)
+    R = Regularizer(mesh, 0.1)
+    R.apply(v)
+    R.inverse(v)
+    np.testing.assert_array_equal(v, random_field(mesh))
+
+
+_OUTLIVES = """
+import ctypes
+from scipy import sparse
+from abfm.numerics.factoring_apart import factoring_apart
+from abfm.parameters import Parameters
+from abfm.numerics.cholesky import factor
+ctypes.pythonapi.Py_IncRef(ctypes.py_object(factor(sparse.csr_array(sparse.eye_array(3)))))
+"""
+
+
+def test_a_factorisation_that_outlives_python_is_not_told_as_a_leak():
+    done = python(_OUTLIVES, check=True)
+    assert done.stderr == ""
+
+
+def test_superlu_where_cholespy_has_no_wheel(mesh, monkeypatch):
+    m = random_field(mesh)
+    expected = Regularizer(mesh, 0.1).inverse(m)
+    monkeypatch.setattr(cholesky, "CholeskySolverD", None)
+    np.testing.assert_allclose(
+        Regularizer(mesh, 0.1).inverse(m), expected, rtol=0, atol=1e-11 * abs(expected).max()
+    )
+
+
+@pytest.mark.parametrize("by_cholespy", [True, False])
+def test_factor_solves(by_cholespy, monkeypatch):
+    if not by_cholespy:
+        monkeypatch.setattr(cholesky, "CholeskySolverD", None)
+    mesh = icosphere(3)
+    matrix = Matrix(sparse.diags_array(vertex_areas(mesh)) + 0.3 * cotangent_laplacian(mesh))
+    solve = factor(matrix)
+    for seed in range(2):
+        b = np.random.default_rng(seed).normal(size=matrix.shape[0])
+        before = b.copy()
+        np.testing.assert_allclose(matrix @ solve(b), b, atol=1e-12)
+        np.testing.assert_array_equal(b, before)
+    np.testing.assert_array_equal(factor(Matrix((0, 0)))(np.empty(0)), np.empty(0))
+
+
+def test_factors_in_processes_of_their_own_give_the_same_bits():
+    mesh = icosphere(3)
+    m = random_field(mesh)
+    expected = Regularizer(mesh, 0.1).inverse(m)
+    apart = Regularizer(mesh, 0.1)
+    with factoring_apart(1000):  # the edges' system, not the vertices'
+        for _ in range(2):
+            np.testing.assert_array_equal(apart.inverse(m), expected)
+    elsewhere = [isinstance(solve, cholesky._Elsewhere) for solve in apart._solvers]
+    assert sorted(elsewhere) == [False, True]
+
+
+def test_a_process_that_was_ended_is_told_as_want_of_memory():
+    with factoring_apart(1):
+        solve = factor(sparse.csr_array(2 * sparse.eye_array(3)))
+    np.testing.assert_allclose(solve(np.array([2.0, 4.0, 6.0])), [1, 2, 3], rtol=1e-12)
+    solve._worker.close()
+    for _ in range(2):
+        with pytest.raises(MemoryError, match="has ended"):
+            solve(np.ones(3))
+
+
+def test_a_factor_that_nobody_needs_ends_its_process():
+    with factoring_apart(1):
+        solve = factor(sparse.csr_array(sparse.eye_array(3)))
+    solve(np.ones(3))
+    process = solve._worker._connection.process._process
+    assert process.poll() is None
+    del solve
+    gc.collect()
+    assert process.poll() is not None
+
+
+def test_systems_are_factored_apart_only_where_that_was_asked_for():
+    matrix = sparse.csr_array(sparse.eye_array(3))
+    found = []
+    with factoring_apart(1):
+        with factoring_apart(4):
+            found.append(factor(matrix))
+        other = threading.Thread(target=lambda: found.append(factor(matrix)))
+        other.start()
+        other.join()
+    found.append(factor(matrix))
+    assert not any(isinstance(solve, cholesky._Elsewhere) for solve in found)
+
+
+def needle(height):
+    """A face with a needle on one side of it, whose tip has the surface's boundary around it."""
+    corners = [[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -height, 0]]
+    return TriangleMesh(np.array(corners), [[0, 1, 2], [1, 0, 3]])
+
+
+@pytest.mark.parametrize("height", [1e-5, 1e-7, 1e-9, 1e-11])
+@pytest.mark.parametrize("order", [1, 2])
+def test_norm_is_definite_on_needles(height, order):
+    mesh = needle(height).normalized()
+    m = face_areas(mesh)[:, None] * random_field(mesh)
+    for alpha in (1e-4, 0.01, 1.0):
+        R = Regularizer(mesh, alpha, order)
+        v = R.inverse(m)
+        dual = (m * v).sum()
+        assert dual > 0
+        assert (v * R.apply(v)).sum() == pytest.approx(dual, rel=1e-4)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("height", [1e-7, 1e-9, 1e-11])
+def test_a_match_on_a_needle_ends_with_a_verdict(height):
+    mesh = needle(height)
+    found = match(mesh, *mesh.vertices.T[:2], Parameters(iterations=30))
+    assert np.isfinite(found.velocity).all()
+    assert np.isfinite(found.mismatch)
+
+
+def test_needles_alone_are_made_thicker():
+    mesh = needle(1e-9)
+    found = mollified_shapes(mesh)
+    assert found.areas[0] == face_areas(mesh)[0]
+    assert found.areas[1] == pytest.approx(0.5 * 1e-5)
+    assert np.sqrt((found.gradients[1] ** 2).sum(axis=1).max()) == pytest.approx(1e5)
+    np.testing.assert_array_equal(found.gradients[0], hat_gradients(mesh)[0])
+    # orthogonality of gradients and rotated gradients asks for the area of their own triangle
+    x, y = found.gradients[1, 0], found.gradients[1, 1]
+    assert found.areas[1] * (x[0] * y[1] - x[1] * y[0]) == pytest.approx(0.5)
+    fat = needle(1e-4)
+    assert mollified_shapes(fat).gradients is hat_gradients(fat)

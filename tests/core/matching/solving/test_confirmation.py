@@ -1,0 +1,161 @@
+"""Signals that no smooth flow matches: sigma is raised to what flow lines leave; what they
+confirm keeps its course.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import abfm
+import abfm.matching.solving.solve
+from abfm.calculus.operators import vertex_areas
+from abfm.calculus.vector_fields import to_frame
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.solving.confirmation import Confirmation, confirmation, is_resolved
+from abfm.matching.solving.incumbent import Candidate
+from abfm.matching.solving.schedule import gradual, search
+from abfm.matching.solving.solve import Solver
+from abfm.mesh import TriangleMesh
+from abfm.parameters import PAPER, Parameters
+from abfm.types import FloatArray
+from tests.core.fields import bump, wavy_field
+from tests.core.surfaces import renumbered
+from tests.shapes import icosphere
+
+SPHERE = icosphere(3)
+TURN = np.array([[np.cos(0.2), -np.sin(0.2), 0], [np.sin(0.2), np.cos(0.2), 0], [0, 0, 1]])
+
+
+def waves(points: FloatArray, seed: int) -> FloatArray:
+    """Twelve waves in random directions, two to five radians per unit of length."""
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(12, 3))
+    directions *= rng.uniform(2, 5, 12)[:, None] / np.linalg.norm(directions, axis=1)[:, None]
+    found: FloatArray = np.sin(points @ directions.T + rng.uniform(0, 6, 12)).sum(axis=1)
+    return found
+
+
+def signals(scale: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    """Waves, and the same ones turned, plus as many others of their own."""
+    own = waves(SPHERE.vertices, 2)
+    return scale * waves(SPHERE.vertices, 1), scale * (waves(SPHERE.vertices @ TURN, 1) + own)
+
+
+def gaussians() -> tuple[FloatArray, FloatArray]:
+    return bump(SPHERE, [0, 0, 1], 0.15), bump(SPHERE, [0, 0.7, 0.7], 0.15)
+
+
+@cache
+def solved(scale: float = 1.0, unit: str = "relative") -> Solver:
+    p = Parameters() if unit == "relative" else Parameters(sigma=0.02, sigma_unit="absolute")
+    solver = Solver(MatchingEnergy(SPHERE, *signals(scale), p), None)
+    solver.run()
+    return solver
+
+
+def asked(
+    mesh: TriangleMesh, f: FloatArray, g: FloatArray, field: FloatArray | None = None
+) -> Confirmation:
+    """What flow lines of a field (F, 3) say, or of no motion at all."""
+    energy = MatchingEnergy(mesh, f, g, Parameters())
+    x = np.zeros(energy.shape)
+    if field is not None:
+        x = to_frame(energy.mesh, field[None] / mesh.length_scale)
+    return confirmation(energy, Candidate(x, energy.objective(0.2).evaluate(x)), 0.2)
+
+
+def test_of_no_motion_the_difference_is_left() -> None:
+    f, g = signals()
+    energy = MatchingEnergy(SPHERE, f, g, Parameters())
+    found = asked(SPHERE, f, g)
+    areas = vertex_areas(energy.mesh)
+    size = max(np.sqrt(areas @ (h - areas @ h) ** 2) for h in (f, g))
+    assert_allclose(found.mismatch, energy.relative_mismatch(energy.functions.source), rtol=1e-9)
+    assert_allclose(found.left, np.sqrt(areas @ (f - g) ** 2) / size, rtol=1e-9)
+    assert_allclose(found.energy, 0.5 * (found.left / 0.2) ** 2, rtol=1e-9)
+    assert_allclose(
+        found.energy, energy.objective(0.2).evaluate(np.zeros(energy.shape)).energy, rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("scale", [1e-3, 7.0])
+def test_scaling_both_functions_changes_nothing(scale: float) -> None:
+    f, g = signals()
+    field = 0.3 * wavy_field(SPHERE, 0)
+    assert_allclose(
+        asked(SPHERE, scale * f, scale * g, field), asked(SPHERE, f, g, field), rtol=1e-9
+    )
+
+
+def test_the_order_of_vertices_and_faces_changes_nothing() -> None:
+    f, g = signals()
+    field = 0.3 * wavy_field(SPHERE, 0)
+    mesh, vertices, faces = renumbered(SPHERE, 1)
+    there = asked(mesh, f[vertices], g[vertices], field[faces])
+    # steps of flow lines begin at other corners
+    assert_allclose(there, asked(SPHERE, f, g, field), rtol=1e-4)
+
+
+def test_signals_that_smooth_flows_do_not_match_raise_sigma_to_what_is_left() -> None:
+    solver = solved()
+    assert 0.1 < solver.unmatched < 0.5
+    sigmas = [stage.sigma for stage in solver.schedule]
+    assert max(sigmas) == 27 * sigmas[0]
+    at = sigmas.index(solver.unmatched)
+    assert solver.schedule[at].last
+    for sigma in sigmas[at:]:  # thirds of it, as the closing stages have
+        steps = np.log(solver.unmatched / sigma) / np.log(3)
+        assert_allclose(steps, round(steps), atol=1e-9)
+        assert sigma > 0.999 * Parameters().sigma / 3**4
+    assert solver.schedule[-1].sigma == solver.unmatched
+
+
+def test_it_is_the_same_for_scaled_signals() -> None:
+    assert_allclose(solved(4.0).unmatched, solved().unmatched, rtol=1e-12)
+
+
+def test_an_absolute_sigma_is_never_raised() -> None:
+    solver = solved(unit="absolute")
+    assert np.isnan(solver.unmatched)
+    assert solver.energy.parameters.sigma in [stage.sigma for stage in solver.schedule]
+
+
+def test_the_verdict_tells_that_sigma_was_raised() -> None:
+    match = abfm.match(SPHERE, *signals())
+    assert f"sigma raised to {solved().unmatched:.2g}" in match.verdict.reason
+    plain = abfm.match(SPHERE, *gaussians())
+    assert "raised" not in plain.verdict.reason
+
+
+def test_what_flow_lines_confirm_keeps_its_course(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = abfm.match(SPHERE, *gaussians())
+    monkeypatch.setattr(abfm.matching.solving.solve, "gradual", lambda p, levels, joined: [])
+    before = abfm.match(SPHERE, *gaussians())
+    assert_array_equal(found.velocity, before.velocity)
+    assert_array_equal(found.energy_history, before.energy_history)
+
+
+def test_functions_that_the_mesh_does_not_resolve_are_not_judged() -> None:
+    narrow, wide = (bump(SPHERE, [0, 0, 1], width) for width in (0.03, 0.3))
+    assert not is_resolved(MatchingEnergy(SPHERE, narrow, wide, Parameters()))
+    assert is_resolved(MatchingEnergy(SPHERE, wide, wide, Parameters()))
+
+
+def test_the_gradual_way_is_the_second_one_from_a_larger_sigma_on() -> None:
+    p = Parameters()
+    far, near = search(p, 1)[1].stages
+    way = gradual(p, 1)
+    assert (way[0].reach, way[-1]) == (far.reach, near)
+    sigmas = [stage.sigma for stage in way[1:]]
+    assert sigmas == sorted(sigmas, reverse=True)
+    assert way[0].sigma == sigmas[0] > far.sigma
+    for other in (
+        Parameters(**PAPER),
+        Parameters(stage_iterations=5),
+        Parameters(cooling_stages=1),
+    ):
+        assert gradual(other, 1) == []

@@ -1,0 +1,169 @@
+"""The norm that reaches far: a positive kernel with the sphere's known spectrum, which leads
+where L2 is blind.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import abfm
+from abfm.calculus.operators import l2_norm, vertex_areas
+from abfm.calculus.vector_fields import to_frame
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.terms.square_norms import SmoothedNorm
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
+from tests.core.fields import bump, rotation_field
+from tests.core.surfaces import SURFACES, moved, random_function
+from tests.core.verification import observed_orders
+from tests.shapes import icosphere
+
+REACHES = [0.05, 0.5, 2.0]
+ONE = np.ones(1)
+
+
+@pytest.fixture(params=SURFACES)
+def mesh(request: pytest.FixtureRequest) -> TriangleMesh:
+    return SURFACES[request.param].normalized()
+
+
+def smoothed(mesh, areas, reach, differences, weights) -> SmoothedNorm:
+    """Scaled so that differences (C, V) measure the same as in L2."""
+    norm = SmoothedNorm(mesh, areas, reach)
+    norm.agree_with_l2(differences, weights)
+    return norm
+
+
+def metric(mesh: TriangleMesh, reach: float, areas: FloatArray | None = None) -> SmoothedNorm:
+    """Scaled for a random mismatch."""
+    areas = vertex_areas(mesh) if areas is None else areas
+    return smoothed(mesh, areas, reach, random_function(mesh, 0)[None], ONE)
+
+
+@pytest.mark.parametrize("reach", REACHES)
+def test_symmetric_and_positive(mesh: TriangleMesh, reach: float) -> None:
+    """All eigenvalues are positive: only an exact match has no mismatch."""
+    far = metric(mesh, reach)
+    matrix = np.stack([far(row) for row in np.eye(len(mesh.vertices))])
+    np.testing.assert_allclose(matrix, matrix.T, rtol=0, atol=1e-13 * np.abs(matrix).max())
+    eigenvalues = np.linalg.eigvalsh(matrix + matrix.T)
+    assert eigenvalues.min() > 1e-12 * eigenvalues.max()
+    assert not far(np.zeros(len(mesh.vertices))).any()
+
+
+@pytest.mark.parametrize("reach", REACHES)
+def test_the_mismatch_it_was_made_for_keeps_its_energy(mesh: TriangleMesh, reach: float) -> None:
+    """All channels together, with mask and weights."""
+    residuals = np.stack([size * random_function(mesh, size) for size in (1, 10, 3)])
+    weights = np.array([1.0, 0.3, 0.0])
+    areas = vertex_areas(mesh) * np.abs(random_function(mesh, 4))
+    far = smoothed(mesh, areas, reach, residuals, weights)
+    found = sum(w * float(r @ far(r)) for w, r in zip(weights, residuals, strict=True))
+    assert found == pytest.approx(float(weights @ (residuals**2 @ areas)), rel=1e-12)
+
+
+def test_constants_have_the_energy_of_l2_whatever_the_reach() -> None:
+    """``L 1 = 0``: without a mask ``(A + s L)^-1 A 1 = 1``, so that only the scale is left."""
+    for mesh in SURFACES.values():
+        unit = mesh.normalized()
+        flat = np.ones(len(mesh.vertices))
+        far = smoothed(unit, vertex_areas(unit), 0.7, 3 * flat[None], ONE)
+        np.testing.assert_allclose(far(flat), vertex_areas(unit), rtol=1e-10)
+
+
+def test_short_reach_is_l2() -> None:
+    mesh = icosphere(2).normalized()
+    r = bump(mesh, mesh.vertices[0], 0.3)
+    errors = []
+    for reach in (0.04, 0.02, 0.01):
+        far = metric(mesh, reach)(r)
+        far *= (vertex_areas(mesh) * r).sum() / far.sum()
+        errors.append(np.abs(far - vertex_areas(mesh) * r).max() / vertex_areas(mesh).max())
+    assert observed_orders([4, 2, 1], errors).min() > 1.7  # s = reach^2
+
+
+def test_spherical_harmonics_are_damped_by_their_eigenvalues() -> None:
+    """``1 / (1 + s l (l + 1))`` on the unit sphere, with an error of the order of the edge
+    length squared.
+    """
+    reach, errors = 0.8, []
+    for subdivisions in (2, 3, 4):
+        mesh = icosphere(subdivisions)
+        x, y, z = mesh.vertices.T
+        first, others = z, {2: x * y, 3: x * y * z}
+        far = smoothed(mesh, vertex_areas(mesh), reach, first[None], ONE)
+        damped = [h @ far(h) / (h @ (vertex_areas(mesh) * h)) for h in others.values()]
+        expected = [
+            (1 + 2 * reach**2) / (1 + degree * (degree + 1) * reach**2) for degree in others
+        ]
+        errors.append(np.abs(np.array(damped) / expected - 1).max())
+    assert observed_orders([4, 2, 1], errors).min() > 1.8
+    assert errors[-1] < 0.01
+
+
+def test_where_the_mask_is_zero_nothing_counts() -> None:
+    mesh = icosphere(3).normalized()
+    seen = mesh.vertices[:, 2] > 0
+    far = metric(mesh, 0.5, vertex_areas(mesh) * seen)
+    assert not far(np.where(seen, 0.0, 7.0)).any()
+    assert not far(random_function(mesh, 5))[~seen].any()
+
+
+@pytest.mark.parametrize("scale", [1e-6, 64.0, 1e9])
+def test_energy_and_gradient_do_not_depend_on_units_place_and_rotation(scale: float) -> None:
+    mesh = icosphere(2)
+    f, g = bump(mesh, [0, 0, 1], 0.15), bump(mesh, [0, 1, 0], 0.15)
+    rotation = Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix()
+    elsewhere = TriangleMesh(scale * moved(mesh, rotation).vertices, mesh.faces)
+    here, there = (MatchingEnergy(each, f, g, abfm.Parameters()) for each in (mesh, elsewhere))
+    x = 0.3 * np.random.default_rng(0).normal(size=here.shape)
+    one, other = here.objective(0.1, 0.7).evaluate(x), there.objective(0.1, 0.7).evaluate(x)
+    assert other.energy == pytest.approx(one.energy, rel=1e-9)
+    np.testing.assert_allclose(
+        other.gradient, one.gradient, rtol=0, atol=1e-7 * np.abs(one.gradient).max()
+    )
+
+
+def test_at_the_start_the_energy_is_that_of_l2() -> None:
+    mesh = SURFACES["hemisphere"]
+    f = np.stack([bump(mesh, mesh.vertices[i], 0.2) for i in (0, 40)], axis=1)
+    g = np.stack([bump(mesh, mesh.vertices[i], 0.3) for i in (20, 60)], axis=1)
+    mask = 0.2 + np.abs(random_function(mesh, 1))
+    E = MatchingEnergy(mesh, f, g, abfm.Parameters(), mask=mask, weights=[0.4, 2.0])
+    for reach in REACHES:
+        found = E.objective(0.1, reach).evaluate(np.zeros(E.shape))
+        assert found.energy == pytest.approx(
+            E.objective(0.1).evaluate(np.zeros(E.shape)).energy, rel=1e-9
+        )
+        assert E.measure(reach) is E.measure(reach)
+
+
+def test_equal_functions_have_no_mismatch_and_no_derivative() -> None:
+    mesh = icosphere(2)
+    f = bump(mesh, [0, 0, 1], 0.2)
+    E = MatchingEnergy(mesh, f, f, abfm.Parameters())
+    found = E.objective(0.1, 0.5).evaluate(np.zeros(E.shape))
+    assert found.energy == 0
+    assert not found.gradient.any()
+
+
+@pytest.mark.parametrize("degrees", [60, 100, 140])
+def test_the_derivative_leads_to_a_target_that_l2_cannot_see(degrees: float) -> None:
+    """Bumps that do not touch: how fast the energy falls, relative to itself, as the source is
+    turned to the target.
+    """
+    mesh = icosphere(4)
+    angle = np.deg2rad(degrees)
+    f = bump(mesh, [0, 0, 1], 0.05)
+    g = bump(mesh, [0, np.sin(angle), np.cos(angle)], 0.05)
+    E = MatchingEnergy(mesh, f, g, abfm.Parameters())
+    assert l2_norm(mesh, f * g) < 1e-3 * l2_norm(mesh, f)
+    turn = to_frame(mesh, rotation_field(mesh, [-angle, 0, 0]))[None] / mesh.length_scale
+    slopes = {}
+    for reach in (0.0, 0.3, 1.0):
+        found = E.objective(0.1, reach).evaluate(np.zeros(E.shape))
+        slopes[reach] = -float((found.gradient * turn).sum()) / found.energy
+    assert abs(slopes[0.0]) < 0.005
+    assert slopes[1.0] > slopes[0.3] > 0.1

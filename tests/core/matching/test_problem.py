@@ -1,0 +1,169 @@
+"""A problem is a value: checked once, the same after every journey, named by its content."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import abfm
+from abfm.errors import AbfmError, ResultError
+from abfm.matching.terms.functions import FunctionTerm
+from tests.core.fields import bump, wavy_field
+from tests.shapes import icosphere
+
+SPHERE = icosphere(2)
+F, G, H = (bump(SPHERE, SPHERE.vertices[vertex], 0.3) for vertex in (0, 30, 60))
+P = abfm.Parameters(iterations=5)
+GIVEN: dict[str, Any] = {
+    "mask": np.abs(SPHERE.vertices[:, 0]),
+    "weights": [1.0, 0.5],
+    "start": 0.01 * wavy_field(SPHERE, 0),
+}
+
+
+def problem(**changes: Any) -> abfm.Problem:
+    """With everything that a problem may have."""
+    channels = [np.stack(pair, axis=1) for pair in ((F, G), (G, F))]
+    return abfm.Problem(SPHERE, *channels, P, **GIVEN | changes)
+
+
+@pytest.fixture(params=["whole", "plain"])
+def made(request: pytest.FixtureRequest) -> abfm.Problem:
+    return problem() if request.param == "whole" else abfm.Problem(SPHERE, F, G)
+
+
+def test_the_short_form_of_match_is_the_same() -> None:
+    one, other = abfm.match(problem()), abfm.match(SPHERE, *parts(problem()), P, **GIVEN)
+    assert np.array_equal(one.velocity, other.velocity)
+    assert one.problem.digest == other.problem.digest == problem(start=None).digest
+
+
+def parts(made: abfm.Problem) -> tuple[Any, Any]:
+    return made.source, made.target
+
+
+def test_it_comes_back_from_a_file(made: abfm.Problem, tmp_path: Path) -> None:
+    made.save(tmp_path / "p.npz")
+    loaded = abfm.load_problem(tmp_path / "p.npz")
+    assert loaded.digest == made.digest
+    assert loaded.channels_given == made.channels_given
+    assert loaded.parameters == made.parameters
+    for name, array in made.arrays().items():
+        assert np.array_equal(loaded.arrays()[name], array), name
+
+
+def test_it_comes_back_from_another_process(made: abfm.Problem) -> None:
+    copy = pickle.loads(pickle.dumps(made))
+    assert copy.digest == made.digest
+    assert copy.functions.mesh is copy.mesh.normalized()
+    found = abfm.match(copy.with_parameters(P)), abfm.match(made.with_parameters(P))
+    assert np.array_equal(found[0].velocity, found[1].velocity)
+
+
+def test_its_digest_is_the_same_in_every_process(tmp_path: Path) -> None:
+    problem().save(tmp_path / "p.npz")
+    code = "import abfm, sys; print(abfm.load_problem(sys.argv[1]).digest)"
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "p.npz")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == problem().digest
+    assert len(problem().digest) == 64
+
+
+def test_its_digest_tells_all_that_it_is_made_of() -> None:
+    others = [
+        problem(mask=None),
+        problem(weights=[1.0, 0.6]),
+        problem(start=None),
+        problem().with_parameters(abfm.Parameters(iterations=6)),
+        problem().starting_from(0 * GIVEN["start"]),
+        abfm.Problem(SPHERE, problem().target, problem().source, P, **GIVEN),
+        abfm.Problem(icosphere(2, 2.0), *parts(problem()), P, **GIVEN | {"start": None}),
+        abfm.Problem(SPHERE, F, G),
+        abfm.Problem(SPHERE, F[:, None], G[:, None]),
+    ]
+    digests = {each.digest for each in [problem(), *others]}
+    assert len(digests) == len(others) + 1
+
+
+def test_terms_with_arrays_of_the_same_name_are_told_apart(tmp_path: Path) -> None:
+    other, same = (FunctionTerm(SPHERE.normalized(), H, g) for g in (F, G))
+    made = [abfm.Problem(SPHERE, F, G, terms=[term]) for term in (other, same)]
+    made += [abfm.Problem(SPHERE, G, F, terms=[other]), abfm.Problem(SPHERE, H, F)]
+    assert len({each.digest for each in made}) == len(made)
+    with pytest.raises(ResultError, match="no place for source of term 1"):
+        made[0].save(tmp_path / "lost.npz")
+
+
+@given(st.floats(-1e6, 1e6))
+def test_it_does_not_change_with_what_it_was_given(value: float) -> None:
+    f, mask = F.copy(), np.ones(len(F))
+    start = np.zeros((1, len(SPHERE.faces), 3))
+    made = abfm.Problem(SPHERE, f, G, mask=mask, start=start)
+    before = made.digest
+    f[0] = mask[1] = start[0, 0, 0] = value
+    assert made._with().digest == before
+
+
+def test_it_cannot_be_changed() -> None:
+    with pytest.raises(AttributeError, match="does not change"):
+        problem().parameters = P  # type: ignore[misc]
+    made = abfm.Problem(SPHERE, F, G, mask=np.ones(len(F)), start=np.zeros((len(SPHERE.faces), 3)))
+    for array in (made.source, made.target, made.mask, made.weights, made.start):
+        assert array is not None
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 2
+
+
+def test_it_and_its_match_are_written_in_few_words() -> None:
+    assert repr(problem()).startswith("Problem(TriangleMesh(")
+    found = repr(abfm.match(problem()))
+    assert "mismatch=" in found
+    assert "array" not in found
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"f": F[1:]}, "values were given"),
+        ({"g": np.stack([G, G], axis=1)}, "source has 1 and target 2 channels"),
+        ({"f": 1e101 * F}, "scale both by the same factor"),
+        ({"mesh": "sphere.off"}, "expected a TriangleMesh"),
+        ({"parameters": {"tau": 1}}, "expected abfm.Parameters"),
+        ({"mask": -F}, "not negative"),
+        ({"weights": [1, 2]}, r"expected \(1,\)"),
+        ({"start": np.zeros((3, 3))}, "start has shape"),
+        ({"start": np.full((len(SPHERE.faces), 3), np.inf)}, "not finite"),
+    ],
+)
+def test_what_does_not_fit_is_refused_at_once(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(AbfmError, match=words):
+        abfm.Problem(**{"mesh": SPHERE, "f": F, "g": G} | changes)
+
+
+def test_match_takes_a_problem_or_what_makes_one() -> None:
+    with pytest.raises(AbfmError, match="takes a Problem"):
+        abfm.match(SPHERE)  # type: ignore[call-overload]
+    with pytest.raises(AbfmError, match="takes a Problem alone"):
+        abfm.match(problem(), P)  # type: ignore[call-overload]
+    with pytest.raises(AbfmError, match="takes a Problem alone"):
+        abfm.match(problem(), mask=np.ones(len(F)))  # type: ignore[call-overload]
+
+
+def test_a_file_that_is_no_problem_is_refused(tmp_path: Path) -> None:
+    abfm.match(SPHERE, F, G, P).save(tmp_path / "m.npz")
+    assert abfm.load_problem(tmp_path / "m.npz").channels_given is False  # a result holds one
+    np.savez(tmp_path / "other.npz", source=F)
+    with pytest.raises(ResultError, match="no problem file"):
+        abfm.load_problem(tmp_path / "other.npz")

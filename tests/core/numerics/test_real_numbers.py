@@ -1,0 +1,100 @@
+"""What users give as arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import abfm
+from abfm import AbfmError, FunctionError, Parameters
+from abfm.numerics.real_numbers import real_numbers
+from tests.shapes import icosphere
+
+MESH = icosphere(1)
+X, Y, _ = MESH.vertices.T
+COUNT = len(X)
+
+
+class Sequence:
+    """A sequence that is no list, as data frames have them."""
+
+    def __init__(self, values) -> None:
+        self.values = values
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, index: int) -> float:
+        return self.values[index]
+
+
+class Refusing:
+    """An object whose own idea of an array fails."""
+
+    def __array__(self, dtype=None, copy=None):
+        raise RuntimeError("on another device")
+
+
+NO_NUMBERS = {
+    "text": "abc",
+    "texts": ["1"] * COUNT,
+    "ragged": [[1.0, 2.0], [3.0]],
+    "objects": np.array([{}] * COUNT, dtype=object),
+    "complex": X + 1j,
+    "dates": np.full(COUNT, "2020", dtype="M8[D]"),
+    "records": np.zeros(COUNT, dtype=[("a", float)]),
+    "generator": (x for x in X),
+    "huge": [10**400] * COUNT,
+    "masked": np.ma.array(X, mask=X > 0),
+    "refusing": Refusing(),
+    "mapping": {"a": 1.0},
+    "none": [None] * COUNT,
+}
+
+
+@pytest.mark.parametrize(
+    "given", [[1, 2], (1.0, 2.0), Sequence([1.0, 2.0]), np.float32([1, 2]), np.ma.array([1, 2])]
+)
+def test_arrays_of_all_kinds_are_taken(given):
+    found = real_numbers(given, "f")
+    assert found.dtype == np.float64
+    assert_array_equal(found, [1.0, 2.0])
+
+
+@pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
+def test_what_holds_no_real_numbers_is_one_short_line(given):
+    with pytest.raises(FunctionError, match=r"^f .*; expected real numbers$") as refused:
+        real_numbers(given, "f", FunctionError)
+    assert len(str(refused.value)) < 200
+
+
+@pytest.mark.parametrize("place", ["f", "g", "mask", "weights", "start"])
+@pytest.mark.parametrize("given", [*NO_NUMBERS.values(), [], 3.0, X[:-1], np.full(COUNT, np.nan)])
+def test_a_match_refuses_what_does_not_fit(place, given):
+    arguments = {"f": X, "g": Y, place: given}
+    with pytest.raises(AbfmError) as refused:
+        abfm.match(MESH, parameters=Parameters(iterations=0), **arguments)
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < 200
+
+
+@pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
+def test_a_flow_refuses_fields_functions_and_times_that_are_no_numbers(given):
+    flow = abfm.Flow(MESH, np.zeros((len(MESH.faces), 3)), 1.0)
+    for use in (
+        lambda: abfm.Flow(MESH, given, 1.0),
+        lambda: flow.push(given, 1.0),
+        lambda: flow.push(X, given),
+    ):
+        with pytest.raises(AbfmError, match="expected") as refused:
+            use()
+        assert len(str(refused.value)) < 200
+
+
+def test_what_is_changed_afterwards_does_not_change_a_result():
+    f, mask = X.copy(), np.ones(COUNT)
+    found = abfm.match(MESH, f, Y, Parameters(iterations=0), mask=mask)
+    f[:], mask[:] = 7.0, 7.0
+    assert_array_equal(found.source[:, 0], X)
+    assert_array_equal(found.mask, np.ones(COUNT))

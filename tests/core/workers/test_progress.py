@@ -1,0 +1,197 @@
+"""What is told of long work: shares that only grow, estimates that are times, and what is
+unknown said to be so.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm import Parameters
+from abfm.numerics.factoring_apart import factoring_apart
+from abfm.workers import progress
+from abfm.workers.progress import Step, rounded, said, step, telling
+from tests.shapes import icosphere
+
+
+@pytest.fixture(autouse=True)
+def nothing_measured(monkeypatch):
+    """Each test begins with nothing but what it measures itself."""
+    monkeypatch.setattr(progress, "_rates", {})
+
+
+def told_by(work) -> list[Step | None]:
+    told: list[Step | None] = []
+    with telling(told.append):
+        work()
+    return told
+
+
+def test_shares_grow_from_0_never_reach_1_unless_counted_and_times_left_fall():
+    for expected in np.random.default_rng(0).uniform(1e-3, 1e3, 50):
+        now = Step("factoring", expected=expected, began=100.0)
+        moments = 100 + np.linspace(0, 3 * expected, 200)
+        shares = [now.share(moment) for moment in moments]
+        assert shares[0] == 0
+        assert all(a <= b < 1 for a, b in pairwise(shares))
+        left = [now.seconds_left(moment) for moment in moments]
+        known = [seconds for seconds in left if seconds is not None]
+        assert all(math.isfinite(seconds) and seconds >= 0 for seconds in known)
+        assert known == sorted(known, reverse=True)
+        assert left[-1] is None  # it takes longer than expected, and nobody knows how much
+
+
+def test_a_clock_that_went_back_gives_no_negative_share():
+    now = Step("factoring", expected=10.0, began=100.0)
+    assert (now.share(50.0), now.seconds_left(50.0)) == (0, 10)
+
+
+def test_what_is_unknown_is_said_to_be_unknown():
+    now = Step("factoring", began=100.0)
+    assert (now.share(105.0), now.seconds_left(105.0)) == (None, None)
+    assert now.words(101.0) == "factoring"
+    assert now.words(105.0) == "factoring, 5 s so far"
+    assert Step("x", done=0.0, began=100.0).seconds_left(105.0) is None
+
+
+def test_words_tell_how_long_it_goes_on_where_that_takes_a_while():
+    now = Step("factoring", expected=40.0, began=100.0)
+    assert now.words(118.0) == "factoring, about 20 s left"
+    assert now.words(150.0) == "factoring, 50 s so far"
+    assert Step("factoring", expected=1.0, began=100.0).words(100.5) == "factoring"
+    assert Step("reading", done=0.25, began=100.0).words(110.0) == "reading, about 30 s left"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (0, "1 s"),
+        (7.6, "8 s"),
+        (12, "10 s"),
+        (43, "45 s"),
+        (55, "1 min"),
+        (100, "2 min"),
+        (3600, "60 min"),
+    ],
+)
+def test_times_are_rounded_as_one_says_them(seconds, words):
+    assert rounded(seconds) == words
+
+
+def test_what_goes_on_is_said_with_its_step():
+    assert said("opening", None) == "opening"
+    assert said("opening", Step("reading .off")) == "opening: reading .off"
+
+
+def test_a_counted_step_goes_from_0_to_1_and_never_back():
+    def work():
+        with step("drawing") as done:
+            for share in (0.0, 0.5, 0.25, math.nan, 1.0, 2.0):
+                done(share)
+
+    *told, end = told_by(work)
+    shares = [now.done for now in told if now.done is not None]
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1], end) == (0, 1, None)
+
+
+def test_a_step_inside_another_one_is_told_until_it_ends():
+    def work():
+        with step("outer"), step("inner"):
+            pass
+
+    assert [now and now.task for now in told_by(work)] == ["outer", "inner", "outer", None]
+
+
+def test_a_step_that_fails_has_ended_too_and_measures_nothing():
+    def work():
+        with pytest.raises(RuntimeError), step("factoring", 1.0):
+            raise RuntimeError
+
+    assert told_by(work)[-1] is None
+    assert progress._rates == {}
+
+
+def test_smaller_steps_tell_how_long_larger_ones_take(monkeypatch):
+    clock = iter(range(0, 1000, 2))
+    monkeypatch.setattr(progress.time, "monotonic", lambda: float(next(clock)))
+    expected = []
+    for work in (10.0, 20.0, 80.0):  # each takes two seconds
+        told = told_by(lambda work=work: step("factoring", work).__enter__())
+        expected.append(told[0].expected)
+        progress._learn("factoring", 2.0 / work, work)
+    assert expected == [None, 4.0, 8.0]
+
+
+def test_small_works_say_nothing_of_large_ones_that_were_measured():
+    progress._learn("factoring", 1.0, 100.0)
+    progress._learn("factoring", 9.0, 1.0)
+    assert progress._rates["factoring"] == (1.0, 100.0)
+    progress._learn("factoring", 3.0, 50.0)
+    assert progress._rates["factoring"] == (2.0, 100.0)
+
+
+def test_only_the_thread_that_asked_is_told():
+    told: list[Step | None] = []
+
+    def elsewhere():
+        with step("factoring"):
+            pass
+
+    with telling(told.append):
+        thread = threading.Thread(target=elsewhere)
+        thread.start()
+        thread.join()
+    assert told == []
+
+
+def tasks(told: list[Step | None]) -> list[str]:
+    return [now.task for now in told if now]
+
+
+def test_a_match_tells_of_coarser_meshes_factors_and_the_check_and_is_the_same():
+    mesh = icosphere(3)
+    source, target, _ = mesh.vertices.T
+    found: list[abfm.Match] = []
+    parameters = Parameters(iterations=6, levels=2)
+    told = told_by(lambda: found.append(abfm.match(mesh, source, target, parameters)))
+    assert tasks(told)[0] == "making coarser meshes"
+    assert any(task.startswith("factoring a system of") for task in tasks(told))
+    assert tasks(told)[-1] == "checking by flow lines"
+    assert told[-1] is None
+    unheard = abfm.match(icosphere(3), source, target, parameters)
+    np.testing.assert_array_equal(found[0].velocity, unheard.velocity)
+
+
+def test_a_factorisation_in_another_process_is_told_while_it_is_waited_for():
+    mesh = icosphere(2)
+    with factoring_apart(1):
+        regularizer = abfm.matching.objective.regularizer.regularizer(mesh, 0.01)
+        momentum = np.zeros((len(mesh.faces), 2))
+        told = told_by(lambda: regularizer.inverse(momentum))
+        again = told_by(lambda: regularizer.inverse(momentum))
+    assert set(tasks(told)) == {
+        f"factoring a system of {size} unknowns" for size in (len(mesh.edges), len(mesh.vertices))
+    }
+    assert again == []
+
+
+def test_functions_files_and_eigenfunctions_are_told(tmp_path):
+    mesh = icosphere(3)
+    file = tmp_path / "sphere.off"
+    rows = [f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0"]
+    rows += [" ".join(map(str, vertex)) for vertex in mesh.vertices.tolist()]
+    rows += [f"3 {a} {b} {c}" for a, b, c in mesh.faces.tolist()]
+    file.write_text("\n".join(rows))
+    assert tasks(told_by(lambda: abfm.load_mesh(file))) == ["reading .off"]
+    assert tasks(told_by(lambda: abfm.calculus.geodesic_distance(mesh, [0]))) == [
+        "factoring for distances"
+    ]
+    assert "computing eigenfunctions: 32" in tasks(
+        told_by(lambda: abfm.calculus.eigenbasis(mesh, 5))
+    )
