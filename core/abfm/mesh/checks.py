@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import MeshError, one_line
-from abfm.mesh.orientation import faces_to_flip
-from abfm.mesh.topology import (
-    corner_fans,
-    edge_slots,
-    edges_of_faces,
-    pinched_vertices,
-    vertex_components,
-)
+from abfm.mesh import topology
+from abfm.mesh.topology import edges_of_faces
 from abfm.types import BoolArray, FloatArray, IntArray
 
 SMALLEST, LARGEST = 1e-60, 1e60  # squared areas of such sizes neither underflow nor overflow
@@ -30,45 +24,30 @@ AT_A_TIME = 1 << 15
 CLEANING = "in MeshLab for example with Filters > Cleaning and Repairing"
 
 
-@dataclass(frozen=True)
+@dataclass
 class Draft:
-    """A mesh on its way through the checks, with the rows of the input that its vertices and
-    faces came from.
-    """
+    """A mesh on its way through the checks; what it has is what a `TriangleMesh` has then."""
 
     vertices: FloatArray
     faces: IntArray
     vertex_ids: IntArray
     face_ids: IntArray
-    input_vertex_count: int
-    messages: tuple[str, ...] = ()
+    file_vertex_count: int
+    messages: list[str]
+    edges: IntArray = field(init=False)
+    face_edges: IntArray = field(init=False)
+    edge_slots: IntArray = field(init=False)
+    corner_fans: IntArray = field(init=False)
 
-    def noting(self, message: str) -> Draft:
-        return replace(self, messages=(*self.messages, message))
-
-    def without_unreferenced_vertices(self) -> Draft:
+    def drop_unreferenced_vertices(self) -> None:
         used = np.zeros(len(self.vertices), dtype=bool)
         used[self.faces] = True
-        renumbered = np.cumsum(used) - 1
-        return replace(
-            self,
-            vertices=self.vertices[used],
-            faces=renumbered[self.faces],
-            vertex_ids=self.vertex_ids[used],
-        )
+        self.vertices, self.vertex_ids = self.vertices[used], self.vertex_ids[used]
+        self.faces = (np.cumsum(used) - 1)[self.faces]
 
-    def corners(self, face: int) -> str:
+    def corners(self, face: int | np.integer[Any]) -> str:
         """Return the vertices of a face, as the input counts."""
         return ", ".join(str(vertex) for vertex in self.vertex_ids[self.faces[face]])
-
-
-class Connectivity(NamedTuple):
-    """See :mod:`abfm.mesh.topology`."""
-
-    edges: IntArray
-    face_edges: IntArray
-    edge_slots: IntArray
-    corner_fans: IntArray
 
 
 def check(
@@ -76,36 +55,42 @@ def check(
     faces: ArrayLike,
     largest_component: bool,
     numbers: tuple[IntArray, int] | None = None,
-) -> tuple[Draft, Connectivity]:
+) -> Draft:
     """Refuse, repair or accept a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
-    draft = _drop_unreferenced(_draft(vertices, faces, numbers))
-    _refuse_unusable_coordinates(draft)
-    draft = _one_component(draft, largest_component)
-    _refuse_degenerate_faces(draft)
-    draft = _note_distance(draft)
-    _refuse_more_faces_than_edges_allow(draft)
-    edges, face_edges = edges_of_faces(draft.faces, len(draft.vertices))
-    _refuse_duplicate_faces(draft, face_edges)
-    _refuse_non_manifold_edges(draft, edges, face_edges)
-    slots = edge_slots(face_edges, len(edges))
-    flip = faces_to_flip(draft.vertices, draft.faces, draft.face_ids, slots)
-    if flip.any():
-        draft = replace(draft, faces=_flipped(draft.faces, flip))
-        draft = draft.noting(
-            f"{_count(flip.sum(), 'face was', 'faces were')} turned over so that all agree on a "
-            f"side (for example face {draft.face_ids[np.argmax(flip)]})"
+    meaning = "(V, 3), coordinates as numbers"
+    points = np.array(_number_array(vertices, "vertices", meaning), dtype=np.float64)
+    triangles = _face_array(faces, len(points))
+    vertex_ids, count = numbers or (np.arange(len(points)), len(points))
+    draft = Draft(points, triangles, vertex_ids, np.arange(len(triangles)), count, [])
+    draft.drop_unreferenced_vertices()
+    kept = len(draft.vertices)
+    if dropped := count - kept:
+        gaps = np.flatnonzero(draft.vertex_ids != np.arange(kept))
+        were = _count(dropped, "vertex that no face uses was", "vertices that no face uses were")
+        draft.messages.append(
+            f"{were} dropped (for example vertex {gaps[0] if len(gaps) else kept})"
         )
-        face_edges = _flipped(face_edges, flip)
-        slots = edge_slots(face_edges, len(edges))
-    fans = corner_fans(slots, len(draft.faces))
-    pinched = pinched_vertices(draft.faces, fans, len(draft.vertices))
+    _refuse_unusable_coordinates(draft)
+    _make_one_component(draft, largest_component)
+    a, b, c = draft.faces.T
+    _refuse_faces(draft, (a == b) | (b == c) | (c == a), "a vertex twice", "remove")
+    flat = flat_faces(draft.vertices, draft.faces)
+    _refuse_faces(draft, flat, "no area, up to rounding", "remove or collapse")
+    _note_distance(draft)
+    _refuse_more_faces_than_edges_allow(draft)
+    draft.edges, draft.face_edges = edges_of_faces(draft.faces, len(draft.vertices))
+    _refuse_duplicate_faces(draft)
+    _refuse_non_manifold_edges(draft)
+    _make_faces_agree(draft)
+    draft.corner_fans = topology.corner_fans(draft.edge_slots, len(draft.faces))
+    pinched = topology.pinched_vertices(draft.faces, draft.corner_fans, len(draft.vertices))
     if pinched.any():
-        draft = draft.noting(
+        draft.messages.append(
             f"warning: {_count(pinched.sum(), 'vertex is', 'vertices are')} pinched, joining "
             "parts that share no edge "
             f"(for example vertex {draft.vertex_ids[np.argmax(pinched)]}): nothing flows across it"
         )
-    return draft, Connectivity(edges, face_edges, slots, fans)
+    return draft
 
 
 def twice_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
@@ -118,8 +103,7 @@ def twice_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def flat_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Compute the faces (F,) so flat that gradients on them would be noise: what counts as a face
-    without area.
+    """Compute the faces (F,) without area: so flat that gradients on them would be noise.
 
     The height over the longest edge is at most 1e-12 of that edge, or what rounding does to the
     coordinates: 9e-16 of how far the face reaches from the origin. That is the same in every unit
@@ -138,22 +122,19 @@ def flat_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
     return found
 
 
-def _draft(vertices: ArrayLike, faces: ArrayLike, numbers: tuple[IntArray, int] | None) -> Draft:
-    """Return the copies of the input, if they are of the right shapes and types."""
-    points = np.array(
-        _number_array(vertices, "vertices", "(V, 3), coordinates as numbers"), dtype=np.float64
-    )
-    triangles = _face_array(faces, len(points))
-    vertex_ids, count = numbers or (np.arange(len(points)), len(points))
-    return Draft(points, triangles, vertex_ids, np.arange(len(triangles)), count)
+def _corners(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return where the corners of faces are, (3, F, 3)."""
+    return np.moveaxis(vertices.take(faces, axis=0), 1, 0)  # several times as fast as by index
+
+
+def _squares(vectors: FloatArray) -> FloatArray:
+    """Compute squared lengths of rows, (n,)."""
+    found: FloatArray = np.einsum("nx,nx->n", vectors, vectors)
+    return found
 
 
 def _count(number: int | np.integer[Any], one: str, many: str) -> str:
     return f"1 {one}" if number == 1 else f"{number} {many}"
-
-
-def _flipped(corner_values: IntArray, flip: BoolArray) -> IntArray:
-    return np.where(flip[:, None], corner_values[:, [0, 2, 1]], corner_values)
 
 
 def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
@@ -178,20 +159,16 @@ def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
 
 
 def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
-    array = _number_array(
-        faces, "faces", "(F, 3), vertex indices counted from 0 (split larger polygons)"
-    )
-    fractional = (
-        np.any(array != np.floor(array), axis=1)
-        if array.dtype.kind == "f"
-        else np.zeros(0, dtype=bool)
-    )
-    if fractional.any():
-        face = np.argmax(fractional)
-        raise MeshError(
-            f"{_count(fractional.sum(), 'face has', 'faces have')} indices that are no whole "
-            f"numbers (face {face}: {array[face].tolist()}): give vertex indices counted from 0"
-        )
+    meaning = "(F, 3), vertex indices counted from 0 (split larger polygons)"
+    array = _number_array(faces, "faces", meaning)
+    if array.dtype.kind == "f":
+        fractional = np.any(array != np.floor(array), axis=1)
+        if fractional.any():
+            face = np.argmax(fractional)
+            raise MeshError(
+                f"{_count(fractional.sum(), 'face has', 'faces have')} indices that are no whole "
+                f"numbers (face {face}: {array[face].tolist()}): give vertex indices counted from 0"
+            )
     outside = (array < 0) | (array >= vertex_count)
     if outside.any():
         face, corner = np.argwhere(outside)[0]
@@ -204,29 +181,6 @@ def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
     return array.astype(np.int64)
 
 
-def _corners(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return where the corners of faces are, (3, F, 3)."""
-    return np.moveaxis(vertices.take(faces, axis=0), 1, 0)  # several times as fast as by index
-
-
-def _squares(vectors: FloatArray) -> FloatArray:
-    """Compute squared lengths of rows, (n,)."""
-    found: FloatArray = np.einsum("nx,nx->n", vectors, vectors)
-    return found
-
-
-def _drop_unreferenced(draft: Draft) -> Draft:
-    kept = draft.without_unreferenced_vertices()
-    dropped = draft.input_vertex_count - len(kept.vertices)
-    if dropped == 0:
-        return draft
-    gaps = np.flatnonzero(kept.vertex_ids != np.arange(len(kept.vertices)))
-    return kept.noting(
-        f"{_count(dropped, 'vertex that no face uses was', 'vertices that no face uses were')} "
-        f"dropped (for example vertex {gaps[0] if len(gaps) else len(kept.vertices)})"
-    )
-
-
 def _refuse_unusable_coordinates(draft: Draft) -> None:
     bad = ~np.isfinite(draft.vertices).all(axis=1)
     if bad.any():
@@ -236,8 +190,7 @@ def _refuse_unusable_coordinates(draft: Draft) -> None:
             f"(vertex {draft.vertex_ids[vertex]}, counting from 0: "
             f"{draft.vertices[vertex].tolist()}): correct or remove them"
         )
-    reach = np.abs(draft.vertices).max()
-    size = (draft.vertices.max(axis=0) - draft.vertices.min(axis=0)).max()
+    reach, size = _reach_and_size(draft)
     if reach > LARGEST or 0 < size < SMALLEST:
         vertex = np.abs(draft.vertices).max(axis=1).argmax()
         raise MeshError(
@@ -247,64 +200,51 @@ def _refuse_unusable_coordinates(draft: Draft) -> None:
         )
 
 
-def _note_distance(draft: Draft) -> Draft:
+def _reach_and_size(draft: Draft) -> tuple[float, float]:
+    """Return the largest coordinate and the largest width."""
+    width = draft.vertices.max(axis=0) - draft.vertices.min(axis=0)
+    return np.abs(draft.vertices).max(), width.max()
+
+
+def _note_distance(draft: Draft) -> None:
     """Say where coordinates are so large that they leave few digits to the shape itself."""
-    reach, low, high = (
-        np.abs(draft.vertices).max(),
-        draft.vertices.min(axis=0),
-        draft.vertices.max(axis=0),
-    )
-    ratio = reach / (high - low).max()
-    if ratio < FAR:
-        return draft
-    return draft.noting(
-        f"warning: the surface lies {ratio:.1g} times its width from the origin, where rounding "
-        f"moves its vertices by {np.finfo(np.float64).eps * ratio:.0g} of its width: move it to "
-        "the origin in the program that made it"
-    )
+    reach, size = _reach_and_size(draft)
+    if reach / size >= FAR:
+        draft.messages.append(
+            f"warning: the surface lies {reach / size:.1g} times its width from the origin, where "
+            f"rounding moves its vertices by {np.finfo(np.float64).eps * (reach / size):.0g} of "
+            "its width: move it to the origin in the program that made it"
+        )
 
 
-def _one_component(draft: Draft, largest_component: bool) -> Draft:
-    component = vertex_components(draft.faces, len(draft.vertices))[draft.faces[:, 0]]
+def _make_one_component(draft: Draft, largest_component: bool) -> None:
+    vertices, faces = draft.vertices, draft.faces
+    component = topology.vertex_components(faces, len(vertices))[faces[:, 0]]
     count = component.max() + 1
     if count == 1:
-        return draft
-    largest = component == np.argmax(
-        np.bincount(component, twice_areas(draft.vertices, draft.faces))
-    )
+        return
+    largest = component == np.argmax(np.bincount(component, twice_areas(vertices, faces)))
     if not largest_component:
         stray = np.argmin(largest)
-        repeated = len(draft.vertices) - len(np.unique(draft.vertices, axis=0))
-        seams = (
-            f"; {repeated} vertices repeat the position of another, so merging them may join it"
-            if repeated
-            else ""
-        )
+        repeated = len(vertices) - len(np.unique(vertices, axis=0))
+        seams = f"; {repeated} vertices repeat the position of another, so merging them may join it"
         raise MeshError(
             f"the surface has {count} components that do not touch (the largest has "
             f"{largest.sum()} of {len(largest)} faces; face {draft.face_ids[stray]}, counting from "
-            f"0, is outside it){seams}: keep only the largest with --largest-component (in Python: "
-            "largest_component=True), or join them"
+            f"0, is outside it){seams if repeated else ''}: keep only the largest with "
+            "--largest-component (in Python: largest_component=True), or join them"
         )
-    kept = replace(
-        draft, faces=draft.faces[largest], face_ids=draft.face_ids[largest]
-    ).without_unreferenced_vertices()
-    return kept.noting(
-        f"kept the largest of {count} components: {len(kept.vertices)} of {len(draft.vertices)} "
-        f"vertices, {len(kept.faces)} of {len(draft.faces)} faces"
+    draft.faces, draft.face_ids = faces[largest], draft.face_ids[largest]
+    draft.drop_unreferenced_vertices()
+    draft.messages.append(
+        f"kept the largest of {count} components: {len(draft.vertices)} of {len(vertices)} "
+        f"vertices, {len(draft.faces)} of {len(faces)} faces"
     )
-
-
-def _refuse_degenerate_faces(draft: Draft) -> None:
-    a, b, c = draft.faces.T
-    _refuse_faces(draft, (a == b) | (b == c) | (c == a), "a vertex twice", "remove")
-    flat = flat_faces(draft.vertices, draft.faces)
-    _refuse_faces(draft, flat, "no area, up to rounding", "remove or collapse")
 
 
 def _refuse_faces(draft: Draft, bad: BoolArray, defect: str, remedy: str) -> None:
     if bad.any():
-        face = int(np.argmax(bad))
+        face = np.argmax(bad)
         raise MeshError(
             f"{_count(bad.sum(), 'face is', 'faces are')} degenerate: {defect} (face "
             f"{draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)}): {remedy} "
@@ -312,11 +252,22 @@ def _refuse_faces(draft: Draft, bad: BoolArray, defect: str, remedy: str) -> Non
         )
 
 
-def _refuse_duplicate_faces(draft: Draft, face_edges: IntArray) -> None:
-    a, b, c = face_edges.T
+def _refuse_more_faces_than_edges_allow(draft: Draft) -> None:
+    """Refuse what no surface has before edges, maybe many more than vertices, are looked for."""
+    vertices, faces = len(draft.vertices), len(draft.faces)
+    if 3 * faces > vertices * (vertices - 1):
+        raise MeshError(
+            f"{faces} faces on {vertices} vertices have more sides than there are pairs of "
+            "vertices, twice each: "
+            f"faces repeat or edges have more than two faces; remove the extra ones, {CLEANING}"
+        )
+
+
+def _refuse_duplicate_faces(draft: Draft) -> None:
+    a, b, c = draft.face_edges.T
     least, most = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     # two edges of a triangle tell its vertices
-    keys = least * (face_edges.max() + 1) + (a + b + c - least - most)
+    keys = least * (draft.face_edges.max() + 1) + (a + b + c - least - most)
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
     again = np.append(False, keys[1:] == keys[:-1])
@@ -330,27 +281,64 @@ def _refuse_duplicate_faces(draft: Draft, face_edges: IntArray) -> None:
         )
 
 
-def _refuse_more_faces_than_edges_allow(draft: Draft) -> None:
-    """Refuse what no surface has before its edges, which may be many more than its vertices, are
-    looked for.
-    """
-    vertices, faces = len(draft.vertices), len(draft.faces)
-    if 3 * faces > vertices * (vertices - 1):
-        raise MeshError(
-            f"{faces} faces on {vertices} vertices have more sides than there are pairs of "
-            "vertices, twice each: "
-            f"faces repeat or edges have more than two faces; remove the extra ones, {CLEANING}"
-        )
-
-
-def _refuse_non_manifold_edges(draft: Draft, edges: IntArray, face_edges: IntArray) -> None:
-    uses = np.bincount(face_edges.ravel())
+def _refuse_non_manifold_edges(draft: Draft) -> None:
+    uses = np.bincount(draft.face_edges.ravel())
     if uses.max() > 2:
         edge = np.argmax(uses > 2)
-        start, end = draft.vertex_ids[edges[edge]]
-        faces = draft.face_ids[np.flatnonzero((face_edges == edge).any(axis=1))]
+        start, end = draft.vertex_ids[draft.edges[edge]]
+        faces = draft.face_ids[np.flatnonzero((draft.face_edges == edge).any(axis=1))]
         raise MeshError(
             f"{_count(int(np.sum(uses > 2)), 'edge has', 'edges have')} more than two faces "
             f"(vertices {start} and {end}, counting from 0: faces "
             f"{', '.join(map(str, faces[:4]))}): remove the extra sheets, {CLEANING}"
         )
+
+
+def _make_faces_agree(draft: Draft) -> None:
+    """Turn faces over so that neighbours agree, or raise a MeshError if the surface is one-sided.
+
+    Each piece joined through edges is settled by itself: a closed one ends with its normals
+    outward, one with a boundary keeps the side that most of its faces have.
+    """
+    count = len(draft.faces)
+    draft.edge_slots = topology.edge_slots(draft.face_edges, len(draft.edges))
+    inner = draft.edge_slots[draft.edge_slots[:, 1] >= 0]
+    start = draft.faces.ravel()[topology.next_corner(inner)]
+    disagree = start[:, 0] == start[:, 1]
+    if not disagree.any():
+        return
+    # components of the faces as given and of their turned copies in the orientation double cover
+    f, g = inner.T // 3
+    same = np.stack([f, g + count * disagree], axis=1)
+    opposite = np.stack([f + count, g + count * ~disagree], axis=1)
+    labels = topology.connected(2 * count, np.concatenate([same, opposite]))
+    as_given, turned = labels[:count], labels[count:]
+    one_sided = as_given == turned
+    if one_sided.any():
+        raise MeshError(
+            f"the surface is not orientable, like a Moebius strip ({one_sided.sum()} of "
+            f"{count} faces lie on a one-sided piece, for example face "
+            f"{draft.face_ids[np.argmax(one_sided)]}, counting from 0): cut it open"
+        )
+    flip, piece = turned < as_given, np.minimum(as_given, turned)
+    flip = flip ^ _prefers_other_side(draft, flip, piece)[piece]
+    if flip.any():
+        for name in ("faces", "face_edges"):
+            of_corners = getattr(draft, name)
+            setattr(draft, name, np.where(flip[:, None], of_corners[:, [0, 2, 1]], of_corners))
+        draft.edge_slots = topology.edge_slots(draft.face_edges, len(draft.edges))
+        draft.messages.append(
+            f"{_count(flip.sum(), 'face was', 'faces were')} turned over so that all agree on a "
+            f"side (for example face {draft.face_ids[np.argmax(flip)]})"
+        )
+
+
+def _prefers_other_side(draft: Draft, flip: BoolArray, piece: IntArray) -> BoolArray:
+    """Return per piece label whether the flips proposed for it are the wrong one of two choices."""
+    a, b, c = np.moveaxis((draft.vertices - draft.vertices.mean(axis=0))[draft.faces], 1, 0)
+    volume = np.einsum("fx,fx->f", a, np.cross(b, c)) * np.where(flip, -1, 1)
+    inward = np.bincount(piece, volume) < 0
+    mostly_flipped = 2 * np.bincount(piece, flip) > np.bincount(piece)
+    has_boundary = np.zeros(len(inward), dtype=bool)
+    has_boundary[piece[draft.edge_slots[draft.edge_slots[:, 1] < 0, 0] // 3]] = True
+    return np.where(has_boundary, mostly_flipped, inward)

@@ -5,19 +5,33 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from abfm.errors import MeshError, one_line
 from abfm.mesh.readers.contents import FileContents
-from abfm.mesh.readers.gifti import read_gifti
 from abfm.mesh.readers.gltf import read_gltf
-from abfm.mesh.readers.obj import read_obj
-from abfm.mesh.readers.off import read_off
+from abfm.mesh.readers.plain import read_obj, read_off, read_stl
 from abfm.mesh.readers.ply import read_ply
-from abfm.mesh.readers.stl import read_stl
 from abfm.mesh.triangle_mesh import TriangleMesh
-from abfm.reading import open_plain
+from abfm.reading import gifti_arrays, open_plain
 from abfm.workers.progress import step
 
 _LONGEST_NAME = 300
+
+
+def read_gifti(path: Path) -> FileContents:
+    """Read the point set and the triangles of a GIFTI surface file."""
+    arrays = gifti_arrays(path)
+    points = [array.values for array in arrays if array.intent == "NIFTI_INTENT_POINTSET"]
+    triangles = [array.values for array in arrays if array.intent == "NIFTI_INTENT_TRIANGLE"]
+    if len(points) != 1 or len(triangles) != 1:
+        raise ValueError(
+            f"it has {len(points)} point sets and {len(triangles)} triangle arrays instead of one "
+            "of each: give a surface file (.surf.gii)"
+        )
+    return FileContents(np.asarray(points[0], dtype=np.float64), triangles[0])
+
+
 READERS: dict[str, Callable[[Path], FileContents]] = {
     ".obj": read_obj,
     ".off": read_off,
@@ -90,9 +104,7 @@ def _read(file: Path, ending: str) -> FileContents:
         missing = f"a file that it names is missing: {one_line(error.filename)}"
         raise MeshError(missing if os.path.exists(file) else "there is no such file") from error
     except IsADirectoryError as error:
-        folder = "this is a folder, not a mesh file"
-        raise MeshError(
-            folder if file.is_dir() else "a file that it names is a folder: correct the name"
-        ) from error
+        folder, named = "this is a folder, not a mesh file", "a file that it names is a folder: "
+        raise MeshError(folder if file.is_dir() else f"{named}correct the name") from error
     except Exception as error:
         raise MeshError(f"cannot be read as {ending}: {one_line(error)}") from error

@@ -17,16 +17,13 @@ def even_sphere(count: int) -> TriangleMesh:
     z = 1 - (2 * k + 1) / count
     angle = np.pi * (3 - np.sqrt(5)) * k
     ring = np.sqrt(1 - z**2)
-    hull = trimesh.convex.convex_hull(
-        np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
-    )
+    points = np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
+    hull = trimesh.convex.convex_hull(points)
     return TriangleMesh(hull.vertices, hull.faces)
 
 
 def five_limbs(count: int) -> TriangleMesh:
-    """Return a flat smooth body with five limbs of different lengths, whose triangles are long and
-    thin, without symmetry.
-    """
+    """Return a flat body with five limbs of different lengths, of long and thin triangles."""
     ball = even_sphere(count)
     cosines = ball.vertices @ (_LIMBS / np.linalg.norm(_LIMBS, axis=1)[:, None]).T
     reach = 1 + np.exp(8 * (cosines - 1)) @ np.array([1.2, 0.8, 0.9, 1, 1.1])
@@ -34,14 +31,13 @@ def five_limbs(count: int) -> TriangleMesh:
 
 
 def grid(n: int, m: int, around: bool) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the squares of a grid as two triangles each, (2 n m, 3), and the rows and columns of
-    its vertices.
+    """Return n x m squares as two triangles each, (2 n m, 3), and the vertices' rows and columns.
 
-    Diagonals alternate. Of n x m squares the grid has as many vertices where it closes around, else
-    one row and one column more.
+    Diagonals alternate. There are n x m vertices where the grid closes around, else one row and one
+    column more.
     """
     rows, columns = (n, m) if around else (n + 1, m + 1)
-    i, j = (index.ravel() for index in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
+    i, j = np.indices((n, m)).reshape(2, -1)
     a, b, c, d = (
         ((i + p) % rows) * columns + (j + q) % columns for p, q in ((0, 0), (1, 0), (1, 1), (0, 1))
     )
@@ -59,36 +55,27 @@ def sphere(subdivisions: int) -> TriangleMesh:
 
 
 def two_armed(subdivisions: int) -> TriangleMesh:
-    """Return a flat body with two curved arms, which the rotation by 180 degrees about z exchanges
-    vertex by vertex.
+    """Return a flat body with two curved arms, which 180 degrees about z exchange vertex by vertex.
 
     A sphere with its vertices in pairs about z, drawn out along x, flattened, and turned the more
     the farther out.
     """
-    x, y, z = (sphere(subdivisions).vertices * [1, 1, 0.5]).T
+    ball = sphere(subdivisions)
+    x, y, z = (ball.vertices * [1, 1, 0.5]).T
     stretch = 1 + 0.45 * (x * x - y * y)
     turned = (x + 1j * y) * stretch * np.exp(1.2j * np.hypot(x, y) * stretch)
-    return TriangleMesh(
-        np.stack([turned.real, turned.imag, z * stretch], axis=1), sphere(subdivisions).faces
-    )
+    return TriangleMesh(np.stack([turned.real, turned.imag, z * stretch], axis=1), ball.faces)
 
 
 def stepped_slab(squares: int) -> TriangleMesh:
-    """Return a slab of 4 x 3 cubes without two opposite ones at its corners, with two cubes on top:
-    all edges are creases.
+    """Return a slab of 4 x 3 cubes less two opposite corners, two on top: all edges are creases.
 
     Every side of a cube has ``squares`` x ``squares`` squares of four triangles. The rotation by
     180 degrees about z carries vertices to vertices.
     """
     slab = {(x, y, 0) for x in range(4) for y in range(3)} - {(0, 2, 0), (3, 0, 0)}
-    return _cubes(slab | {(1, 1, 1), (2, 1, 1)}, squares)
-
-
-def _cubes(cubes: set[tuple[int, int, int]], squares: int) -> TriangleMesh:
-    """Return the surface of a union of unit cubes, given by their lowest corners."""
-    steps = np.stack(
-        np.meshgrid(np.arange(squares), np.arange(squares), indexing="ij"), axis=-1
-    ).reshape(-1, 1, 2)
+    cubes = slab | {(1, 1, 1), (2, 1, 1)}  # by their lowest corners
+    steps = np.indices((squares, squares)).reshape(2, -1).T[:, None]
     around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     corners = []  # of all squares, (4, 3) each, in squares' sides
     for cube in sorted(cubes):
@@ -111,23 +98,18 @@ def _cubes(cubes: set[tuple[int, int, int]], squares: int) -> TriangleMesh:
 
 
 def torus(n: int, m: int, R: float = 1.0, r: float = 0.45) -> TriangleMesh:
-    """Return a torus about the y axis: n vertices around it at distance R, m around the tube of
-    radius r; both numbers even.
-    """
+    """Return a torus about y: n vertices around at distance R, m around the tube; both even."""
     faces, i, j = grid(n, m, around=True)
     u, w = 2 * np.pi * i / n, 2 * np.pi * j / m
     ring = R + r * np.cos(w)
-    return TriangleMesh(
-        np.stack([ring * np.sin(u), r * np.sin(w), ring * np.cos(u)], axis=1), faces
-    )
+    points = np.stack([ring * np.sin(u), r * np.sin(w), ring * np.cos(u)], axis=1)
+    return TriangleMesh(points, faces)
 
 
 def geodesic_sphere(frequency: int) -> TriangleMesh:
-    """Return the unit sphere with 10 * frequency**2 + 2 vertices: an icosahedron's faces in even
-    triangles, projected.
-    """
+    """Return the unit sphere as a divided icosahedron with 10 * frequency**2 + 2 vertices."""
     solid = trimesh.creation.icosahedron()
-    i, j = (index.ravel() for index in np.meshgrid(*[np.arange(frequency + 1)] * 2, indexing="ij"))
+    i, j = np.indices((frequency + 1, frequency + 1)).reshape(2, -1)
     inside = i + j <= frequency
     number = np.cumsum(inside).reshape(frequency + 1, -1) - 1
     i, j = i[inside], j[inside]
@@ -150,12 +132,10 @@ def geodesic_sphere(frequency: int) -> TriangleMesh:
 
 
 def gourd(frequency: int) -> TriangleMesh:
-    """Return a squat surface of revolution about the y axis with three bulges, of
-    10 * frequency**2 + 2 vertices.
-    """
-    ball = geodesic_sphere(frequency).vertices
-    polar = np.arccos(np.clip(ball[:, 1], -1, 1))
-    return TriangleMesh(ball * gourd_radius(polar)[:, None], geodesic_sphere(frequency).faces)
+    """Return a squat surface about y with three bulges, of 10 * frequency**2 + 2 vertices."""
+    ball = geodesic_sphere(frequency)
+    polar = np.arccos(np.clip(ball.vertices[:, 1], -1, 1))
+    return TriangleMesh(ball.vertices * gourd_radius(polar)[:, None], ball.faces)
 
 
 def gourd_radius(polar: FloatArray) -> FloatArray:
@@ -165,17 +145,12 @@ def gourd_radius(polar: FloatArray) -> FloatArray:
 
 
 def three_arms(subdivisions: int) -> tuple[TriangleMesh, tuple[int, int, int]]:
-    """Return a smooth flat body with a thick arm upwards and two thin ones downwards, and the
-    vertices at their ends.
-    """
+    """Return a flat body with a thick arm upwards and two thin ones downwards; and their tips."""
     shape = trimesh.creation.icosphere(subdivisions=subdivisions)
     radius, tips = np.ones(len(shape.vertices)), []
     for degrees, height, sharpness in ((90, 1.5, 6), (-45, 1.4, 9), (-135, 1.4, 9)):
         along = shape.vertices @ [np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0]
         radius += height * np.exp(sharpness * (along - 1))
         tips.append(int(along.argmax()))
-    return TriangleMesh(radius[:, None] * shape.vertices * [1, 1, 0.7], shape.faces), (
-        tips[0],
-        tips[1],
-        tips[2],
-    )
+    mesh = TriangleMesh(radius[:, None] * shape.vertices * [1, 1, 0.7], shape.faces)
+    return mesh, (tips[0], tips[1], tips[2])

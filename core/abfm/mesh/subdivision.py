@@ -11,27 +11,20 @@ def subdivided(mesh: TriangleMesh) -> TriangleMesh:
     """Return the mesh with a vertex in the middle of every edge: V + E vertices, 4 F faces.
 
     The vertices stay, and edge e gets vertex ``V + e``. Face f becomes the faces ``4 f`` to
-    ``4 f + 3``: that at its corner 0, at corner 1, at corner 2, each with this corner in its place,
-    and the middle one, whose corner c lies opposite the corner c of f.
-
-    Raises
-    ------
-    MeshError
-        If a face is so thin that its parts have no area.
+    ``4 f + 3``: those at its corners 0, 1 and 2, each with this corner in its place, and the middle
+    one, whose corner c lies opposite the corner c of f. MeshError if parts have no area.
     """
-    corners, middles = mesh.faces, mesh.face_edges + len(mesh.vertices)
+    middles = mesh.face_edges + len(mesh.vertices)
     children = np.repeat(middles[:, None], 4, axis=1)
     for c in range(3):
-        children[:, c, c] = corners[:, c]
+        children[:, c, c] = mesh.faces[:, c]
         children[:, c, (c + 1) % 3] = middles[:, (c + 2) % 3]
         children[:, c, (c + 2) % 3] = middles[:, (c + 1) % 3]
     return TriangleMesh(interpolated(mesh, mesh.vertices), children.reshape(-1, 3))
 
 
 def interpolated(mesh: TriangleMesh, values: ArrayLike) -> FloatArray:
-    """Return a vertex function (V, ...) on the vertices of the subdivided mesh, (V + E, ...): the
-    same, linear on faces.
-    """
+    """Return a vertex function (V, ...) on the vertices of the subdivided mesh, (V + E, ...)."""
     given = np.asarray(values, dtype=np.float64)
     start, end = mesh.edges.T
     return np.concatenate([given, given[start] / 2 + given[end] / 2])

@@ -10,9 +10,7 @@ from abfm.types import BoolArray, IntArray
 
 
 def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
-    """Return the edges (E, 2) as vertex pairs, smaller index first, sorted; and the edge opposite
-    each corner, (F, 3).
-    """
+    """Return the edges (E, 2), sorted, smaller vertex first; and that opposite each corner."""
     sides = np.empty((len(faces), 3), dtype=np.int64)
     for corner in range(3):
         start, end = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
@@ -27,8 +25,7 @@ def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArr
 
 
 def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]:
-    """Return keys from 0 to below a number, sorted, and where each was: of one sort where both fit
-    into 64 bits.
+    """Sort keys from 0 to below a number, with their places: in one sort where both fit 64 bits.
 
     That takes a fraction of the time in which NumPy finds the order alone.
     """
@@ -43,9 +40,7 @@ def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]
 
 
 def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
-    """Return slots (E, 2) of every edge of a manifold mesh, smaller first; the second is -1 on the
-    boundary.
-    """
+    """Return the slots (E, 2) of every edge, smaller first; the second is -1 on the boundary."""
     order = np.argsort(face_edges, axis=None, kind="stable")
     uses = np.bincount(face_edges.ravel(), minlength=edge_count)
     first = np.cumsum(uses) - uses
@@ -54,9 +49,7 @@ def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
 
 
 def next_corner(slots: IntArray) -> IntArray:
-    """Return the slot of the following corner in the same face: where the slot's edge starts (where
-    it ends: twice).
-    """
+    """Return the slots of the following corners in their faces: where the slots' edges start."""
     return slots - slots % 3 + (slots + 1) % 3
 
 
@@ -85,25 +78,21 @@ def vertex_components(faces: IntArray, vertex_count: int) -> IntArray:
 
 
 def corner_fans(slots: IntArray, face_count: int) -> IntArray:
-    """Return the fan of every corner, (F, 3): the corners at one vertex that are linked through
-    shared edges.
+    """Return the fan of every corner, (F, 3): corners at one vertex, linked through shared edges.
 
     ``slots`` are the :func:`edge_slots` of a consistently oriented mesh. A manifold vertex has one
     fan, a pinched one several: the fans are the vertices that the surface has when it is cut apart
     at its pinched vertices.
     """
-    inner = slots[slots[:, 1] >= 0]
-    start = next_corner(inner)
+    start = next_corner(slots[slots[:, 1] >= 0])
     end = next_corner(start)
-    links = np.concatenate(
-        [np.stack([start[:, 0], end[:, 1]], axis=1), np.stack([end[:, 0], start[:, 1]], axis=1)]
-    )
-    return connected(3 * face_count, links).reshape(-1, 3)
+    links = [np.stack([start[:, k], end[:, 1 - k]], axis=1) for k in (0, 1)]
+    return connected(3 * face_count, np.concatenate(links)).reshape(-1, 3)
 
 
 def pinched_vertices(faces: IntArray, fans: IntArray, vertex_count: int) -> BoolArray:
-    """Return the vertices (V,) with several of the :func:`corner_fans`: there, parts that share no
-    edge touch.
+    """Return the vertices (V,) with several :func:`corner_fans`: parts without shared edges touch
+    there.
     """
     vertex_of_fan = np.zeros(fans.max() + 1, dtype=np.int64)
     vertex_of_fan[fans] = faces

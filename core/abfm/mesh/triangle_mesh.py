@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import FunctionError
 from abfm.mesh.checks import check, twice_areas
-from abfm.mesh.orientation import faces_inward
 from abfm.mesh.topology import connected, next_corner, pinched_vertices
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm.workers.messages import sent_by_name
@@ -22,13 +21,13 @@ Result = TypeVar("Result")
 Others = ParamSpec("Others")
 Entry = TypeVar("Entry", bound=np.generic)
 
+_ENCLOSES = 0.3  # of what the normals of a sphere come to
+
 
 def per_mesh(
     build: Callable[Concatenate[TriangleMesh, Others], Result],
 ) -> Callable[Concatenate[TriangleMesh, Others], Result]:
-    """Decorate ``build(mesh, ...)`` so that its result for these arguments is made once per mesh
-    and kept with it.
-    """
+    """Decorate ``build(mesh, ...)``, whose results are to be made once and kept with the mesh."""
 
     @wraps(build)
     def cached(mesh: TriangleMesh, /, *others: Others.args, **named: Others.kwargs) -> Result:
@@ -70,12 +69,9 @@ class TriangleMesh:
 
     Attributes
     ----------
-    vertices : (V, 3) array of float
-    faces : (F, 3) array of int
-    vertex_ids : (V,) array of int
-        Row of the input, or of the file, that each vertex came from; ascending.
-    face_ids : (F,) array of int
-        The same for faces.
+    vertices, faces : (V, 3) array of float, (F, 3) array of int
+    vertex_ids, face_ids : (V,) and (F,) array of int
+        Rows of the input, or of the file, that they came from; ascending.
     file_vertex_count : int
         Number of vertices of the input.
     messages : tuple of str
@@ -85,13 +81,11 @@ class TriangleMesh:
     face_edges : (F, 3) array of int
         Index of the edge opposite each corner.
     edge_slots : (E, 2) array of int
-        The slots ``3 f + k`` of the corners opposite each edge, smaller first; the second is -1 on
-        the boundary.
+        The slots ``3 f + k`` of the corners opposite each edge, smaller first; -1 is no second one.
     corner_fans : (F, 3) array of int
         The vertex of each corner if pinched vertices were cut apart.
     cache : dict
-        What :func:`per_mesh` keeps; it may be cleared at any time, and what is asked for again is
-        made again.
+        What :func:`per_mesh` keeps; it may be cleared at any time.
 
     Raises
     ------
@@ -120,18 +114,8 @@ class TriangleMesh:
         messages: Iterable[str] = (),
         numbers: tuple[IntArray, int] | None = None,
     ) -> None:
-        draft, connectivity = check(vertices, faces, largest_component, numbers)
-        arrays = {
-            name: getattr(draft, name) for name in ("vertices", "faces", "vertex_ids", "face_ids")
-        }
-        self.__dict__.update(
-            {name: _frozen(array) for name, array in (arrays | connectivity._asdict()).items()}
-        )
-        self.__dict__.update(
-            file_vertex_count=draft.input_vertex_count,
-            messages=(*messages, *draft.messages),
-            cache={},
-        )
+        draft = check(vertices, faces, largest_component, numbers)
+        self.__setstate__(vars(draft) | {"messages": (*messages, *draft.messages), "cache": {}})
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(
@@ -139,9 +123,7 @@ class TriangleMesh:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy, or the mesh in another process, has: nothing of what is kept with
-        this one.
-        """
+        """Return what a copy, or the mesh in another process, has: nothing that is kept here."""
         return self.__dict__ | {"cache": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -153,9 +135,15 @@ class TriangleMesh:
         return f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
     @property
+    @per_mesh
     def digest(self) -> str:
         """Name of the mesh by its content, in hexadecimal digits: the same in every process."""
-        return _digest(self)
+        found = hashlib.sha256(repr((self.file_vertex_count, self.messages)).encode())
+        for name in ("vertices", "faces", "vertex_ids", "face_ids"):
+            array = np.ascontiguousarray(getattr(self, name))
+            found.update(f"{name} {array.dtype.str} {array.shape}".encode())
+            found.update(array.data)
+        return found.hexdigest()
 
     @cached_property
     def length_scale(self) -> float:
@@ -200,8 +188,19 @@ class TriangleMesh:
 
     @cached_property
     def is_inside_out(self) -> bool:
-        """Whether it encloses space, all of it or nearly, and its faces look inward."""
-        return faces_inward(self.vertices, self.faces)
+        """Whether it encloses space, all of it or nearly, and its faces look inward.
+
+        Its normals then point, on the whole, to the middle. The more they agree on a direction, as
+        those of a dish do, the more clearly they must: what is flat or shaped like a saddle has no
+        inner side.
+        """
+        a, b, c = np.moveaxis(self.vertices[self.faces], 1, 0)
+        normals, middles = np.cross(b - a, c - a), (a + b + c) / 3
+        sizes = np.linalg.norm(normals, axis=1)
+        outward = middles - sizes @ middles / sizes.sum()
+        agree = float(np.linalg.norm(normals.sum(axis=0)) / sizes.sum())
+        clearly = _ENCLOSES * agree * float(sizes @ np.linalg.norm(outward, axis=1))
+        return float(np.einsum("fx,fx->", normals, outward)) < -clearly
 
     @property
     def euler_characteristic(self) -> int:
@@ -210,9 +209,7 @@ class TriangleMesh:
 
     @cached_property
     def boundary_loop_count(self) -> int:
-        """Number of closed loops that make up the boundary; loops that touch at a pinched vertex
-        count separately.
-        """
+        """Number of closed loops of the boundary; those touching at a pinched vertex are two."""
         start = next_corner(self.edge_slots[self.is_boundary_edge, 0])
         ends = np.stack(
             [self.corner_fans.ravel()[start], self.corner_fans.ravel()[next_corner(start)]], axis=1
@@ -222,16 +219,13 @@ class TriangleMesh:
 
     @cached_property
     def genus(self) -> int:
-        """Number of handles, from ``V - E + F = 2 - 2 genus - loops``; pinched vertices count as
-        cut apart.
-        """
+        """Handles: ``V - E + F = 2 - 2 genus - loops`` with pinched vertices cut apart."""
         pieces = connected(len(self.faces), self.edge_faces[~self.is_boundary_edge]).max() + 1
         characteristic = self.corner_fans.max() + 1 - len(self.edges) + len(self.faces)
         return int(2 * pieces - self.boundary_loop_count - characteristic) // 2
 
     def local_vertex(self, index: int) -> int:
-        """Return the row in ``vertices`` of the vertex that the file calls ``index``, counted from
-        0.
+        """Return the row in ``vertices`` of the vertex that the file calls ``index``, from 0.
 
         Raises
         ------
@@ -251,8 +245,7 @@ class TriangleMesh:
         return position
 
     def restrict(self, values: NDArray[Entry]) -> NDArray[Entry]:
-        """Return the rows of ``values`` that belong to the kept vertices: (file_vertex_count, ...)
-        or (V, ...) to (V, ...).
+        """Return the rows of the kept vertices (V, ...) of (file_vertex_count, ...) or (V, ...).
 
         Raises
         ------
@@ -269,17 +262,6 @@ class TriangleMesh:
         raise FunctionError(
             f"{len(values)} values were given for a mesh of {expected}: give one per vertex"
         )
-
-
-@per_mesh
-def _digest(mesh: TriangleMesh) -> str:
-    """Compute the digest of all that a pickle holds and is not made of the rest."""
-    found = hashlib.sha256(repr((mesh.file_vertex_count, mesh.messages)).encode())
-    for name in ("vertices", "faces", "vertex_ids", "face_ids"):
-        array = np.ascontiguousarray(getattr(mesh, name))
-        found.update(f"{name} {array.dtype.str} {array.shape}".encode())
-        found.update(array.data)
-    return found.hexdigest()
 
 
 def _frozen(array: NDArray[Entry]) -> NDArray[Entry]:

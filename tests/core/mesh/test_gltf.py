@@ -103,7 +103,7 @@ def test_one_buffer_for_several_is_read_once(tmp_path, monkeypatch):
     )
     read = []
     monkeypatch.setattr(
-        "abfm.mesh.readers.gltf_data.read_bytes",
+        "abfm.mesh.readers.gltf.read_bytes",
         lambda path: read.append(path) or path.read_bytes(),
     )
     assert len(load_mesh(write(tmp_path, "a.gltf", json.dumps(header))).faces) == 1

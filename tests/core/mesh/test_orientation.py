@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from abfm.errors import MeshError
 from abfm.mesh import TriangleMesh
-from abfm.mesh.orientation import faces_inward
 from tests.shapes import disc, icosphere, moebius_arrays, open_cylinder, square, torus
 
 CLOSED = {"sphere": icosphere(1), "torus": torus(6, 5)}
@@ -103,8 +102,9 @@ def test_moebius_strip_is_refused_however_its_faces_are_turned(flips):
 def test_what_encloses_space_may_be_inside_out_and_what_is_flat_is_not():
     for mesh in (icosphere(2), torus(12, 8), open_cylinder(12, 4)):
         vertices = mesh.vertices + np.array([7.0, -3.0, 2.0])
-        assert faces_inward(vertices, mesh.faces) != faces_inward(vertices, mesh.faces[:, ::-1])
-    assert not faces_inward(icosphere(2).vertices, icosphere(2).faces)
+        sides = [TriangleMesh(vertices, faces) for faces in (mesh.faces, mesh.faces[:, ::-1])]
+        assert sides[0].is_inside_out != sides[1].is_inside_out
+    assert not icosphere(2).is_inside_out
     for mesh in (disc(3), square(4)):
-        assert not faces_inward(mesh.vertices, mesh.faces)
-        assert not faces_inward(mesh.vertices, mesh.faces[:, ::-1])
+        assert not mesh.is_inside_out
+        assert not TriangleMesh(mesh.vertices, mesh.faces[:, ::-1]).is_inside_out

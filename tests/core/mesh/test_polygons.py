@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from abfm.errors import MeshError
 from abfm.mesh import load_mesh
-from abfm.mesh.readers import polygons
-from abfm.mesh.readers.polygons import split_polygons
+from abfm.mesh.readers import contents as readers
+from abfm.mesh.readers.contents import split_polygons
 from tests.mesh_writers import write
 
 seeds = st.integers(0, 2**32 - 1)
@@ -137,8 +137,8 @@ def test_what_crosses_itself_is_a_fan_with_a_warning():
 
 @pytest.mark.parametrize("bound", ["_MOST_CORNERS", "_MOST_WORK"])
 def test_polygons_that_would_take_for_ever_are_refused(tmp_path, monkeypatch, bound):
-    monkeypatch.setattr(polygons, bound, 9)
-    monkeypatch.setattr(polygons, "_WORK_OF_A_CORNER", 1)
+    monkeypatch.setattr(readers, bound, 9)
+    monkeypatch.setattr(readers, "_WORK_OF_A_CORNER", 1)
     points = star(np.random.default_rng(0), 10)
     lines = [
         "OFF 10 1 0",

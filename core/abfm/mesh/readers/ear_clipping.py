@@ -1,8 +1,7 @@
-"""A plane polygon without holes, cut into triangles: one ear, a corner whose triangle is empty,
-after the other.
+"""Plane polygons cut into triangles: one ear, a corner whose triangle is empty, after the other.
 
-Meisters, "Polygons have ears", 1975. Each cut changes only whether its two neighbours are ears,
-which is asked again: the time grows with the square of the number of corners, whatever the shape.
+Meisters, "Polygons have ears", 1975. (``mapbox_earcut`` leaves corners on straight sides out, which
+makes cracks between polygons, and does not tell what crosses itself.)
 """
 
 import numpy as np
@@ -15,27 +14,17 @@ from abfm.types import BoolArray, FloatArray, IndexArray
 def clip_polygons(
     points: FloatArray, corners: IndexArray, sizes: IndexArray, asked: BoolArray, faces: IndexArray
 ) -> BoolArray:
-    """Write the triangles of the polygons that are asked for; those (P,) that have no right ones
-    keep what they had.
+    """Write into ``faces`` (n - 2 P, 3) the triangles of the polygons (P,) that are ``asked`` for.
 
-    Parameters
-    ----------
-    points : (n, 2) array
-        Corners of one polygon after the other, each counterclockwise.
-    corners : (n,) array
-        What the faces call them.
-    sizes : (P,) array
-        Numbers of corners.
-    asked : (P,) array
-    faces : (n - 2 P, 3) array
-        Overwritten.
+    ``points`` (n, 2) are the corners of one polygon after the other, each counterclockwise, which
+    the faces call ``corners``. Return those (P,) that have no right ones: they keep what they had.
     """
     failed = np.zeros(sizes.size, dtype=np.bool_)
     start, face = 0, 0
     for polygon in range(sizes.size):
         count = sizes[polygon]
         if asked[polygon]:
-            triangles = clip_ears(points[start : start + count])
+            triangles = _clip_ears(points[start : start + count])
             failed[polygon] = len(triangles) < count - 2
             if not failed[polygon]:
                 for k in range(count - 2):
@@ -47,16 +36,12 @@ def clip_polygons(
 
 
 @kernel
-def clip_ears(points: FloatArray) -> IndexArray:
-    """Compute triangles (n - 2, 3) of corners of a polygon that runs counterclockwise, or fewer if
-    there are no more ears.
+def _clip_ears(points: FloatArray) -> IndexArray:
+    """Compute triangles (n - 2, 3) of corners (n, 2), or fewer if there are no more ears.
 
     Of all ears the most even is cut first: flat ones are left to the end, when their neighbours
-    have helped them. A simple polygon always has one; what crosses itself may not.
-
-    Parameters
-    ----------
-    points : (n, 2) array
+    have helped them. A simple polygon always has one; what crosses itself may not. Each cut changes
+    only whether its two neighbours are ears: the time grows with the square of n.
     """
     count = len(points)
     before, after = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
@@ -79,19 +64,15 @@ def clip_ears(points: FloatArray) -> IndexArray:
         triangles[found, 0], triangles[found, 1], triangles[found, 2] = a, best, c
         found += 1
         after[a], before[c] = c, a
-        evenness[a], evenness[c] = (
-            _ear(points, before[a], a, c, after),
-            _ear(points, a, c, after[c], after),
-        )
+        evenness[a] = _ear(points, before[a], a, c, after)
+        evenness[c] = _ear(points, a, c, after[c], after)
         somewhere = a
     return triangles[:found]
 
 
 @kernel
 def _ear(points: FloatArray, a: int, b: int, c: int, after: IndexArray) -> float:
-    """Compute twice the area of the triangle at a corner over its longest side squared; 0 where it
-    is no ear.
-    """
+    """Compute twice the area of a corner's triangle over its longest side squared; 0: no ear."""
     area = _turn(points, a, b, c)
     if area <= 0:
         return 0.0
@@ -101,13 +82,14 @@ def _ear(points: FloatArray, a: int, b: int, c: int, after: IndexArray) -> float
             _turn(points, a, b, k) >= 0
             and _turn(points, b, c, k) >= 0
             and _turn(points, c, a, k) >= 0
-            and not (_same(points, k, a) or _same(points, k, b) or _same(points, k, c))
+            and _distance(points, k, a) > 0
+            and _distance(points, k, b) > 0
+            and _distance(points, k, c) > 0
         ):
             return 0.0
         k = after[k]
-    return float(
-        area / max(_distance(points, a, b), _distance(points, b, c), _distance(points, c, a))
-    )
+    sides = _distance(points, a, b), _distance(points, b, c), _distance(points, c, a)
+    return float(area / max(sides))
 
 
 @kernel
@@ -115,11 +97,6 @@ def _turn(points: FloatArray, a: int, b: int, c: int) -> float:
     """Compute twice the signed area of a triangle."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     return float(ux * (points[c, 1] - points[a, 1]) - uy * (points[c, 0] - points[a, 0]))
-
-
-@kernel
-def _same(points: FloatArray, a: int, b: int) -> bool:
-    return bool(points[a, 0] == points[b, 0] and points[a, 1] == points[b, 1])
 
 
 @kernel

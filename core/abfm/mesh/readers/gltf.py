@@ -1,24 +1,35 @@
 """glTF scenes, as text (.gltf, with its buffers in it or beside it) and binary (.glb).
 
-Only the triangles are read, and nothing of materials, images or animations. Own code: trimesh makes
-2.4 GB and 19 s of 600 bytes that announce 100 million vertices, takes matrices that are not finite,
-and leaves out what is sparse; pygltflib reads the JSON alone, and checks none of it.
+Format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html. Only the triangles are read, and
+nothing of materials, images or animations. Own code: trimesh makes 2.4 GB and 19 s of 600 bytes
+that announce 100 million vertices, takes matrices that are not finite, and leaves out what is
+sparse; pygltflib reads the JSON alone, and checks none of it.
 """
 
+import base64
+import binascii
+import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abfm.mesh.readers.contents import FileContents, merge_by_position
-from abfm.mesh.readers.gltf_data import Document
 from abfm.mesh.topology import edges_of_faces
+from abfm.reading import from_json, read_bytes
 from abfm.types import FloatArray, IntArray
 
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of primitives; the others are points and lines
 _MOST_PARTS = 50_000  # of the scene: primitives, each as often as it is placed, and nodes
 # vertices of all parts, over those that are in the file; so many may be anyway
 _MOST_TIMES, _FEW = 4, 1_000_000
+_GLB, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
+_KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WORDS = {dict: "object", list: "array", int: "whole number", str: "text"}  # of JSON
+_SHAPES = {"SCALAR": (1, "corners"), "VEC3": (3, "positions")}
 
 Part = tuple[FloatArray, IntArray]
 
@@ -29,13 +40,13 @@ def read_gltf(path: Path) -> FileContents:
     glTF repeats a vertex wherever texture or normal are discontinuous. Where that leaves cracks,
     vertices at the same position are merged.
     """
-    document = Document(path)
+    document = _Document(path)
     meshes: dict[int, list[Part]] = {}
     parts: list[Part] = []
     there = placed = 0
-    for mesh, matrix in _placements(document):
+    for mesh, matrix in document.placements():
         if mesh not in meshes:
-            meshes[mesh] = list(_parts(document, mesh))
+            meshes[mesh] = list(document.parts(mesh))
             there += sum(len(points) for points, _ in meshes[mesh])
         for points, faces in meshes[mesh]:
             parts.append(_moved(points, faces, matrix))
@@ -56,59 +67,6 @@ def read_gltf(path: Path) -> FileContents:
     return merged if _boundary_length(merged) < _boundary_length(split) else split
 
 
-def _placements(document: Document) -> Iterator[tuple[int, FloatArray]]:
-    """Return the mesh and transformation (4, 4) of every node of the scene that has one: parents
-    first, last children first.
-    """
-    seen: set[int] = set()
-    left = [(root, np.eye(4)) for root in document.roots()]
-    while left:
-        index, above = left.pop()
-        if index in seen or len(seen) > _MOST_PARTS:
-            reason = (
-                "is in the scene twice" if index in seen else f"is beyond the first {_MOST_PARTS}"
-            )
-            raise ValueError(f"node {index} {reason}: export what is to be matched alone")
-        seen.add(index)
-        node = document.node(index)
-        matrix = above @ node.matrix
-        if node.mesh is not None:
-            yield node.mesh, matrix
-        left.extend((child, matrix) for child in node.children)
-
-
-def _parts(document: Document, mesh: int) -> Iterator[Part]:
-    """Return the vertices and faces of the primitives of a mesh that have triangles."""
-    for primitive in document.primitives(mesh):
-        if primitive.mode not in (TRIANGLES, STRIP, FAN):
-            continue
-        points = document.numbers(primitive.positions, "VEC3").astype(np.float64)
-        if primitive.indices is None:
-            corners = np.arange(len(points))
-        else:
-            corners = document.numbers(primitive.indices, "SCALAR").astype(np.int64).ravel()
-        if primitive.mode == TRIANGLES:
-            if len(corners) % 3:
-                raise ValueError(
-                    f"mesh {mesh} has {len(corners)} corners, which do not make whole triangles"
-                )
-            faces = corners.reshape(-1, 3)
-        else:
-            first = (
-                corners[:-2]
-                if primitive.mode == STRIP
-                else np.repeat(corners[:1], max(len(corners) - 2, 0))
-            )
-            faces = np.stack([first, corners[1:-1], corners[2:]], axis=1)
-            if primitive.mode == STRIP:
-                faces[1::2] = faces[1::2, ::-1]
-        if faces.size and faces.max() >= len(points):
-            raise ValueError(
-                f"mesh {mesh} names vertex {faces.max()} of {len(points)} numbered from 0"
-            )
-        yield points, faces
-
-
 def _moved(points: FloatArray, faces: IntArray, matrix: FloatArray) -> Part:
     """Return a part as it is placed; what is mirrored keeps its outer side."""
     if np.array_equal(matrix, np.eye(4)):
@@ -118,6 +76,230 @@ def _moved(points: FloatArray, faces: IntArray, matrix: FloatArray) -> Part:
 
 
 def _boundary_length(contents: FileContents) -> int:
-    """Return the number of edges with a single face."""
     _, face_edges = edges_of_faces(contents.faces, len(contents.vertices))
     return int(np.sum(np.bincount(face_edges.ravel()) == 1))
+
+
+class _Document:
+    """The JSON and the buffers of a file: what one names in the other is looked at before it is
+    used, and refused by a ValueError.
+    """
+
+    def __init__(self, path: Path) -> None:
+        data = read_bytes(path)
+        self._path, self._binary = path, b""
+        if path.suffix.lower() == ".glb":
+            data, self._binary = _chunks(data)
+        self._header = from_json(data)
+        version = _of(self._header, "asset", dict, {}).get("version", "2.0")
+        if not str(version).startswith("2."):
+            raise ValueError(f"it is glTF {str(version)[:20]}; only glTF 2 is read")
+        self._buffers: dict[Path | int, bytes] = {}
+
+    def placements(self) -> Iterator[tuple[int, FloatArray]]:
+        """Return mesh and transformation (4, 4) of every node of the scene that has a mesh:
+        parents first, last children first.
+        """
+        seen: set[int] = set()
+        left = [(root, np.eye(4)) for root in self._roots()]
+        while left:
+            index, above = left.pop()
+            if index in seen or len(seen) > _MOST_PARTS:
+                again = index in seen
+                reason = "is in the scene twice" if again else f"is beyond the first {_MOST_PARTS}"
+                raise ValueError(f"node {index} {reason}: export what is to be matched alone")
+            seen.add(index)
+            node = self._entry("nodes", index)
+            matrix = above @ _matrix(node, index)
+            mesh = _of(node, "mesh", int, None)
+            children = _indices(node, "children")
+            if mesh is not None:
+                yield mesh, matrix
+            left.extend((child, matrix) for child in children)
+
+    def _roots(self) -> list[int]:
+        """Return the nodes of the scene that is shown; without scenes, those below no other."""
+        if _of(self._header, "scenes", list, []):
+            return _indices(self._entry("scenes", _of(self._header, "scene", int, 0)), "nodes")
+        nodes = range(len(_of(self._header, "nodes", list, [])))
+        below = {child for k in nodes for child in _indices(self._entry("nodes", k), "children")}
+        return [index for index in nodes if index not in below]
+
+    def parts(self, mesh: int) -> Iterator[Part]:
+        """Return the vertices and faces of the primitives of a mesh that have triangles."""
+        primitives = []
+        for entry in _of(self._entry("meshes", mesh), "primitives", list, []):
+            if not isinstance(entry, dict):
+                raise ValueError(f"mesh {mesh} has a primitive that is no JSON object")
+            positions = _of(_of(entry, "attributes", dict, {}), "POSITION", int, None)
+            if positions is not None:  # others show nothing
+                indices, mode = _of(entry, "indices", int, None), _of(entry, "mode", int, TRIANGLES)
+                primitives.append((positions, indices, mode))
+        for positions, indices, mode in primitives:
+            if mode not in (TRIANGLES, STRIP, FAN):
+                continue
+            points = self._numbers(positions, "VEC3").astype(np.float64)
+            corners = np.arange(len(points))
+            if indices is not None:
+                corners = self._numbers(indices, "SCALAR").astype(np.int64).ravel()
+            if mode == TRIANGLES and len(corners) % 3:
+                raise ValueError(
+                    f"mesh {mesh} has {len(corners)} corners, which do not make whole triangles"
+                )
+            faces = _faces(corners, mode)
+            if faces.size and faces.max() >= len(points):
+                raise ValueError(
+                    f"mesh {mesh} names vertex {faces.max()} of {len(points)} numbered from 0"
+                )
+            yield points, faces
+
+    def _numbers(self, index: int, shape: str) -> NDArray[Any]:
+        """Return what an accessor gives, (count, 1 or 3)."""
+        entry, name = self._entry("accessors", index), f"accessor {index}"
+        if "sparse" in entry:
+            raise ValueError(
+                f"{name} is sparse, which is not read: export without sparse accessors"
+            )
+        if "bufferView" not in entry:
+            raise ValueError(
+                f"{name} has no buffer view: export without compression (Draco, meshopt)"
+            )
+        columns, meaning = _SHAPES[shape]
+        kind = np.dtype(_KINDS.get(_of(entry, "componentType", int, 0), "V0"))
+        right = kind.itemsize and entry.get("type") == shape
+        if not right or (shape == "SCALAR" and kind.kind == "f"):
+            raise ValueError(f"{name} is not made of {meaning} as glTF has them")
+        view = self._entry("bufferViews", _of(entry, "bufferView", int, None))
+        data = self._buffer(_of(view, "buffer", int, None))
+        width = kind.itemsize * columns
+        start, size = _of(view, "byteOffset", int, 0), _of(view, "byteLength", int, 0)
+        offset, count = _of(entry, "byteOffset", int, 0), _of(entry, "count", int, 0)
+        step = _of(view, "byteStride", int, width)
+        if min(start, offset, count) < 0 or step < width or start + size > len(data):
+            raise ValueError(
+                f"{name} and its buffer view ask for what the buffer of {len(data)} bytes does "
+                "not have"
+            )
+        if count and offset + (count - 1) * step + width > size:
+            raise ValueError(f"{name} announces {count} entries, more than its buffer view has")
+        place = start + offset if count else 0
+        found = np.ndarray((count, columns), kind, data, place, (step, kind.itemsize))
+        if shape == "VEC3" and kind.kind != "f" and entry.get("normalized") is True:
+            return np.maximum(found / np.iinfo(kind).max, -1.0)
+        return found
+
+    def _buffer(self, index: int) -> bytes:
+        """Return the bytes of a buffer, wherever they are; read once."""
+        uri = _of(self._entry("buffers", index), "uri", str, None)
+        if uri is None:
+            if index:
+                raise ValueError(
+                    f"buffer {index} has no data: export without compression (Draco, meshopt)"
+                )
+            return self._binary
+        if not uri.startswith("data:"):
+            path = (self._path.parent / unquote(uri)).resolve()
+            if path not in self._buffers:
+                self._buffers[path] = read_bytes(path)
+            return self._buffers[path]
+        if index not in self._buffers:
+            try:
+                self._buffers[index] = base64.b64decode(uri.partition("base64,")[2])
+            except binascii.Error as error:
+                raise ValueError(f"buffer {index} is no base64: {error}") from error
+        return self._buffers[index]
+
+    def _entry(self, name: str, index: int | None) -> dict[str, Any]:
+        """Return one of the top-level objects of a kind."""
+        entries = _of(self._header, name, list, [])
+        if index is None or not 0 <= index < len(entries) or not isinstance(entries[index], dict):
+            raise ValueError(f"it names {name}[{index}], but has {len(entries)} {name}")
+        found: dict[str, Any] = entries[index]
+        return found
+
+
+def _chunks(data: bytes) -> tuple[bytes, bytes]:
+    """Return the JSON and binary chunk of a .glb file."""
+    if len(data) < 20:
+        raise ValueError("it is too short for a binary glTF file")
+    magic, version, length, json_length, kind = struct.unpack_from("<5I", data)
+    if magic != _GLB or version != 2 or kind != _JSON:
+        raise ValueError("it does not begin as binary glTF 2 does")
+    place = 20 + json_length
+    if length > len(data) or place > length:
+        raise ValueError(f"it has {len(data)} bytes of {max(length, place)}: the file is cut off")
+    json = data[20:place]
+    while place + 8 <= length:
+        size, kind = struct.unpack_from("<2I", data, place)
+        place += 8
+        if place + size > length:
+            raise ValueError("a chunk of it is longer than the file: it is cut off")
+        if kind == _BINARY:
+            return json, data[place : place + size]
+        place += size
+    return json, b""
+
+
+def _of(entry: Any, name: str, kind: type, default: Any) -> Any:
+    """Return what a JSON object has under a name, of this type."""
+    found = entry.get(name, default) if isinstance(entry, dict) else None
+    if found is not default and (not isinstance(found, kind) or isinstance(found, bool)):
+        raise ValueError(f"its {name} is no {_WORDS[kind]}, as glTF has it")
+    return found
+
+
+def _indices(entry: dict[str, Any], name: str) -> list[int]:
+    found: list[int] = _of(entry, name, list, [])
+    if not all(type(index) is int for index in found):
+        raise ValueError(f"its {name} are no list of numbers, as glTF has it")
+    return found
+
+
+def _faces(corners: IntArray, mode: int) -> IntArray:
+    """Return the triangles (F, 3) that corners make."""
+    if mode == TRIANGLES:
+        return corners.reshape(-1, 3)
+    first = corners[:-2] if mode == STRIP else np.repeat(corners[:1], max(len(corners) - 2, 0))
+    faces = np.stack([first, corners[1:-1], corners[2:]], axis=1)
+    if mode == STRIP:
+        faces[1::2] = faces[1::2, ::-1]
+    return faces
+
+
+def _matrix(node: dict[str, Any], index: int) -> FloatArray:
+    """Return how a node is placed in what is above it, (4, 4)."""
+
+    def numbers(name: str, count: int) -> FloatArray:
+        found = _of(node, name, list, None)
+        are_numbers = found is not None and all(isinstance(each, int | float) for each in found)
+        if not are_numbers or len(found) != count:
+            raise ValueError(f"the {name} of a node is not made of {count} numbers")
+        return np.array([float(each) for each in found])
+
+    matrix = numbers("matrix", 16).reshape(4, 4).T if "matrix" in node else np.eye(4)
+    if "translation" in node:
+        moved = np.eye(4)
+        moved[:3, 3] = numbers("translation", 3)
+        matrix = matrix @ moved
+    if "rotation" in node:
+        matrix = matrix @ _rotation(np.roll(numbers("rotation", 4), 1))
+    if "scale" in node:
+        matrix = matrix @ np.diag(np.append(numbers("scale", 3), 1.0))
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"node {index} is placed by numbers that are not finite")
+    return matrix
+
+
+def _rotation(quaternion: FloatArray) -> FloatArray:
+    """Return the matrix (4, 4) of a quaternion w, x, y, z; of length 0, it turns nothing."""
+    matrix, square = np.eye(4), quaternion @ quaternion
+    if square < np.finfo(np.float64).eps * 4:
+        return matrix
+    q = quaternion * np.sqrt(2.0 / square)
+    p = np.outer(q, q)
+    matrix[:3, :3] = [
+        [1.0 - p[2, 2] - p[3, 3], p[1, 2] - p[3, 0], p[1, 3] + p[2, 0]],
+        [p[1, 2] + p[3, 0], 1.0 - p[1, 1] - p[3, 3], p[2, 3] - p[1, 0]],
+        [p[1, 3] - p[2, 0], p[2, 3] + p[1, 0], 1.0 - p[1, 1] - p[2, 2]],
+    ]
+    return matrix

@@ -1,107 +1,246 @@
-"""Polygon file format (PLY), text and binary, with any mixture of polygons and any further
-properties.
+"""Polygon file format (PLY), text and binary, with any mixture of polygons and further properties.
 
 trimesh's reader takes text files that are cut off, and no binary ones with polygons of several
 sizes.
 """
 
 import re
-from collections.abc import Iterable
+import struct
+from array import array
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from abfm.mesh.readers.contents import FileContents, few_corners, whole_number
-from abfm.mesh.readers.ply_body import CODES, Body, Property
-from abfm.mesh.readers.polygons import split_polygons
+from abfm.mesh.readers.contents import (
+    FileContents,
+    few_corners,
+    number,
+    split_polygons,
+    whole_number,
+)
 from abfm.reading import read_bytes
+from abfm.types import IntArray
 
-ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-END = re.compile(rb"(?:\r\n|\n|\r)[ \t]*+end_header\b[^\r\n]*+(\r\n|\n|\r|\Z)")
-CORNERS = ("vertex_index", "vertex_indices")
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_END = re.compile(rb"(?:\r\n|\n|\r)[ \t]*+end_header\b[^\r\n]*+(\r\n|\n|\r|\Z)")
+_COMMENT = re.compile(rb"^[ \t]*+comment\b[^\r\n]*+", re.MULTILINE)
+_CORNERS = ("vertex_index", "vertex_indices")
+_NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
+_BITS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
+# of the header's types in Python's struct
+_CODES = dict(zip(_NAMES + _BITS, 2 * "bBhHiIfd", strict=True)) | {"int64": "q", "uint64": "Q"}
+_LARGEST = 2.0**53  # above, doubles do not tell one whole number from the next
 
 
-class Element(NamedTuple):
+class _Property(NamedTuple):
+    """A column of an element: a number, or a list of numbers with its length before it."""
+
+    name: str
+    code: str
+    length_code: str = ""
+
+
+class _Element(NamedTuple):
     name: str
     rows: int
-    properties: list[Property]
+    properties: list[_Property]
+
+
+class _Column(NamedTuple):
+    """The numbers of a property, list after list, and how many each list has."""
+
+    values: NDArray[Any]
+    counts: IntArray | None
 
 
 def read_ply(path: Path) -> FileContents:
     """Read vertices and faces of a PLY file; all other elements and properties are passed over."""
     data = read_bytes(path)
-    end = END.search(data)
-    if (
-        end is None
-        or data[: end.start()].split(None, 1)[:1] != [b"ply"]
-        or not data.startswith(b"ply")
-    ):
+    end = _END.search(data)
+    begins = data.startswith(b"ply")
+    if end is None or not begins or data[: end.start()].split(None, 1)[0] != b"ply":
         raise ValueError("it does not begin with a PLY header")
     header = data[: end.start()].decode("utf-8", errors="replace").splitlines()
-    order = _order(line.split() for line in header)
+    order, elements = _parsed([line.split() for line in header])
     # after a header whose lines end with carriage returns, a line feed is already data
     start = end.end(1) - (end[1] == b"\r\n" and re.match(rb"ply[ \t]*+\r(?!\n)", data) is not None)
-    body = Body(data, start, order)
-    vertices, sizes, corners = (
-        np.zeros((0, 3)),
-        np.zeros(0, dtype=np.int64),
-        np.zeros(0, dtype=np.int64),
-    )
-    for element in _elements(line.split() for line in header):
-        wanted = {"vertex": ("x", "y", "z"), "face": CORNERS}.get(element.name, ())
-        found = body.take(element.name, element.rows, element.properties, wanted)
+    body = _Body(data, start, order)
+    vertices = np.zeros((0, 3))
+    sizes = corners = np.zeros(0, dtype=np.int64)
+    for element in elements:
+        wanted = {"vertex": ("x", "y", "z"), "face": _CORNERS}.get(element.name, ())
+        found = body.take(element, wanted)
         if element.name == "vertex":
-            missing = [
-                name for name in "xyz" if name not in found or found[name].counts is not None
-            ]
-            if missing:
-                raise ValueError(f"it has no property {missing[0]}")
+            for name in "xyz":
+                if name not in found or found[name].counts is not None:
+                    raise ValueError(f"it has no property {name}")
             vertices = np.stack([found[name].values.astype(np.float64) for name in "xyz"], axis=1)
         elif element.name == "face":
-            lists = next((found[name] for name in CORNERS if name in found), None)
-            if lists is None or lists.counts is None:
-                raise ValueError("its faces have no list property vertex_indices")
-            if lists.values.dtype.kind == "f":
-                raise ValueError(
-                    "its faces name vertices by numbers of type float: make them whole numbers"
-                )
-            sizes, corners = lists.counts, lists.values
+            sizes, corners = _polygons(found)
     if sizes.size and sizes.min() < 3:
         raise few_corners(int(np.argmin(sizes)), int(sizes.min()))
     return split_polygons(vertices, sizes, corners)
 
 
-def _order(header: Iterable[list[str]]) -> str:
-    kind = next(
-        (words[1] for words in header if words[:1] == ["format"] and len(words) > 1), "missing"
-    )
-    if kind not in ORDERS:
+def _polygons(found: dict[str, _Column]) -> tuple[IntArray, IntArray]:
+    lists = next((found[name] for name in _CORNERS if name in found), None)
+    if lists is None or lists.counts is None:
+        raise ValueError("its faces have no list property vertex_indices")
+    if lists.values.dtype.kind == "f":
+        raise ValueError(
+            "its faces name vertices by numbers of type float: make them whole numbers"
+        )
+    return lists.counts, lists.values
+
+
+def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
+    """Return the order of bytes, empty for text, and the elements that the lines announce."""
+    kinds = (words[1] for words in header if words[:1] == ["format"] and len(words) > 1)
+    kind = next(kinds, "missing")
+    if kind not in _ORDERS:
         raise ValueError(
             f"its format is {kind[:40]}, not ascii, binary_little_endian or binary_big_endian"
         )
-    return ORDERS[kind]
-
-
-def _elements(header: Iterable[list[str]]) -> list[Element]:
-    elements: list[Element] = []
+    order, elements = _ORDERS[kind], list[_Element]()
     for words in header:
         match words:
             case ["element", name, count] if count.isascii() and count.isdigit():
-                elements.append(Element(name, whole_number(count), []))
+                elements.append(_Element(name, whole_number(count), []))
             case ["property", "list", length, kind, name] if (
-                elements and kind in CODES and length in CODES
+                elements and kind in _CODES and length in _CODES
             ):
-                if CODES[length] in "fd":
+                if _CODES[length] in "fd":
                     raise ValueError(
                         f"its list {name[:40]} has a length of type {length}: make it a whole "
                         "number"
                     )
-                elements[-1].properties.append(Property(name, CODES[kind], CODES[length]))
-            case ["property", kind, name] if elements and kind in CODES:
-                elements[-1].properties.append(Property(name, CODES[kind]))
+                elements[-1].properties.append(_Property(name, _CODES[kind], _CODES[length]))
+            case ["property", kind, name] if elements and kind in _CODES:
+                elements[-1].properties.append(_Property(name, _CODES[kind]))
             case ["element" | "property", *_]:
                 raise ValueError(
                     f"its header has a line that PLY does not know: {' '.join(words)[:60]}"
                 )
-    return elements
+    return order, elements
+
+
+class _Body:
+    """What follows the header, taken element by element, from front to back: bytes in an order, or,
+    where it is empty, the words of a text, all of them as doubles.
+    """
+
+    def __init__(self, data: bytes, start: int, order: str) -> None:
+        if not order:
+            text, start = data[start:], 0
+            words = (_COMMENT.sub(b"", text) if b"comment" in text else text).split()
+            data = array("d", map(number, words)).tobytes()
+        self._data, self._position, self._order = data, start, order
+
+    def take(self, element: _Element, wanted: Sequence[str]) -> dict[str, _Column]:
+        """Return the wanted properties of the next element, the last one of a name; or raise a
+        ValueError if the file ends before, or a list has a length below 0.
+        """
+        step = sum(self._kind(p.length_code or p.code).itemsize for p in element.properties)
+        if element.rows * step > len(self._data) - self._position:
+            raise _cut_off(element)
+        if any(p.length_code for p in element.properties):
+            return self._walk(element, wanted)
+        found, place = {}, self._position
+        for p in element.properties:
+            kind = self._kind(p.code)
+            if p.name in wanted:
+                at = place if element.rows else 0
+                values = np.ndarray((element.rows,), kind, self._data, at, (step,))
+                found[p.name] = _Column(values, None)
+            place += kind.itemsize
+        self._position += element.rows * step
+        return found
+
+    def _kind(self, code: str) -> np.dtype[Any]:
+        return np.dtype(self._order + code if self._order else "=d")
+
+    def _walk(self, element: _Element, wanted: Sequence[str]) -> dict[str, _Column]:
+        """Return the same where lengths of lists must be read to know where the next row begins."""
+        properties = element.properties
+        places = {p.name: (array("q"), array("q")) for p in properties if p.name in wanted}
+        steps = [
+            (
+                self._lengths(p.length_code) if p.length_code else None,
+                self._kind(p.length_code or "B").itemsize,
+                self._kind(p.code).itemsize,
+                places.get(p.name),
+            )
+            for p in properties
+        ]
+        position, end = self._position, len(self._data)
+        try:
+            for _ in range(element.rows):
+                for length, before, size, kept in steps:
+                    count = 1
+                    if length:
+                        count = length(position)
+                        position += before
+                    if kept:
+                        kept[0].append(position)
+                        kept[1].append(count)
+                    position += count * size
+                    if count < 0:
+                        raise ValueError(f"a list has the length {count}")
+                    if position > end:
+                        raise _cut_off(element)
+        except (IndexError, struct.error) as error:
+            raise _cut_off(element) from error
+        self._position = position
+        found = {}
+        for p in properties:
+            if p.name in places:
+                starts, counts = (np.frombuffer(kept, np.int64) for kept in places[p.name])
+                values = self._runs(starts, counts, p.code)
+                found[p.name] = _Column(values, counts if p.length_code else None)
+        return found
+
+    def _lengths(self, code: str) -> Callable[[int], int]:
+        """Return what reads the length of a list at a position."""
+        if self._order and code == "B":
+            return self._data.__getitem__
+        one = struct.Struct(self._order + code if self._order else "=d")
+
+        def length(position: int) -> int:
+            value = one.unpack_from(self._data, position)[0]
+            if not float(value).is_integer():
+                raise _not_whole(value)
+            return int(value)
+
+        return length
+
+    def _runs(self, starts: IntArray, counts: IntArray, code: str) -> NDArray[Any]:
+        """Return so many numbers from each start."""
+        kind = self._kind(code)
+        before = np.cumsum(counts) - counts
+        places = np.repeat(starts - before * kind.itemsize, counts)
+        places += np.arange(len(places)) * kind.itemsize
+        content = np.frombuffer(self._data, np.uint8)
+        found = np.empty((len(places), kind.itemsize), np.uint8)
+        for k in range(kind.itemsize):
+            found[:, k] = content[places]
+            places += 1
+        values = found.view(kind).reshape(-1)
+        if self._order or code in "fd":
+            return values
+        wrong = ~((np.abs(values) <= _LARGEST) & (values == np.floor(values)))
+        if wrong.any():
+            raise _not_whole(values[wrong][0])
+        return values.astype(np.int64)
+
+
+def _not_whole(value: float) -> ValueError:
+    return ValueError(f"it has {value:g} where a whole number is expected, of at most 16 digits")
+
+
+def _cut_off(element: _Element) -> ValueError:
+    return ValueError(
+        f"the file is cut off: it has fewer rows of {element.name[:40]} than its header announces"
+    )
