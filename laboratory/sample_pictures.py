@@ -16,8 +16,7 @@ from abfm.assets import asset_path
 from abfm.paper import FIGURES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import COLUMNS, PICTURES, SIDE, TABLE
-from abfm_viewer.computing.evaluator import Evaluator
-from abfm_viewer.computing.fronts import best_front
+from abfm_viewer.computing.defaults import best_front, default_functions
 from abfm_viewer.document.document import Channel, Document, Surface, View
 from abfm_viewer.document.samples import MESHES
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
@@ -51,7 +50,7 @@ def draw_all() -> None:
 def _mesh_document(name: str) -> tuple[Document, dict[str, FloatArray]]:
     mesh = load_mesh(asset_path(name))
     surface = Surface(mesh, name, best_front(mesh))  # as it is opened
-    return Document((surface,), (Channel(*Evaluator(mesh).defaults()),)), {}
+    return Document((surface,), (Channel(*default_functions(mesh)),)), {}
 
 
 if __name__ == "__main__":

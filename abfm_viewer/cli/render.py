@@ -14,7 +14,7 @@ from abfm_viewer import pictures
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.progress import frame_progress
-from abfm_viewer.computing.fronts import best_front
+from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.files import outputs
 from abfm_viewer.session.opening import read_document

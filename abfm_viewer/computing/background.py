@@ -1,4 +1,4 @@
-"""Work off the frame loop of which only the newest counts."""
+"""Work off the frame loop of which only the newest counts, and values kept until they change."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+
 from abfm import AbfmError
 from abfm.errors import LONGEST, one_line
 from abfm.numerics.factoring_apart import factoring_apart
 from abfm.workers.progress import Step, telling
 from abfm.workers.threads import DaemonThreads
-from abfm_viewer.computing.memo import same
 
 Value = TypeVar("Value")
 
@@ -23,9 +24,7 @@ THREADS = DaemonThreads("background")
 
 
 def error_line(error: BaseException) -> str:
-    """Return an error as a line for the window; one that is not about the input says what kind it
-    is.
-    """
+    """Tell an error in a line; one that is not about the input says what kind it is."""
     text = one_line(str(error), LONGEST)
     if isinstance(error, AbfmError | OSError):
         return text
@@ -34,13 +33,33 @@ def error_line(error: BaseException) -> str:
     return f"{type(error).__name__}: {text}"
 
 
-class Latest(Generic[Value]):
-    """Computes in `THREADS` what was asked for last, one at a time; requests that came before and
-    did not start are dropped.
+def same(one: object, other: object) -> bool:
+    """Tell whether things, or tuples of them, are equal: arrays only if they are one object."""
+    if one is other:
+        return True
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    are_arrays = isinstance(one, np.ndarray) or isinstance(other, np.ndarray)
+    return not are_arrays and bool(one == other)
 
-    Keys are compared by `same`: arrays in them by identity; None is no key. If `at_once`, it
-    computes in the caller's thread instead, as pictures off the screen need, which wait for no
-    frame. The latest `value` was computed for `key`; `error` says in one line why that failed.
+
+class Memo(Generic[Value]):
+    """Keeps the latest value: the same object while what it is made of stays the `same`."""
+
+    def __init__(self) -> None:
+        self._kept: tuple[tuple[object, ...], Value] | None = None
+
+    def get(self, made_of: tuple[object, ...], make: Callable[[], Value]) -> Value:
+        if self._kept is None or not same(self._kept[0], made_of):
+            self._kept = made_of, make()
+        return self._kept[1]
+
+
+class Latest(Generic[Value]):
+    """Computes in `THREADS` what was asked for last, one at a time, and drops what did not begin.
+
+    Keys are compared by `same`; None is no key. The latest `value` was computed for `key`; `error`
+    says in one line why that failed. If `at_once`, it computes in the caller's thread instead.
 
     At any time one key is wanted, at most one waits to be computed, one is running, one is
     finished. As long as it is not retired, what is wanted waits, runs or is finished; what waits is
@@ -51,33 +70,27 @@ class Latest(Generic[Value]):
         self.key: object = None  # finished, with its value or error
         self.value: Value | None = None
         self.error = ""
-        # of the job under way, if it tells any; may be read at any time
-        self.step: Step | None = None
+        self.step: Step | None = None  # of the job under way, if it tells any
+        self.retired = False
         self._at_once = at_once
         self._wanted: object = None
         self._job: Callable[[], Value] | None = None  # computes what is wanted, if that waits
         self._running: object = None
-        self._has_thread = self._retired = False
+        self._has_thread = False
         self._condition = threading.Condition()
 
     @property
     def busy(self) -> bool:
         """Whether what was asked for last is still to come."""
         with self._condition:
-            return self._job is not None or (
-                self._running is not None and same(self._running, self._wanted)
-            )
+            runs = self._running is not None and same(self._running, self._wanted)
+            return runs or self._job is not None
 
     @property
     def is_at_work(self) -> bool:
         """Whether a job is under way, wanted or not."""
         with self._condition:
             return self._running is not None
-
-    @property
-    def retired(self) -> bool:
-        """Whether it computes nothing any more."""
-        return self._retired
 
     def ask(self, key: object, compute: Callable[[], Value]) -> Value | None:
         """Return what was computed for this key, or None and it will be, once, later."""
@@ -86,7 +99,7 @@ class Latest(Generic[Value]):
             if same(key, self.key):
                 self._job = None
                 return self.value
-            if self._retired:
+            if self.retired:
                 return None
             if not self._at_once:
                 if is_new:
@@ -99,9 +112,7 @@ class Latest(Generic[Value]):
         return self.value
 
     def newest(self, about: object, key: object, compute: Callable[[], Value]) -> Value | None:
-        """Return what was computed for this key; until then what was computed last, if that was
-        about the same.
-        """
+        """Return what was computed for this key, or until then the last that was about the same."""
         found = self.ask((about, key), compute)
         with self._condition:
             is_fit = isinstance(self.key, tuple) and same(self.key[0], about)
@@ -110,7 +121,7 @@ class Latest(Generic[Value]):
     def retire(self) -> None:
         """Compute nothing more; a job under way is not waited for."""
         with self._condition:
-            self._retired, self._job = True, None
+            self.retired, self._job = True, None
 
     def close(self, seconds: float = 0.2) -> None:
         """Compute nothing more; a job under way is waited for, but not for long."""
@@ -179,11 +190,10 @@ class Jobs:
 
     @property
     def busy(self) -> bool:
-        """Whether something is still to come."""
         return any(one.busy for one in self._all)
 
     def close(self, seconds: float = 0.2) -> None:
-        """Compute nothing more; jobs under way are waited for, but all together not for long."""
+        """Compute nothing more; all jobs together are not waited for long."""
         for one in self._all:
             one.retire()
         end = time.monotonic() + seconds

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,24 +14,26 @@ from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.errors import brief
 from abfm.types import FloatArray
 from abfm.workers.progress import Step
+from abfm.workers.worker import Worker, stateless
 from abfm_viewer.computing.background import Latest, error_line
-from abfm_viewer.computing.evaluator import Evaluator
+from abfm_viewer.computing.defaults import default_functions
 
+OWN_PROCESS_FROM = 20_000
+"""Vertices from which on a process computes: below, it is quick, and starting a process is not.
+
+What is behind geodesics and eigenfunctions keeps the interpreter to itself: seventeen seconds at
+160,000 vertices.
+"""
 _KEPT = 64
 _LEAST, _LARGEST = 1e-30, 1e30  # of a function's largest value: the screen has single precision
 
-
-@dataclass(frozen=True)
-class Evaluated:
-    """Values (V,) of the specs that could be evaluated, and why the others could not."""
-
-    values: dict[str, FloatArray] = field(default_factory=dict)
-    errors: dict[str, str] = field(default_factory=dict)
+Result = TypeVar("Result")
+Evaluated = dict[str, FloatArray | str]
+"""Values (V,) of specs, or in a line why there are none."""
 
 
 class Functions:
-    """Evaluates specs on one mesh, term by term, so that dragging one of several Gaussians costs
-    one Gaussian.
+    """Evaluates specs on one mesh, term by term: dragging one of several Gaussians costs only one.
 
     Of terms from a project file the values (V,) are `known`: what came from other files needs these
     files no longer. If `at_once`, `ask` waits for what it asks for. Once it `has_computed`
@@ -46,44 +48,58 @@ class Functions:
     ) -> None:
         self.mesh = mesh
         self.known = dict(known or {})
-        self.evaluator = Evaluator(mesh)
+        self.has_computed = False
+        self._worker: Worker[None] | None = None
+        if len(mesh.vertices) >= OWN_PROCESS_FROM:
+            ended = "the process that computes functions has ended; try again"
+            self._worker = Worker(stateless, ended)
         self._at_once = at_once
         self._cache: OrderedDict[str, FloatArray] = OrderedDict()
         self._lock = threading.RLock()
         self._latest: Latest[Evaluated] = Latest(at_once)
         self._asked: tuple[str, ...] = ()
         self._waits = False  # whether what was asked for last was not there
-        self.has_computed = False
+
+    @property
+    def pid(self) -> int | None:
+        """The number of its process; None without one."""
+        return self._worker.pid if self._worker else None
 
     @property
     def busy(self) -> bool:
         return self._waits and self._latest.busy
-
-    def at_rest(self, is_kept: Callable[[str], bool]) -> Functions:
-        """Others, without a thread and a process, with the values that were asked for last and
-        those that are kept.
-        """
-        cached = self._cache.copy()  # without the lock, as another thread may evaluate for long
-        known = self.known | {spec: values for spec, values in cached.items() if is_kept(spec)}
-        others = Functions(self.mesh, known, self._at_once)
-        others._cache.update((spec, cached[spec]) for spec in self._asked if spec in cached)
-        return others
 
     @property
     def step(self) -> Step | None:
         """What is being done for what was asked for, if it tells."""
         return self._latest.step if self.busy else None
 
+    def at_rest(self, is_kept: Callable[[str], bool]) -> Functions:
+        """Others, without thread and process, with the values asked for last and those kept."""
+        cached = self._cache.copy()  # without the lock, as another thread may evaluate for long
+        known = self.known | {spec: values for spec, values in cached.items() if is_kept(spec)}
+        others = Functions(self.mesh, known, self._at_once)
+        others._cache.update((spec, cached[spec]) for spec in self._asked if spec in cached)
+        return others
+
+    def defaults(self) -> tuple[str, str]:
+        """Return specs of the functions that the mesh begins with."""
+        return self._compute(default_functions)
+
     def ask(self, specs: tuple[str, ...]) -> Evaluated | None:
         """Values of all specs; None while they are being computed."""
-        cached = {spec: values for spec in specs if (values := self._cache.get(spec)) is not None}
+        cached: Evaluated = {}
+        for spec in specs:
+            if (values := self._cache.get(spec)) is not None:
+                cached[spec] = values
         self._asked, self._waits = specs, len(cached) < len(specs)
-        if not self._waits:
-            return Evaluated(cached)
-        return self._latest.ask(specs, lambda: self._evaluate_all(specs))
+        return self._latest.ask(specs, lambda: self._all(specs)) if self._waits else cached
 
     def evaluate(self, spec: str) -> FloatArray:
-        """Values (V,) of one spec, computed now; FunctionError as `abfm.function` raises it."""
+        """Values (V,) of one spec, computed now; errors as of `abfm.function`.
+
+        WorkerEndedError if the process that computes was ended from outside.
+        """
         with self._lock:
             if spec in self._cache:
                 self._cache.move_to_end(spec)
@@ -98,44 +114,44 @@ class Functions:
                 if isinstance(tree, abfm.functions.Sum):
                     values = np.sum([self.evaluate(str(term)) for term in tree.terms], axis=0)
                 else:
-                    values = self.evaluator.values(spec)
-            _check_size(brief(spec), values)
+                    values = self._compute(abfm.functions.function, spec)
+            largest = float(np.abs(values).max())
+            if largest > _LARGEST or 0 < largest < _LEAST:
+                raise FunctionError(
+                    f"{brief(spec)} has values up to {largest:.3g}; {_LEAST:g} to {_LARGEST:g} "
+                    "can be shown: scale it"
+                )
             values.flags.writeable = False
             self._cache[spec] = values
             if len(self._cache) > _KEPT:
                 self._cache.popitem(last=False)
             return values
 
-    def close(self) -> None:
-        """Compute nothing more; what is under way is waited for, but not for long."""
-        self.retire()
-        self._latest.close()
+    def let_go(self) -> None:
+        """Take no more requests; thread and process end when nobody evaluates with them."""
+        self._latest.retire()
 
     def retire(self) -> None:
-        """Compute nothing more, and do not wait for what is under way; its process ends."""
-        self._latest.retire()
-        self.evaluator.close()
+        """Take no more requests, and end the process at once: who waits for its answer is told."""
+        self.let_go()
+        if self._worker:
+            self._worker.close()
 
-    def let_go(self) -> None:
-        """Take no more requests; the thread and the process end when nobody evaluates with them
-        any more.
-        """
-        self._latest.retire()
-
-    def _evaluate_all(self, specs: tuple[str, ...]) -> Evaluated:
-        found = Evaluated()
+    def _all(self, specs: tuple[str, ...]) -> Evaluated:
+        found: Evaluated = {}
         for spec in specs:
             try:
-                found.values[spec] = self.evaluate(spec)
+                found[spec] = self.evaluate(spec)
             except (AbfmError, MemoryError) as error:
-                found.errors[spec] = error_line(error)
+                found[spec] = error_line(error)
         return found
 
+    def _compute(self, function: Callable[..., Result], *given: object) -> Result:
+        """Call a function of the mesh, in the process if there is one."""
+        if self._worker is None:
+            return function(self.mesh, *given)
+        return self._worker.call(_apart, function, self.mesh, *given).result()
 
-def _check_size(name: str, values: FloatArray) -> None:
-    largest = float(np.abs(values).max())
-    if largest > _LARGEST or 0 < largest < _LEAST:
-        raise FunctionError(
-            f"{name} has values up to {largest:.3g}; {_LEAST:g} to {_LARGEST:g} can be shown: "
-            "scale it"
-        )
+
+def _apart(_: None, function: Callable[..., Result], *given: object) -> Result:
+    return function(*given)

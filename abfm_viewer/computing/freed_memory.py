@@ -6,7 +6,6 @@ many runs have ended, and many pictures were drawn, holds on to several times as
 
 import ctypes
 import sys
-from functools import cache
 
 # bytes: pictures and textures; what a window computes with all the time is smaller
 _LARGE = 2 << 20
@@ -15,8 +14,7 @@ _MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # of malloc.h
 
 
 def keep_little() -> None:
-    """From now on all threads share two pools, and every large block goes back as soon as it is
-    freed.
+    """Let all threads share two pools, and every large block go back as soon as it is freed.
 
     The C library begins so, but from the first large block that is freed on it takes blocks of that
     size from its pools, where they leave holes, and it makes up to eight pools for each core.
@@ -31,13 +29,7 @@ def give_back() -> None:
 
 
 def _c_library(name: str, *given: int) -> None:
-    """Call a function of the C library; elsewhere than on Linux, and where it has no such
-    function, nothing happens.
-    """
-    if sys.platform == "linux" and hasattr(_library(), name):
-        getattr(_library(), name)(*given)
-
-
-@cache
-def _library() -> ctypes.CDLL:
-    return ctypes.CDLL(None)
+    """Call a function of the C library where that is Linux' and has it."""
+    library = ctypes.CDLL(None) if sys.platform == "linux" else None
+    if hasattr(library, name):
+        getattr(library, name)(*given)

@@ -8,11 +8,12 @@ once, and keeps what was computed from it. `Matching` is its end, `MatchApart` t
 from __future__ import annotations
 
 import itertools
+import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar, NoReturn
 
 import abfm
 from abfm import Parameters, TriangleMesh
@@ -21,36 +22,51 @@ from abfm.types import FloatArray
 from abfm.workers.server import report
 from abfm.workers.worker import Worker, WorkerEndedError
 from abfm_viewer.computing.freed_memory import give_back
-from abfm_viewer.computing.picture_pace import PicturePace
 
 _ENDED = "the process that matches has ended; match again"
 _KEPT = 4  # iterates whose fields may be asked for
+_TIMES_A_PICTURE, _SHORTEST_WAIT, _LONGEST_WAIT = 9, 0.05, 0.2
+"""How long no picture is made after one, so that pictures take a tenth of the time: times what it
+took, and at least and at most, in seconds."""
 
 Fields = tuple[FloatArray, FloatArray]
 """The fields (N, F, 3) of an iterate, and the source carried by them (V, C)."""
 
 
-@dataclass(frozen=True)
-class Picture:
-    """What is sent of an iterate's look; its ``advected`` where it is pictured, else None."""
+def _forgotten() -> NoReturn:
+    raise abfm.AbfmError("the field of that iterate is not known any more")
 
-    advected: FloatArray | None
+
+@dataclass(eq=False)
+class Look:
+    """What an iterate looks like, as far as it came along: some come with their `picture`.
+
+    What else is asked for is fetched, both of one iterate, if it is not known any more of one close
+    by; that waits for the other process, so not in the frame loop.
+    """
+
     warning: str | None
+    picture: FloatArray | None = None
+    field: FloatArray | None = None
+    fetch: Callable[[], Fields] = _forgotten
 
+    @property
+    def velocity(self) -> FloatArray:
+        """The fields (N, F, 3)."""
+        if self.field is None:
+            self.field, self.picture = self.fetch()
+        return self.field
 
-@dataclass(frozen=True)
-class Known:
-    """The look of an iterate whose workspace is gone."""
-
-    velocity: FloatArray
-    advected: FloatArray
-    warning: str | None
+    @property
+    def advected(self) -> FloatArray:
+        """The source carried to tau, (V, C)."""
+        if self.picture is None:
+            self.field, self.picture = self.fetch()
+        return self.picture
 
 
 class Matching:
-    """What the process does, and its state: the last few pictured iterates of a run, and of the
-    one before, which may be shown yet.
-    """
+    """What the process does, and the last few pictured iterates of a run and of the one before."""
 
     def __init__(self) -> None:
         self._recent: dict[int, tuple[abfm.Iteration, ...]] = {}
@@ -61,78 +77,47 @@ class Matching:
             abfm.matching.prepare(mesh, parameters)
 
     def match(self, run: int, problem: abfm.Problem) -> abfm.Match:
-        """Match, and report every iterate, some with their pictures."""
-        pace = PicturePace()
-        before = max(self._recent, default=0)
+        """Match, and report every iterate, the first and some others with their pictures."""
+        before, next_picture = max(self._recent, default=0), 0.0
         self._recent = {before: self._recent.get(before, ()), run: ()}
 
         def post(iteration: abfm.Iteration) -> None:
-            picture = None
-            if pace.takes(iteration):
-                picture = iteration.advected
+            nonlocal next_picture
+            look = Look(iteration.warning)
+            if (began := clock.perf_counter()) >= next_picture:
+                look.picture = iteration.advected
+                done = clock.perf_counter()
+                wait = max(_TIMES_A_PICTURE * (done - began), _SHORTEST_WAIT)
+                next_picture = done + min(wait, _LONGEST_WAIT)
                 self._recent[run] = (*self._recent[run], iteration)[-_KEPT:]
-            look: Any = Picture(picture, iteration.warning)
             report(replace(iteration, look=look))
 
         try:
             with factoring_apart():
                 return abfm.match(problem, on_iteration=post)
         finally:
-            self._let_go(run)
+            # of a run that has ended the last fields stay, and not the workspace behind them
+            kept, self._recent[run] = self._recent[run][-1:], ()
+            with suppress(MemoryError):
+                self._recent[run] = tuple(
+                    replace(last, look=Look(last.warning, last.advected, last.velocity))
+                    for last in kept
+                )
             give_back()
 
     def fields(self, run: int, iteration: int) -> Fields:
-        """Return the fields of an iterate and the source carried by them, or those of the last
-        one that is still known.
-
-        Raises
-        ------
-        AbfmError
-            If nothing is known of that run any more.
-        """
-        if not (known := self._recent.get(run)):
-            raise abfm.AbfmError("the field of that iterate is not known any more")
+        """Return those of an iterate, or of the last one that is still known; AbfmError if none."""
+        known = self._recent.get(run) or _forgotten()
         found = next((each for each in known if each.iteration == iteration), known[-1])
         return found.velocity, found.advected
 
-    def _let_go(self, run: int) -> None:
-        """Keep of a run that has ended the last fields, and not the workspace behind them."""
-        *_, last = (None, *self._recent[run])
-        kept: tuple[abfm.Iteration, ...] = ()
-        if last is not None:
-            with suppress(MemoryError):
-                kept = (replace(last, look=Known(last.velocity, last.advected, last.warning)),)
-        self._recent[run] = kept
-
-
-class RemoteLook:
-    """What an iterate looks like: its picture came along if it has one, what else is asked for
-    is fetched; then both are of one iterate, if it is not known any more of one close by.
-    """
-
-    def __init__(self, picture: Picture, fetch: Callable[[], Fields]) -> None:
-        self.picture, self.warning, self._fetch = picture.advected, picture.warning, fetch
-
-    @cached_property
-    def velocity(self) -> FloatArray:
-        """The fields (N, F, 3); waits for the other process, so not for the frame loop."""
-        velocity, self.picture = self._fetch()
-        return velocity
-
-    @property
-    def advected(self) -> FloatArray:
-        """The source carried to tau, (V, C)."""
-        if self.picture is None:
-            _, self.picture = self._fetch()
-        return self.picture
-
 
 class MatchApart:
-    """Runs one match after the other in its process, which starts with the first of them and
-    again if it has ended.
+    """Runs one match after the other in its process, which starts with the first of them.
 
-    One that is idle when it is closed leaves its process to the next one, to which nothing of it
-    is seen: where a script opens one window after the other, one process is enough.
+    It starts again if it has ended. One that is idle when it is closed leaves its process to the
+    next one, to which nothing of it is seen: where a script opens one window after the other, one
+    process is enough.
     """
 
     _spare: ClassVar[list[Worker[Matching]]] = []
@@ -163,22 +148,19 @@ class MatchApart:
     ) -> abfm.Match:
         """As `abfm.match`, held and ended by the control of this thread.
 
-        Raises
-        ------
-        WorkerEndedError
-            If the process ends.
+        WorkerEndedError if the process ends.
         """
         self._is_matching = True
         run = next(self._runs)
         call = self._worker.call(Matching.match, run, problem)
 
         def take(iteration: abfm.Iteration) -> None:
-            assert isinstance(iteration.look, Picture)
-            look = RemoteLook(
-                iteration.look,
-                lambda: call.beside(Matching.fields, run, iteration.iteration).result(),
-            )
-            on_iteration(replace(iteration, look=look))
+            def fetch() -> Fields:
+                return call.beside(Matching.fields, run, iteration.iteration).result()
+
+            assert isinstance(iteration.look, Look)
+            iteration.look.fetch = fetch
+            on_iteration(iteration)
 
         found = call.result(take)
         self._is_matching = False
@@ -197,4 +179,4 @@ class MatchApart:
 
 def is_pictured(iteration: abfm.Iteration) -> bool:
     """Tell whether an iterate came with its picture."""
-    return isinstance(iteration.look, RemoteLook) and iteration.look.picture is not None
+    return isinstance(iteration.look, Look) and iteration.look.picture is not None

@@ -1,13 +1,18 @@
-"""The solver: one run at a time in a thread that takes immutable problems, posts snapshots and
-never draws.
-"""
+"""The solver: one run at a time in a thread that takes immutable problems and posts snapshots."""
 
 from __future__ import annotations
 
+import math
 import threading
+import time as clock
 import traceback
+from collections import deque
 from concurrent.futures import wait
 from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
 
 import abfm
 from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
@@ -15,18 +20,131 @@ from abfm.numerics.factoring_apart import factoring_apart
 from abfm.types import FloatArray
 from abfm.workers.control import controlled
 from abfm.workers.progress import Step, telling
-from abfm_viewer.computing.background import THREADS, error_line
-from abfm_viewer.computing.energies import Energies
+from abfm_viewer.computing.background import THREADS, Memo, error_line
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.freed_memory import give_back
-from abfm_viewer.computing.keeping import Keeper
 from abfm_viewer.computing.match_apart import MatchApart, is_pictured
-from abfm_viewer.computing.problem import ProblemSpec, Snapshot, State
-from abfm_viewer.document.document import Run
+from abfm_viewer.document.document import SIDES, Channel, Run
 
+FIRST = 2.0
+"""Seconds of a run before a field is fetched to be kept: shorter ones lose little, and should
+lose no time."""
+_TIMES_A_FIELD, _GROWTH, _LONGEST_WAIT = 49, 1.5, 20.0
+"""How long none is fetched after one, at least: times what it took, so that fetching takes 2% of
+the time, and times the wait before; and at most."""
+_SECONDS_PER_VERTEX = 1e-6  # of fetching one: 33 ms at 40,962 vertices
+_RECENT = 20  # iterations that tell how long the next ones take
 _ITERATIONS_BETWEEN_RESTARTS = 3
 _LAST_MOMENT = 0.1  # seconds for a run to end when it is closed, before its process is ended
 _HEAD_START = 0.02  # seconds for a run to get under way, which else waits until a frame is drawn
+
+
+@dataclass(frozen=True)
+class ProblemSpec:
+    """What is solved, its functions as text; those that are equal have the same solution."""
+
+    mesh: TriangleMesh
+    channels: tuple[Channel, ...]
+    parameters: Parameters
+    mask: str
+
+    def problem(self, functions: Functions) -> abfm.Problem:
+        """Evaluate the functions; FunctionError as they raise it."""
+        source, target = (
+            np.stack([functions.evaluate(channel.spec(side)) for channel in self.channels], axis=1)
+            for side in SIDES
+        )
+        mask = functions.evaluate(self.mask) if self.mask else None
+        weights = [channel.weight for channel in self.channels]
+        return abfm.Problem(self.mesh, source, target, self.parameters, mask=mask, weights=weights)
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The newest iterate of a problem, and the newest `shown`, whose ``advected`` is there."""
+
+    problem: ProblemSpec
+    iteration: abfm.Iteration
+    shown: abfm.Iteration
+
+
+class State(Enum):
+    """Where a run is in its life; it has ended when `Solver.collect` has seen that."""
+
+    IDLE = "idle"
+    RUNNING = "running"
+    PAUSED = "paused"
+    ENDING = "ending"  # cancelled, and the evaluation under way is still to end
+    ENDED = "ended"
+    FAILED = "failed"
+
+
+class Course:
+    """What a run has come to: one thread adds to it, others read.
+
+    Its energies, iterate by iterate, and of the present solve the newest snapshot whose field is
+    here, should the process that matches be killed.
+    """
+
+    def __init__(self, vertices: int = 0) -> None:
+        self.newest: Snapshot | None = None
+        # total, regularity, mismatch; stage, vertices, reach
+        self._rows: list[tuple[float, float, float, int, int, float]] = []
+        self._restarts: list[int] = []
+        self._run = Memo[Run]()
+        self._recent: deque[float] = deque(maxlen=_RECENT)  # when they came
+        self._problem: ProblemSpec | None = None
+        self._wait = max(FIRST, _TIMES_A_FIELD * _SECONDS_PER_VERTEX * vertices)
+        self._next = clock.perf_counter() + self._wait
+
+    def begin(self, problem: ProblemSpec) -> None:
+        """Let what comes belong to another solve."""
+        self.newest, self._problem = None, problem
+        if self._rows:
+            self._restarts.append(len(self._rows))
+
+    def add(self, now: abfm.Iteration) -> None:
+        self._recent.append(clock.monotonic())
+        energies = (now.energy, now.regularity, now.mismatch_energy)
+        self._rows.append((*energies, now.stage, now.vertices, now.reach))
+
+    @property
+    def seconds_each(self) -> float | None:
+        """How long an iteration takes at present; None before there are two."""
+        times = list(self._recent)
+        return (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else None
+
+    def run(self, mismatch: float, parameters: Parameters) -> Run | None:
+        """The run so far, the same object while nothing is added; None before the first iterate."""
+        rows, restarts = self._rows[:], tuple(self._restarts)
+
+        def make() -> Run:
+            table = np.array(rows)
+            stages, vertices = (table[:, column].astype(np.int64) for column in (3, 4))
+            label = f"α {parameters.alpha:g}, β {parameters.beta:g}, σ {parameters.sigma:g}"
+            return Run(table[:, :3], stages, restarts, mismatch, label, vertices, table[:, 5])
+
+        made_of = (len(rows), mismatch, parameters, restarts)
+        return self._run.get(made_of, make) if rows else None
+
+    def keep(self, snapshot: Snapshot) -> None:
+        """Remember one whose field is here, unless of an earlier solve or older than the newest."""
+        newest = self.newest.iteration.iteration if self.newest else -1
+        if snapshot.problem is self._problem and newest < snapshot.iteration.iteration:
+            self.newest = snapshot
+
+    def fetch(self, snapshot: Snapshot) -> None:
+        """Fetch its field if it is time for one; it waits, so not for the frame loop."""
+        began = clock.perf_counter()
+        # what was shown is what can be fetched
+        if began < self._next or not snapshot.shown.iteration:
+            return
+        with suppress(AbfmError):  # that the process has ended is told by what comes next
+            _ = snapshot.iteration.velocity
+            self.keep(snapshot)
+        now = clock.perf_counter()
+        self._wait = max(min(_GROWTH * self._wait, _LONGEST_WAIT), _TIMES_A_FIELD * (now - began))
+        self._next = now + self._wait
 
 
 class Solver:
@@ -42,6 +160,10 @@ class Solver:
         Why the last run ended; an error in one line if it failed.
     problem : ProblemSpec or None
         The newest one given.
+    snapshot, step : Snapshot or None, Step or None
+        Of the run, `step` where that is not another iteration; may be read at any time.
+    started : int
+        How many runs there were.
     """
 
     def __init__(self) -> None:
@@ -50,13 +172,11 @@ class Solver:
         self.state = State.IDLE
         self.reason = ""
         self.problem: ProblemSpec | None = None
-        self.snapshot: Snapshot | None = None  # may be read at any time
-        # of the run, where that is not another iteration; may be read at any time
+        self.snapshot: Snapshot | None = None
         self.step: Step | None = None
-        self.started = 0  # how many runs there were
-        self._keeper = Keeper(0)
+        self.started = 0
+        self._course = Course()
         self._apart = MatchApart()
-        self._energies = Energies()
         self._lock = threading.Lock()
 
     @property
@@ -94,15 +214,14 @@ class Solver:
     @property
     def run(self) -> Run | None:
         """The energies of the run so far."""
-        snapshot = self.snapshot
-        if not self.running or snapshot is None or self.problem is None:
+        if not self.running or self.snapshot is None or self.problem is None:
             return None
-        return self._energies.run(snapshot.iteration.mismatch, self.problem.parameters)
+        return self._course.run(self.snapshot.iteration.mismatch, self.problem.parameters)
 
     @property
     def seconds_each(self) -> float | None:
         """How long an iteration takes at present; None if unknown."""
-        return None if self.paused else self._energies.seconds_each
+        return None if self.paused else self._course.seconds_each
 
     def start(
         self, problem: ProblemSpec, functions: Functions, field: FloatArray | None = None
@@ -113,9 +232,8 @@ class Solver:
         self.problem = problem
         self._next: ProblemSpec | None = problem
         self._result: abfm.Match | None = None
-        self._keeper = Keeper(len(problem.mesh.vertices))
+        self._course = Course(len(problem.mesh.vertices))
         self._error = ""
-        self._energies = Energies()
         self._control = abfm.Control()
         self._since_restart = 0
         self._under_way = threading.Event()
@@ -142,12 +260,13 @@ class Solver:
                 self._control.cancel(briefly)
 
     def follow_problem(self, problem: ProblemSpec, dragging: bool = False) -> None:
-        """Restart with a changed problem; another alpha, which must be factored, only when the
-        mouse lets go.
+        """Restart with a changed problem, but end with one of another mesh.
+
+        Another alpha, which must be factored, is followed only when the mouse lets go.
         """
         if not self.running or self.problem is None or problem == self.problem:
             return
-        if problem.mesh is not self.problem.mesh:
+        if problem.mesh.digest != self.problem.mesh.digest:
             self.cancel()
             return
         refactors = problem.parameters.alpha != self.problem.parameters.alpha
@@ -159,37 +278,44 @@ class Solver:
                 self._yield_to_next()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Return when the run is over, or the time is; whether it is over, though not yet
-        collected.
-        """
-        if self.running:
-            wait([self._working], seconds)
-        return not (self.running and not self._working.done())
+        """Wait for the run to be over; whether it is, though not yet collected."""
+        return not self.running or not wait([self._working], seconds).not_done
 
     def collect(self) -> tuple[abfm.Match | None, Run | None, ProblemSpec] | None:
-        """Return what a run that has ended leaves, failed or not; None unless one has ended since
-        the last call.
-        """
+        """Return, once, what a run that has ended leaves, failed or not."""
         if not self.running or self.problem is None or not self._working.done():
             return None
         left = (self._result, self.run, self.problem)
         self.state = State.FAILED if self._error else State.ENDED
         self.reason = self._error or (self._result.stop_reason if self._result else "cancelled")
         self.snapshot = self.step = self._result = None
-        self._keeper = Keeper(0)
+        self._course = Course()
         return left
 
-    def unfinished(self, snapshot: Snapshot, functions: Functions) -> tuple[abfm.Match, Run | None]:
-        """A snapshot as if the run had been cancelled there, and its energies; it waits, so not for
-        the frame loop.
+    def unfinished(self, snapshot: Snapshot, functions: Functions) -> tuple[abfm.Match, Run]:
+        """A snapshot as if the run had been cancelled there, unverified, and the run's energies.
 
-        AbfmError if its field is not known any more. The last one asked for is kept, should the run
-        fail.
+        It waits, so not for the frame loop: on a coarser mesh the field is interpolated. AbfmError
+        if that is not known any more, or the run is over. The last one asked for is kept, should
+        the run fail.
         """
-        problem, energies, keeper = snapshot.problem, self._energies, self._keeper
-        run = energies.run(snapshot.iteration.mismatch, problem.parameters)
-        found = snapshot.as_match(functions, run)
-        keeper.keep(snapshot)
+        course, now = self._course, snapshot.iteration
+        if (run := course.run(now.mismatch, snapshot.problem.parameters)) is None:
+            raise AbfmError("the run of that iterate is over")
+        reason = abfm.StopReason.CANCELLED
+        found = abfm.Match(
+            problem=snapshot.problem.problem(functions),
+            velocity=now.velocity,
+            advected=now.advected,
+            energy_history=run.energies,
+            stages=run.stages,
+            mismatch=now.mismatch,
+            verified_mismatch=math.nan,
+            folded=math.nan,
+            stop_reason=reason,
+            verdict=abfm.matching.Verdict(abfm.matching.kind_of(now.mismatch), reason, ""),
+        )
+        course.keep(snapshot)
         return found, run
 
     def forget(self) -> None:
@@ -197,9 +323,7 @@ class Solver:
         self.state, self.reason = State.IDLE, ""
 
     def close(self, seconds: float = 1) -> None:
-        """End the thread, and the process if it still matches after a moment; a thread ends
-        between two evaluations, not waited for long.
-        """
+        """End the thread, between two evaluations, and the process if that takes long."""
         self.cancel(briefly=True)
         self.wait(min(seconds, _LAST_MOMENT))
         self._apart.close()
@@ -212,25 +336,21 @@ class Solver:
     def _work(self, functions: Functions, start: FloatArray | None) -> None:
         try:
             while (problem := self._take()) is not None:
+                self._course.begin(problem)
                 if self._result is not None:
                     start = self._result.start_for(problem.parameters)
-                    self._energies.restart()
                 self._result = self._solve(problem, functions, start)
         except Exception as error:
             if not isinstance(error, AbfmError | MemoryError):
                 traceback.print_exc()
             self._error = error_line(error)
-            self._rescue(functions)
-        give_back()
-
-    def _rescue(self, functions: Functions) -> None:
-        """Keep what a run that fails has found."""
-        newest = self.snapshot if self._since_restart else None
-        for snapshot in (newest, self._keeper.newest):
-            if snapshot is not None:
+            # what a run that fails has found
+            for snapshot in (self.snapshot if self._since_restart else None, self._course.newest):
                 with suppress(AbfmError, MemoryError):  # where its process was killed
-                    self._result, _ = self.unfinished(snapshot, functions)
-                    return
+                    if snapshot is not None:
+                        self._result, _ = self.unfinished(snapshot, functions)
+                        break
+        give_back()
 
     def _take(self) -> ProblemSpec | None:
         """The problem to solve now, with a control of its own."""
@@ -238,7 +358,6 @@ class Solver:
             problem, self._next = self._next, None
             self._control = abfm.Control()
             self._since_restart = 0
-            self._keeper.begin(problem)
             if self.state is State.PAUSED:
                 self._control.pause()
             return problem if self._goes_on or self._result is None else None
@@ -268,19 +387,17 @@ class Solver:
 
     def _post(self, problem: ProblemSpec, now: abfm.Iteration) -> None:
         self._under_way.set()
+        self._course.add(now)
         before = self.snapshot
         is_first = before is None or before.problem is not problem
         shown = now if is_pictured(now) or is_first or before is None else before.shown
         self.snapshot = Snapshot(problem, now, shown)
-        self._energies.add(now)
         self._since_restart += 1
-        self._keeper.fetch(self.snapshot)
+        self._course.fetch(self.snapshot)
         with self._lock:
             self._yield_to_next()
 
     def _yield_to_next(self) -> None:
-        """End the present solve for the next problem, but not so soon that a drag would keep it
-        from moving.
-        """
+        """End this solve for the next problem, but not so soon that a drag keeps it from moving."""
         if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
             self._control.cancel(briefly=True)

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import error_line
-from abfm_viewer.computing.memo import same
+from abfm_viewer.computing.background import error_line, same
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import save_project

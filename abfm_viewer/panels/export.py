@@ -9,7 +9,7 @@ from abfm_viewer.document.document import Document
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.progress import draw_step
 from abfm_viewer.session.exporter import DATA, MOVIES, PICTURES, Exporter, Known
-from abfm_viewer.session.opening import known_values
+from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.slider_range import Range
 from abfm_viewer.widgets.toolkit import Ui

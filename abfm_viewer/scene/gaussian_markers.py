@@ -7,7 +7,7 @@ import polyscope.imgui as imgui
 
 from abfm import FunctionError
 from abfm.types import FloatArray
-from abfm_viewer.computing.memo import Memo
+from abfm_viewer.computing.background import Memo
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.scene.scene import Scene

@@ -11,7 +11,7 @@ import numpy as np
 
 from abfm.mesh import TriangleMesh
 from abfm_viewer.appearance import theme
-from abfm_viewer.computing.memo import same
+from abfm_viewer.computing.background import same
 from abfm_viewer.scene import marks
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.placing import Placed

@@ -9,7 +9,7 @@ import abfm
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
-from abfm_viewer.computing.fronts import best_front
+from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import Document, Front, Look, Point, triple
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps

@@ -6,12 +6,15 @@ import time as clock
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 
+import numpy as np
+
+import abfm
 from abfm import AbfmError, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers.progress import Step
-from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.computing.evaluation import Evaluated, Functions
-from abfm_viewer.document.document import Document, Function
+from abfm_viewer.document.document import SIDES, Document, Function
 from abfm_viewer.files.project_checks import terms_from_files
 
 
@@ -23,11 +26,14 @@ class DocumentFunctions:
     """
 
     def __init__(self, jobs: Jobs) -> None:
+        self.bare_since: float | None = None
         self._at_once = jobs.at_once
         self._by_mesh: dict[TriangleMesh, Functions] = {}
         self._defaults: Latest[tuple[str, str]] = jobs.latest()
         self._evaluated: dict[Functions, Evaluated] = {}
-        self.bare_since: float | None = None
+        self._is_outdated = Memo[bool]()
+        self._compared: abfm.Match | None = None
+        self._answer = False
 
     def of(self, mesh: TriangleMesh) -> Functions:
         """Functions of one mesh."""
@@ -43,7 +49,7 @@ class DocumentFunctions:
 
     def defaults(self, mesh: TriangleMesh) -> tuple[tuple[str, str] | None, str]:
         """Specs of a source and a target, None before they are known, and why there are none."""
-        found = self._defaults.ask(mesh, self.of(mesh).evaluator.defaults)
+        found = self._defaults.ask(mesh, self.of(mesh).defaults)
         return found, self._defaults.error if self._defaults.key is mesh else ""
 
     def update(self, document: Document) -> None:
@@ -53,24 +59,28 @@ class DocumentFunctions:
             evaluating = self.of(surface.mesh)
             specs = tuple(one.spec for one in document.functions if one.surface == surface)
             found = evaluating.ask(specs) if specs else None
-            self._evaluated[evaluating] = found or before.get(evaluating, Evaluated())
-        is_bare = not any(found.values or found.errors for found in self._evaluated.values())
+            self._evaluated[evaluating] = found or before.get(evaluating, {})
+        is_bare = not any(self._evaluated.values())
         self.bare_since = (self.bare_since or clock.perf_counter()) if is_bare else None
+
+    def _found(self, function: Function) -> FloatArray | str:
+        """Values (V,), or why there are none: nothing if they will come."""
+        return self._evaluated.get(self.of(function.surface.mesh), {}).get(function.spec, "")
 
     def values(self, function: Function) -> FloatArray | None:
         """Values (V,); None before they were evaluated, or where they cannot be."""
-        found = self._evaluated.get(self.of(function.surface.mesh))
-        return found.values.get(function.spec) if found else None
+        found = self._found(function)
+        return None if isinstance(found, str) else found
 
     def error(self, function: Function) -> str:
         """Say why a function has no values; nothing if it has some or will have."""
-        found = self._evaluated.get(self.of(function.surface.mesh))
-        return found.errors.get(function.spec, "") if found else ""
+        found = self._found(function)
+        return found if isinstance(found, str) else ""
 
     def problem(self, document: Document) -> str:
         """Name a function that cannot be evaluated, and why; nothing where all can, or may."""
-        failed = (one for one in document.functions if self.error(one))
-        return next((f"{one.spec}: {self.error(one)}" for one in failed), "")
+        errors = ((one.spec, self.error(one)) for one in document.functions)
+        return next((f"{spec}: {error}" for spec, error in errors if error), "")
 
     def obstacle(self, document: Document) -> str:
         """Say why functions keep a match of the document from starting; nothing if they do not."""
@@ -85,6 +95,42 @@ class DocumentFunctions:
             return "the mask must not be negative, nor zero everywhere"
         has_weight = any(channel.weight for channel in document.channels)
         return "" if has_weight else "all channels have the weight 0"
+
+    def outdated(self, document: Document) -> bool:
+        """Tell whether the result was found for another problem; False without a result.
+
+        They are compared when one of them changed. While new values are being computed, the answer
+        is the one before.
+        """
+        if (result := document.result) is None:
+            return False
+        values = [self.values(function) for function in document.functions]
+
+        def compare() -> bool:
+            is_known = self.problem(document) or all(one is not None for one in values)
+            if result is not self._compared or is_known:
+                self._compared, self._answer = result, self._differs(result, document)
+            return self._answer
+
+        problem = (document.parameters, document.channels, document.mask)
+        return self._is_outdated.get((result, problem, *values), compare)
+
+    def _differs(self, result: abfm.Match, document: Document) -> bool:
+        """Return whether it was found for other parameters or functions, as far as known."""
+        channels = document.channels
+        weights = [channel.weight for channel in channels]
+        if result.parameters != document.parameters or weights != result.weights.tolist():
+            return True
+        if (document.mask == "") != (result.mask is None):
+            return True
+        functions = [document.function(side, channel) for side in SIDES for channel in channels]
+        pairs = [*zip(functions, [*result.source.T, *result.target.T], strict=True)]
+        if result.mask is not None:
+            pairs.append((document.mask_function, result.mask))
+        found = [(self._found(function), then) for function, then in pairs]
+        return any(
+            now if isinstance(now, str) else not np.array_equal(now, then) for now, then in found
+        )
 
     def step(self, document: Document) -> Step | None:
         """Return what is being done for the document's functions, if that is told."""
@@ -111,12 +157,12 @@ class DocumentFunctions:
             if mesh in at_work:
                 continue
             mesh.cache.clear()  # also of what was still being computed when it was left
-            if mesh in in_reach and not functions.has_computed:
-                continue
-            if mesh in in_reach:
+            if mesh not in in_reach:
+                del self._by_mesh[mesh]
+            elif functions.has_computed:
                 self._by_mesh[mesh] = functions.at_rest(_is_from_file)
             else:
-                del self._by_mesh[mesh]
+                continue
             functions.let_go()
 
     def close(self) -> None:
@@ -129,3 +175,12 @@ def _is_from_file(term: str) -> bool:
     with suppress(AbfmError):
         return term in terms_from_files(term)
     return False
+
+
+def known_values(document: Document, functions: Functions) -> dict[str, FloatArray]:
+    """Return the values (V,) of a document's functions from files, which a project holds."""
+    known = {}
+    for term in {term for one in document.functions for term in terms_from_files(one.spec)}:
+        with suppress(AbfmError):  # what cannot be evaluated now has no values to keep
+            known[term] = functions.evaluate(term)
+    return known

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 import abfm
-from abfm import AbfmError, load_mesh
+from abfm import load_mesh
 from abfm.mesh.files import READERS
 from abfm.types import FloatArray
-from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.document.document import Channel, Document, Run, Surface
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import load_project
-from abfm_viewer.files.project_checks import terms_from_files
 from abfm_viewer.session.session import Session
 
 MESHES = tuple(READERS)
@@ -70,12 +67,3 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
         time=match.parameters.tau,
     )
     return document, known
-
-
-def known_values(document: Document, functions: Functions) -> dict[str, FloatArray]:
-    """Return the values (V,) of a document's functions from files, which a project holds."""
-    known = {}
-    for term in {term for one in document.functions for term in terms_from_files(one.spec)}:
-        with suppress(AbfmError):  # what cannot be evaluated now has no values to keep
-            known[term] = functions.evaluate(term)
-    return known

@@ -12,11 +12,9 @@ import abfm
 from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers.progress import Step, said
-from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.computing.background import Jobs, Latest, same
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.memo import same
-from abfm_viewer.computing.problem import ProblemSpec, Snapshot
-from abfm_viewer.computing.solver import Solver
+from abfm_viewer.computing.solver import ProblemSpec, Snapshot, Solver
 from abfm_viewer.document.document import Channel, Document, Side, Surface, View
 from abfm_viewer.document.history import History
 from abfm_viewer.files.origin import Origin
@@ -25,7 +23,6 @@ from abfm_viewer.session.editor import Editor
 from abfm_viewer.session.functions import DocumentFunctions
 from abfm_viewer.session.loading import Loading
 from abfm_viewer.session.notices import Notices, WaysOut
-from abfm_viewer.session.outdated import Outdated
 from abfm_viewer.session.player import Player
 from abfm_viewer.session.saves import Saves
 
@@ -70,7 +67,6 @@ class Session:
         self.after_match = AfterMatch()
         self.dragging = False
         self._coarse_meshes: Latest[None] = self._jobs.latest()
-        self._outdated = Outdated(self.functions)
         self._run_began = self.document
         # moves of the history when a remedy began the run: its result belongs to that step
         self._remedied = -1
@@ -218,7 +214,7 @@ class Session:
     @property
     def outdated(self) -> bool:
         """Return whether the result belongs to another problem than the document now says."""
-        return self._outdated.now(self.document)
+        return self.functions.outdated(self.document)
 
     @property
     def snapshot(self) -> Snapshot | None:

@@ -20,13 +20,13 @@ from abfm_viewer.document.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.document.wording import capital
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import save_project
+from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.opening import (
     MESHES,
     PROJECT,
     RESULT,
     is_project,
-    known_values,
     read_document,
 )
 from abfm_viewer.session.session import Session

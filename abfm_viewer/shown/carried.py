@@ -9,8 +9,7 @@ import numpy as np
 import abfm
 from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import Jobs, Latest
-from abfm_viewer.computing.memo import Memo
+from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import EXTRAPOLATION
 
 _TIMES, _TIMES_WHILE_SOLVING = 61, 17

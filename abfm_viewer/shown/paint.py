@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import abfm
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, on_ground, place_colors
-from abfm_viewer.computing.memo import Memo
+from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.document import HODGE_PARTS, SIDES, Front, Theme
 from abfm_viewer.shown.field_parts import Field
 from abfm_viewer.shown.shown import Shown

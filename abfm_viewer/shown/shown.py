@@ -2,8 +2,7 @@
 
 import abfm
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import Jobs, Latest
-from abfm_viewer.computing.memo import Memo
+from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.field_quantities import FieldQuantities
 from abfm_viewer.shown.shown_flow import ShownFlow

@@ -7,8 +7,7 @@ import time as clock
 import abfm
 from abfm import Parameters
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import Jobs
-from abfm_viewer.computing.memo import Memo
+from abfm_viewer.computing.background import Jobs, Memo
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.carried import Carried, FlowState
 

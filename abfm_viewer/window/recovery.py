@@ -9,15 +9,15 @@ from functools import partial
 from abfm import AbfmError
 from abfm.types import FloatArray
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.problem import Snapshot
+from abfm_viewer.computing.solver import Snapshot
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document, Identity
 from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
 from abfm_viewer.files.origin import Origin, load_origin
 from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.loading import Load
-from abfm_viewer.session.opening import known_values
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
 
@@ -111,7 +111,7 @@ class Recoveries:
             found, run = self._session.solver.unfinished(snapshot, functions)
         except AbfmError:  # the run has just ended: what it leaves comes next
             return _content(document, functions)
-        runs = document.runs if run is None else (*document.runs, run)
+        runs = (*document.runs, run)
         return _content(replace(document, result=found, runs=runs), functions)
 
     def _ask_next(self) -> None:

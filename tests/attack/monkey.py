@@ -27,7 +27,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 from abfm_viewer.automation import Driver
-from abfm_viewer.computing import background, evaluator
+from abfm_viewer.computing import background, evaluation
 from abfm_viewer.document.document import Document
 from abfm_viewer.errors import DriverError
 from abfm_viewer.widgets.widget_record import Widget
@@ -77,8 +77,8 @@ class Monkey:
         )
         mesh = ellipsoid(2, 1.0, 0.7, 0.55)
         if self._apart:
-            before, evaluator.OWN_PROCESS_FROM = evaluator.OWN_PROCESS_FROM, 100
-            self._closing.callback(setattr, evaluator, "OWN_PROCESS_FROM", before)
+            before, evaluation.OWN_PROCESS_FROM = evaluation.OWN_PROCESS_FROM, 100
+            self._closing.callback(setattr, evaluation, "OWN_PROCESS_FROM", before)
         self.files = monkey_files(self.folder)
         self._closing.enter_context(self._watched())
         driver = Driver(mesh, backend="openGL_mock", size=(1100, 800))

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from abfm import Parameters
 from abfm.parameters import PAPER
-from abfm_viewer.computing.problem import ProblemSpec
+from abfm_viewer.computing.solver import ProblemSpec
 from abfm_viewer.document.document import Channel
 from abfm_viewer.session.session import Session
 from tests.shapes import ellipsoid, icosphere

@@ -10,7 +10,7 @@ from abfm.mesh import TriangleMesh
 from abfm.sheets import Checker, Coordinates, Panel, Sheet, Values
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm_viewer.appearance.colormaps import ColorRange, place_colors
-from abfm_viewer.computing.fronts import best_front
+from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import Front
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.pictures.sheets.ranges import function, panels

@@ -1,50 +1,218 @@
-"""Work off the frame loop: the newest request counts, errors are told, and nothing outlives its
-owner.
+"""Work off the frame loop: the newest request counts, errors are told, nothing outlives its owner,
+and what was made last is kept while what it is made of stays the same.
 """
-
-from __future__ import annotations
 
 import threading
 
 import numpy as np
 import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from abfm import FunctionError
 from abfm.numerics.factoring_apart import is_factored_apart
-from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.computing import background
+from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from tests.viewer.sessions import until
 
+VALUES, EQUAL = np.zeros(3), np.zeros(3)  # and not the same
+FAILING = 2
+keys = st.sampled_from([(0, 0), (0, 1), (0, FAILING), (1, 0)])
 
-def test_large_systems_are_factored_apart_beside_the_frame_loop_and_small_ones_and_others_here():
-    latest = Latest[list[bool]]()
+
+@pytest.mark.parametrize(
+    ("one", "other", "expected"),
+    [
+        (1, 1.0, True),
+        ("a", "b", False),
+        (None, 0, False),
+        (VALUES, VALUES, True),
+        (VALUES, EQUAL, False),
+        (VALUES, 0.0, False),
+        ((1, (VALUES, "a")), (1, (VALUES, "a")), True),
+        ((1, (VALUES, "a")), (1, (EQUAL, "a")), False),
+        ((1, 2), (1, 2, 3), False),
+        ((1,), 1, False),
+        (float("nan"), float("nan"), False),
+    ],
+)
+def test_arrays_are_the_same_by_identity_and_other_things_by_value(one, other, expected):
+    assert same(one, other) is expected
+
+
+def test_a_value_is_made_again_only_when_what_it_is_made_of_changes():
+    memo, made = Memo(), []
+
+    def make():
+        made.append(1)
+        return [len(made)]
+
+    first = memo.get((VALUES, 1), make)
+    assert memo.get((VALUES, 1), make) is first == [1]
+    assert memo.get((EQUAL, 1), make) == [2]
+    assert memo.get((VALUES, 2), make) == [3]
+    assert memo.get((VALUES, 1), make) == [4]  # only the latest is kept
+
+
+def test_what_could_not_be_made_leaves_the_value_before():
+    memo = Memo()
+    memo.get((1,), lambda: 1)
+    with pytest.raises(ZeroDivisionError):
+        memo.get((2,), lambda: 1 // 0)
+    assert memo.get((1,), lambda: 2) == 1
+    assert memo.get((3,), lambda: None) is None
+    assert memo.get((3,), lambda: 4) is None
+
+
+class Asking(RuleBasedStateMachine):
+    """Whatever is asked for and ends in whatever order, the last request is answered.
+
+    There are requests for four things, each ends when it is told to, and one of them fails.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self.latest, self.begun, self.last = Latest(), [], None
+
+    def compute(self, key):
+        leave = threading.Event()
+        self.begun.append((key, leave))
+        assert leave.wait(30)
+        if key[1] == FAILING:
+            raise FunctionError(f"no {key}")
+        return key
+
+    def answer(self, key):
+        about, name = key
+        return self.latest.newest((VALUES, EQUAL)[about], name, lambda: self.compute(key))
+
+    @rule(key=keys)
+    def ask(self, key):
+        self.last = key
+        answer = self.answer(key)
+        assert answer is None or answer[0] == key[0]  # of an earlier one, but about the same
+        if not self.latest.busy and key[1] != FAILING:
+            assert answer == key
+
+    @rule(key=keys)
+    def ask_strictly(self, key):
+        self.last = key
+        about, name = key
+        full = ((VALUES, EQUAL)[about], name)
+        assert self.latest.ask(full, lambda: self.compute(key)) in (None, key)
+
+    @rule()
+    def end_what_runs(self):
+        if self.latest.busy or self.latest.is_at_work:
+            until(lambda: self.begun)
+            _, leave = self.begun.pop(0)
+            leave.set()
+            until(lambda: self.begun or not (self.latest.busy or self.latest.is_at_work))
+
+    @invariant()
+    def what_is_wanted_waits_runs_or_is_finished(self):
+        if self.last is not None and not self.latest.busy:
+            about, name = self.last
+            assert self.latest.key[0] is (VALUES, EQUAL)[about]
+            assert self.latest.key[1] == name
+
+    def teardown(self):
+        if self.last is not None:
+            for _ in range(3):  # what runs, what waits, and none after that
+                self.end_what_runs()
+            until(lambda: not self.latest.busy)
+            failing = self.last[1] == FAILING
+            assert self.answer(self.last) == (None if failing else self.last)
+            assert self.latest.error == (f"no {self.last}" if failing else "")
+            assert not self.latest.busy
+        for _, leave in self.begun:
+            leave.set()
+        self.latest.close(10)
+
+
+TestAsking = Asking.TestCase
+TestAsking.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+
+
+@pytest.fixture
+def latest():
+    latest = Latest()
+    yield latest
+    latest.close()
+
+
+def raising(error):
+    def fail(*_):
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (FunctionError("two\nlines"), "two lines"),
+        (SystemExit("library"), "SystemExit: library"),
+        (KeyboardInterrupt(), "KeyboardInterrupt: "),
+        (BaseException("panic"), "BaseException: panic"),
+    ],
+)
+def test_whatever_a_job_raises_is_told_in_one_line_and_the_next_request_is_answered(
+    latest, error, told
+):
+    latest.ask("bad", raising(error))
+    until(lambda: latest.key == "bad")
+    assert (latest.value, latest.error) == (None, told)
+    latest.ask("good", lambda: 3)
+    until(lambda: latest.ask("good", lambda: 3) == 3)
+    assert latest.error == ""
+
+
+def test_an_error_that_cannot_be_printed_ends_no_thread(latest, monkeypatch):
+    class Gone:
+        write = raising(OSError("the terminal is gone"))
+
+    monkeypatch.setattr("sys.stderr", Gone())
+    latest.ask("first", lambda: 1 // 0)
+    until(lambda: not latest.busy)
+    assert latest.error == "ZeroDivisionError: integer division or modulo by zero"
+    latest.ask("second", lambda: 2)
+    until(lambda: latest.ask("second", lambda: 2) == 2)
+
+
+def test_what_could_not_begin_as_there_was_no_thread_begins_with_the_next_request(
+    latest, monkeypatch
+):
+    with monkeypatch.context() as patched:
+        none_left = raising(RuntimeError("can't start new thread"))
+        patched.setattr(background.THREADS, "submit", none_left)
+        with pytest.raises(RuntimeError):
+            latest.ask("key", lambda: 1)
+    until(lambda: latest.ask("key", lambda: 1) == 1)
+
+
+def test_who_is_retired_is_not_waited_for(latest):
+    latest.retire()
+    assert latest.ask("key", lambda: 1) is None
+    assert not latest.busy
+
+
+def test_large_systems_are_factored_apart_beside_the_frame_loop_and_small_ones_and_others_here(
+    latest,
+):
     latest.ask("sizes", lambda: [is_factored_apart(size) for size in (14_000, 15_000)])
     until(lambda: latest.key == "sizes")
     assert latest.value == [False, True]
     assert not is_factored_apart(10**9)
-    latest.close()
-
-
-def test_an_error_is_told_in_one_line_and_forgotten_with_the_next_request():
-    latest = Latest[int]()
-
-    def fail():
-        raise FunctionError("two\nlines")
-
-    latest.ask("bad", fail)
-    until(lambda: latest.key == "bad")
-    assert (latest.value, latest.error) == (None, "two lines")
-    latest.ask("good", lambda: 3)
-    until(lambda: latest.key == "good")
-    assert (latest.value, latest.error) == (3, "")
-    latest.close()
 
 
 @pytest.fixture
-def held():
-    """A `Latest` whose jobs wait for each other's leave: the latest, a function that makes jobs,
-    what they did.
+def held(latest):
+    """Jobs that wait for each other's leave: a function that makes them, what they did, and one
+    that gives leave.
     """
-    latest, leave, begun = Latest[str](), {}, []
+    leave, begun = {}, []
 
     def job(name):
         leave[name] = threading.Event()
@@ -60,14 +228,13 @@ def held():
         until(lambda: name in begun)
         leave[name].set()
 
-    yield latest, job, begun, end
+    yield job, begun, end
     for event in leave.values():
         event.set()
-    latest.close()
 
 
-def test_what_is_there_and_asked_for_again_stays_though_something_else_was_under_way(held):
-    latest, job, begun, end = held
+def test_what_is_there_and_asked_for_again_stays_though_something_else_was_under_way(latest, held):
+    job, begun, end = held
     latest.ask("there", job("there"))
     end("there")
     until(lambda: not latest.busy)
@@ -81,8 +248,8 @@ def test_what_is_there_and_asked_for_again_stays_though_something_else_was_under
     assert begun == ["there", "under way"]
 
 
-def test_what_is_under_way_and_asked_for_again_is_not_computed_twice(held):
-    latest, job, begun, end = held
+def test_what_is_under_way_and_asked_for_again_is_not_computed_twice(latest, held):
+    job, begun, end = held
     under_way = job("under way")
     latest.ask("under way", under_way)
     until(lambda: begun == ["under way"])
@@ -94,26 +261,30 @@ def test_what_is_under_way_and_asked_for_again_is_not_computed_twice(held):
     assert begun == ["under way"]
 
 
-def test_keys_have_the_same_arrays_if_these_are_the_same_objects():
-    latest, values, calls = Latest[int](at_once=True), np.zeros(3), []
-
-    def count():
-        calls.append(1)
-        return len(calls)
-
-    assert [latest.ask(("a", values), count), latest.ask(("a", values), count)] == [1, 1]
-    assert latest.ask(("a", values.copy()), count) == 2
+def test_one_that_is_at_work_holds_up_no_other_and_is_not_waited_for_long(latest, held):
+    job, begun, end = held
+    latest.ask("late", job("late"))
+    until(lambda: begun == ["late"])
+    others = [Latest() for _ in range(30)]
+    for number, other in enumerate(others):
+        other.ask(number, lambda number=number: number)
+    until(lambda: [other.value for other in others] == list(range(30)))
+    latest.close(0.1)
+    assert latest.is_at_work
+    end("late")
+    latest.close(10)
+    assert not latest.is_at_work
 
 
 def test_what_is_computed_at_once_is_there_at_once_in_this_thread():
-    latest, threads = Latest[int](at_once=True), []
-    for number in (1, 2):
-        assert (
-            latest.ask(
-                number, lambda number=number: threads.append(threading.current_thread()) or number
-            )
-            == number
-        )
+    latest, threads = Latest(at_once=True), []
+
+    def count():
+        threads.append(threading.current_thread())
+        return len(threads)
+
+    for key, expected in (((1, VALUES), 1), ((1, VALUES), 1), ((1, EQUAL), 2), ((2, EQUAL), 3)):
+        assert latest.ask(key, count) == expected
         assert not latest.busy
     assert set(threads) == {threading.current_thread()}
 
@@ -131,24 +302,3 @@ def test_jobs_of_one_owner_tell_and_end_together():
     jobs.close()
     assert one.ask("c", lambda: 1) is None
     assert not jobs.busy
-
-
-def test_one_that_is_at_work_holds_up_no_other(held):
-    latest, job, begun, _ = held
-    latest.ask("late", job("late"))
-    until(lambda: begun == ["late"])
-    others = [Latest[int]() for _ in range(30)]
-    for number, other in enumerate(others):
-        other.ask(number, lambda number=number: number)
-    until(lambda: [other.value for other in others] == list(range(30)))
-
-
-def test_closing_does_not_wait_long_for_a_job(held):
-    latest, job, begun, end = held
-    latest.ask("late", job("late"))
-    until(lambda: begun == ["late"])
-    latest.close(0.1)
-    assert latest.is_at_work
-    end("late")
-    latest.close(10)
-    assert not latest.is_at_work

@@ -1,12 +1,9 @@
-"""What the process that matches keeps between two runs."""
-
-from __future__ import annotations
+"""What the process that matches reports of a run, and what it keeps between two."""
 
 import gc
 import weakref
-from collections.abc import Callable, Iterator
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -23,21 +20,20 @@ QUICK = Parameters(iterations=8, levels=2)
 
 
 @pytest.fixture
-def reports(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+def reports(monkeypatch):
     """What would be sent of iterates."""
-    reports: list[Any] = []
+    reports = []
     monkeypatch.setattr(match_apart, "report", reports.append)
     return reports
 
 
 @pytest.fixture
-def energies(monkeypatch: pytest.MonkeyPatch) -> Iterator[weakref.WeakSet[MatchingEnergy]]:
+def energies(monkeypatch):
     """All that are made and not gone, while nothing collects cycles, as compiling leaves some."""
     abfm.match(SPHERE, F, G, QUICK)
-    alive: weakref.WeakSet[MatchingEnergy] = weakref.WeakSet()
-    usual: Callable[..., None] = MatchingEnergy.__init__
+    alive, usual = weakref.WeakSet(), MatchingEnergy.__init__
 
-    def init(self: MatchingEnergy, *arguments: Any, **named: Any) -> None:
+    def init(self, *arguments, **named):
         usual(self, *arguments, **named)
         alive.add(self)
 
@@ -48,24 +44,52 @@ def energies(monkeypatch: pytest.MonkeyPatch) -> Iterator[weakref.WeakSet[Matchi
     gc.enable()
 
 
-def test_of_a_run_that_ended_the_last_fields_stay_and_no_workspace(
-    reports: list[Any], energies: weakref.WeakSet[MatchingEnergy]
-) -> None:
+def test_every_iterate_is_reported_and_of_an_ended_run_the_last_fields_stay_and_no_workspace(
+    reports, energies
+):
     state = Matching()
     for run in range(1, 4):
         match = state.match(run, abfm.Problem(SPHERE, F, G, replace(QUICK, sigma=0.01 * run)))
+        assert [now.iteration for now in reports] == list(range(len(match.energy_history)))
+        assert reports[0].look.advected.shape == match.advected.shape
         velocity, advected = state.fields(run, 10**6)
         assert velocity.shape == match.velocity.shape
         assert advected.shape == match.advected.shape
         assert not energies
+        reports.clear()
     state.fields(2, 0)  # of the run before something may be shown yet
     with pytest.raises(AbfmError, match="not known any more"):
         state.fields(1, 0)
 
 
-def test_every_iterate_is_reported_and_the_first_of_a_run_with_its_picture(
-    reports: list[Any],
-) -> None:
-    match = Matching().match(1, abfm.Problem(SPHERE, F, G, QUICK))
-    assert [now.iteration for now in reports] == list(range(len(match.energy_history)))
-    assert reports[0].look.advected.shape == match.advected.shape
+@pytest.mark.parametrize(("picture", "pause"), [(0.01, 0.09), (0.001, 0.05), (1.0, 0.2)])
+def test_no_picture_is_made_for_nine_times_as_long_as_one_took_within_limits(
+    picture, pause, monkeypatch, reports
+):
+    now, made = [0.0], []
+    monkeypatch.setattr(match_apart, "clock", SimpleNamespace(perf_counter=lambda: now[0]))
+
+    @dataclass
+    class Iteration:
+        look: object = None
+        warning = velocity = None
+
+        @property
+        def advected(self):
+            made.append(self)
+            now[0] += picture
+            return "picture"
+
+    def match(problem, on_iteration):
+        for count in (1, 2, 3):
+            on_iteration(Iteration())
+            done = now[0]
+            for moment in (done, done + 0.99 * pause):
+                now[0] = moment
+                on_iteration(Iteration())
+            assert len(made) == count
+            now[0] = done + 1.01 * pause
+
+    monkeypatch.setattr(abfm, "match", match)
+    Matching().match(1, None)
+    assert [one.look.picture for one in reports] == 3 * ["picture", None, None]

@@ -17,11 +17,10 @@ import pytest
 import abfm
 from abfm import AbfmError, Parameters
 from abfm.workers import worker as worker_module
-from abfm_viewer.computing import keeping
+from abfm_viewer.computing import solver as solver_module
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.match_apart import MatchApart, is_pictured
-from abfm_viewer.computing.problem import ProblemSpec, State
-from abfm_viewer.computing.solver import Solver
+from abfm_viewer.computing.solver import ProblemSpec, Solver, State
 from abfm_viewer.document.document import Channel
 from tests.shapes import icosphere, tetrahedron
 from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, problem, until
@@ -31,7 +30,7 @@ from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, problem, until
 def functions():
     functions = Functions(SPHERE)
     yield functions
-    functions.close()
+    functions.retire()
 
 
 @pytest.fixture
@@ -73,7 +72,7 @@ def same_run(solver: Solver, mesh: abfm.TriangleMesh, parameters: Parameters) ->
     result, run = ended(solver)
     source, target = functions.evaluate(PAIR.source), functions.evaluate(PAIR.target)
     expected = abfm.match(mesh, source[:, None], target[:, None], parameters)
-    functions.close()
+    functions.retire()
     assert (solver.running, solver.state) == (False, State.ENDED)
     assert result.mesh is mesh
     for name in ("velocity", "advected", "energy_history", "stages"):
@@ -391,16 +390,16 @@ def test_what_was_asked_for_of_a_killed_run_is_kept_but_not_for_another_run(runn
 def test_a_killed_process_leaves_the_field_that_came_over_early_though_nobody_asked(
     solver, functions, monkeypatch
 ):
-    monkeypatch.setattr(keeping, "FIRST", 0.2)
+    monkeypatch.setattr(solver_module, "FIRST", 0.2)
     solver.start(problem(ENDLESS), functions)
-    until(lambda: solver._keeper.newest)
-    kept = solver._keeper.newest
+    until(lambda: solver._course.newest)
+    kept = solver._course.newest
     kill(solver)
     result, run = ended(solver)
     assert solver.failed
     assert "\n" not in solver.reason
     assert result.velocity.any()
-    if solver._keeper.newest is kept:  # else another one came just before
+    if solver._course.newest is kept:  # else another one came just before
         np.testing.assert_array_equal(result.velocity, kept.iteration.velocity)
     carries(result, functions)
     assert len(run.stages) > kept.iteration.iteration
@@ -409,9 +408,9 @@ def test_a_killed_process_leaves_the_field_that_came_over_early_though_nobody_as
 def test_a_run_that_is_killed_after_a_change_leaves_what_was_found_since_or_before(
     solver, functions, monkeypatch
 ):
-    monkeypatch.setattr(keeping, "FIRST", 0.1)
+    monkeypatch.setattr(solver_module, "FIRST", 0.1)
     solver.start(problem(ENDLESS), functions)
-    until(lambda: solver._keeper.newest)
+    until(lambda: solver._course.newest)
     changed = problem(replace(ENDLESS, beta=1e-4))
     solver.follow_problem(changed)
     until(lambda: solver.snapshot.problem is changed)

@@ -13,9 +13,9 @@ import pytest
 from PIL import Image
 
 from abfm.workers.progress import step
-from abfm_viewer.computing import evaluator
-from abfm_viewer.computing.default_functions import default_functions
-from abfm_viewer.computing.problem import State
+from abfm_viewer.computing import evaluation
+from abfm_viewer.computing.defaults import default_functions
+from abfm_viewer.computing.solver import State
 from abfm_viewer.document.document import Channel
 from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.widgets import popups
@@ -223,7 +223,7 @@ def test_a_mesh_is_seen_at_once_and_stays_as_it_appears(gui, monkeypatch, tmp_pa
             assert may_go_on.wait(60)
             return default_functions(mesh)
 
-    monkeypatch.setattr(evaluator, "default_functions", slowly)
+    monkeypatch.setattr(evaluation, "default_functions", slowly)
     gui.session.set_mesh(torus(24, 12, r=0.3), "torus")
     gui.frames(1)
     assert gui.window.scene.shown == SURFACES

@@ -10,8 +10,8 @@ import pytest
 from abfm import TriangleMesh
 from abfm.workers import progress
 from abfm.workers.progress import Step, step
+from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.background import Latest
-from abfm_viewer.computing.evaluator import Evaluator
 from abfm_viewer.computing.solver import Solver
 from abfm_viewer.session.loading import Load
 from tests.viewer.sessions import ENDLESS, SPHERE, opened, solving, until
@@ -35,16 +35,17 @@ def test_a_job_tells_what_it_does_until_it_is_done():
 
 
 @pytest.mark.parametrize("own_process", [False, True])
-def test_functions_tell_what_takes_long_also_from_their_process(own_process):
+def test_functions_tell_what_takes_long_also_from_their_process(own_process, monkeypatch):
+    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0 if own_process else 10**9)
     mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces)  # one that has no eigenfunctions yet
-    evaluator = Evaluator(mesh, own_process)
+    functions = evaluation.Functions(mesh)
     told: list[Step | None] = []
     with progress.telling(told.append):
-        evaluator.values("eigenfunction:3")
+        functions.evaluate("eigenfunction:3")
     tasks = [now.task for now in told if now]
     assert "computing eigenfunctions: 32" in tasks
     assert told[-1] is None
-    evaluator.close()
+    functions.retire()
 
 
 def test_a_run_tells_its_steps_though_it_runs_elsewhere(monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 
 from abfm import TriangleMesh, load_mesh
 from abfm.assets import asset_path
-from abfm_viewer.computing.fronts import best_front
+from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import Front
 from abfm_viewer.scene.camera import fitted
 from tests.shapes import ellipsoid, icosphere, torus

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from abfm import Parameters, TriangleMesh
-from abfm_viewer.computing import evaluator
+from abfm_viewer.computing import evaluation
 from abfm_viewer.document import history
 from abfm_viewer.document.document import Channel
 from abfm_viewer.files.origin import Origin
@@ -138,7 +138,7 @@ def test_one_step_can_be_taken_back_however_large_it_is(session, monkeypatch):
 
 
 def test_only_the_mesh_at_work_has_a_process_that_evaluates(session, monkeypatch):
-    monkeypatch.setattr(evaluator, "OWN_PROCESS_FROM", 0)
+    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0)
     before = children()
     for number in range(3):
         show(session, icosphere(1), f"mesh {number}")

@@ -11,8 +11,7 @@ from abfm.calculus import vertex_areas
 from abfm.calculus.geodesics import geodesic_distance
 from abfm.functions import function, parse, vertex_normals
 from abfm.matching import resolution
-from abfm_viewer.computing.default_functions import WIDTH, default_functions
-from abfm_viewer.computing.fronts import best_front
+from abfm_viewer.computing.defaults import WIDTH, best_front, default_functions
 from abfm_viewer.document.gaussians import landmark
 from tests.shapes import disc, ellipsoid, square, torus
 

@@ -1,0 +1,58 @@
+"""Functions computed in a process of their own are those computed here, errors included."""
+
+import numpy as np
+import pytest
+
+from abfm import AbfmError, FunctionError, function
+from abfm_viewer.computing import evaluation
+from abfm_viewer.computing.defaults import default_functions
+from abfm_viewer.computing.evaluation import Functions
+from tests.shapes import icosphere, with_loose_vertex
+
+SPARSE = with_loose_vertex(icosphere(2))
+
+
+@pytest.fixture(scope="module")
+def apart():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(evaluation, "OWN_PROCESS_FROM", 0)
+        functions = Functions(SPARSE)
+    yield functions
+    functions.retire()
+
+
+@pytest.mark.parametrize(
+    "spec", ["gaussian:vertex=7,width=0.2", "eigenfunction:3", "coordinate:x + geodesic:vertex=0"]
+)
+def test_values_are_the_same(apart, spec):
+    assert apart.pid is None or apart.pid > 0
+    np.testing.assert_array_equal(apart.evaluate(spec), function(SPARSE, spec))
+    assert apart.pid
+
+
+def test_defaults_are_the_same(apart):
+    assert apart.defaults() == default_functions(SPARSE)
+
+
+@pytest.mark.parametrize("spec", ["gaussian:vertex=5", "nonsense", "file:not there.npy"])
+def test_errors_are_the_same(apart, spec):
+    with pytest.raises(FunctionError) as here:
+        function(SPARSE, spec)
+    with pytest.raises(FunctionError) as there:
+        apart.evaluate(spec)
+    assert str(there.value) == str(here.value)
+
+
+def test_large_meshes_get_a_process_and_closed_ones_start_none(monkeypatch):
+    assert evaluation.OWN_PROCESS_FROM == 20_000
+    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", len(SPARSE.vertices))
+    for mesh, has_one in ((icosphere(1), False), (SPARSE, True)):
+        functions = Functions(mesh)
+        functions.evaluate("coordinate:x")
+        assert (functions.pid is not None) == has_one
+        functions.retire()
+    closed = Functions(SPARSE)
+    closed.retire()
+    with pytest.raises(AbfmError, match="the process that computes functions has ended; try again"):
+        closed.evaluate("coordinate:x")
+    assert closed.pid is None
