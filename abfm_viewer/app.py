@@ -1,10 +1,9 @@
 """`abfm-viewer`: the command that opens the window."""
 
 import os
-import sys
 from importlib import import_module
 
-from abfm_viewer import signals
+from abfm_viewer.cli import program
 
 _DESCRIPTION = """\
 Open a window with a mesh, two functions on it, and their match.
@@ -20,29 +19,22 @@ def main(argv: list[str] | None = None) -> int:
     """Open the app and return the exit status when its window is closed; without words given it
     is the program's.
     """
-    if argv is None:
-        signals.leave_on_signals("abfm-viewer")  # before anything else: loading takes time
-    from abfm_viewer.cli.exit_status import exit_status, program_status
-
-    if argv is None:
-        return program_status("abfm-viewer", lambda: _run(sys.argv[1:]))
-    return exit_status("abfm-viewer", lambda: _run(argv))
+    return program("abfm-viewer", _run, argv)
 
 
 def _run(words: list[str]) -> int:
     from abfm_viewer import window
-    from abfm_viewer.cli.parser import Parser
+    from abfm_viewer.cli.options import Parser, adder
 
     parser = Parser(prog="abfm-viewer", description=_DESCRIPTION)
-    parser.add_argument(
+    add = adder(parser)
+    add(
         "file",
+        "mesh, project (.abfm) or result (.npz); by default a bundled mesh",
+        "FILE",
         nargs="?",
-        metavar="FILE",
-        help="mesh, project (.abfm) or result (.npz); by default a bundled mesh",
     )
-    parser.add_argument(
-        "--largest-component", action="store_true", help="of several components use the largest"
-    )
+    add("--largest-component", "of several components use the largest")
     parser.set_defaults(parser=parser)
     arguments = parser.parse_whole(words)
     if any(name.startswith("NUMBA_") for name in os.environ):

@@ -1,24 +1,28 @@
-"""The one command line, `abfm`: a thin layer over both packages.
-
-Exit status: 0; 2 with one line on stderr for bad input; 128 and its number after a signal: 130
-after Ctrl-C, 143 after SIGTERM, 129 when the terminal was closed.
+"""The one command line, `abfm`: exit status 0; 2 with one line on stderr for bad input; 128 and its
+number after a signal (130 after Ctrl-C, 143 after SIGTERM, 129 when the terminal was closed).
 """
 
 import sys
+from collections.abc import Callable
 
 from abfm_viewer import signals
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line and return the exit status; without words given it is the program's."""
+    return program("abfm", _run, argv)
+
+
+def program(name: str, run: Callable[[list[str]], int], argv: list[str] | None) -> int:
+    """Run a program with these words, or with those of the process, which then belongs to it."""
     if argv is None:
         # before anything else: loading takes longer than many commands
-        signals.leave_on_signals("abfm")
+        signals.leave_on_signals(name)
     from abfm_viewer.cli.exit_status import exit_status, program_status
 
     if argv is None:
-        return program_status("abfm", lambda: _run(sys.argv[1:]))
-    return exit_status("abfm", lambda: _run(argv))
+        return program_status(name, lambda: run(sys.argv[1:]))
+    return exit_status(name, lambda: run(argv))
 
 
 def _run(words: list[str]) -> int:

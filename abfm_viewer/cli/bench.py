@@ -8,9 +8,9 @@ from pathlib import Path
 
 from abfm import Control, TriangleMesh, load_mesh
 from abfm_viewer import signals
-from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.interrupt import Kept, cancelled_by_signals
+from abfm_viewer.cli.options import adder, count, positive, seed
+from abfm_viewer.cli.solving import Kept, cancelled_by_signals
 
 SUMMARY = (
     "measure the solver against the paper's algorithm and plain L-BFGS, or how often it succeeds"
@@ -42,59 +42,19 @@ Examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "--seconds",
-        type=options.positive,
-        default=60.0,
-        metavar="S",
-        help="time for each baseline (default: 60)",
-    )
-    parser.add_argument(
-        "--viewer",
-        action="store_true",
-        help="measure the window (off the screen where there is none)",
-    )
-    parser.add_argument(
-        "--success", action="store_true", help="count on random problems how often matches succeed"
-    )
-    parser.add_argument(
-        "--arrival",
-        action="store_true",
-        help="measure how soon a match arrives on ever finer meshes",
-    )
-    group = parser.add_argument_group("with --success")
-    group.add_argument(
-        "--mesh",
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="try this mesh too; may be repeated",
-    )
-    group.add_argument(
-        "--only-given", action="store_true", help="leave out the bundled and generated meshes"
-    )
-    group.add_argument(
-        "--problems",
-        type=options.count,
-        default=6,
-        metavar="N",
-        help="problems on each mesh (default: 6)",
-    )
-    group.add_argument(
-        "--seed",
-        type=options.seed,
-        default=0,
-        help="another number gives other problems (default: 0)",
-    )
-    group.add_argument(
-        "--part",
-        type=_part,
-        default=(1, 1),
-        metavar="K/N",
-        help="only every N-th problem, from the K-th",
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add = adder(parser)
+    add("--seconds", "time for each baseline (default: 60)", "S", type=positive, default=60.0)
+    add("--viewer", "measure the window (off the screen where there is none)")
+    add("--success", "count on random problems how often matches succeed")
+    add("--arrival", "measure how soon a match arrives on ever finer meshes")
+    choose = adder(parser.add_argument_group("with --success"))
+    choose("--mesh", "try this mesh too; may be repeated", "FILE", action="append", default=[])
+    choose("--only-given", "leave out the bundled and generated meshes")
+    choose("--problems", "problems on each mesh (default: 6)", "N", type=count, default=6)
+    choose("--seed", "another number gives other problems (default: 0)", type=seed, default=0)
+    choose("--part", "only every N-th problem, from the K-th", "K/N", type=_part, default=(1, 1))
+    add("--json", "print one JSON object")
+    add("--quiet", "no progress")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -113,15 +73,12 @@ def run(arguments: argparse.Namespace) -> int:
             print(line, file=sys.stderr, flush=True)
 
     if arguments.success:
-        meshes = _meshes(
-            arguments, {} if arguments.only_given else laboratory.success.success_meshes()
-        )
-        selection = laboratory.success.Selection(arguments.seed, arguments.problems, arguments.part)
+        success = laboratory.success
+        meshes = _meshes(arguments, {} if arguments.only_given else success.success_meshes())
+        selection = success.Selection(arguments.seed, arguments.problems, arguments.part)
         with cancelled_by_signals(control, "with what was finished") as kept:
-            report = laboratory.success.run_success(
-                meshes, tell, selection, stopped=lambda: control.cancelled
-            )
-        text = laboratory.success.format_success(report)
+            report = success.run_success(meshes, tell, selection, stopped=lambda: control.cancelled)
+        text = success.format_success(report)
     elif arguments.arrival:
         report = laboratory.run_arrival(tell)
         text = laboratory.format_arrival(report)
@@ -132,9 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
         report = laboratory.run(tell, laboratory.Settings(arguments.seconds))
         text = laboratory.format_report(report)
     print(json.dumps(report, allow_nan=False) if arguments.json else text)
-    if kept.number is not None:
-        return signals.status(kept.number)
-    return 0
+    return 0 if kept.number is None else signals.status(kept.number)
 
 
 def _meshes(
@@ -157,6 +112,6 @@ def _meshes(
 def _part(text: str) -> tuple[int, int]:
     """Return a part of a whole: ``1/2``."""
     k, slash, n = text.partition("/")
-    if not (slash and options.count(k) <= options.count(n)):
+    if not (slash and count(k) <= count(n)):
         raise argparse.ArgumentTypeError(f"{text!r} is not a part such as 1/2")
     return int(k), int(n)

@@ -4,7 +4,7 @@ from importlib.metadata import version
 
 from abfm.errors import did_you_mean
 from abfm_viewer.cli import bench, demo, figure, info, map, match, render
-from abfm_viewer.cli.parser import Parser
+from abfm_viewer.cli.options import Parser
 
 _COMMANDS = {
     "match": match,
@@ -27,17 +27,6 @@ Try `abfm demo` first; then
 
 def run(words: list[str]) -> int:
     """Run the command that the words ask for and return its exit status."""
-    parser = _parser()
-    if not words:
-        parser.print_help()
-        return 0
-    if not words[0].startswith("-") and words[0] not in _COMMANDS:
-        parser.error(f"there is no command {words[0]!r}{did_you_mean(words[0], _COMMANDS)}")
-    arguments = parser.parse_whole(words)
-    return int(arguments.run(arguments))
-
-
-def _parser() -> Parser:
     parser = Parser(prog="abfm", description=_DESCRIPTION)
     parser.add_argument("--version", action="version", version=f"abfm {version('abfm')}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
@@ -45,4 +34,10 @@ def _parser() -> Parser:
         own = commands.add_parser(name, help=command.SUMMARY, description=command.DESCRIPTION)
         own.set_defaults(run=command.run, parser=own)
         command.add_arguments(own)
-    return parser
+    if not words:
+        parser.print_help()
+        return 0
+    if not words[0].startswith("-") and words[0] not in _COMMANDS:
+        parser.error(f"there is no command {words[0]!r}{did_you_mean(words[0], _COMMANDS)}")
+    arguments = parser.parse_whole(words)
+    return int(arguments.run(arguments))

@@ -10,6 +10,7 @@ from abfm.assets import asset_path
 from abfm.errors import printable
 from abfm.functions import function
 from abfm_viewer import pictures
+from abfm_viewer.cli.options import adder
 from abfm_viewer.cli.solving import solve
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
@@ -34,17 +35,11 @@ SOURCE, TARGET = "gaussian:vertex=394,width=0.2", "gaussian:vertex=454,width=0.2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out"),
-        metavar="DIR",
-        help="folder, made if missing (default: out)",
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object about the result"
-    )
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add = adder(parser)
+    out = Path("out")
+    add("--out", "folder, made if missing (default: out)", "DIR", type=Path, default=out)
+    add("--json", "print one JSON object about the result")
+    add("--quiet", "no progress")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -62,10 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
         shown = {"picture": picture, "movie": movie, "largest_mismatch": LARGEST_MISMATCH}
         print(json.dumps({"source": SOURCE, "target": TARGET, **outcome.to_dict(), **shown}))
     else:
-        print(
-            outcome.summary()
-            + ("".join(f", {printable(path)}" for path in drawings) if drawn else "")
-        )
+        more = "".join(f", {printable(path)}" for path in drawings) if drawn else ""
+        print(outcome.summary() + more)
     if outcome.signal is not None:
         return outcome.status
     if outcome.match.mismatch > LARGEST_MISMATCH:
@@ -80,9 +73,8 @@ def _draw(match: Match, picture: Path, movie: Path) -> bool:
         outputs.write_picture(picture, pictures.match_picture(match))
         document, known = document_of_result(match, movie.with_suffix(".npz"))
         with pictures.DocumentRenderer(document, known, _MOVIE_SIZE) as renderer:
-            pictures.write_movie(
-                movie, renderer.frames(0.0, match.parameters.tau, _FRAMES, 0.0), _FPS, _FRAMES
-            )
+            frames = renderer.frames(0.0, match.parameters.tau, _FRAMES, 0.0)
+            pictures.write_movie(movie, frames, _FPS, _FRAMES)
     except DrawingError as error:
         print(f"note: no picture and no movie: {error}", file=sys.stderr)
         return False

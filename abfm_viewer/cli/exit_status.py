@@ -1,18 +1,21 @@
-"""How a program ends: the one place where an error becomes a line on stderr and an exit status."""
+"""How a program ends and prints: the one place where an error becomes a line on stderr and an exit
+status.
+"""
 
 import atexit
+import io
 import os
 import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Any, TextIO, cast
 
 from abfm import AbfmError
 from abfm.errors import LONGEST, one_line
 from abfm.io import remove_temporary
 from abfm.workers import process
 from abfm_viewer import signals
-from abfm_viewer.cli.streams import lasting_streams
 
 BAD_INPUT, UNMATCHED = 2, 3
 
@@ -42,7 +45,14 @@ def program_status(program: str, run: Callable[[], int]) -> int:
     encoding lacks are escaped. The process ends as soon as everything is tidied up: taking the
     interpreter apart takes seconds on large meshes, and a signal in the middle of that is not safe.
     """
-    out, errors = lasting_streams()
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:  # whoever started the program has closed it
+            # takes the lowest number that is free: else a result might get it
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+    out, errors = _LastingStream(sys.stdout, 1), _LastingStream(sys.stderr, 2)
+    sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, errors)
     ended: list[int] = []
     atexit.register(_end_at_once, ended)  # what is registered later comes before
     with signals.tidied(remove_temporary), signals.tidied(process.end_all):
@@ -52,7 +62,7 @@ def program_status(program: str, run: Callable[[], int]) -> int:
             status = error.code if isinstance(error.code, int) else 0
         out.flush()
         if out.problem and not isinstance(out.problem, BrokenPipeError):
-            print(f"{program}: cannot write the output: {out.problem.strerror}", file=errors)
+            print(f"{program}: cannot write the output: {out.problem.strerror}", file=sys.stderr)
             status = status or BAD_INPUT
     ended.append(status)
     return status
@@ -64,3 +74,32 @@ def _end_at_once(ended: list[int]) -> None:
             with suppress(OSError, ValueError, AttributeError):
                 stream.flush()
         os._exit(ended[0])
+
+
+class _LastingStream:
+    """Prints to another stream, /dev/null if that was closed, until it fails; `problem` then says
+    how, and the rest is dropped.
+    """
+
+    def __init__(self, stream: TextIO | None, number: int) -> None:
+        self._stream = stream or os.fdopen(number, "w", encoding="utf-8")
+        self.problem: OSError | None = None
+        if isinstance(self._stream, io.TextIOWrapper):
+            self._stream.reconfigure(errors="backslashreplace")
+
+    def write(self, text: str) -> int:
+        self._try(lambda: self._stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        self._try(self._stream.flush)
+
+    def _try(self, act: Callable[[], object]) -> None:
+        if self.problem is None:
+            try:
+                act()
+            except OSError as error:
+                self.problem = error
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)

@@ -9,7 +9,7 @@ import numpy as np
 import abfm
 from abfm import MeshError, TriangleMesh, load_mesh
 from abfm.errors import printable
-from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
+from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
 from abfm_viewer.cli import options
 
 SUMMARY = "what a mesh is and what the solver would object to"
@@ -25,7 +25,7 @@ Example:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     options.add_mesh(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    options.adder(parser)("--json", "print one JSON object")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -40,14 +40,14 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps({"mesh": arguments.mesh, "usable": True, **facts}))
     else:
-        print(printable(arguments.mesh))
-        print("\n".join(_lines(facts)))
+        print("\n".join([printable(arguments.mesh), *_lines(facts)]))
     return 0
 
 
 def describe(mesh: TriangleMesh) -> dict[str, Any]:
     """Return the counts, topology and sizes of a mesh; lengths are in the file's unit."""
     lengths = abfm.calculus.edge_lengths(mesh)
+    shortest, median, longest = lengths.min(), float(np.median(lengths)), lengths.max()
     return {
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),
@@ -57,31 +57,21 @@ def describe(mesh: TriangleMesh) -> dict[str, Any]:
         "area": mesh.length_scale**2,
         "length_scale": mesh.length_scale,
         "bounding_box": [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()],
-        "edge_lengths": {
-            "shortest": lengths.min(),
-            "median": float(np.median(lengths)),
-            "longest": lengths.max(),
-        },
-        "edge_ratio": lengths.max() / lengths.min(),
-        "symmetries": _symmetries(mesh),
+        "edge_lengths": {"shortest": shortest, "median": median, "longest": longest},
+        "edge_ratio": longest / shortest,
+        "symmetries": {kind: _symmetry(mesh, kind) for kind in KINDS},
         "messages": list(mesh.messages),
     }
 
 
-def _symmetries(mesh: TriangleMesh) -> dict[str, dict[str, Any] | None]:
-    """Return what `permuted:mirror(...)` and `permuted:rotation(...)` would compose with, as far as
-    the mesh has it.
-    """
-    found: dict[str, dict[str, Any] | None] = {}
-    for kind in KINDS:
-        try:
-            symmetry = detect_symmetry(mesh, kind)
-        except SymmetryError:
-            found[kind] = None
-        else:
-            of_map = {"error": symmetry.error, "is_permutation": symmetry.is_permutation}
-            found[kind] = {"axis": symmetry.axis.tolist(), **of_map}
-    return found
+def _symmetry(mesh: TriangleMesh, kind: Kind) -> dict[str, Any] | None:
+    """Return what functions `permuted:` by a symmetry would compose with, if the mesh has it."""
+    try:
+        found = detect_symmetry(mesh, kind)
+    except SymmetryError:
+        return None
+    numbers = {"error": found.error, "is_permutation": found.is_permutation}
+    return {"axis": found.axis.tolist(), **numbers}
 
 
 def _symmetry_words(kind: str, symmetry: dict[str, Any] | None) -> str:
@@ -95,26 +85,19 @@ def _symmetry_words(kind: str, symmetry: dict[str, Any] | None) -> str:
 
 def _lines(facts: dict[str, Any]) -> list[str]:
     box = [" ".join(f"{value:.4g}" for value in corner) for corner in facts["bounding_box"]]
-    lengths = facts["edge_lengths"]
-    loops = facts["boundary_loops"]
+    shortest, median, longest = facts["edge_lengths"].values()
+    loops, scale = facts["boundary_loops"], facts["length_scale"]
     rows = {
-        "vertices": f"{facts['vertices']:,}",
-        "faces": f"{facts['faces']:,}",
-        "edges": f"{facts['edges']:,}",
+        **{name: f"{facts[name]:,}" for name in ("vertices", "faces", "edges")},
         "genus": facts["genus"],
         "boundary": f"{loops} loop{'s' if loops > 1 else ''}" if loops else "none (closed)",
         "area": f"{facts['area']:.6g}",
-        "length scale": f"{facts['length_scale']:.6g}   (square root of the area: the unit of "
-        "Gaussian widths)",
-        "bounding box": f"{box[0]}  to  {box[1]}",
-        "edge lengths": f"{lengths['shortest']:.4g} to {lengths['longest']:.4g}, median "
-        f"{lengths['median']:.4g}",
+        "length scale": f"{scale:.6g}   (square root of the area: the unit of Gaussian widths)",
+        "bounding box": "  to  ".join(box),
+        "edge lengths": f"{shortest:.4g} to {longest:.4g}, median {median:.4g}",
         "edge ratio": f"{facts['edge_ratio']:.4g}   (longest to shortest)",
         **{kind: _symmetry_words(kind, symmetry) for kind, symmetry in facts["symmetries"].items()},
     }
     lines = [f"  {name:<14}{value}" for name, value in rows.items()]
-    return (
-        lines
-        + [f"  note: {message}" for message in facts["messages"]]
-        + ["  the solver has no objection"]
-    )
+    notes = [f"  note: {message}" for message in facts["messages"]]
+    return [*lines, *notes, "  the solver has no objection"]

@@ -1,6 +1,4 @@
-"""`abfm map`: the map that a result's flow makes of the surface, to use, to measure and to carry
-things along.
-"""
+"""`abfm map`: the map that a result's flow makes of the surface."""
 
 from __future__ import annotations
 
@@ -8,23 +6,22 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abfm import FunctionError, Match, ParameterError, load_match
 from abfm.errors import printable
 from abfm.functions.permuted import vertex_map
 from abfm.functions.values_file import read_table
 from abfm.io import write_atomically
-from abfm.maps.accuracy import BOUNDS, MapAccuracy, map_accuracy
+from abfm.maps.accuracy import BOUNDS, map_accuracy
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import map_quality
 from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.options import adder
 from abfm_viewer.files import outputs
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 SUMMARY = "the map that a result's flow makes: as a file, against a known one, for textures"
 DESCRIPTION = """\
@@ -44,88 +41,70 @@ _TABLES = (".txt", ".csv", ".npy")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("input", metavar="RESULT.npz", help="what `abfm match` wrote")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="a table: .txt, .csv or .npy")
-    parser.add_argument(
-        "--time",
-        type=float,
-        metavar="T",
-        help="time of the flow (default: tau); below 0 for its inverse",
-    )
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument(
+    add = adder(parser)
+    add("input", "what `abfm match` wrote", "RESULT.npz")
+    add("--out", "a table: .txt, .csv or .npy", "FILE", type=Path)
+    add("--time", "time of the flow (default: tau); below 0 for its inverse", "T", type=float)
+    choose = adder(parser.add_mutually_exclusive_group())
+    choose(
         "--carry",
-        metavar="FILE",
-        help="write these values, a row per vertex, carried along: texture coordinates, colours",
+        "write these values, a row per vertex, carried along: texture coordinates, colours",
+        "FILE",
     )
-    what.add_argument(
-        "--functional-map",
-        type=int,
-        metavar="K",
-        help="write the flow's matrix in the first K eigenfunctions",
-    )
-    parser.add_argument(
+    what = "write the flow's matrix in the first K eigenfunctions"
+    choose("--functional-map", what, "K", type=int)
+    add(
         "--truth",
-        metavar="MAP",
-        help="measure geodesic errors against this map: a file of vertex numbers, mirror or "
-        "rotation (as found on the "
-        "mesh), or identity",
+        "measure geodesic errors against this map: a file of vertex numbers, mirror or rotation "
+        "(as found on the mesh), or identity",
+        "MAP",
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add("--json", "print one JSON object")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute, write and measure."""
-    _check_options(arguments)
+    out, truth = arguments.out, arguments.truth
+    if out is not None:
+        outputs.check(out, _TABLES)
+    elif arguments.carry or arguments.functional_map is not None:
+        raise UsageError("--carry and --functional-map need --out, where the table goes")
+    elif truth is None:
+        raise UsageError("nothing to do: give --out, --truth or both")
     match = load_match(arguments.input)
     time = match.parameters.tau if arguments.time is None else arguments.time
     points = match.point_map(time)
-    quality = map_quality(points)
-    accuracy = _accuracy(points, match, arguments.truth) if arguments.truth else None
-    if arguments.out is not None:
-        _write(arguments.out, _table(arguments, match, points, time))
+    quality, accuracy = map_quality(points), None
+    if truth:
+        accuracy = map_accuracy(
+            points, None if truth == "identity" else vertex_map(match.mesh, truth)
+        )
+    if out is not None:
+        _write(out, _table(arguments, match, points, time))
     if quality.warning:
         print(f"warning: {quality.warning}", file=sys.stderr)
-    if arguments.json:
-        told = {
-            "off_surface": quality.largest_distance,
-            "off_surface_rms": quality.rms_distance,
-            "folded": quality.folded,
-            "warning": quality.warning,
-            "report": quality.report(),
-        }
-        output = str(arguments.out) if arguments.out else None
-        known = {"accuracy": _described(accuracy)} if accuracy else {}
-        print(json.dumps({"time": time, "quality": told, **known, "output": output}))
-        return 0
-    print(quality.report())
-    if accuracy:
-        print(accuracy.report())
-    if arguments.out:
-        print(f"wrote {printable(arguments.out)}")
-    return 0
-
-
-def _check_options(arguments: argparse.Namespace) -> None:
-    if arguments.out is not None:
-        outputs.check(arguments.out, _TABLES)
-    elif arguments.carry or arguments.functional_map is not None:
-        raise UsageError("--carry and --functional-map need --out, where the table goes")
-    elif arguments.truth is None:
-        raise UsageError("nothing to do: give --out, --truth or both")
-
-
-def _accuracy(points: PointMap, match: Match, truth: str) -> MapAccuracy:
-    return map_accuracy(points, None if truth == "identity" else vertex_map(match.mesh, truth))
-
-
-def _described(accuracy: MapAccuracy) -> dict[str, Any]:
-    return {
-        "vertices": len(accuracy.vertices),
-        **{name: getattr(accuracy, name) for name in ("mean", "median", "maximum")},
-        "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in BOUNDS},
-        "report": accuracy.report(),
+    told: dict[str, Any] = {
+        "off_surface": quality.largest_distance,
+        "off_surface_rms": quality.rms_distance,
+        "folded": quality.folded,
+        "warning": quality.warning,
+        "report": quality.report(),
     }
+    told = {"time": time, "quality": told}
+    lines = [quality.report()]
+    if accuracy:
+        lines.append(accuracy.report())
+        told["accuracy"] = {
+            "vertices": len(accuracy.vertices),
+            **{name: getattr(accuracy, name) for name in ("mean", "median", "maximum")},
+            "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in BOUNDS},
+            "report": accuracy.report(),
+        }
+    if out:
+        lines.append(f"wrote {printable(out)}")
+    told["output"] = str(out) if out else None
+    print(json.dumps(told) if arguments.json else "\n".join(lines))
+    return 0
 
 
 def _table(
@@ -135,7 +114,11 @@ def _table(
         return match.functional_map(arguments.functional_map, time)
     if arguments.carry:
         return _carried(match, arguments.carry, time)
-    return _as_in_file(points)
+    # the nearest vertices, counted as the mesh file does; -1 for vertices that no face uses
+    mesh = points.domain
+    whole = np.full(mesh.file_vertex_count, -1)
+    whole[mesh.vertex_ids] = mesh.vertex_ids[points.nearest_vertices()]
+    return whole
 
 
 def _carried(match: Match, path: str, time: float) -> NDArray[Any]:
@@ -156,16 +139,6 @@ def _carried(match: Match, path: str, time: float) -> NDArray[Any]:
         return values
     whole = table.copy()
     whole[match.mesh.vertex_ids] = values
-    return whole
-
-
-def _as_in_file(points: PointMap) -> NDArray[Any]:
-    """Return the nearest vertices, counted as the mesh file does; -1 for vertices that no face
-    uses.
-    """
-    mesh = points.domain
-    whole = np.full(mesh.file_vertex_count, -1)
-    whole[mesh.vertex_ids] = mesh.vertex_ids[points.nearest_vertices()]
     return whole
 
 

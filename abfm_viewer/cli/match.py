@@ -40,40 +40,29 @@ For example gaussian:vertex=12,width=0.1 or expression:sin(10*x)*z; the README h
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     options.add_mesh(parser)
-    functions = parser.add_argument_group("functions")
-    functions.add_argument("--source", metavar="SPEC", help="function to carry along the flow")
-    functions.add_argument("--target", metavar="SPEC", help="function that it should become")
-    functions.add_argument(
+    add = options.adder(parser.add_argument_group("functions"))
+    add("--source", "function to carry along the flow", "SPEC")
+    add("--target", "function that it should become", "SPEC")
+    add(
         "--channel",
+        "one more source and target for the same flow, with the weight of its mismatch; repeatable",
+        ("SRC", "DST", "WEIGHT"),
         nargs=3,
         action="append",
         default=[],
-        metavar=("SRC", "DST", "WEIGHT"),
-        help="one more source and target for the same flow, with the weight of its mismatch; "
-        "repeatable",
     )
-    functions.add_argument(
+    add(
         "--mask",
-        metavar="SPEC",
-        help="weight of the mismatch at each vertex, not negative: a function or its file",
+        "weight of the mismatch at each vertex, not negative: a function or its file",
+        "SPEC",
     )
-    functions.add_argument(
-        "--start", metavar="RESULT.npz", help="start from the field of an earlier result"
-    )
+    add("--start", "start from the field of an earlier result", "RESULT.npz")
     options.add_parameters(parser)
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "--out",
-        type=Path,
-        action="append",
-        required=True,
-        metavar="FILE",
-        help="result .npz, or .ply or .vtu for other programs, or .csv with the energy; repeatable",
-    )
-    output.add_argument(
-        "--json", action="store_true", help="print one JSON object about the result"
-    )
-    output.add_argument("--quiet", action="store_true", help="no progress")
+    add = options.adder(parser.add_argument_group("output"))
+    what = "result .npz, or .ply or .vtu for other programs, or .csv with the energy; repeatable"
+    add("--out", what, "FILE", type=Path, action="append", required=True)
+    add("--json", "print one JSON object about the result")
+    add("--quiet", "no progress")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -83,14 +72,17 @@ def run(arguments: argparse.Namespace) -> int:
     for path in arguments.out:
         outputs.check(path, outputs.WRITERS)
     parameters = options.parameters(arguments)
-    pairs, weights = _pairs(arguments)
+    sources, targets, weights = _channels(arguments)
     with long_steps(arguments.quiet):
         mesh = options.mesh(arguments)
-        sources, targets = (_channels(mesh, specs) for specs in zip(*pairs, strict=True))
-        mask = _mask(mesh, arguments.mask)
-        start = _start(mesh, arguments.start, parameters)
         problem = Problem(
-            mesh, sources, targets, parameters, mask=mask, weights=weights, start=start
+            mesh,
+            _values(mesh, sources),
+            _values(mesh, targets),
+            parameters,
+            mask=_mask(mesh, arguments.mask),
+            weights=weights,
+            start=_start(mesh, arguments.start, parameters),
         )
     outcome = solve(problem, arguments.out, arguments.quiet)
     if arguments.json:
@@ -100,18 +92,15 @@ def run(arguments: argparse.Namespace) -> int:
     return outcome.status
 
 
-def _pairs(arguments: argparse.Namespace) -> tuple[list[tuple[str, str]], list[float]]:
+def _channels(arguments: argparse.Namespace) -> tuple[list[str], list[str], list[float]]:
     """Return the specs of sources and targets, and their weights."""
     if (arguments.source is None) != (arguments.target is None):
         raise UsageError("--source and --target need each other")
-    triples = [(arguments.source, arguments.target, "1"), *arguments.channel][
-        arguments.source is None :
-    ]
-    if not triples:
+    first = [] if arguments.source is None else [(arguments.source, arguments.target, "1")]
+    if not (channels := [*first, *arguments.channel]):
         raise UsageError("give --source and --target; see abfm match --help")
-    return [(source, target) for source, target, _ in triples], [
-        _weight(word) for *_, word in triples
-    ]
+    sources, targets, words = map(list, zip(*channels, strict=True))
+    return sources, targets, list(map(_weight, words))
 
 
 def _weight(word: str) -> float:
@@ -123,7 +112,7 @@ def _weight(word: str) -> float:
         ) from None
 
 
-def _channels(mesh: TriangleMesh, specs: tuple[str, ...]) -> FloatArray:
+def _values(mesh: TriangleMesh, specs: list[str]) -> FloatArray:
     functions = [function(mesh, spec) for spec in specs]
     return np.stack(functions, axis=1) if len(functions) > 1 else functions[0]
 

@@ -1,34 +1,64 @@
-"""Options that several commands share, and what they give: the parameters' own, sizes, the mesh."""
+"""The parser, whose errors are one line, and options that several commands share."""
 
 import argparse
 import math
 import sys
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Callable
+from dataclasses import fields
+from functools import partial
+from typing import Any, NoReturn
 
 from abfm import Parameters, TriangleMesh, load_mesh
-from abfm.errors import one_line
+from abfm.errors import did_you_mean, one_line
 from abfm.parameters import CHOICES
+from abfm_viewer.cli.exit_status import UsageError
+
+
+class Parser(argparse.ArgumentParser):
+    """Raises `UsageError` with the nearest right word, and does not print the usage and leave."""
+
+    # argparse has its own for subcommands
+    def __init__(self, prog: str, description: str, **settings: Any) -> None:
+        form = argparse.RawDescriptionHelpFormatter
+        settings |= {"formatter_class": form, "allow_abbrev": False}
+        super().__init__(prog, description=description, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse the command line."""
+        raise UsageError(f"{message}; see {self.prog} --help")
+
+    def parse_whole(self, words: list[str]) -> argparse.Namespace:
+        """Parse words that must all be understood; the `parser` of the result is in charge."""
+        arguments, unknown = self.parse_known_args(words)
+        if unknown:
+            command: Parser = arguments.parser
+            name = unknown[0].partition("=")[0]
+            nearest = did_you_mean(name, command._option_string_actions)
+            command.error(f"{unknown[0]!r} is not understood{nearest}")
+        return arguments
+
+
+def adder(to: argparse._ActionsContainer) -> Callable[..., None]:
+    """Return a short `add_argument`; an option without metavar and settings is a flag."""
+
+    def add(name: str, help: str, metavar: object = None, **settings: Any) -> None:
+        value = {"metavar": metavar} if metavar or settings else {"action": "store_true"}
+        to.add_argument(name, help=help, **(value | settings))
+
+    return add
 
 
 def add_parameters(parser: argparse.ArgumentParser) -> None:
-    """Declare one option for every parameter, with the help text and the paper's symbol from its
-    definition.
-    """
-    group = parser.add_argument_group("parameters (symbols of the paper in brackets)")
+    """Declare an option for each parameter, with help and symbol of its definition."""
+    add = adder(parser.add_argument_group("parameters (symbols of the paper in brackets)"))
     for entry in fields(Parameters):
         symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
+        text = f"{entry.metadata['help']}{symbol} (default: {entry.default})".replace("%", "%%")
         choices = CHOICES.get(entry.name)
-        group.add_argument(
-            "--" + entry.name.replace("_", "-"),
-            type={"int": int, "float": float}.get(str(entry.type), str),
-            choices=choices,
-            metavar="{" + ",".join(choices) + "}"
-            if choices
-            else {"int": "INT"}.get(str(entry.type), "X"),
-            default=entry.default,
-            help=f"{entry.metadata['help']}{symbol} (default: {entry.default})".replace("%", "%%"),
-        )
+        kind = {"int": int, "float": float}.get(str(entry.type), str)
+        metavar = f"{{{','.join(choices)}}}" if choices else "INT" if kind is int else "X"
+        settings = {"type": kind, "choices": choices, "default": entry.default}
+        add("--" + entry.name.replace("_", "-"), text, metavar, **settings)
 
 
 def parameters(arguments: argparse.Namespace) -> Parameters:
@@ -40,19 +70,12 @@ def parameters(arguments: argparse.Namespace) -> Parameters:
 
 def add_mesh(parser: argparse.ArgumentParser) -> None:
     """Declare the mesh file, as an argument of its own, and what to do with several components."""
-    parser.add_argument(
-        "mesh", metavar="MESH", help="triangle mesh: obj, off, ply, stl, glb, gltf or gii"
-    )
+    adder(parser)("mesh", "triangle mesh: obj, off, ply, stl, glb, gltf or gii", "MESH")
     add_largest_component(parser)
 
 
 def add_largest_component(parser: argparse.ArgumentParser) -> None:
-    """Declare what to do with several components."""
-    parser.add_argument(
-        "--largest-component",
-        action="store_true",
-        help="of several components use the one with the largest area",
-    )
+    adder(parser)("--largest-component", "of several components use the one with the largest area")
 
 
 def mesh(arguments: argparse.Namespace) -> TriangleMesh:
@@ -73,27 +96,21 @@ def size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-@dataclass(frozen=True)
-class Within:
-    """A type for argparse: numbers between two, the ends included."""
-
-    kind: type[int] | type[float]
-    least: float
-    most: float
-    expected: str
-
-    def __call__(self, text: str) -> Any:
-        try:
-            value = self.kind(text)
-        except ValueError:
-            value = math.nan
-        if not self.least <= value <= self.most:
-            raise argparse.ArgumentTypeError(f"{one_line(text, 40)} is not {self.expected}")
-        return value
+def _within(
+    kind: type[int] | type[float], least: float, most: float, expected: str, text: str
+) -> float:
+    """Read a number between two, the ends included."""
+    try:
+        value = kind(text)
+    except ValueError:
+        value = math.nan
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"{one_line(text, 40)} is not {expected}")
+    return value
 
 
-positive = Within(float, math.ulp(0), 86400, "a number above 0 and at most 86400")
-"""Of seconds or frames."""
-angle = Within(float, -360_000, 360_000, "an angle up to 360000 degrees")
-seed = Within(int, 0, 1e39, "a whole number from 0 on")
-count = Within(int, 1, 1_000_000, "a whole number from 1 to 1000000")
+# types for argparse
+positive = partial(_within, float, math.ulp(0), 86400, "a number above 0 and at most 86400")
+angle = partial(_within, float, -360_000, 360_000, "an angle up to 360000 degrees")
+seed = partial(_within, int, 0, 1e39, "a whole number from 0 on")
+count = partial(_within, int, 1, 1_000_000, "a whole number from 1 to 1000000")

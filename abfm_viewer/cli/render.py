@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,8 +12,8 @@ from abfm import ParameterError
 from abfm.errors import printable
 from abfm.types import FloatArray
 from abfm_viewer import pictures
-from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.options import adder, angle, positive, size
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import EXTRAPOLATION, Document
@@ -41,95 +42,57 @@ Examples:
 _MOVIES = (".mp4", ".gif")
 _SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
 _SECONDS, _FPS = 4.0, 30.0
-_OF_MOVIES = {
-    "--seconds": "seconds",
-    "--fps": "fps",
-    "--from": "start",
-    "--to": "end",
-    "--turntable": "turntable",
-}
-_OF_WINDOWS = ("transparent", "no_color_bar", "no_labels", "streaks", "fade")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "input", metavar="RESULT.npz|PROJECT.abfm", help="what `abfm match` wrote, or the app saved"
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="FILE",
-        help="the picture (.png) or movie (.mp4, .gif)",
-    )
-    parser.add_argument(
-        "--size", type=options.size, metavar="WxH", help="in pixels, such as 1600x900"
-    )
-    parser.add_argument(
+    add = adder(parser)
+    add("input", "what `abfm match` wrote, or the app saved", "RESULT.npz|PROJECT.abfm")
+    add("--out", "the picture (.png) or movie (.mp4, .gif)", "FILE", type=Path, required=True)
+    add("--size", "in pixels, such as 1600x900", "WxH", type=size)
+    add(
         "--time",
+        "time of a picture, 0 to 2 tau (default: the project's own, tau of a result); on a sheet "
+        "a time to show besides 0 and tau, repeatable (default: quarters of tau)",
+        "T",
         type=float,
         action="append",
-        metavar="T",
-        help="time of a picture, 0 to 2 tau (default: the project's own, tau of a result); on a "
-        "sheet a time to show "
-        "besides 0 and tau, repeatable (default: quarters of tau)",
     )
-    parser.add_argument(
-        "--style", choices=("sheet", "window"), help="of a picture (default: by the input)"
-    )
-    parser.add_argument(
-        "--channel",
-        type=int,
-        metavar="C",
-        help="which pair of functions (default: 0, or the active)",
-    )
-    parser.add_argument(
-        "--up", choices=("x", "y", "z"), help="axis that points upwards (default: y, or as it is)"
-    )
-    window = parser.add_argument_group("pictures and movies of the window's style")
-    window.add_argument("--transparent", action="store_true", help="a picture without a ground")
-    window.add_argument("--no-color-bar", action="store_true", help="leave the colour bars out")
-    window.add_argument("--no-labels", action="store_true", help="leave the surfaces' names out")
-    window.add_argument(
+    add("--style", "of a picture (default: by the input)", choices=("sheet", "window"))
+    add("--channel", "which pair of functions (default: 0, or the active)", "C", type=int)
+    axes = ("x", "y", "z")
+    add("--up", "axis that points upwards (default: y, or as it is)", choices=axes)
+    add = adder(parser.add_argument_group("pictures and movies of the window's style"))
+    add("--transparent", "a picture without a ground")
+    add("--no-color-bar", "leave the colour bars out")
+    add("--no-labels", "leave the surfaces' names out")
+    add(
         "--streaks",
-        action="store_true",
-        help="streaks along the field on the advected surface (line integral convolution); in a "
-        "movie they move",
+        "streaks along the field on the advected surface (line integral convolution); in a movie "
+        "they move",
     )
-    window.add_argument(
-        "--fade", action="store_true", help="with --streaks: they fade where the field is slow"
-    )
-    movies = parser.add_argument_group("movies")
-    movies.add_argument("--seconds", type=options.positive, metavar="S", help="length (default: 4)")
-    movies.add_argument(
-        "--fps", type=options.positive, metavar="N", help="frames a second (default: 30)"
-    )
-    movies.add_argument(
-        "--from", type=float, dest="start", metavar="T", help="first time (default: 0)"
-    )
-    movies.add_argument(
-        "--to", type=float, dest="end", metavar="T", help="last time, at most 2 tau (default: tau)"
-    )
-    movies.add_argument(
-        "--turntable",
-        type=options.angle,
-        metavar="DEGREES",
-        help="how far the surfaces turn meanwhile (default: 0)",
-    )
-    parser.add_argument(
-        "--progress", action="store_true", help="print a line of JSON for every frame"
-    )
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add("--fade", "with --streaks: they fade where the field is slow")
+    add = adder(parser.add_argument_group("movies"))
+    add("--seconds", "length (default: 4)", "S", type=positive)
+    add("--fps", "frames a second (default: 30)", "N", type=positive)
+    add("--from", "first time (default: 0)", "T", type=float, dest="start")
+    add("--to", "last time, at most 2 tau (default: tau)", "T", type=float, dest="end")
+    what = "how far the surfaces turn meanwhile (default: 0)"
+    add("--turntable", what, "DEGREES", type=angle)
+    add = adder(parser)
+    add("--progress", "print a line of JSON for every frame")
+    add("--quiet", "no progress")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw and write."""
-    outputs.check(arguments.out, [".png", *_MOVIES])
-    path, suffix = Path(arguments.input), arguments.out.suffix
-    of_project, is_movie = path.suffix == ".abfm", suffix in _MOVIES
-    style = arguments.style or ("window" if of_project or is_movie else "sheet")
-    _check_options(arguments, style, is_movie)
+    out = arguments.out
+    outputs.check(out, [".png", *_MOVIES])
+    path, is_movie = Path(arguments.input), out.suffix in _MOVIES
+    style = arguments.style or ("window" if path.suffix == ".abfm" or is_movie else "sheet")
+    for is_useless, problem in _objections(arguments, style, is_movie):
+        if is_useless:
+            raise UsageError(problem)
     document, known = read_document(path)
     document = _chosen(arguments, document)
     if is_movie:
@@ -138,38 +101,33 @@ def run(arguments: argparse.Namespace) -> int:
     picture = (
         _sheet(arguments, document) if style == "sheet" else _picture(arguments, document, known)
     )
-    outputs.write_picture(arguments.out, picture)
-    print(f"wrote {printable(arguments.out)} ({picture.width} x {picture.height})")
+    outputs.write_picture(out, picture)
+    print(f"wrote {printable(out)} ({picture.width} x {picture.height})")
     return 0
 
 
-def _check_options(arguments: argparse.Namespace, style: str, is_movie: bool) -> None:
-    """Refuse options that would do nothing."""
-    for option, name in _OF_MOVIES.items():
-        if not is_movie and getattr(arguments, name) is not None:
-            raise UsageError(f"{option} is for movies, and {arguments.out} is a picture")
-    for name in _OF_WINDOWS:
-        if style == "sheet" and getattr(arguments, name):
-            raise UsageError(f"--{name.replace('_', '-')} is not for sheets; add --style window")
-    if arguments.fade and not arguments.streaks:
-        raise UsageError("--fade is for streaks; add --streaks")
+def _objections(
+    arguments: argparse.Namespace, style: str, is_movie: bool
+) -> Iterator[tuple[bool, str]]:
+    """Give what may be wrong with options that would do nothing, and whether it is."""
+    given, suffix, fps = vars(arguments), arguments.out.suffix, arguments.fps
+    for name in ("seconds", "fps", "start", "end", "turntable"):
+        option = {"start": "from", "end": "to"}.get(name, name)
+        is_useless = not is_movie and given[name] is not None
+        yield is_useless, f"--{option} is for movies, and {arguments.out} is a picture"
+    for name in ("transparent", "no_color_bar", "no_labels", "streaks", "fade"):
+        problem = f"--{name.replace('_', '-')} is not for sheets; add --style window"
+        yield style == "sheet" and given[name], problem
+    yield arguments.fade and not arguments.streaks, "--fade is for streaks; add --streaks"
     if is_movie:
-        _check_movie(arguments, style)
-
-
-def _check_movie(arguments: argparse.Namespace, style: str) -> None:
-    suffix = arguments.out.suffix
-    if style == "sheet":
-        raise UsageError("--style sheet is for pictures; a movie shows what the window shows")
-    if arguments.transparent:
-        raise UsageError(f"--transparent is for pictures (.png); a {suffix} file has a ground")
-    if arguments.time:
-        raise UsageError("--time is for pictures; a movie takes --from and --to")
-    slowest, fastest = outputs.SLOWEST, outputs.FASTEST[suffix]
-    if arguments.fps is not None and not slowest <= arguments.fps <= fastest:
-        raise UsageError(
-            f"--fps {arguments.fps:g}: a {suffix} file takes {slowest:g} to {fastest:g}"
-        )
+        problem = "--style sheet is for pictures; a movie shows what the window shows"
+        yield style == "sheet", problem
+        problem = f"--transparent is for pictures (.png); a {suffix} file has a ground"
+        yield arguments.transparent, problem
+        yield bool(arguments.time), "--time is for pictures; a movie takes --from and --to"
+        slowest, fastest = outputs.SLOWEST, outputs.FASTEST[suffix]
+        is_out = fps is not None and not slowest <= fps <= fastest
+        yield is_out, f"--fps {fps or 0:g}: a {suffix} file takes {slowest:g} to {fastest:g}"
 
 
 def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
@@ -182,15 +140,12 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
             )
         document = replace(document, channel=arguments.channel)
     if arguments.streaks:
-        moving = arguments.out.suffix in _MOVIES
-        view = replace(
-            document.view, coloring="function", streaks=True, fade=arguments.fade, animate=moving
-        )
+        moving = {"fade": arguments.fade, "animate": arguments.out.suffix in _MOVIES}
+        view = replace(document.view, coloring="function", streaks=True, **moving)
         document = replace(document, view=view)
     end = EXTRAPOLATION * document.parameters.tau
     times = [("--time", time) for time in arguments.time or []]
-    times += [("--from", arguments.start), ("--to", arguments.end)]
-    for name, time in times:
+    for name, time in [*times, ("--from", arguments.start), ("--to", arguments.end)]:
         if time is not None and not 0 <= time <= end:
             raise ParameterError(
                 f"{name} is {time:g}; expected 0 to {end:g}, which is {EXTRAPOLATION:g} tau"
@@ -211,49 +166,43 @@ def _sheet(arguments: argparse.Namespace, document: Document) -> Image.Image:
 def _picture(
     arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]
 ) -> Image.Image:
-    if len(arguments.time or []) > 1:
+    times = arguments.time or [document.time]
+    if len(times) > 1:
         raise UsageError(
             "--time is given more than once, and a picture of the window shows one time"
         )
-    choices = pictures.PictureOptions(
-        arguments.transparent, not arguments.no_color_bar, not arguments.no_labels
-    )
-    seen, size = _turned_up(arguments, document), arguments.size or _SIZE[".png"]
-    with pictures.DocumentRenderer(seen, known, size, choices) as renderer:
-        return renderer.picture(arguments.time[0] if arguments.time else document.time)
+    with _renderer(arguments, document, known) as renderer:
+        return renderer.picture(times[0])
 
 
 def _movie(arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]) -> None:
-    fps, start, turntable = (
-        arguments.fps or _FPS,
-        arguments.start or 0.0,
-        arguments.turntable or 0.0,
-    )
+    fps, turn = arguments.fps or _FPS, arguments.turntable or 0.0
     end = document.parameters.tau if arguments.end is None else arguments.end
     count = max(round((arguments.seconds or _SECONDS) * fps), 1)
     cycles = max(round(count / fps / SECONDS_PER_CYCLE), 1)
     width, height = arguments.size or _SIZE[arguments.out.suffix]
+    with (
+        _renderer(arguments, document, known) as renderer,
+        frame_progress(count, arguments.quiet, arguments.progress) as report,
+    ):
+        frames = renderer.frames(arguments.start or 0.0, end, count, turn, cycles)
+        pictures.write_movie(arguments.out, frames, fps, count, report)
+    many = "frames" if count > 1 else "frame"
+    print(f"wrote {printable(arguments.out)} ({width} x {height}, {count} {many})")
+
+
+def _renderer(
+    arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]
+) -> pictures.DocumentRenderer:
+    """Return what draws the document, seen from where an axis that was asked for points upwards."""
+    if arguments.up is not None:
+        result = document.result
+        functions = [] if result is None else [result.source[:, 0], result.target[:, 0]]
+        front = best_front(document.surface().mesh, *functions, up=arguments.up)
+        document = replace(document.facing(front), view=replace(document.view, look=None))
+    with_bar, with_labels = not arguments.no_color_bar, not arguments.no_labels
     choices = pictures.PictureOptions(
-        False, not arguments.no_color_bar, not arguments.no_labels, turns=bool(turntable)
+        arguments.transparent, with_bar, with_labels, turns=bool(arguments.turntable)
     )
-    renderer = pictures.DocumentRenderer(
-        _turned_up(arguments, document), known, (width, height), choices
-    )
-    with renderer, frame_progress(count, arguments.quiet, arguments.progress) as report:
-        pictures.write_movie(
-            arguments.out, renderer.frames(start, end, count, turntable, cycles), fps, count, report
-        )
-    print(
-        f"wrote {printable(arguments.out)} ({width} x {height}, {count} "
-        f"frame{'s' if count > 1 else ''})"
-    )
-
-
-def _turned_up(arguments: argparse.Namespace, document: Document) -> Document:
-    """Return the document seen from where an axis that was asked for points upwards."""
-    if arguments.up is None:
-        return document
-    result = document.result
-    functions = [] if result is None else [result.source[:, 0], result.target[:, 0]]
-    front = best_front(document.surface().mesh, *functions, up=arguments.up)
-    return replace(document.facing(front), view=replace(document.view, look=None))
+    pixels = arguments.size or _SIZE[arguments.out.suffix]
+    return pictures.DocumentRenderer(document, known, pixels, choices)

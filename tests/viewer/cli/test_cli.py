@@ -18,7 +18,7 @@ import laboratory
 from abfm import Parameters, load_match
 from abfm.assets import asset_path
 from abfm_viewer.cli import main
-from abfm_viewer.cli.parser import Parser
+from abfm_viewer.cli.options import Parser
 from abfm_viewer.cli.solving import Outcome
 from abfm_viewer.document import verdict_words
 from abfm_viewer.errors import DrawingError

@@ -10,7 +10,7 @@ from PIL import Image
 
 from abfm.experiments import Measure
 from abfm.paper import TABLE_1
-from abfm_viewer.cli.figure_page import Entry, page
+from abfm_viewer.cli.figure import Entry, page
 
 _VOID = {"meta", "img"}
 
