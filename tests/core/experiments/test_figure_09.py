@@ -12,7 +12,7 @@ from abfm.errors import MeshError
 from abfm.experiments.figure_09 import detected, geodesics, symmetric_example
 from abfm.experiments.vocabulary import bundled
 from abfm.functions import function
-from abfm.maps.closest_points import project_onto_surface
+from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.mesh.shapes import sphere
 from abfm.parameters import Parameters

@@ -30,10 +30,9 @@ from abfm.experiments.figure_12 import (
     followed,
     without_flow,
 )
-from abfm.maps.accuracy import map_accuracy
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE
+from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE, map_accuracy
 from abfm.matching.match import match
 from abfm.mesh import TriangleMesh
 from abfm.paper import TABLE_1
