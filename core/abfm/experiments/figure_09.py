@@ -22,7 +22,7 @@ from abfm.experiments.vocabulary import (
 )
 from abfm.experiments.witnesses import map_measures, map_notes, maps_of_flow
 from abfm.flow import flow_lines
-from abfm.functions.vertex_map_file import read_vertex_map
+from abfm.functions import read_vertex_map
 from abfm.maps import (
     KINDS,
     MapQuality,
