@@ -13,7 +13,7 @@ from PIL import Image
 
 from abfm import load_mesh
 from abfm.assets import asset_path
-from abfm.paper import FIGURES
+from abfm.parameters import FIGURES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import COLUMNS, PICTURES, SIDE, TABLE
 from abfm_viewer.computing.defaults import best_front, default_functions

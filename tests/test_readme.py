@@ -14,8 +14,7 @@ import pytest
 from abfm import Parameters, load_match, load_mesh
 from abfm.assets import asset_path
 from abfm.functions import families, function
-from abfm.paper import FIGURES
-from abfm.parameters import PAPER
+from abfm.parameters import FIGURES, PAPER
 from abfm_viewer.cli import main
 
 ROOT = Path(__file__).parents[1]

@@ -17,7 +17,7 @@ from abfm import AbfmError, TriangleMesh, experiments
 from abfm.errors import printable
 from abfm.experiments import Measure
 from abfm.io import write_atomically
-from abfm.paper import FIGURES, NOTE, TABLE_1, TITLES
+from abfm.parameters import FIGURES, NOTE, TABLE_1, TITLES
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError

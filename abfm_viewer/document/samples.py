@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from abfm.paper import FIGURES, TITLES
+from abfm.parameters import FIGURES, TITLES
 
 MESHES = {
     "human_A.off": "A human, coarse",

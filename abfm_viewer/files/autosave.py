@@ -25,7 +25,9 @@ _ABANDONED = 120.0  # seconds without a heartbeat: the process is gone, whatever
 
 class Autosave:
     """Writes a document to the state folder when it has changed, in the background, at most every
-    few seconds; a process may have several, each with a `number` of its own.
+    few seconds.
+
+    A process may have several, each with a `number` of its own.
     """
 
     def __init__(
@@ -44,10 +46,7 @@ class Autosave:
         self._has_copy = False
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._future: Future[None] | None = None
-        with suppress(OSError):  # what an earlier process with this one's number left
-            self.path.replace(
-                self.path.with_stem(f"{self.path.stem}-{self.path.stat().st_mtime_ns}")
-            )
+        _make_room(self.path)
 
     def offer(
         self,
@@ -60,7 +59,7 @@ class Autosave:
         is saved.
 
         What is written changes with the `state`, objects that are compared by identity; its content
-        is asked for in the background.
+        is asked for in the background. The copy says which project file is its `origin`.
         """
         if self._future is not None:
             if not self._future.done():
@@ -69,11 +68,14 @@ class Autosave:
             self.error = error_line(problem) if problem else ""
             if problem:
                 self._state = None  # to be tried again
-        if not unsaved and self._has_copy:
-            self.discard()
-        if not unsaved or self._clock() - self._last < self._seconds:
+        if not unsaved:
+            if self._has_copy:
+                self.discard()
             return
-        self._last = self._clock()
+        now = self._clock()
+        if now - self._last < self._seconds:
+            return
+        self._last = now
         if not same(state, self._state):
             self._state, self._has_copy = state, True
             self._future = self._writer.submit(self._write, state, content, origin)
@@ -83,6 +85,7 @@ class Autosave:
 
     @property
     def is_idle(self) -> bool:
+        """Return whether there is no copy, and none is being written."""
         return not self._has_copy and self._future is None
 
     def take_over(self, recovery: Recovery) -> None:
@@ -98,6 +101,7 @@ class Autosave:
             self.path.unlink()
 
     def close(self) -> None:
+        """Finish writing."""
         self._writer.shutdown()
 
     def _write(self, state: object, content: Callable[[], Content], origin: Origin | None) -> None:
@@ -122,6 +126,7 @@ class Recovery:
         return place
 
     def discard(self) -> None:
+        """Remove it."""
         with suppress(OSError):
             self.path.unlink()
 
@@ -138,6 +143,12 @@ def recoverable(folder: StateFolder) -> list[Recovery]:
                 if abandoned or left or not _is_alive(process):
                     found.append(Recovery(path, written))
     return sorted(found, key=lambda recovery: recovery.written, reverse=True)
+
+
+def _make_room(path: Path) -> None:
+    """Rename what an earlier process with this one's number left."""
+    with suppress(OSError):
+        path.replace(path.with_stem(f"{path.stem}-{path.stat().st_mtime_ns}"))
 
 
 def _is_alive(process: int) -> bool:

@@ -5,8 +5,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from abfm import Parameters
-from abfm.paper import NOTE, TABLE_1, TITLES, row_of
-from abfm.parameters import CHOICES
+from abfm.parameters import CHOICES, NOTE, TABLE_1, TITLES, row_of
 from abfm_viewer.document.wording import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from PIL import Image
 
-from abfm.sheets import Panel, Plot, Sheet
+from abfm.io.sheets import Panel, Plot, Sheet
 from abfm_viewer.pictures.sheets.layout import laid_out
 from abfm_viewer.pictures.sheets.panel_pictures import cameras
 from abfm_viewer.pictures.sheets.plot_pictures import font

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageFont
 
 from abfm import Match
-from abfm.sheets import Frame, Panel, Sheet, Values
+from abfm.io.sheets import Frame, Panel, Sheet, Values
 from abfm.types import FloatArray
 from abfm_viewer.document.verdict_words import headline, tone
 from abfm_viewer.pictures.sheets.layout import Layout, laid_out

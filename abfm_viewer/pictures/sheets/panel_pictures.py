@@ -6,8 +6,8 @@ from itertools import cycle
 
 from PIL import Image
 
+from abfm.io.sheets import Checker, Coordinates, Panel, Sheet, Values
 from abfm.mesh import TriangleMesh
-from abfm.sheets import Checker, Coordinates, Panel, Sheet, Values
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm_viewer.appearance.colormaps import ColorRange, place_colors
 from abfm_viewer.computing.defaults import best_front

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from PIL import Image, ImageFont
 
-from abfm.sheets import Plot
+from abfm.io.sheets import Plot
 
 CURVE_COLORS = ("#111111", "#2455c3", "#c62828", "#1b7a43", "#b26a00", "#6b3fa0")
 _FAINT = "#8a909c"  # the colour of all faint curves, which differ in style

@@ -4,7 +4,7 @@ from collections import defaultdict
 
 import numpy as np
 
-from abfm.sheets import Coordinates, Panel, Sheet, Streaks, Values
+from abfm.io.sheets import Coordinates, Panel, Sheet, Streaks, Values
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from PIL import Image, ImageDraw
 
 from abfm import TriangleMesh
-from abfm.sheets import Frame, Panel, Plot, Sheet
+from abfm.io.sheets import Frame, Panel, Plot, Sheet
 from abfm_viewer import pictures
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.theme import LIGHT

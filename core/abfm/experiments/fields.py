@@ -1,6 +1,7 @@
 """Given fields, smooth ones on any mesh: what their flows carry, where their flow lines lead."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,38 +17,44 @@ from abfm.calculus import (
     to_frame,
 )
 from abfm.calculus.operators import rotation
-from abfm.experiments.vocabulary import Example, carried_example
+from abfm.experiments.vocabulary import Example, carried_example, gaussian, sized
 from abfm.flow import flow_lines
+from abfm.io.sheets import Streaks
 from abfm.maps import project_onto_surface
+from abfm.mesh.shapes import torus
 from abfm.types import FloatArray
 
 
-def field_example(mesh: TriangleMesh, v: FloatArray, name: str) -> Example:
-    """Return a Gaussian where a field (F, 3) is fastest, which it carries for a unit of time."""
-    fastest = mesh.vertex_ids[np.argmax(speed(mesh, v))]
-    source = f"gaussian:vertex={fastest},width=0.1"
-    return carried_example(Flow(mesh, v), name, source, "file:carried.npy")
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A surface, one of several of the same name, with a field (F, 3)."""
+
+    name: str
+    mesh: TriangleMesh
+    v: FloatArray
+
+
+def refined(levels: Sequence[Case]) -> str:
+    """Return a surface in words, coarse to fine."""
+    return sized(levels[-1].name, *(level.mesh for level in levels))
+
+
+def field_example(case: Case, name: str) -> Example:
+    """Return a Gaussian where a field is fastest, which it carries for a unit of time."""
+    fastest = int(np.argmax(speed(case.mesh, case.v)))
+    source = gaussian(case.mesh, fastest, 0.1)
+    return carried_example(Flow(case.mesh, case.v), name, source, "file:carried.npy")
 
 
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:
-    """Return a smooth field without divergence, (F, 3): the rotated gradient of eigenfunctions.
+    """Return a smooth field without divergence, (F, 3), tangent to a boundary: the rotated gradient
+    of eigenfunctions, each scaled to unit L2 norm on the mesh of unit area, with these weights.
 
-    On a boundary it is tangent to it, so that the flow stays on the surface.
-
-    Parameters
-    ----------
-    modes : mapping of int to float
-        Weights of the eigenfunctions, each scaled to unit L2 norm on the mesh of unit area.
-    speed : float
-        Root mean square of the field's norm, in sqrt(area) per unit of time.
-
-    Raises
-    ------
-    MeshError
-        If the mesh is too coarse: nothing is left inside its boundary.
+    Its root mean square is the `speed`, in sqrt(area) per unit of time. MeshError if nothing is
+    left inside the boundary.
     """
     basis = eigenbasis(mesh.normalized(), max(modes) + 1)[1]
-    field = turned_gradient(mesh, basis[:, list(modes)] @ np.array(list(modes.values())))
+    field = slopes(mesh, basis[:, list(modes)] @ np.array(list(modes.values())), turned=True)
     if not mesh.is_closed:
         whole = np.linalg.norm(field)
         field = helmholtz_hodge(mesh, field)[1]
@@ -59,44 +66,34 @@ def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -
     return field * (speed * mesh.length_scale / root_mean_square(mesh, field))
 
 
-def stirring(mesh: TriangleMesh, index: int) -> FloatArray:
+def stirring(mesh: TriangleMesh, index: int, speed: float) -> FloatArray:
     """Return the turned gradient of an eigenfunction of the Laplacian, (F, 3), less what crosses
-    the boundary.
-
-    Raises
-    ------
-    MeshError
-        If the mesh is too coarse to have one.
+    the boundary, `with_speed`; MeshError if the mesh is too coarse to have one.
     """
     if len(mesh.vertices) <= index:
         raise MeshError(
             f"the mesh has {len(mesh.vertices)} vertices; expected more than {index}, for its own "
             "fields"
         )
-    eigenfunction = eigenbasis(mesh, index + 1)[1][:, index]
-    across, along, harmonic = helmholtz_hodge(mesh, turned_gradient(mesh, eigenfunction))
+    turned = slopes(mesh, eigenbasis(mesh, index + 1)[1][:, index], turned=True)
+    across, along, harmonic = helmholtz_hodge(mesh, turned)
     if np.linalg.norm(along + harmonic) <= 1e-9 * np.linalg.norm(across):
         raise MeshError(
             "no field flows inside this mesh, all of whose vertices lie on its boundary: refine it"
         )
-    return along + harmonic
+    return with_speed(mesh, along + harmonic, speed)
 
 
-def slopes(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
-    """Return the gradient of a function (V,), (F, 3)."""
-    return to_ambient(mesh, (gradient(mesh) @ f).reshape(-1, 2))
-
-
-def turned_gradient(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
-    """Return the gradient of a function (V,), turned by 90 degrees in every face, (F, 3)."""
-    return to_ambient(mesh, (rotation(mesh) @ gradient(mesh) @ f).reshape(-1, 2))
+def slopes(mesh: TriangleMesh, f: FloatArray, turned: bool = False) -> FloatArray:
+    """Return the gradient of a function (V,), (F, 3), turned by 90 degrees if wanted."""
+    operator = rotation(mesh) @ gradient(mesh) if turned else gradient(mesh)
+    return to_ambient(mesh, (operator @ f).reshape(-1, 2))
 
 
 def with_speed(mesh: TriangleMesh, field: FloatArray, speed: float) -> FloatArray:
     """Scale a field (F, 3) to a root mean square in sqrt(area) per unit of time."""
     areas = face_areas(mesh)
-    factor = float(areas.sum() * speed / np.sqrt(areas @ (field**2).sum(axis=1)))
-    return factor * field
+    return float(areas.sum() * speed / np.sqrt(areas @ (field**2).sum(axis=1))) * field
 
 
 def tangent(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
@@ -109,9 +106,25 @@ def centres(mesh: TriangleMesh) -> FloatArray:
     return np.asarray(mesh.vertices[mesh.faces].mean(axis=1))
 
 
+def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatArray]:
+    """Return a torus about the y axis, and at its face centres the distance from that axis (F,) and
+    the coordinate fields of the angles about it and around the tube, (F, 3).
+    """
+    mesh = torus(n, n // 2)
+    x, y, z = centres(mesh).T
+    ring = np.hypot(x, z)
+    by_about = np.stack([z, np.zeros_like(z), -x], axis=1)
+    return mesh, ring, by_about, np.stack([-y * x / ring, ring - 1, -y * z / ring], axis=1)
+
+
 def speed(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
     """Return the length of a field (F, 3) at the vertices, (V,)."""
     return np.asarray(averaging(mesh) @ np.linalg.norm(field, axis=1))
+
+
+def coloured(mesh: TriangleMesh, field: FloatArray) -> Streaks:
+    """Show a field with its speed."""
+    return Streaks(field, speed(mesh, field), "speed")
 
 
 def root_mean_square(mesh: TriangleMesh, values: FloatArray) -> float:
@@ -135,14 +148,11 @@ def feet(mesh: TriangleMesh, velocity: FloatArray, times: FloatArray) -> FloatAr
     """Follow the flow lines of a field (F, 3) through the vertices back to times before, none of
     them negative (T,): the places there, (T, V, 3).
     """
-    lines = flow_lines(
-        mesh, velocity, project_onto_surface(mesh, mesh.vertices), -float(times.max())
-    )
+    starts = project_onto_surface(mesh, mesh.vertices)
+    lines = flow_lines(mesh, velocity, starts, -float(times.max()))
     return np.array([[line.at(-t) for line in lines] for t in times])
 
 
 def carried(mesh: TriangleMesh, places: FloatArray, f: FloatArray) -> FloatArray:
-    """Return the values of ``f`` (V,) at places (T, V, 3), as flow lines bring them to the
-    vertices, (T, V).
-    """
+    """Return the values (T, V) of ``f`` (V,) at places (T, V, 3), brought to the vertices."""
     return np.array([project_onto_surface(mesh, points).pull_back(f) for points in places])

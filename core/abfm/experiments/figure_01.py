@@ -6,23 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from abfm import Match, Parameters, Problem, TriangleMesh, function
+from abfm import Iteration, Match, Parameters, Problem, TriangleMesh, function
 from abfm.baselines import linear_blend, optimal_transport
 from abfm.calculus import geodesic_distance, vertex_areas
-from abfm.experiments.vocabulary import (
-    Example,
-    Findings,
-    Measure,
-    Script,
-    Stage,
-    bundled,
-    sized,
-    smoothed,
-)
-from abfm.experiments.witnesses import witnessed
-from abfm.matching.match import Iteration
-from abfm.paper import TABLE_1
-from abfm.sheets import Panel, Sheet, Streaks, Values
+from abfm.experiments import vocabulary as words
+from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage, gaussian
+from abfm.io.sheets import Panel, Sheet, Streaks, Values
+from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
 CLAIM = (
@@ -40,9 +30,9 @@ def figure(stage: Stage) -> Script:
     """Gaussians at far ends of a body, by default a human's hand and feet."""
     body = "human_A.off"
     mesh, name = (
-        stage.surface(body, bundled, body)
+        stage.surface(body, words.bundled, body)
         if stage.small
-        else stage.surface(f"{body} after a Loop subdivision", smoothed, body, 1)
+        else stage.surface(f"{body} after a Loop subdivision", words.smoothed, body, 1)
     )
     parameters = TABLE_1[1].parameters(iterations=100 if stage.small else 300)
     return one_to_two(stage, mesh, name, parameters, far_ends(mesh))
@@ -57,27 +47,28 @@ def one_to_two(
     far = geodesic_distance(mesh, [centre]) / mesh.length_scale
     distance = float(far[targets].min())
     width = round(_WIDTH * distance, 4)
-    mass = sum(
-        areas @ bell(geodesic_distance(mesh, [target]) / mesh.length_scale, width)
-        for target in targets
-    )
+
+    def mass(distances: FloatArray, width: float) -> float:
+        return float(areas @ np.exp(-0.5 * (distances / width) ** 2))
+
+    masses = [mass(geodesic_distance(mesh, [v]) / mesh.length_scale, width) for v in targets]
     widths = width * np.geomspace(0.25, 8, 200)
-    wide = round(float(np.interp(mass, [areas @ bell(far, w) for w in widths], widths)), 4)
+    wide = round(float(np.interp(sum(masses), [mass(far, w) for w in widths], widths)), 4)
     source = gaussian(mesh, centre, wide)
     target = " + ".join(gaussian(mesh, vertex, width) for vertex in targets)
     f, g = function(mesh, source), function(mesh, target)
     problem = Problem(mesh, f, g, p)
     yield Example(problem, name, ((source, target),))
 
-    masses_at_tau: dict[int, float] = {}  # of each stage, in the end
+    at_tau: dict[int, float] = {}  # masses in the end of each stage
 
     def weigh(now: Iteration) -> None:
-        masses_at_tau[now.stage] = float(areas @ now.advected[:, 0])
+        at_tau[now.stage] = float(areas @ now.advected[:, 0])
 
     found = stage.match(problem, shares=(0.0, 0.7), on_iteration=weigh)
     path = found.advect(_TIMES * p.tau)
     stage.report("verifying", 0.7)
-    witnesses, label, note = witnessed(found)
+    witnesses, label, note = words.witnessed(found)
     stage.report("optimal transport", 0.8)
     between = _TIMES[_SHOWN]
     ways = {
@@ -85,31 +76,26 @@ def one_to_two(
         "optimal transport": optimal_transport(mesh, f, g, between, blur=0.5 * width),
         "linear blend": np.stack([linear_blend(f, g, t) for t in between]),
     }
-    shown = np.maximum(f, g) < 0.5 * max(f.max(), g.max())
-    heights = {
-        way: values[:, shown].max(initial=0.0) / max(f.max(), g.max())
-        for way, values in ways.items()
-    }
+    top = max(f.max(), g.max())
+    low = np.maximum(f, g) < 0.5 * top
+    heights = {way: values[:, low].max(initial=0.0) / top for way, values in ways.items()}
     spreads = {
         way: deviation(areas, far, values[len(values) // 2]) / distance
         for way, values in ways.items()
     }
-
+    high = "largest value shown where source and target are below half"
+    spread = (
+        "spread of the mass at tau/2 (deviation of its distance from the source), as a share of "
+        "the way"
+    )
+    of_mismatch, error = "mismatch at tau, relative to the target in L2", found.mismatch
     matches = "the advected source matches the target"
-    error = found.mismatch
     measures = [
-        Measure(
-            "mismatch at tau, relative to the target in L2", error, matches, error <= _BOUND, _BOUND
-        ),
+        Measure(of_mismatch, error, matches, error <= _BOUND, _BOUND),
         *witnesses,
-        *conserved(found, path, list(masses_at_tau.values())),
-        *moved("largest value shown where source and target are below half", -1, heights),
-        *moved(
-            "spread of the mass at tau/2 (deviation of its distance from the source), as a share "
-            "of the way",
-            1,
-            spreads,
-        ),
+        *conserved(found, path, list(at_tau.values())),
+        *moved(high, -1, heights),
+        *moved(spread, 1, spreads),
     ]
     first = (
         Panel(mesh, Values(f), "source", "source"),
@@ -121,10 +107,10 @@ def one_to_two(
         tuple(Panel(mesh, Values(value), f"{way}, {s}/6 τ") for s, value in enumerate(values, 1))
         for way, values in ways.items()
     ]
+    sigmas = ", ".join(format(sigma, "g") for sigma in p.stage_sigmas())
     setting = (
-        f"{sized(mesh, name)}: a Gaussian and two others of the same mass in all, "
-        f"{distance:.2f} sqrt(area) away; {p.iterations} iterations, sigma "
-        f"{', '.join(format(sigma, 'g') for sigma in p.stage_sigmas())}.{note}"
+        f"{words.sized(name, mesh)}: a Gaussian and two others of the same mass in all, "
+        f"{distance:.2f} sqrt(area) away; {p.iterations} iterations, sigma {sigmas}.{note}"
     )
     return Findings(measures, Sheet((first, *rows)), setting)
 
@@ -137,19 +123,14 @@ def conserved(found: Match, path: FloatArray, at_tau: list[float]) -> list[Measu
     masses = path @ vertex_areas(found.mesh)
     drifts = [abs(mass / masses[0] - 1) for mass in at_tau]
     drift, keeps = "drift of the mass at tau", "a small sigma keeps the drift small"
-    first, last = f"{drift}, with the first stage's sigma", f"{drift}, with the last stage's sigma"
+    of_range = "largest over- or undershoot on the way, as a share of the functions' range"
     of_stages = [
-        Measure(first, drifts[0]),
-        Measure(last, drifts[-1], keeps, drifts[-1] < drifts[0]),
+        Measure(f"{drift}, with the first stage's sigma", drifts[0]),
+        Measure(f"{drift}, with the last stage's sigma", drifts[-1], keeps, drifts[-1] < drifts[0]),
     ]
     return [
-        Measure(
-            "largest over- or undershoot on the way, as a share of the functions' range",
-            overshoot,
-            "there is no maximum principle",
-            overshoot > 0,
-        ),
-        *(of_stages if len(drifts) > 1 else [Measure(drift, drifts[0])]),
+        Measure(of_range, overshoot, "there is no maximum principle", overshoot > 0),
+        *(of_stages if len(at_tau) > 1 else [Measure(drift, drifts[0])]),
         Measure("largest drift of the mass on the way", abs(masses / masses[0] - 1).max()),
     ]
 
@@ -169,16 +150,6 @@ def deviation(areas: FloatArray, distances: FloatArray, values: FloatArray) -> f
     mass = areas * np.maximum(values, 0)
     mass /= mass.sum()
     return float(np.sqrt(mass @ (distances - mass @ distances) ** 2))
-
-
-def bell(distances: FloatArray, width: float) -> FloatArray:
-    """Return a Gaussian of distances."""
-    return np.exp(-0.5 * (distances / width) ** 2)
-
-
-def gaussian(mesh: TriangleMesh, vertex: int, width: float) -> str:
-    """Return the spec of a Gaussian."""
-    return f"gaussian:vertex={mesh.vertex_ids[vertex]},width={width:g}"
 
 
 def far_ends(mesh: TriangleMesh) -> tuple[int, ...]:

@@ -5,20 +5,12 @@ import numpy as np
 from abfm import Flow, TriangleMesh
 from abfm.calculus import l2_norm
 from abfm.experiments import fields
-from abfm.experiments.vocabulary import (
-    Findings,
-    Measure,
-    Script,
-    Stage,
-    bundled,
-    carried_example,
-    sized,
-    smoothed,
-)
+from abfm.experiments import vocabulary as words
+from abfm.experiments.vocabulary import Findings, Measure, Script, Stage
 from abfm.flow import flow_lines
+from abfm.io.sheets import Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.maps import project_onto_surface
 from abfm.mesh.shapes import sphere
-from abfm.sheets import Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.types import FloatArray, IntArray
 
 CLAIM = "The flow map of a vector field advects a function, without explicit flow lines."
@@ -37,12 +29,12 @@ def figure(stage: Stage) -> Script:
     again on finer and finer spheres.
     """
     mesh, name = (
-        stage.surface("eight.off, Loop subdivided", smoothed, "eight.off", 1)
+        stage.surface("eight.off, Loop subdivided", words.smoothed, "eight.off", 1)
         if stage.small
-        else stage.surface("fandisk.off", bundled, "fandisk.off")
+        else stage.surface("fandisk.off", words.bundled, "fandisk.off")
     )
     flow = Flow(mesh, fields.stream_field(mesh, _MODES, _WAY))
-    example = carried_example(flow, name, "eigenfunction:8", "file:advected.npy")
+    example = words.carried_example(flow, name, "eigenfunction:8", "file:advected.npy")
     yield example
 
     stage.report("flow lines", 0.0)
@@ -51,29 +43,22 @@ def figure(stage: Stage) -> Script:
     stage.report("flow lines on spheres", 0.4)
     balls = [sphere(level) for level in ((2, 3) if stage.small else (3, 4, 5))]
     shears = [Flow(ball, shear(ball)) for ball in balls]
-    there = [differences(flow, bump(flow.mesh.vertices), _TIMES) for flow in shears]
-    exact = [
-        fields.relative_difference(
-            flow.mesh,
-            flow.push(bump(flow.mesh.vertices)),
-            bump(sheared_back(flow.mesh.vertices, 1.0)),
-        )
-        for flow in shears
-    ]
+    there = [differences(each, bump(each.mesh.vertices), _TIMES) for each in shears]
     stage.report("flow lines", 0.95)
 
     against = "advected function against flow lines"
     quarter, half, whole = here[FUNCTION][[1, 3, 7]]
+    of_map = "point map against flow lines at tau, root mean square, in sqrt(area)"
     claim = "the flow map of a vector field is used to advect a function"
     measures = [
         Measure(f"{against} at t = 0.25 tau, relative L2", quarter),
         Measure(f"{against} at t = 0.5 tau, relative L2", half),
         Measure(f"{against} at t = 1 tau, relative L2", whole, claim, whole <= _CLOSE),
-        Measure(
-            "point map against flow lines at tau, root mean square, in sqrt(area)", here[MAP][-1]
-        ),
+        Measure(of_map, here[MAP][-1]),
     ]
-    for ball, each, error in zip(balls, there, exact, strict=True):
+    for ball, each, along in zip(balls, there, shears, strict=True):
+        came = bump(sheared_back(ball.vertices, 1.0))
+        error = fields.relative_difference(ball, along.push(bump(ball.vertices)), came)
         name_of = f"sphere of {len(ball.vertices):,} vertices"
         measures += [
             Measure(f"{name_of}: {against}, relative L2", each[FUNCTION][-1]),
@@ -86,8 +71,7 @@ def figure(stage: Stage) -> Script:
             f"order in the edge length in which the difference of the {what} falls between the "
             "finest spheres"
         )
-        claim = "tends to the flow under refinement"
-        measures.append(Measure(text, order, claim, order >= _ORDER))
+        measures.append(Measure(text, order, "tends to the flow under refinement", order >= _ORDER))
 
     starts = project_onto_surface(mesh, mesh.vertices[spread(mesh, _LINES)])
     lines = tuple(line.positions for line in flow_lines(mesh, flow.velocity[0], starts, flow.tau))
@@ -98,23 +82,21 @@ def figure(stage: Stage) -> Script:
         Panel(mesh, Values(halfway), "t = τ/2"),
         Panel(mesh, Values(end), "t = τ, flow lines", lines=lines),
     )
-    curves = {
-        what: (
-            Curve("this surface", _TIMES, here[what]),
-            *(
-                Curve(f"sphere, {len(ball.vertices):,} vertices", _TIMES, each[what], faint=True)
-                for ball, each in zip(balls, there, strict=True)
-            ),
+
+    def plot(what: str, axis: str, label: str) -> Plot:
+        on_balls = (
+            Curve(f"sphere, {len(ball.vertices):,} vertices", _TIMES, each[what], faint=True)
+            for ball, each in zip(balls, there, strict=True)
         )
-        for what in (FUNCTION, MAP)
-    }
-    t, relative, length = "t / τ", "difference, relative L2", "difference, sqrt(area)"
+        curves = (Curve("this surface", _TIMES, here[what]), *on_balls)
+        return Plot(curves, "t / τ", axis, label, log_y=True)
+
     plots = (
-        Plot(curves[FUNCTION], t, relative, against, log_y=True),
-        Plot(curves[MAP], t, length, "point map against flow lines", log_y=True),
+        plot(FUNCTION, "difference, relative L2", against),
+        plot(MAP, "difference, sqrt(area)", "point map against flow lines"),
     )
     setting = (
-        f"{sized(mesh, name)}; the rotated gradient of eigenfunctions "
+        f"{words.sized(name, mesh)}; the rotated gradient of eigenfunctions "
         f"{', '.join(map(str, _MODES))} carries eigenfunction 8 on average {_WAY:g} sqrt(area) "
         "far. On spheres a shear flow about an axis, whose speed of rotation grows with the height."
     )
@@ -129,14 +111,13 @@ def differences(flow: Flow, f: FloatArray, times: FloatArray) -> dict[str, Float
     places = fields.feet(mesh, flow.velocity[0], times)
     functions = zip(flow.push(f, times), fields.carried(mesh, places, f), strict=True)
     maps = zip(flow.push(mesh.vertices, times), places, strict=True)
+    off = [fields.relative_difference(mesh, h, walked) for h, walked in functions]
     apart = [
         l2_norm(mesh, project_onto_surface(mesh, points).positions - walked)
         for points, walked in maps
     ]
     return {
-        FUNCTION: np.array(
-            [fields.relative_difference(mesh, h, walked) for h, walked in functions]
-        ),
+        FUNCTION: np.array(off),
         MAP: np.array(apart) / mesh.length_scale**2,  # root mean square
     }
 
@@ -153,11 +134,9 @@ def spread(mesh: TriangleMesh, count: int) -> IntArray:
 
 
 def shear(ball: TriangleMesh) -> FloatArray:
-    """Rotate the unit sphere about z with angular velocity 1 + z, (F, 3): the rotated gradient of
-    -(z + z^2 / 2).
-    """
+    """Rotate the unit sphere about z with angular velocity 1 + z, (F, 3)."""
     z = ball.vertices[:, 2]
-    return fields.turned_gradient(ball, -(z + z**2 / 2))
+    return fields.slopes(ball, -(z + z**2 / 2), turned=True)
 
 
 def sheared_back(points: FloatArray, t: float) -> FloatArray:

@@ -9,8 +9,8 @@ from abfm.calculus import directional_derivative, face_areas, gradient, to_frame
 from abfm.calculus.operators import Matrix
 from abfm.experiments import fields
 from abfm.experiments.vocabulary import Findings, Measure, Script, Stage, carried_example, sized
+from abfm.io.sheets import Curve, Panel, Plot, Sheet, Values
 from abfm.mesh.shapes import five_limbs
-from abfm.sheets import Curve, Panel, Plot, Sheet, Values
 from abfm.types import FloatArray
 
 CLAIM = (
@@ -41,15 +41,18 @@ def figure(stage: Stage) -> Script:
     """
     mesh, name = stage.surface("five limbs", five_limbs, 800 if stage.small else 5000)
     velocity = fields.stream_field(mesh, _MODES, _WAY)
-    highest = fastest(derivative_along(mesh, velocity))
+    highest = fastest(directional_derivative(mesh, to_frame(mesh, velocity)))
     flow = Flow(mesh, velocity, min(1.0, math.sqrt(2 * math.log(_GROWTH) * _MOST_STEPS) / highest))
     example = carried_example(flow, name, "eigenfunction:6", "file:advected.npy")
     yield example
 
     stage.report("flow lines", 0.0)
     f, tau, velocity = example.problem.source[:, 0], flow.tau, flow.velocity[0]
-    times, derivative = _TIMES * tau, derivative_along(mesh, velocity)
-    each = steps_each(derivative, tau)
+    times, derivative = _TIMES * tau, directional_derivative(mesh, to_frame(mesh, velocity))
+    # A step of length h makes an oscillation of frequency w larger by sqrt(1 + (h w)^2), however
+    # small h is: so many steps between two of the times that the fastest grows by _GROWTH.
+    enough = (tau * fastest(derivative)) ** 2 / (2 * math.log(_GROWTH))
+    each = max(math.ceil(enough / (len(times) - 1)), 1)
     steps = each * (len(times) - 1)
     ways = {
         _LINEAR: linear_steps(derivative, f, tau / steps, each),
@@ -59,8 +62,12 @@ def figure(stage: Stage) -> Script:
         _LINES: fields.carried(mesh, fields.feet(mesh, velocity, times), f),
     }
     stage.report("variation", 0.9)
-    beyond = {name: np.array([overshoot(f, h) for h in way]) for name, way in ways.items()}
-    total = {name: np.array([variation(mesh, h) for h in way]) for name, way in ways.items()}
+    low, high = f.min(), f.max()
+    beyond = {
+        way: np.maximum(np.maximum(h.max(axis=1) - high, low - h.min(axis=1)), 0.0) / (high - low)
+        for way, h in ways.items()
+    }
+    total = {way: np.array([variation(mesh, h) for h in path]) for way, path in ways.items()}
 
     measures = []
     for way in (_LINEAR, _FINER, _ONE_STEP, _NONLINEAR):
@@ -77,7 +84,7 @@ def figure(stage: Stage) -> Script:
         (
             Panel(mesh, Values(f), "t = 0", "source"),
             *(
-                Panel(mesh, Values(np.clip(ways[way][k], f.min(), f.max())), f"{way}, t = {t}")
+                Panel(mesh, Values(np.clip(ways[way][k], low, high)), f"{way}, t = {t}")
                 for k, (_, t) in _LABELS.items()
             ),
         )
@@ -86,7 +93,7 @@ def figure(stage: Stage) -> Script:
     growth = {name: values / values[0] for name, values in total.items()}
     plots = (plot(beyond, "overshoot / range of f"), plot(growth, "total variation / of f"))
     setting = (
-        f"{sized(mesh, name)}; the rotated gradient of eigenfunctions "
+        f"{sized(name, mesh)}; the rotated gradient of eigenfunctions "
         f"{', '.join(map(str, _MODES))} carries eigenfunction 6 on average {_WAY * tau:.2g} "
         f"sqrt(area) far; the linear way takes {steps:,} steps. Colours end at the range of the "
         "function."
@@ -109,11 +116,6 @@ def judged(way: str, when: str, what: str, value: float) -> Measure:
     return Measure(title, value, "smooth even for long times", value <= _SMALL)
 
 
-def derivative_along(mesh: TriangleMesh, velocity: FloatArray) -> Matrix:
-    """Return ``D_v`` of a field (F, 3)."""
-    return directional_derivative(mesh, to_frame(mesh, velocity))
-
-
 def fastest(derivative: Matrix) -> float:
     """Find the highest frequency of ``exp(-t D_v)``, by power iteration."""
     f = np.random.default_rng(0).normal(size=derivative.shape[0])
@@ -125,31 +127,15 @@ def fastest(derivative: Matrix) -> float:
     return growth
 
 
-def steps_each(derivative: Matrix, tau: float) -> int:
-    """Count linear steps between two of the times, so many that the fastest oscillation grows by
-    `_GROWTH` until tau.
-
-    A step of length h makes an oscillation of frequency w larger by ``sqrt(1 + (h w)^2)``, however
-    small h is.
-    """
-    steps = (tau * fastest(derivative)) ** 2 / (2 * math.log(_GROWTH))
-    return max(math.ceil(steps / (len(_TIMES) - 1)), 1)
-
-
 def linear_steps(derivative: Matrix, f: FloatArray, step: float, each: int) -> FloatArray:
     """Repeat Eq. 5: ``f`` and what it is after every ``each`` steps."""
     states = [f]
-    for _ in range(len(_TIMES) - 1):
+    for _ in _TIMES[1:]:
         h = states[-1]
         for _ in range(each):
             h = h - step * (derivative @ h)
         states.append(h)
     return np.array(states)
-
-
-def overshoot(f: FloatArray, h: FloatArray) -> float:
-    """Return how far the values of ``h`` leave those of ``f``, as a share of their range."""
-    return float(max(h.max() - f.max(), f.min() - h.min(), 0.0) / (f.max() - f.min()))
 
 
 def variation(mesh: TriangleMesh, f: FloatArray) -> float:

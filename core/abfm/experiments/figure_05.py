@@ -9,9 +9,9 @@ from scipy.linalg import eigh_tridiagonal
 from abfm import Flow, TriangleMesh
 from abfm.calculus import commuting_fields, face_areas, hodge_laplacian, relative_bracket, to_frame
 from abfm.experiments import fields
-from abfm.experiments.vocabulary import Findings, Measure, Script, Stage, refined
-from abfm.mesh.shapes import gourd, gourd_radius, torus
-from abfm.sheets import Panel, Sheet, Streaks
+from abfm.experiments.vocabulary import Findings, Measure, Script, Stage
+from abfm.io.sheets import Panel, Sheet, Streaks
+from abfm.mesh.shapes import gourd, gourd_radius
 from abfm.types import FloatArray
 
 CLAIM = (
@@ -24,14 +24,9 @@ _OTHERS = 8  # smooth fields to compare the bracket with
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
-    """A surface with a field, and where it is known the ``u`` that commutes with it, and the
-    roughness of that.
-    """
+class Case(fields.Case):
+    """Where it is known, with the ``u`` that commutes with the field, and the roughness of that."""
 
-    name: str
-    mesh: TriangleMesh
-    v: FloatArray
     u: FloatArray | None = None
     roughness: float = np.nan
 
@@ -41,25 +36,29 @@ def figure(stage: Stage) -> Script:
     on another mesh, with a field that stirs it.
     """
     if stage.mesh is None:
-        surfaces, name = known_cases((1, 2) if stage.small else (1, 2, 4)), "surface of revolution"
+        surfaces = known_cases((1, 2) if stage.small else (1, 2, 4))
         kind = "the rotation about the axis"
     else:
-        v = fields.with_speed(stage.mesh, fields.stirring(stage.mesh, 1), _SPEED)
-        surfaces, name = [[Case(stage.name, stage.mesh, v)]], stage.name
-        kind = "the turned gradient of eigenfunction 1"
-    yield fields.field_example(surfaces[0][-1].mesh, surfaces[0][-1].v, name)
+        v = fields.stirring(stage.mesh, 1, _SPEED)
+        surfaces, kind = (
+            [[Case(stage.name, stage.mesh, v)]],
+            "the turned gradient of eigenfunction 1",
+        )
+    yield fields.field_example(surfaces[0][-1], surfaces[0][-1].name)
 
     measures: list[Measure] = []
     rows = []
     for number, levels in enumerate(surfaces):
         case = levels[-1]
-        stage.report(refined(levels), number / len(surfaces))
+        stage.report(fields.refined(levels), number / len(surfaces))
         found = [commuting_fields(level.mesh, level.v)[0] for level in levels]
         measures += measured(levels, found)
-        v_panel = Panel(case.mesh, streaks(case, case.v), "v", "field")
-        rows.append((v_panel, Panel(case.mesh, streaks(case, found[-1]), "u", "result")))
+        # where u may be a multiple of v from place to place, with its speed
+        paint = fields.coloured if case.u is None else lambda mesh, field: Streaks(field)
+        v_panel = Panel(case.mesh, paint(case.mesh, case.v), "v", "field")
+        rows.append((v_panel, Panel(case.mesh, paint(case.mesh, found[-1]), "u", "result")))
     setting = (
-        f"{'; '.join(map(refined, surfaces))}. v is {kind}; u is "
+        f"{'; '.join(map(fields.refined, surfaces))}. v is {kind}; u is "
         "orthogonal to v in L2 and minimises its Hodge energy plus the squared bracket, weighted "
         "by sqrt(area) over the edge length. Bracket norms are sqrt(area) |[v, u]| / (|v| |u|), of "
         "root mean squares."
@@ -71,41 +70,31 @@ def measured(levels: Sequence[Case], found: Sequence[FloatArray]) -> list[Measur
     """Measure the fields that were found on a surface, coarse to fine."""
     case, u = levels[-1], found[-1]
     name, mesh, v = case.name, case.mesh, case.v
-    brackets = [
-        relative_bracket(level.mesh, level.v, w) for level, w in zip(levels, found, strict=True)
-    ]
+    pairs = list(zip(levels, found, strict=True))
+    brackets = [relative_bracket(level.mesh, level.v, w) for level, w in pairs]
     others = commuting_fields(mesh, v, min(_OTHERS, len(mesh.faces)), weight=0)
     usual = float(np.median([relative_bracket(mesh, v, w) for w in others]))
-    commutes, count = brackets[-1] < 0.1 * usual, len(others)
-    exchange = "distance of the ends when the two flows are exchanged, over the way"
-    rough = "roughness of u, squared div and curl times area over squared norm"
+    commutes, same = brackets[-1] < 0.1 * usual, f"{name}: the same, median of the {len(others)}"
+    bracket = f"{name}: bracket norm relative to both fields"
+    exchange = f"{name}: distance of the ends when the two flows are exchanged, over the way"
+    rough = f"{name}: roughness of u, squared div and curl times area over squared norm"
     measures = [
-        Measure(
-            f"{name}: bracket norm relative to both fields",
-            brackets[-1],
-            "u commutes with v",
-            commutes,
-        ),
-        Measure(f"{name}: the same, median of the {count} smoothest fields orthogonal to v", usual),
-        Measure(f"{name}: {exchange}", exchanged(mesh, v, u)),
-        Measure(f"{name}: {rough}", roughness(mesh, u)),
+        Measure(bracket, brackets[-1], "u commutes with v", commutes),
+        Measure(f"{same} smoothest fields orthogonal to v", usual),
+        Measure(exchange, exchanged(mesh, v, u)),
+        Measure(rough, roughness(mesh, u)),
     ]
-    if case.u is None:
-        return measures
-    errors = [
-        distance(level.mesh, w, level.u)
-        for level, w in zip(levels, found, strict=True)
-        if level.u is not None
-    ]
-    order, claim = np.log2(brackets[-2] / brackets[-1]), "u is the smoothest field that commutes"
-    exact = f"{name}: relative L2 error against the exact u"
-    return [
-        *measures,
-        Measure(f"{name}: order of the bracket norm in the edge length", order),
-        Measure(exact, errors[-1], f"{claim} with v", errors[-1] < 0.1),
-        Measure(f"{name}: order of that error", np.log2(errors[-2] / errors[-1])),
-        Measure(f"{name}: roughness of the exact u", case.roughness),
-    ]
+    errors = [distance(level.mesh, w, level.u) for level, w in pairs if level.u is not None]
+    if errors:
+        order = np.log2(brackets[-2] / brackets[-1])
+        exact, claim = f"{name}: relative L2 error against the exact u", "u is the smoothest field"
+        measures += [
+            Measure(f"{name}: order of the bracket norm in the edge length", order),
+            Measure(exact, errors[-1], f"{claim} that commutes with v", errors[-1] < 0.1),
+            Measure(f"{name}: order of that error", np.log2(errors[-2] / errors[-1])),
+            Measure(f"{name}: roughness of the exact u", case.roughness),
+        ]
+    return measures
 
 
 def distance(mesh: TriangleMesh, u: FloatArray, exact: FloatArray) -> float:
@@ -131,13 +120,6 @@ def exchanged(mesh: TriangleMesh, v: FloatArray, u: FloatArray) -> float:
     return float(np.linalg.norm(one - other) / np.linalg.norm(one - x))
 
 
-def streaks(case: Case, field: FloatArray) -> Streaks:
-    """Show a field; where ``u`` may be a multiple of ``v`` from place to place, with its speed."""
-    if case.u is not None:
-        return Streaks(field)
-    return Streaks(field, fields.speed(case.mesh, field), "speed")
-
-
 def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
     """Return rotations of two surfaces of revolution, each from coarse to fine."""
     return [[on_gourd(6 * k) for k in sizes], [on_torus(24 * k) for k in sizes]]
@@ -153,10 +135,7 @@ def on_torus(n: int) -> Case:
     """Return the rotation of a torus: it commutes with the harmonic field around the tube, the
     smoothest of all that are orthogonal to it.
     """
-    mesh = torus(n, n // 2)
-    x, y, z = fields.centres(mesh).T
-    ring = np.hypot(x, z)
-    around = np.stack([-y * x / ring, ring - 1, -y * z / ring], axis=1)
+    mesh, ring, _, around = fields.angular_torus(n)
     around /= np.linalg.norm(around, axis=1)[:, None] * ring[:, None]
     return Case("torus", mesh, rotation(mesh), fields.tangent(mesh, around), 0.0)
 
@@ -182,8 +161,7 @@ def along_meridian(points: FloatArray, angle: FloatArray) -> FloatArray:
     up = growth * np.cos(angle) - radius * np.sin(angle)
     ring = np.hypot(points[:, 0], points[:, 2])
     vectors = np.stack([out * points[:, 0] / ring, up, out * points[:, 2] / ring], axis=1)
-    along: FloatArray = vectors / np.linalg.norm(vectors, axis=1)[:, None]
-    return along
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
 
 
 def first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float]:

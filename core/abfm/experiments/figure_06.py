@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from abfm import AdvectionError, Flow, MeshError, TriangleMesh
 from abfm.calculus import directional_derivative, l2_norm, pushforward, to_frame
 from abfm.experiments import fields
-from abfm.experiments.vocabulary import Findings, Measure, Script, Stage, refined
-from abfm.mesh.shapes import geodesic_sphere, torus
-from abfm.sheets import Panel, Sheet, Streaks
+from abfm.experiments.vocabulary import Findings, Measure, Script, Stage
+from abfm.io.sheets import Panel, Sheet, Streaks
+from abfm.mesh.shapes import geodesic_sphere
 from abfm.types import FloatArray
 
 CLAIM = "exp(t ad_v) transports a field u over the flow lines of v, here to t = 0.125 and 0.25."
@@ -28,14 +28,9 @@ _PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
-    """A surface with fields ``v`` and ``u``, and where it is known what the flow of ``v`` makes of
-    ``u`` in a time.
-    """
+class Case(fields.Case):
+    """With a field ``u``, and where it is known what the flow makes of that in a time."""
 
-    name: str
-    mesh: TriangleMesh
-    v: FloatArray
     u: FloatArray
     exact: Callable[[float], FloatArray] | None = None
 
@@ -53,54 +48,47 @@ def figure(stage: Stage) -> Script:
     else:
         surfaces, name = [[on_any(stage.mesh, stage.name)]], stage.name
         turns = "v and u are the turned gradients of two successive eigenfunctions"
-    yield fields.field_example(surfaces[0][-1].mesh, surfaces[0][-1].v, name)
+    first = surfaces[0][-1]
+    yield fields.field_example(first, name)
 
     measures: list[Measure] = []
     rows = []
     for number, levels in enumerate(surfaces):
-        case = levels[-1]
-        stage.report(refined(levels), number / len(surfaces))
-        carried = [case.carried(t) for t in _SHOWN]
+        case, mesh = levels[-1], levels[-1].mesh
+        stage.report(fields.refined(levels), number / len(surfaces))
+        carried = {t: case.carried(t) for t in _SHOWN}
         measures += (
             against_functions(case, carried) if case.exact is None else against_exact(levels)
         )
-        rows.append(
-            (
-                Panel(case.mesh, Streaks(case.v), "v", "field"),
-                Panel(case.mesh, streaks(case, case.u), "u", "source"),
-                *(
-                    Panel(case.mesh, streaks(case, w), f"u, carried to t = {t:g}", "result")
-                    for t, w in zip(_SHOWN, carried, strict=True)
-                ),
-            )
+        results = (
+            Panel(mesh, fields.coloured(mesh, w), f"u, carried to t = {t:g}", "result")
+            for t, w in carried.items()
         )
-    first = surfaces[0][-1]
+        v_panel = Panel(mesh, Streaks(case.v), "v", "field")
+        rows.append((v_panel, Panel(mesh, fields.coloured(mesh, case.u), "u", "source"), *results))
     seen = tuple(fields.speed(first.mesh, w) for w in (first.u, first.carried(_SHOWN[-1])))
-    sizes = "; ".join(map(refined, surfaces))
+    sizes = "; ".join(map(fields.refined, surfaces))
     setting = f"{sizes}. {turns}. The pushforward is exp(-t ad_v) u."
     return Findings(measures, Sheet(tuple(rows), seen=seen), setting)
-
-
-def streaks(case: Case, field: FloatArray) -> Streaks:
-    """Show a field with its speed."""
-    return Streaks(field, fields.speed(case.mesh, field), "speed")
 
 
 def against_exact(levels: Sequence[Case]) -> list[Measure]:
     """Compare with the exact answers on a surface, coarse to fine."""
     name, times = levels[-1].name, (*_SHOWN, *_LONGER)
     coarse, fine = ([error(case, t) for t in times] for case in levels[-2:])
-    transports = "the pushforward transports u over the flow lines of v"
+    of_error, transports = (
+        "relative L2 error",
+        "the pushforward transports u over the flow lines of v",
+    )
     measures = [
-        Measure(f"{name}: relative L2 error at t = {t:g}", off)
-        for t, off in zip(times, fine, strict=True)
+        Measure(f"{name}: {of_error} at t = {t:g}", off) for t, off in zip(times, fine, strict=True)
     ]
     for t, order in zip(_SHOWN, np.log2(np.divide(coarse, fine)), strict=False):
         text = f"{name}: order in the edge length at t = {t:g}"
         measures.append(Measure(text, order, transports, order > 0.5))
     for t, off in zip(_SHOWN, fine, strict=False):
         printed = error(levels[-1], t, sign=-1)
-        text = f"{name}: relative L2 error at t = {t:g} with the printed sign"
+        text = f"{name}: {of_error} at t = {t:g} with the printed sign"
         measures.append(Measure(text, printed, _PUSHFORWARD, printed < 2 * off))
     return measures
 
@@ -112,25 +100,23 @@ def error(case: Case, time: float, sign: int = 1) -> float:
     return fields.relative_norm(case.mesh, case.carried(sign * time) - expected, expected)
 
 
-def against_functions(case: Case, carried: Sequence[FloatArray]) -> list[Measure]:
+def against_functions(case: Case, carried: dict[float, FloatArray]) -> list[Measure]:
     """Measure what holds on any surface: carried fields derive carried functions as the fields
     derive the functions.
     """
     measures = []
-    for t, field in zip(_SHOWN, carried, strict=True):
+    for t, field in carried.items():
         ours, printed = (derivative_error(case, t, w) for w in (field, case.carried(-t)))
         text = (
             f"{case.name}: relative L2 error of D_w x' against (D_u x)' at t = {t:g}, x the "
             "coordinates, ' and w carried"
         )
+        itself = f"{case.name}: relative L2 error of v carried along itself at t = {t:g}"
         same = pushforward(case.mesh, case.v, case.v, t)
         measures += [
             Measure(text, ours),
             Measure(f"{text}, with the printed sign", printed, _PUSHFORWARD, printed < 2 * ours),
-            Measure(
-                f"{case.name}: relative L2 error of v carried along itself at t = {t:g}",
-                fields.relative_norm(case.mesh, same - case.v, case.v),
-            ),
+            Measure(itself, fields.relative_norm(case.mesh, same - case.v, case.v)),
         ]
     return measures
 
@@ -153,39 +139,33 @@ def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
 
 
 def on_sphere(frequency: int) -> Case:
-    """Return the rotation about the y axis, which carries a field by turning it."""
+    """Return the rotation about the y axis, which carries a field by turning it: two vortices of
+    unlike strength.
+    """
     mesh = geodesic_sphere(frequency)
     points = fields.centres(mesh)
 
     def turned(time: float) -> FloatArray:
         turn = Rotation.from_rotvec([0.0, _TURN * time, 0.0])
-        return fields.tangent(mesh, turn.apply(swirls(turn.inv().apply(points))))
+        back = turn.inv().apply(points)
+        field = np.zeros_like(points)
+        for centre, strength in (((0.5, 0.4, 0.77), 1.0), ((-0.2, -0.5, 0.84), -0.8)):
+            middle = np.array(centre) / np.linalg.norm(centre)
+            bell = strength * np.exp((back @ middle - 1) / 0.4**2)
+            field += np.cross(middle, back) * bell[:, None]
+        return fields.tangent(mesh, turn.apply(field))
 
     v = fields.tangent(mesh, _TURN * np.cross([0.0, 1.0, 0.0], points))
     return Case("sphere", mesh, v, turned(0.0), turned)
-
-
-def swirls(points: FloatArray) -> FloatArray:
-    """Return two vortices of unlike strength, at points (n, 3) of the sphere."""
-    field = np.zeros_like(points)
-    for centre, strength, width in (((0.5, 0.4, 0.77), 1.0, 0.4), ((-0.2, -0.5, 0.84), -0.8, 0.4)):
-        middle = np.array(centre) / np.linalg.norm(centre)
-        bell = strength * np.exp((points @ middle - 1) / width**2)
-        field += np.cross(middle, points) * bell[:, None]
-    return field
 
 
 def on_torus(n: int, around_tube: bool) -> Case:
     """Return turning about the axis, an isometry, or around the tube, none: in the angles both
     move the components along.
     """
-    mesh = torus(n, n // 2)
+    mesh, ring, by_about, by_around = fields.angular_torus(n)
     x, y, z = fields.centres(mesh).T
-    ring = np.hypot(x, z)
     about, around = np.arctan2(x, z), np.arctan2(y, ring - 1)
-    # the coordinate fields of both angles, at the face centres
-    by_about = np.stack([z, np.zeros_like(z), -x], axis=1)
-    by_around = np.stack([-y * x / ring, ring - 1, -y * z / ring], axis=1)
 
     def moved(time: float) -> FloatArray:
         p, q = (about, around - _TURN * time) if around_tube else (about - _TURN * time, around)
@@ -200,14 +180,9 @@ def on_torus(n: int, around_tube: bool) -> Case:
 
 def on_any(mesh: TriangleMesh, name: str) -> Case:
     """Return a field that stirs the surface, with the next one: as fast as the pushforward,
-    unstable on bad faces, stands.
-
-    Raises
-    ------
-    MeshError
-        If it grows without bounds for all fields and speeds that are tried.
+    unstable on bad faces, stands; MeshError if it grows without bounds for all that are tried.
     """
-    stirring = [fields.with_speed(mesh, fields.stirring(mesh, k), 1.0) for k in (1, 2, 3)]
+    stirring = [fields.stirring(mesh, k, 1.0) for k in (1, 2, 3)]
     for fast in _SPEEDS:
         for v, u in pairwise(stirring):
             with suppress(AdvectionError), np.errstate(over="ignore"):

@@ -4,11 +4,10 @@ import numpy as np
 
 from abfm import Problem, TriangleMesh, function
 from abfm.calculus import cotangent_laplacian, l2_norm, vertex_areas
-from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage, sized
-from abfm.experiments.witnesses import witnessed
+from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage, sized, witnessed
+from abfm.io.sheets import Panel, Sheet, Values
 from abfm.mesh.shapes import five_limbs
-from abfm.paper import TABLE_1
-from abfm.sheets import Panel, Sheet, Values
+from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
 CLAIM = "The result highly matches the target, and the interpolation path is smooth."
@@ -51,7 +50,7 @@ def figure(stage: Stage) -> Script:
         *smoothness(mesh, path, g),
     )
     setting = (
-        f"{sized(mesh, name)}; eigenfunction 7 to {sign}eigenfunction 8, "
+        f"{sized(name, mesh)}; eigenfunction 7 to {sign}eigenfunction 8, "
         f"{p.segments} linearised steps, {p.iterations} iterations.{note}"
     )
     return Findings(measures, Sheet((panels,)), setting)
@@ -63,11 +62,10 @@ def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tupl
     """
     steps = np.diff(path, axis=0)
     lengths = np.array([l2_norm(mesh, step) for step in steps])
-    turns = [l2_norm(mesh, turn) for turn in np.diff(steps, axis=0)]
+    turn = max(l2_norm(mesh, turn) for turn in np.diff(steps, axis=0)) / lengths.mean()
     stiffness = cotangent_laplacian(mesh)
     energy = np.array([f @ (stiffness @ f) for f in (*path, target)])
-    turn = float(max(turns) / lengths.mean())
-    rise = float(energy[:-1].max() / max(energy[0], energy[-1]))
+    rise = energy[:-1].max() / max(energy[0], energy[-1])
     claim, whole = "smooth path", l2_norm(mesh, steps.sum(axis=0))
     of_turns = "largest change from one step to the next over mean step"
     of_energy = "largest Dirichlet energy on the way over that of source or target"

@@ -3,11 +3,11 @@
 import numpy as np
 
 from abfm import Flow, Problem, TriangleMesh, function
+from abfm.experiments import vocabulary as words
 from abfm.experiments.fields import root_mean_square, slopes, speed, stream_field
-from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage, sized, smoothed
-from abfm.experiments.witnesses import witnessed
-from abfm.paper import TABLE_1
-from abfm.sheets import Panel, Sheet, Streaks, Values
+from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage
+from abfm.io.sheets import Panel, Sheet, Streaks, Values
+from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
 CLAIM = (
@@ -26,8 +26,8 @@ def figure(stage: Stage) -> Script:
     """Match an eigenfunction to what a smooth field without divergence makes of it until tau, and
     compare what was found with that field.
     """
-    times = 1 if stage.small else 2
-    mesh, name = stage.surface("eight.off, Loop subdivided", smoothed, "eight.off", times)
+    eight = ("eight.off", 1 if stage.small else 2)
+    mesh, name = stage.surface("eight.off, Loop subdivided", words.smoothed, *eight)
     parameters = TABLE_1[8].parameters(iterations=100 if stage.small else 200)
     tau, source = parameters.tau, "eigenfunction:7"
     hidden = Flow(mesh, stream_field(mesh, _MODES, _WAY / tau), tau)
@@ -38,7 +38,7 @@ def figure(stage: Stage) -> Script:
 
     found = stage.match(problem)
     stage.report("verifying", 0.95)
-    witnesses, label, note = witnessed(found)
+    witnesses, label, note = words.witnessed(found)
     velocity, given, matched = found.velocity[0], hidden.velocity[0], found.advected[:, 0]
     gradient, error, difference = slopes(mesh, f), velocity - given, np.abs(g - matched)
     steepness = np.linalg.norm(gradient, axis=1)
@@ -51,16 +51,14 @@ def figure(stage: Stage) -> Script:
     off, largest = along / along_given, difference.max()
     path = hidden.push(f, np.linspace(0, tau, 21))
     seen = seen_rate(mesh, error, path) / seen_rate(mesh, given, path)
+    whole = root_mean_square(mesh, error) / root_mean_square(mesh, given)
+    share = root_mean_square(mesh, steep.astype(float)) ** 2
 
     where = f"where |grad f| exceeds {_SIGNIFICANT:.0%} of its maximum"
     of_slopes = f"error of the field along grad f, {where}, relative L2"
     of_path = "error of <v, grad f_t> over the whole way, relative L2 on the surface and in time"
-    of_functions, small = (
-        "largest |g - f_tau|, f and g on the scale of 1",
-        "the error between the functions is very small",
-    )
-    whole = root_mean_square(mesh, error) / root_mean_square(mesh, given)
-    share = root_mean_square(mesh, steep.astype(float)) ** 2
+    of_functions = "largest |g - f_tau|, f and g on the scale of 1"
+    small = "the error between the functions is very small"
     measures = (
         Measure(of_slopes, off, "very close to the original field", off <= _CLOSE),
         Measure(f"share of the surface {where}", share),
@@ -85,7 +83,7 @@ def figure(stage: Stage) -> Script:
         ),
     )
     setting = (
-        f"{sized(mesh, name)}; the rotated gradient of eigenfunctions "
+        f"{words.sized(name, mesh)}; the rotated gradient of eigenfunctions "
         f"{' and '.join(map(str, _MODES))} carries eigenfunction 7 to τ = {tau:g}, "
         f"on average {_WAY:g} sqrt(area) far.{note}"
     )

@@ -1,7 +1,8 @@
 """Figure 9: one field whose flow is a symmetry, the rotation of a shape by 180 degrees."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -9,20 +10,11 @@ from abfm import Match, MeshError, Parameters, Problem, TriangleMesh
 from abfm.assets import asset_path
 from abfm.calculus import averaging, face_normals
 from abfm.calculus.geodesics import exact_distances
-from abfm.experiments.vocabulary import (
-    Example,
-    Findings,
-    Measure,
-    Script,
-    Stage,
-    affordable_iterations,
-    bundled,
-    evaluated,
-    sized,
-)
-from abfm.experiments.witnesses import map_measures, map_notes, maps_of_flow
+from abfm.experiments import vocabulary as words
+from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage
 from abfm.flow import flow_lines
-from abfm.functions import read_vertex_map
+from abfm.functions.vertex_map_file import read_vertex_map
+from abfm.io.sheets import Coordinates, Panel, Sheet, Streaks, Values
 from abfm.maps import (
     KINDS,
     MapQuality,
@@ -32,10 +24,8 @@ from abfm.maps import (
     detect_symmetry,
     project_onto_surface,
 )
-from abfm.maps.symmetry import Kind
 from abfm.mesh.shapes import two_armed
-from abfm.paper import TABLE_1
-from abfm.sheets import Coordinates, Panel, Sheet, Streaks, Values
+from abfm.parameters import TABLE_1
 from abfm.types import FloatArray, IntArray
 
 CLAIM = (
@@ -45,7 +35,7 @@ CLAIM = (
 MEASURED = (1.0, 2.0)
 """Times, of tau, at which the map is measured."""
 
-_SHOWN = (0.0, 0.5, 1.0, 2.0)  # of tau
+_SHOWN = {0.0: "t = 0", 0.5: "t = 0.5 τ", 1.0: "t = τ", 2.0: "t = 2 τ"}  # by shares of tau
 _WIDTH = 0.2  # of the Gaussian
 _SAMPLE = 150
 _CORRECT, _SMALL_DRIFT = 0.02, 0.05  # of sqrt(area), for what the paper says in words
@@ -58,41 +48,39 @@ def figure(stage: Stage) -> Script:
     mesh, name = stage.surface("two arms", two_armed, 3 if stage.small else 4)
     # cooled to the printed sigma: a turn to the left and one to the right fit equally well at
     # first, and without cooling some parts of the shape turn one way and some the other, for good
-    iterations = 100 if stage.small else affordable_iterations(mesh, 250)
+    iterations = 100 if stage.small else words.affordable_iterations(mesh, 250)
     p = TABLE_1[9].parameters(cooling_stages=3, iterations=iterations)
-    symmetry = detected(mesh)
-    example = symmetric_example(mesh, name, symmetry, p)
+    scene = Symmetric(mesh, name, detected(mesh))
+    example = scene.example(p)
     yield example
 
     found = stage.match(example.problem, shares=(0.0, 0.3))
-    marks = marked(mesh, symmetry)
-    rows = [function_row(found), map_row(found, marks)]
-    measures = measured(found, symmetry)
-    maps = maps_of_flow(found, "the map", MEASURED)
-    if symmetry.kind == "rotation":
-        alone = symmetric_problem(mesh, [bump(mesh, marks[0])], symmetry, p)
+    rows, measures = [function_row(found), scene.map_row(found)], scene.measured(found)
+    maps = words.maps_of_flow(found, "the map", MEASURED)
+    if scene.rotates:
+        alone = scene.problem([scene.bump(scene.marks[0])], p)
         one = stage.match(alone, "one function", (0.35, 0.5))
         uncooled = replace(p, cooling_stages=1, iterations=min(p.iterations, 150))
-        problem = symmetric_problem(mesh, places(mesh), symmetry, uncooled)
-        hot = stage.match(problem, "without cooling", (0.5, 0.75))
+        hot = stage.match(scene.problem(scene.places(), uncooled), "without cooling", (0.5, 0.75))
         energies = [match.energy_history[-1, 0] for match in (hot, found)]
         measures += [
             Measure("mismatch with one Gaussian as the only function", one.mismatch),
-            Measure("map error with one Gaussian only, mean", mean_error(one, symmetry)),
+            Measure("map error with one Gaussian only, mean", scene.mean_error(one)),
             Measure("energy without cooling over the energy here", energies[0] / energies[1]),
-            Measure("map error without cooling, mean", mean_error(hot, symmetry)),
+            Measure("map error without cooling, mean", scene.mean_error(hot)),
         ]
     if stage.mesh is None:
         row, more, its_maps = mirrored(stage, replace(p, iterations=15) if stage.small else p)
         rows.append(row)
         measures += more
         maps |= its_maps
+    of_maps, notes = words.map_findings(maps)
     setting = (
-        f"{setting_of(example, symmetry)} Printed parameters, but sigma is cooled to {p.sigma:g} "
-        "in three stages."
+        f"{scene.words()} Printed parameters, but sigma is cooled to {p.sigma:g} in three stages."
     )
-    sheet = Sheet(tuple(rows), seen=seen(mesh, marks), notes=map_notes(maps))
-    return Findings((*measures, *map_measures(maps)), sheet, setting)
+    return Findings(
+        [*measures, *of_maps], Sheet(tuple(rows), seen=scene.seen(), notes=notes), setting
+    )
 
 
 def mirrored(
@@ -101,43 +89,36 @@ def mirrored(
     """Match a function of the human and its mirror image; as a map the mirror is out of reach,
     whatever the functions.
     """
-    mesh = bundled("human_A.off")
-    symmetry = detect_symmetry(mesh, "mirror")
-    problem = symmetric_example(mesh, "human_A.off", symmetry, p).problem
-    found = stage.match(problem, "mirror", (0.75, 0.85))
-    problem = symmetric_problem(mesh, places(mesh), symmetry, p)
-    as_map = stage.match(problem, "mirror, as a map", (0.85, 1.0))
-    other = read_vertex_map(mesh, str(asset_path("human.symperm.txt"))) != symmetry.vertex_map
-    true = Coordinates(mesh.vertices[symmetry.vertex_map])
+    mesh = words.bundled("human_A.off")
+    scene = Symmetric(mesh, "human_A.off", detect_symmetry(mesh, "mirror"))
+    image = scene.symmetry.vertex_map
+    found = stage.match(scene.example(p).problem, "mirror", (0.75, 0.85))
+    as_map = stage.match(scene.problem(scene.places(), p), "mirror, as a map", (0.85, 1.0))
+    other = read_vertex_map(mesh, str(asset_path("human.symperm.txt"))) != image
     row = (
         *function_row(found, "mirrored function")[:4],
-        Panel(mesh, true, "the mirror as a map", "target"),
+        Panel(mesh, Coordinates(mesh.vertices[image]), "the mirror as a map", "target"),
         Panel(mesh, Coordinates(as_map.advected), "matched: not reached", "result"),
     )
-    of_coordinates = "mirror: map error with the three coordinates, mean"
-    measures = [
-        Measure("mirror: vertices where the detected map is not the file's", other.sum()),
-        Measure("mirror: mismatch of the function", found.mismatch),
-        Measure("mirror: map error, mean", mean_error(found, symmetry)),
-        Measure("mirror: mismatch of the three coordinates", as_map.mismatch),
-        Measure(of_coordinates, mean_error(as_map, symmetry)),
-    ]
-    return row, measures, maps_of_flow(as_map, "mirror, three coordinates, the map")
+    numbers = {
+        "vertices where the detected map is not the file's": other.sum(),
+        "mismatch of the function": found.mismatch,
+        "map error, mean": scene.mean_error(found),
+        "mismatch of the three coordinates": as_map.mismatch,
+        "map error with the three coordinates, mean": scene.mean_error(as_map),
+    }
+    measures = [Measure(f"mirror: {name}", value) for name, value in numbers.items()]
+    return row, measures, words.maps_of_flow(as_map, "mirror, three coordinates, the map")
 
 
 def detected(mesh: TriangleMesh) -> Symmetry:
-    """Find the rotation by 180 degrees that a mesh has, or else its mirror plane.
+    """Find the rotation by 180 degrees that a mesh has, or else its mirror plane; MeshError if it
+    has neither.
 
     A rotation that turns the surface over, as one about an axis in a flat one, acts on it as a
     mirror: no flow reaches it, and mirrors go before it.
-
-    Raises
-    ------
-    MeshError
-        If it has neither.
     """
-    errors: dict[Kind, float] = {}
-    found = None
+    errors, found = {}, None
     for kind in reversed(KINDS):
         try:
             found = detect_symmetry(mesh, kind)
@@ -157,103 +138,137 @@ def detected(mesh: TriangleMesh) -> Symmetry:
     )
 
 
-def symmetric_example(mesh: TriangleMesh, name: str, symmetry: Symmetry, p: Parameters) -> Example:
-    """Return the places in space and these after a rotation; for a mirror, which no flow reaches
-    as a map, a Gaussian where it moves a vertex farthest.
-    """
-    moved = np.linalg.norm(mesh.vertices[symmetry.vertex_map] - mesh.vertices, axis=1)
-    rotated = symmetry.kind == "rotation"
-    sources = places(mesh) if rotated else (bump(mesh, int(moved.argmax())),)
-    specs = tuple((spec, f"permuted:{symmetry.kind}({spec})") for spec in sources)
-    return Example(symmetric_problem(mesh, sources, symmetry, p), name, specs)
+@dataclass(frozen=True)
+class Symmetric:
+    """A mesh with a symmetry, by its name, and what is matched and measured there."""
 
+    mesh: TriangleMesh
+    name: str
+    symmetry: Symmetry
 
-def symmetric_problem(
-    mesh: TriangleMesh, specs: Sequence[str], symmetry: Symmetry, p: Parameters
-) -> Problem:
-    """Return functions and these after a symmetry."""
-    source = evaluated(mesh, specs)
-    return Problem(mesh, source, source[symmetry.vertex_map], p)
+    @property
+    def rotates(self) -> bool:
+        """Whether a flow can reach it."""
+        return self.symmetry.kind == "rotation"
 
+    def example(self, p: Parameters) -> Example:
+        """Return the places in space and these after a rotation; for a mirror, which no flow
+        reaches as a map, a Gaussian where it moves a vertex farthest.
+        """
+        sources = self.places() if self.rotates else (self.bump(int(self.moved.argmax())),)
+        specs = tuple((spec, f"permuted:{self.symmetry.kind}({spec})") for spec in sources)
+        return Example(self.problem(sources, p), self.name, specs)
 
-def marked(mesh: TriangleMesh, symmetry: Symmetry) -> IntArray:
-    """Choose vertices to show, (3,): the one that is moved farthest among those that look along the
-    axis of a rotation, where it goes, and the one of them that is as far as can be from both.
-    """
-    x, vertex_map = mesh.vertices, symmetry.vertex_map
-    moved = np.linalg.norm(x[vertex_map] - x, axis=1)
-    front = np.ones(len(x), dtype=bool)
-    if symmetry.kind == "rotation":
-        looks = averaging(mesh) @ (face_normals(mesh) @ symmetry.axis)
-        front = looks > 0.9 * looks.max()
-    mark = int(np.where(front, moved, -1).argmax())
-    marks = [mark, int(vertex_map[mark])]
-    apart = np.linalg.norm(x[:, None] - x[marks], axis=2).min(axis=1)
-    return np.array([*marks, int(np.where(front, apart, -1).argmax())])
+    def problem(self, specs: Iterable[str], p: Parameters) -> Problem:
+        """Return functions and these after the symmetry."""
+        source = words.evaluated(self.mesh, specs)
+        return Problem(self.mesh, source, source[self.symmetry.vertex_map], p)
 
+    @property
+    def moved(self) -> FloatArray:
+        """How far the symmetry moves each vertex, (V,)."""
+        x = self.mesh.vertices
+        return np.asarray(np.linalg.norm(x[self.symmetry.vertex_map] - x, axis=1))
 
-def bump(mesh: TriangleMesh, vertex: int) -> str:
-    """Return the spec of a bump around a vertex."""
-    return f"gaussian:vertex={mesh.vertex_ids[vertex]},width={_WIDTH:g}"
+    @cached_property
+    def marks(self) -> list[int]:
+        """Three vertices to show: the one that is moved farthest among those that look along the
+        axis of a rotation, where it goes, and the one of them that is as far as can be from both.
+        """
+        mesh, x = self.mesh, self.mesh.vertices
+        front = np.ones(len(x), dtype=bool)
+        if self.rotates:
+            looks = averaging(mesh) @ (face_normals(mesh) @ self.symmetry.axis)
+            front = looks > 0.9 * looks.max()
+        mark = int(np.where(front, self.moved, -1).argmax())
+        marks = [mark, int(self.symmetry.vertex_map[mark])]
+        apart = np.linalg.norm(x[:, None] - x[marks], axis=2).min(axis=1)
+        return [*marks, int(np.where(front, apart, -1).argmax())]
 
+    def bump(self, vertex: int) -> str:
+        return words.gaussian(self.mesh, vertex, _WIDTH)
 
-def places(mesh: TriangleMesh) -> tuple[str, ...]:
-    """Return the three coordinates from the mesh's middle in sqrt(area), so that sigma weighs them
-    alike on all meshes.
-    """
-    middles = mesh.vertices.mean(axis=0) / mesh.length_scale
-    return tuple(
-        f"expression:{axis}/{mesh.length_scale:.6g}-({round(middle, 6) + 0.0:g})"
-        for axis, middle in zip("xyz", middles, strict=True)
-    )
+    def places(self) -> tuple[str, ...]:
+        """Return the three coordinates from the mesh's middle in sqrt(area), so that sigma weighs
+        them alike on all meshes.
+        """
+        scale = self.mesh.length_scale
+        middles = self.mesh.vertices.mean(axis=0) / scale
+        return tuple(
+            f"expression:{axis}/{scale:.6g}-({round(middle, 6) + 0.0:g})"
+            for axis, middle in zip("xyz", middles, strict=True)
+        )
 
+    def seen(self) -> tuple[FloatArray, ...]:
+        """Return functions that are large where the marks are, for the camera to show them."""
+        return tuple(words.evaluated(self.mesh, map(self.bump, self.marks)).T)
 
-def seen(mesh: TriangleMesh, marks: IntArray) -> tuple[FloatArray, ...]:
-    """Return functions that are large where the marks are, for the camera to show them."""
-    return tuple(evaluated(mesh, [bump(mesh, mark) for mark in marks]).T)
+    @property
+    def sample(self) -> IntArray:
+        """Vertices on which maps are measured, evenly taken: exact geodesics cost much more than
+        the map.
+        """
+        count = len(self.mesh.vertices)
+        return np.linspace(0, count - 1, min(_SAMPLE, count)).astype(np.int64)
 
+    def mean_error(self, match: Match) -> float:
+        """Return the mean distance of the point map at tau from the symmetry, along the surface, in
+        sqrt(area).
+        """
+        wanted = self.symmetry.vertex_map[self.sample]
+        return float(geodesics(self.mesh, wanted, match.point_map().points[self.sample]).mean())
 
-def sample(mesh: TriangleMesh) -> IntArray:
-    """Choose vertices on which maps are measured, evenly taken: exact geodesics cost much more than
-    the map.
-    """
-    return np.linspace(0, len(mesh.vertices) - 1, min(_SAMPLE, len(mesh.vertices))).astype(np.int64)
+    def measured(self, match: Match) -> list[Measure]:
+        """Measure mismatch, map error and drift, with the exact flow lines as a witness.
 
+        Flow lines are walked against the flow: a vertex's value came from where its line ends.
+        """
+        mesh, tau, rows = self.mesh, match.parameters.tau, self.sample
+        [drift] = geodesics(mesh, rows, match.point_map(2 * tau).points[rows])
+        starts = project_onto_surface(mesh, mesh.vertices[rows])
+        lines = flow_lines(mesh, match.velocity, starts, -tau, tau)
+        ends = project_onto_surface(mesh, np.array([line.positions[-1] for line in lines]))
+        points = match.point_map().points[rows]
+        error, by_lines = geodesics(mesh, self.symmetry.vertex_map[rows], points, ends)
+        apart = np.linalg.norm(ends.positions - points.positions, axis=1) / mesh.length_scale
+        reached, kept = error.mean(), drift.mean()
+        correct = (
+            "the points and the coordinate functions are smoothly mapped to the correct values"
+        )
+        small = "some drift is noticeable, yet it is relatively small"
+        return [
+            Measure("mismatch of the functions", match.mismatch),
+            Measure("map error at τ, mean, geodesic / √area", reached, correct, reached < _CORRECT),
+            Measure("map error at τ, 95th percentile", np.quantile(error, 0.95)),
+            Measure("drift at 2 τ, mean, geodesic / √area", kept, small, kept < _SMALL_DRIFT),
+            Measure("drift at 2 τ, 95th percentile", np.quantile(drift, 0.95)),
+            Measure("map error at τ by exact flow lines, mean", by_lines.mean()),
+            Measure("advected points from the ends of exact flow lines, mean", apart.mean()),
+        ]
 
-def mean_error(match: Match, symmetry: Symmetry) -> float:
-    """Return the mean distance of the point map at tau from the symmetry, along the surface, in
-    sqrt(area).
-    """
-    rows = sample(match.mesh)
-    points = match.point_map().points[rows]
-    return float(geodesics(match.mesh, symmetry.vertex_map[rows], points).mean())
+    def map_row(self, match: Match) -> tuple[Panel, ...]:
+        """Show places as colours, carried by the flow, and marked points that move with it."""
+        mesh, tau = self.mesh, match.parameters.tau
+        return tuple(
+            Panel(
+                mesh,
+                Coordinates(match.push(mesh.vertices, share * tau)),
+                label,
+                points=match.point_map(-share * tau).positions[self.marks],
+            )
+            for share, label in _SHOWN.items()
+        )
 
-
-def measured(match: Match, symmetry: Symmetry) -> list[Measure]:
-    """Measure mismatch, map error and drift, with the exact flow lines as a witness.
-
-    Flow lines are walked against the flow: a vertex's value came from where its line ends.
-    """
-    mesh, tau, rows = match.mesh, match.parameters.tau, sample(match.mesh)
-    [drift] = geodesics(mesh, rows, match.point_map(2 * tau).points[rows])
-    starts = project_onto_surface(mesh, mesh.vertices[rows])
-    lines = flow_lines(mesh, match.velocity, starts, -tau, tau)
-    ends = project_onto_surface(mesh, np.array([line.positions[-1] for line in lines]))
-    points = match.point_map().points[rows]
-    error, by_lines = geodesics(mesh, symmetry.vertex_map[rows], points, ends)
-    apart = np.linalg.norm(ends.positions - points.positions, axis=1) / mesh.length_scale
-    reached, kept = error.mean(), drift.mean()
-    correct = "the points and the coordinate functions are smoothly mapped to the correct values"
-    small = "some drift is noticeable, yet it is relatively small"
-    return [
-        Measure("mismatch of the functions", match.mismatch),
-        Measure("map error at τ, mean, geodesic / √area", reached, correct, reached < _CORRECT),
-        Measure("map error at τ, 95th percentile", np.quantile(error, 0.95)),
-        Measure("drift at 2 τ, mean, geodesic / √area", kept, small, kept < _SMALL_DRIFT),
-        Measure("drift at 2 τ, 95th percentile", np.quantile(drift, 0.95)),
-        Measure("map error at τ by exact flow lines, mean", by_lines.mean()),
-        Measure("advected points from the ends of exact flow lines, mean", apart.mean()),
-    ]
+    def words(self) -> str:
+        """Say what is matched, in a sentence."""
+        axis = ", ".join(f"{value:.2g}" for value in np.round(self.symmetry.axis, 3) + 0.0)
+        matched = (
+            f"rotation by 180 degrees about ({axis}); the three coordinates are matched at once"
+            if self.rotates
+            else f"mirror plane with normal ({axis}), no map that a flow can reach; one Gaussian "
+            "is matched"
+        )
+        return f"{words.sized(self.name, self.mesh)}, {matched}."
 
 
 def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: SurfacePoints) -> FloatArray:
@@ -271,8 +286,7 @@ def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: SurfacePoints) -> F
         weights = np.array([points.barycentric[i] for points in ends])
         between = (exact.reshape(-1, 3) * weights).sum(axis=1)
         distances[:, i] = np.where(far[:, i], between, distances[:, i])
-    fractions: FloatArray = distances / mesh.length_scale
-    return fractions
+    return np.asarray(distances / mesh.length_scale)
 
 
 def function_row(match: Match, bar: str = "function") -> tuple[Panel, ...]:
@@ -290,28 +304,3 @@ def function_row(match: Match, bar: str = "function") -> tuple[Panel, ...]:
         Panel(mesh, Streaks(velocity), "field", "result"),
         Panel(mesh, Values(averaging(mesh) @ speed, "|v|, √area"), "its norm", "result"),
     )
-
-
-def map_row(match: Match, marks: IntArray) -> tuple[Panel, ...]:
-    """Show places as colours, carried by the flow, and marked points that move with it."""
-    mesh, tau = match.mesh, match.parameters.tau
-    panels = []
-    for share in _SHOWN:
-        carried = match.push(mesh.vertices, share * tau)
-        at = match.point_map(-share * tau).positions[marks]
-        label = "t = 0" if not share else f"t = {'' if share == 1 else f'{share:g} '}τ"
-        panels.append(Panel(mesh, Coordinates(carried), label, points=at))
-    return tuple(panels)
-
-
-def setting_of(example: Example, symmetry: Symmetry) -> str:
-    """Say what is matched, in a sentence or two."""
-    axis = ", ".join(f"{value:.2g}" for value in np.round(symmetry.axis, 3) + 0.0)
-    if symmetry.kind == "rotation":
-        words = f"rotation by 180 degrees about ({axis}); the three coordinates are matched at once"
-    else:
-        words = (
-            f"mirror plane with normal ({axis}), no map that a flow can reach; one Gaussian is "
-            "matched"
-        )
-    return f"{sized(example.problem.mesh, example.name)}, {words}."

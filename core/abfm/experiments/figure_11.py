@@ -12,21 +12,13 @@ import numpy as np
 
 from abfm import MeshError, PointMap, Problem, TriangleMesh
 from abfm.calculus import vertex_areas
-from abfm.experiments.vocabulary import (
-    Example,
-    Findings,
-    Measure,
-    Script,
-    Stage,
-    affordable_iterations,
-    bundled,
-)
-from abfm.experiments.witnesses import map_measures, map_notes, maps_of_flow
+from abfm.experiments import vocabulary as words
+from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage
+from abfm.io.sheets import Checker, Panel, Sheet, Values
 from abfm.maps import functional_map, point_map
 from abfm.maps.functional_maps import carry
 from abfm.mesh import per_mesh
-from abfm.paper import TABLE_1, Row
-from abfm.sheets import Checker, Panel, Sheet, Values
+from abfm.parameters import TABLE_1, Row
 from abfm.types import FloatArray, IntArray
 
 CLAIM = (
@@ -53,7 +45,7 @@ def figure(stage: Stage) -> Script:
 
     a, b, problem = poses.a, poses.b, example.problem
     found = stage.match(problem, "matching two functions", (0.0, 1.0))
-    flow = maps_of_flow(found, "the flow on B")
+    of_maps, notes = words.map_findings(words.maps_of_flow(found, "the flow on B"))
     weights = vertex_areas(b.normalized())
     before, after = (
         np.abs(problem.target - f).sum(axis=1) for f in (problem.source, found.advected)
@@ -67,7 +59,7 @@ def figure(stage: Stage) -> Script:
         Measure("largest pointwise sum of errors before, sqrt(area)", before.max()),
         Measure("largest pointwise sum of errors after, sqrt(area)", after.max()),
         Measure("mismatch", found.mismatch),
-        *map_measures(flow),
+        *of_maps,
     )
     panels = (
         Panel(a, poses.checker(coordinates(a)[:, axes]), "coordinates"),
@@ -76,24 +68,14 @@ def figure(stage: Stage) -> Script:
         Panel(b, poses.checker(found.advected), "matched", "result"),
         Panel(b, Values(after, "sum of errors, √area"), "what is left"),
     )
-    sheet = Sheet((panels,), seen=(before,), one_view=True, notes=map_notes(flow))
+    sheet = Sheet((panels,), seen=(before,), one_view=True, notes=notes)
     return Findings(measures, sheet, poses.setting(problem, axes))
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Two poses of one surface, vertex by vertex, and what a flow on B is to correct.
-
-    Attributes
-    ----------
-    a, b : TriangleMesh
-    name : str
-        Name of B.
-    words : str
-    start : PointMap
-        Where on A the start map takes each vertex of B.
-    wanted : (k, k) array
-        The true functional map, cut off.
+    """Two poses of one surface, vertex by vertex, the name of B and both in words; where on A the
+    start takes each vertex of B, and the true functional map, cut off (k, k).
     """
 
     a: TriangleMesh
@@ -105,17 +87,13 @@ class Poses:
 
     @classmethod
     def of(cls, stage: Stage) -> "Poses":
-        """Return the bundled humans, or a mesh and itself, bent.
-
-        Raises
-        ------
-        MeshError
-            If the mesh has too few vertices.
+        """Return the bundled humans, or a mesh and itself, bent; MeshError if that has too few
+        vertices.
         """
         mesh = stage.mesh
         if mesh is None:
-            a, b, name = bundled("human_A.off"), bundled("human_B.off"), "human_B.off"
-            words = "human_B.off against human_A.off, the same vertices in another pose"
+            a, b, name = words.bundled("human_A.off"), words.bundled("human_B.off"), "human_B.off"
+            told = "human_B.off against human_A.off, the same vertices in another pose"
         else:
             if len(mesh.vertices) < _FEWEST_VERTICES:
                 raise MeshError(
@@ -124,26 +102,27 @@ class Poses:
                 )
             a, b, name = mesh, bent(mesh), "bent mesh"
             bend = f"{np.degrees(_BEND):.0f}°"
-            words = f"the mesh bent by {bend} against itself, as no second pose is known"
+            told = f"the mesh bent by {bend} against itself, as no second pose is known"
         truth = PointMap.of_vertices(b, a)
         start = point_map(a, b, functional_map(truth, FEW))
         many = min(_MANY_SMALL if stage.small else _MANY, len(b.vertices) // 3)
-        return cls(a, b, name, words, start, functional_map(truth, many))
+        return cls(a, b, name, told, start, functional_map(truth, many))
 
     def example(self, row: Row, axes: list[int], small: bool) -> Example:
         """Return the match of some of A's coordinates."""
         places = coordinates(self.a)
         source = self.start.pull_back(places)[:, axes]
         target = carry(self.a, self.b, self.wanted, places)[:, axes]
-        parameters = row.parameters(iterations=20 if small else affordable_iterations(self.b, 500))
+        iterations = 20 if small else words.affordable_iterations(self.b, 500)
+        problem = Problem(self.b, source, target, row.parameters(iterations=iterations))
         specs = tuple((f"file:start_{'xyz'[x]}.npy", f"file:target_{'xyz'[x]}.npy") for x in axes)
-        return Example(Problem(self.b, source, target, parameters), self.name, specs)
+        return Example(problem, self.name, specs)
 
     def setting(self, problem: Problem, axes: list[int]) -> str:
         """Say what is matched."""
         k = len(self.wanted)
         return (
-            f"{self.words}, {len(self.b.vertices):,} vertices. Functions: coordinates "
+            f"{words.sized(self.words, self.b)}. Functions: coordinates "
             f"{', '.join('xyz'[x] for x in axes)} of A in units of sqrt(area); start: by the "
             f"nearest neighbour in the spectral embedding, {FEW} eigenfunctions; targets: by the "
             f"true functional map, {k} x {k}. Parameters of Table 1, "
@@ -160,9 +139,7 @@ class Poses:
 def coordinates(mesh: TriangleMesh) -> FloatArray:
     """Return coordinates from the centroid, in units of sqrt(area), (V, 3)."""
     places = mesh.normalized().vertices
-    areas = vertex_areas(mesh.normalized())
-    centred: FloatArray = places - areas @ places
-    return centred
+    return np.asarray(places - vertex_areas(mesh.normalized()) @ places)
 
 
 def share_left(after: float, before: float) -> float:
@@ -178,10 +155,7 @@ def by_extent(mesh: TriangleMesh) -> IntArray:
 @per_mesh
 def bent(mesh: TriangleMesh) -> TriangleMesh:
     """Bend a mesh into an arc along its longest axis, towards its shortest one: almost an isometry
-    where it is thin.
-
-    Lengths along the middle of the arc stay, and those at a depth ``w`` from it change by the
-    factor ``1 - w / R``.
+    where it is thin. Lengths at a depth ``w`` from the arc's middle change by ``1 - w / R``.
     """
     corner = mesh.vertices.min(axis=0)
     extent = mesh.vertices.max(axis=0) - corner

@@ -19,26 +19,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from abfm import Match, PointMap, Problem, TriangleMesh, advect
+from abfm import Match, PointMap, Problem, TriangleMesh, advect, maps
 from abfm.baselines.reduced_basis import ReducedEnergy, ReducedMatch, reduced_match
 from abfm.calculus import eigenbasis, l2_norm
 from abfm.experiments.figure_11 import FEW, MATCHED, Poses, by_extent, coordinates, share_left
-from abfm.experiments.vocabulary import Findings, Measure, Script, Stage
-from abfm.experiments.witnesses import map_measures, map_notes
+from abfm.experiments.vocabulary import Findings, Measure, Script, Stage, map_findings
 from abfm.flow import flow_lines
-from abfm.maps import (
-    MapQuality,
-    SurfacePoints,
-    functional_map,
-    map_quality,
-    point_map,
-    project_onto_surface,
-    vertex_points,
-    zoom_out,
-)
+from abfm.io.sheets import Frame, Panel, Sheet
+from abfm.maps import MapQuality, SurfacePoints, functional_map, point_map, project_onto_surface
 from abfm.maps.functional_maps import spectral_coefficients
-from abfm.paper import TABLE_1
-from abfm.sheets import Frame, Panel, Sheet
+from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
 CLAIM = "Matching one coordinate function or all three brings the target functions about."
@@ -74,21 +64,20 @@ def figure(stage: Stage) -> Script:
 
     one = left(found.one.advected, slice(longest, longest + 1))
     three = left(found.three.advected, slice(3))
-    reduced = left(found.reduced_functions, slice(3))
     of_map = share_left(found.reduced.mismatch, found.reduced.start_mismatch)
     of_start, claim = (
         "share of the start's mismatch that is left",
         "the target functions are matched",
     )
-    qualities = {name: found.qualities[name] for name in SHOWN}
+    of_maps, notes = map_findings({name: found.qualities[name] for name in SHOWN})
     measures = (
         Measure("1 function: mismatch", found.one.mismatch),
         Measure(f"1 function: {of_start}", one, claim, one <= MATCHED),
         Measure("3 functions: mismatch", found.three.mismatch),
         Measure(f"3 functions: {of_start}", three, claim, three <= MATCHED),
-        Measure(f"reduced basis: {of_start}", reduced),
+        Measure(f"reduced basis: {of_start}", left(found.reduced_functions, slice(3))),
         Measure("reduced basis: share of the functional map's mismatch left", of_map),
-        *map_measures(qualities),
+        *of_maps,
     )
 
     def panel(
@@ -105,17 +94,14 @@ def figure(stage: Stage) -> Script:
         panel(b, found.reduced_functions, "reduced basis"),
     )
     wrong = np.abs(source - target).sum(axis=1)
-    sheet = Sheet((panels,), seen=(wrong,), one_view=True, notes=map_notes(qualities))
+    sheet = Sheet((panels,), seen=(wrong,), one_view=True, notes=notes)
     return Findings(measures, sheet, f"{poses.setting(problem, [0, 1, 2])}. {found.setting}")
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Matches, and the maps that are read off them.
-
-    `one` and `three` are of the coordinate with the largest extent, and of all three; `one_carries`
-    and `reduced_functions` (V, 3) are all three coordinates, carried by the first flow and by that
-    of the reduced basis. Maps and their qualities are by name, those that need no flow among them.
+    """Matches of the longest coordinate, of all three and in the reduced basis, with all three as
+    the first and the last carry them; and the maps that are read off, those without a flow too.
     """
 
     one: Match
@@ -143,24 +129,24 @@ def _compare(poses: Poses, problem: Problem, stage: Stage) -> Comparison:
     alone = Problem(b, source[:, longest], target[:, longest], p)
     one = stage.match(alone, "matching one function", (0.0, 0.2))
     three = stage.match(problem, "matching three functions", (0.2, 0.4))
-    maps = without_flow(poses, target)
+    read = without_flow(poses, target)
     cut = cut_off(a, k)
     for name, start, text, shares in (
         (BOTH, poses.start, "matching three functions, cut off", (0.4, 0.6)),
-        (AGAIN, maps[ZOOM_OUT], "refining a good map", (0.6, 0.8)),
+        (AGAIN, read[ZOOM_OUT], "refining a good map", (0.6, 0.8)),
     ):
         # sources are cut off as the targets are, so that a true start has nothing to correct
         found = stage.match(Problem(b, start.pull_back(cut), target, p), text, shares)
-        maps[name] = closest_cut_off(poses, found.advected)
-        maps |= by_flow(start, k, name, found)
+        read[name] = closest_cut_off(poses, found.advected)
+        read |= by_flow(start, k, name, found)
     stage.report("matching in a reduced basis", 0.8)
     count = min(_FIELDS, k // 2)
     begin = functional_map(poses.start, k)
-    softer = replace(p, sigma=_SIGMA)
-    reduced = reduced_match(ReducedEnergy(b, begin, poses.wanted, softer, count))
+    energy = ReducedEnergy(b, begin, poses.wanted, replace(p, sigma=_SIGMA), count)
+    reduced = reduced_match(energy)
     one_carries = one.push(source, p.tau)
     reduced_functions = advect(b, reduced.velocity, source, p.tau)
-    maps |= {
+    read |= {
         THREE: closest(poses, three.advected),
         THREE + CUT_OFF: closest_cut_off(poses, three.advected),
         ONE: closest(poses, one_carries),
@@ -170,27 +156,20 @@ def _compare(poses: Poses, problem: Problem, stage: Stage) -> Comparison:
         REDUCED + LINES: followed(poses.start, reduced.velocity[None], p.tau),
         REDUCED + NEIGHBOURS: point_map(a, b, reduced.functional_map),
     }
-    return Comparison(
-        one=one,
-        three=three,
-        one_carries=one_carries,
-        reduced=reduced,
-        reduced_functions=reduced_functions,
-        maps=maps,
-        qualities={name: map_quality(points) for name, points in maps.items()},
-        setting=(
-            f"Reduced basis: {k} eigenfunctions, {2 * count} fields, sigma {_SIGMA:g}. Maps: the "
-            "closest points of A to the carried coordinates; among A's coordinates cut off as the "
-            "targets are; the start map composed with exact flow lines; or nearest neighbours by "
-            "the flow's functional map"
-        ),
+    qualities = {name: maps.map_quality(points) for name, points in read.items()}
+    setting = (
+        f"Reduced basis: {k} eigenfunctions, {2 * count} fields, sigma {_SIGMA:g}. Maps: the "
+        "closest points of A to the carried coordinates; among A's coordinates cut off as the "
+        "targets are; the start map composed with exact flow lines; or nearest neighbours by "
+        "the flow's functional map"
     )
+    return Comparison(one, three, one_carries, reduced, reduced_functions, read, qualities, setting)
 
 
 def without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
     """Return the start, and what else the start and the targets (V, 3) say as they are, by name."""
     a, b, k = poses.a, poses.b, len(poses.wanted)
-    zoomed = zoom_out(a, b, functional_map(poses.start, FEW), k, _STEP)
+    zoomed = maps.zoom_out(a, b, functional_map(poses.start, FEW), k, _STEP)
     return {
         START: poses.start,
         TARGETS: closest(poses, target),
@@ -231,16 +210,13 @@ def cut_off(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def followed(start: PointMap, velocity: FloatArray, tau: float) -> PointMap:
-    """Compose a map with the flow lines of fields (N, F, 3): where each vertex goes then.
-
-    Each vertex is followed back along the flow, exactly, and what the map makes of the place is
-    read off linearly inside its face, and brought onto the surface.
+    """Compose a map with the flow lines of fields (N, F, 3): each vertex is followed back, exactly,
+    and what the map makes of the place is read off linearly inside its face, onto the surface.
     """
     a, b = start.codomain, start.domain
-    lines = flow_lines(b, -velocity[::-1], vertex_points(b), tau, tau)
-    origins = SurfacePoints(
-        b,
-        np.array([line.faces[-1] for line in lines]),
-        np.array([line.barycentric[-1] for line in lines]),
+    lines = flow_lines(b, -velocity[::-1], maps.vertex_points(b), tau, tau)
+    faces, places = (
+        [getattr(line, name)[-1] for line in lines] for name in ("faces", "barycentric")
     )
+    origins = SurfacePoints(b, np.array(faces), np.array(places))
     return PointMap.project(b, a, origins.pull_back(start.positions))

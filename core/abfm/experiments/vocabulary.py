@@ -1,49 +1,41 @@
-"""The words of a figure's script: its stage, the problem that it states, and what it finds.
-
-A script is a generator: it states its problem, which the app opens, and yields it; when it goes on
-it computes, measures and draws, and returns what it found.
+"""The words of a figure's script, a generator: it states its problem and yields it for the app to
+open; when it goes on it computes, measures and draws, and returns what it found.
 """
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import trimesh
 
+from abfm import Flow, Iteration, Match, MatchingEnergy, Parameters, Problem, StopReason, match
 from abfm.assets import asset_path
-from abfm.calculus.vector_fields import to_frame
-from abfm.errors import MeshError
-from abfm.flow.flow import Flow
+from abfm.calculus import to_frame
+from abfm.errors import MeshError, ParameterError
 from abfm.functions import function
+from abfm.io.sheets import Sheet
+from abfm.maps import MapQuality, map_quality
 from abfm.matching.judging.verdict import Kind, Verdict
-from abfm.matching.match import Iteration, match
-from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.problem import Problem
-from abfm.matching.result import Match
 from abfm.matching.solving.schedule import MATCHED
-from abfm.matching.solving.stop_reason import StopReason
 from abfm.mesh import TriangleMesh, load_mesh
-from abfm.parameters import Parameters
-from abfm.sheets import Sheet
 from abfm.types import FloatArray
 from abfm.workers.worker import Worker, stateless
-
-Report = Callable[[str, float], None]
-"""Told what is being done, in a few words, and which share of the figure is behind it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """The place of a figure: its own meshes, coarse ones for tests, or another one."""
+    """The place of a figure: its own meshes, coarse ones for tests, or another one; `report` is
+    told what is being done, in a few words, and which share of the figure is behind it.
+    """
 
     mesh: TriangleMesh | None = None
     name: str = "mesh"
     small: bool = False
-    report: Report = lambda text, share: None
+    report: Callable[[str, float], None] = lambda text, share: None
 
     def surface(
         self, name: str, make: Callable[..., TriangleMesh], *arguments: Any
@@ -74,7 +66,6 @@ class Example:
 
     Attributes
     ----------
-    problem : Problem
     name : str
         Name of its mesh.
     specs : tuple of pairs of str
@@ -101,9 +92,7 @@ class Example:
 @dataclass(frozen=True)
 class Measure:
     """A measured number, whose `name` says its unit; what the paper claims about it, and whether it
-    bears that out.
-
-    The value must not exceed the `bound`, if there is one.
+    bears that out. The value must not exceed the `bound`, if there is one.
 
     Raises
     ------
@@ -199,53 +188,6 @@ def _stated(_: None, figure: int) -> tuple[Example, Match | None]:
     return example, as_match(example)
 
 
-@lru_cache
-def bundled(name: str) -> TriangleMesh:
-    """Read a mesh that comes with abfm; it is the same object every time, so that what was computed
-    on it is kept.
-    """
-    return load_mesh(asset_path(name))
-
-
-def smoothed(name: str, times: int) -> TriangleMesh:
-    """Subdivide a bundled mesh by Loop's scheme, each time into four times as many faces."""
-    mesh = bundled(name)
-    shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).subdivide_loop(times)
-    return TriangleMesh(shape.vertices, shape.faces)
-
-
-def sized(mesh: TriangleMesh, name: str) -> str:
-    """Return the mesh in words."""
-    return f"{name}, {len(mesh.vertices):,} vertices"
-
-
-class Case(Protocol):
-    """A surface, one of several of the same name."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def mesh(self) -> TriangleMesh: ...
-
-
-def refined(levels: Sequence[Case]) -> str:
-    """Return a surface in words, coarse to fine."""
-    sizes = ", ".join(f"{len(level.mesh.vertices):,}" for level in levels)
-    return f"{levels[-1].name}, {sizes} vertices"
-
-
-def evaluated(mesh: TriangleMesh, specs: Sequence[str]) -> FloatArray:
-    """Evaluate functions that are given as text, (V, C)."""
-    return np.stack([function(mesh, spec) for spec in specs], axis=1)
-
-
-def carried_example(flow: Flow, name: str, source: str, target: str) -> Example:
-    """Return a function and what a given flow makes of it until tau, by the name of a file."""
-    f = function(flow.mesh, source)
-    problem = Problem(flow.mesh, f, flow.push(f), Parameters(tau=flow.tau))
-    return Example(problem, name, ((source, target),), flow)
-
-
 def as_match(example: Example) -> Match | None:
     """Return the given flow as a match with its field, so that a window shows and saves it as any
     result; None without.
@@ -272,8 +214,94 @@ def as_match(example: Example) -> Match | None:
     )
 
 
+@lru_cache
+def bundled(name: str) -> TriangleMesh:
+    """Read a mesh that comes with abfm, once: what was computed on it is kept."""
+    return load_mesh(asset_path(name))
+
+
+def smoothed(name: str, times: int) -> TriangleMesh:
+    """Subdivide a bundled mesh by Loop's scheme, each time into four times as many faces."""
+    mesh = bundled(name)
+    shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).subdivide_loop(times)
+    return TriangleMesh(shape.vertices, shape.faces)
+
+
+def sized(name: str, *meshes: TriangleMesh) -> str:
+    """Return a surface in words, coarse to fine."""
+    return f"{name}, {', '.join(f'{len(mesh.vertices):,}' for mesh in meshes)} vertices"
+
+
+def gaussian(mesh: TriangleMesh, vertex: int, width: float) -> str:
+    """Return the spec of a Gaussian."""
+    return f"gaussian:vertex={mesh.vertex_ids[vertex]},width={width:g}"
+
+
+def evaluated(mesh: TriangleMesh, specs: Iterable[str]) -> FloatArray:
+    """Evaluate functions that are given as text, (V, C)."""
+    return np.stack([function(mesh, spec) for spec in specs], axis=1)
+
+
+def carried_example(flow: Flow, name: str, source: str, target: str) -> Example:
+    """Return a function and what a given flow makes of it until tau, by the name of a file."""
+    f = function(flow.mesh, source)
+    problem = Problem(flow.mesh, f, flow.push(f), Parameters(tau=flow.tau))
+    return Example(problem, name, ((source, target),), flow)
+
+
 def affordable_iterations(mesh: TriangleMesh, most: int) -> int:
     """Return 60 to ``most``, in about half a minute with three functions: for want of time, as fine
     meshes need more.
     """
     return min(max(1_230_000 // len(mesh.vertices), 60), most)
+
+
+def witnessed(found: Match) -> tuple[list[Measure], str, str]:
+    """Ask the witnesses of `abfm.verify`, who know nothing of how a match was found: measures as
+    far as they are known, a label for its panel, and a sentence on what is not known, if anything.
+    """
+    try:
+        said = found.verify()
+    except ParameterError as error:
+        return [], "matched", f" Not verified: {error}."
+    numbers = {
+        "mismatch by flow lines, relative L2": said.flow_lines,
+        "mismatch on the subdivided mesh, relative L2": said.subdivided,
+        "folded faces, as a share of all": said.folded,
+    }
+    measures = [Measure(name, x) for name, x in numbers.items() if math.isfinite(x)]
+    label = f"matched: {found.mismatch:.2g}, {said.flow_lines:.2g} by flow lines"
+    overflows = " On the subdivided mesh the flow overflows." if math.isinf(said.subdivided) else ""
+    return measures, label, overflows
+
+
+def maps_of_flow(
+    found: Match, name: str, shares: Sequence[float] = (1.0,)
+) -> dict[str, MapQuality]:
+    """Judge the maps that a flow makes of its surface, at some shares of tau, by names to show."""
+    tau = found.parameters.tau
+    return {
+        f"{name} at {'' if share == 1 else f'{share:g} '}τ": map_quality(
+            found.point_map(share * tau)
+        )
+        for share in shares
+    }
+
+
+def map_findings(
+    qualities: Mapping[str, MapQuality],
+) -> tuple[list[Measure], tuple[str, ...]]:
+    """Return how far maps leave the surface and fold it, and a line that names those that are not
+    to be trusted, if any.
+    """
+    measures = [
+        Measure(f"{name}: {what}", value)
+        for name, quality in qualities.items()
+        for what, value in (
+            ("off_surface, largest, sqrt(area)", quality.largest_distance),
+            ("off_surface, RMS, sqrt(area)", quality.rms_distance),
+            ("folded, % of the faces", 100 * quality.folded),
+        )
+    ]
+    faults = [f"{name} ({quality.faults})" for name, quality in qualities.items() if quality.faults]
+    return measures, (f"Not to be trusted as maps: {'; '.join(faults)}.",) if faults else ()

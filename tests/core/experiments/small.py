@@ -1,35 +1,29 @@
-"""The paper's figures, small; on their own meshes each runs once in a process, whatever tests look
-at it.
-"""
-
-from __future__ import annotations
+"""The paper's figures, small; on their own meshes each runs once in a process."""
 
 import math
 from functools import cache
 
-from abfm.experiments import Example, Findings, Stage, script
-from abfm.mesh import TriangleMesh
+from abfm.experiments import Stage, script
 
 
-def quiet(text: str, share: float) -> None:
+def quiet(text, share):
     """A report that nobody reads, but for its promises."""
     assert text
     assert 0 <= share <= 1
 
 
-def stated(figure: int, mesh: TriangleMesh | None = None) -> Example:
-    """What a figure is about."""
+def stated(figure, mesh=None):
     return next(script(figure, Stage(mesh, small=True)))
 
 
-def run(figure: int, mesh: TriangleMesh | None = None) -> tuple[Example, Findings]:
+def run(figure, mesh=None):
     """What a figure is about and what it finds, all of it finite."""
     whole = script(figure, Stage(mesh, small=True, report=quiet))
     example = next(whole)
     try:
         next(whole)
     except StopIteration as end:
-        findings: Findings = end.value
+        findings = end.value
     assert all(math.isfinite(measure.to_dict()["value"]) for measure in findings.measures)
     return example, findings
 
@@ -37,6 +31,12 @@ def run(figure: int, mesh: TriangleMesh | None = None) -> tuple[Example, Finding
 ran = cache(run)
 
 
-def values(findings: Findings) -> dict[str, float]:
+def values(findings):
     """Measured numbers by their names."""
     return {measure.name: measure.value for measure in findings.measures}
+
+
+def value(findings, *words):
+    """The one number with all these words in its name."""
+    [found] = [x for name, x in values(findings).items() if all(word in name for word in words)]
+    return found

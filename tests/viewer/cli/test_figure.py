@@ -10,7 +10,7 @@ import trimesh
 from PIL import Image
 
 from abfm import MeshError, experiments
-from abfm.paper import TITLES
+from abfm.parameters import TITLES
 from abfm_viewer import pictures
 from abfm_viewer.cli import main
 from abfm_viewer.errors import DrawingError

@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 from PIL import Image
 
 from abfm.experiments import Measure
-from abfm.paper import TABLE_1
+from abfm.parameters import TABLE_1
 from abfm_viewer.cli.figure import Entry, page
 
 _VOID = {"meta", "img"}

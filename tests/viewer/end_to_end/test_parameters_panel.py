@@ -8,8 +8,7 @@ import polyscope.imgui as imgui
 import pytest
 
 from abfm import Parameters
-from abfm.paper import TABLE_1, TITLES
-from abfm.parameters import CHOICES
+from abfm.parameters import CHOICES, TABLE_1, TITLES
 from abfm_viewer.panels.right_panel import STEPS
 
 

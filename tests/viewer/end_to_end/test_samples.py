@@ -12,7 +12,7 @@ from PIL import Image
 from abfm import load_mesh
 from abfm.assets import asset_names, asset_path
 from abfm.experiments import Stage, as_match, script
-from abfm.paper import FIGURES
+from abfm.parameters import FIGURES
 from abfm_viewer.appearance.samples import PICTURES, SIDE, vertices
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.samples import MESHES

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from PIL import ImageFont
 
 import abfm
-from abfm.sheets import Panel, Sheet, Values
+from abfm.io.sheets import Panel, Sheet, Values
 from abfm_viewer.appearance.colormaps import color_range, table
 from abfm_viewer.appearance.theme import LIGHT
 from abfm_viewer.document.verdict_words import headline

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
+from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm_viewer.pictures.sheets.figure_picture import figure_picture
 from abfm_viewer.pictures.sheets.ranges import CLAMPED, captions, color_ranges
 from abfm_viewer.pictures.sheets.sheet_picture import wrapped

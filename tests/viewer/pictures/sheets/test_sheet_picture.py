@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
+from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm_viewer.pictures.sheets.figure_picture import figure_picture
 from abfm_viewer.pictures.sheets.panel_pictures import POINT_COLORS, cameras, panel_pictures
 from abfm_viewer.pictures.sheets.plot_pictures import CURVE_COLORS, plot_picture

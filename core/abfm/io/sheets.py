@@ -13,14 +13,7 @@ Up = Literal["x", "y", "z"]
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """A function.
-
-    Attributes
-    ----------
-    values : (V,) or (F,) array
-    bar : str
-        Title of the colour bar; what has the same title shares one range.
-    """
+    """A function (V,) or (F,); what has the same title of its colour bar shares one range."""
 
     values: FloatArray
     bar: str = "function"
@@ -28,12 +21,8 @@ class Values:
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """Places as colours: x, y, z of the mesh's bounding box as red, green, blue.
-
-    Attributes
-    ----------
-    positions : (V, 3) array
-        In the mesh's units.
+    """Places (V, 3), in the mesh's units, as colours: x, y, z of its bounding box as red, green,
+    blue.
     """
 
     positions: FloatArray
@@ -41,13 +30,7 @@ class Coordinates:
 
 @dataclass(frozen=True, eq=False)
 class Checker:
-    """A checkerboard by texture coordinates.
-
-    Attributes
-    ----------
-    coordinates : (V, 2) array
-        One unit is the side of two fields.
-    """
+    """A checkerboard by texture coordinates (V, 2), of which one unit is the side of two fields."""
 
     coordinates: FloatArray
 
@@ -65,24 +48,20 @@ class Streaks:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture of a surface.
+    """A picture of a surface; all of a sheet with the same mesh have one camera.
 
     Attributes
     ----------
-    mesh : TriangleMesh
-        All panels of a sheet with the same mesh have one camera.
-    paint : Paint
     label : str
         Below the picture, short.
-    tone : "", "good" or "failure"
-        What the label says of a result, which gives it another colour than the frame's.
-    frame : Frame
     points : (P, 3) array or None
         Marked places, in the mesh's units, each in a colour of its own, the same in all panels.
     lines : tuple of (K, 3) arrays
         Paths on the surface.
     arrows : (F, 3) array or None
         A field as arrows on the surface.
+    tone : "", "good" or "failure"
+        What the label says of a result, which gives it another colour than the frame's.
     """
 
     mesh: TriangleMesh
@@ -109,21 +88,8 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Curves over axes.
-
-    Attributes
-    ----------
-    curves : tuple of Curve
-    x_title, y_title : str
-        With units.
-    label : str
-        Below the plot, short.
-    log_y : bool
-        Whether the vertical axis is logarithmic.
-    width : int
-        How many panels wide.
-    top : float or None
-        Greatest value of y that is shown: a curve that goes beyond leaves the plot.
+    """Curves over axes, whose titles have the units, so many panels wide; a curve that goes beyond
+    the `top` leaves the plot.
     """
 
     curves: tuple[Curve, ...]
@@ -141,9 +107,6 @@ class Sheet:
 
     Attributes
     ----------
-    rows : tuple of tuples
-    up : Up
-        The axis that points upwards.
     seen : tuple of (V,) arrays
         Functions on the first panel's mesh whose remarkable parts the camera must show; by default
         those of the source and target panels.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from abfm import Parameters
-from abfm.paper import TABLE_1, row_of
+from abfm.parameters import TABLE_1, row_of
 
 PRINTED = """
 Fig. 1  | 1  | 1    | 0    | 1e-2* | -  | 10

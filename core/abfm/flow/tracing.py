@@ -1,0 +1,213 @@
+"""Walking along a field that is constant in each face, exactly, from edge to edge.
+
+A walker is a face and barycentric weights; ``where`` holds the face and the corner opposite the
+edge that the walker slides along (-1 inside the face). Where two faces push into their common edge
+the walker follows Filippov's solution: the mean of the two vectors that lies along the edge. At a
+vertex it takes the fastest of the faces that lead away and of the edges to slide along: what
+numbers vertices and faces have makes no difference.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.calculus.operators import face_areas, face_frames, hat_gradients
+from abfm.calculus.vector_fields import to_frame
+from abfm.errors import ParameterError
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray, IntArray
+
+_FASTEST = 1e150  # faces per unit of time: products of two still are numbers
+GOING, BOUNDARY, STAGNATION = 0, 1, 2
+AT_VERTEX = 1.0 - 1e-12
+"""A walker with so much weight on one corner is at the vertex."""
+
+
+class FaceFlow(NamedTuple):
+    """A field as the walk needs it."""
+
+    rates: FloatArray  # (F, 3), how fast each barycentric weight grows, per unit of time
+    # (F, 3), the vector's part along the edge opposite each corner, in edges per unit of time
+    along: FloatArray
+    areas: FloatArray  # (F,)
+    neighbours: IntArray  # (F, 3), `opposite_slots`
+
+
+class Position(NamedTuple):
+    """Where a walker is."""
+
+    where: IndexArray  # (2,), its face, and the corner opposite the edge that it slides along or -1
+    weights: FloatArray  # (3,), barycentric
+
+
+class Path(NamedTuple):
+    """Memory for what a walker meets."""
+
+    times: FloatArray  # (K,)
+    faces: IndexArray  # (K,)
+    weights: FloatArray  # (K, 3)
+
+
+@per_mesh
+def opposite_slots(mesh: TriangleMesh) -> IntArray:
+    """Return the slot ``3 f + k`` of the edge opposite each corner in the other face, or -1."""
+    first, second = mesh.edge_slots.T
+    opposite = np.full(mesh.faces.size, -1)
+    opposite[first] = second
+    inner = second >= 0
+    opposite[second[inner]] = first[inner]
+    return opposite.reshape(-1, 3)
+
+
+def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
+    """Prepare a field (F, 3); a normal part is dropped.
+
+    Raises
+    ------
+    ParameterError
+        If the field is so large that the walk would overflow.
+    """
+    coefficients = to_frame(mesh, field)
+    corners = mesh.vertices[mesh.faces]
+    edges = np.einsum(
+        "fcx,fkx->fck",
+        np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1),
+        face_frames(mesh),
+    )
+    with np.errstate(over="ignore", invalid="ignore"):
+        rates = np.einsum("fck,fk->fc", hat_gradients(mesh), coefficients)
+        along = np.einsum("fck,fk->fc", edges, coefficients) / (edges**2).sum(axis=2)
+    if not (np.abs(rates).max() < _FASTEST and np.abs(along).max() < _FASTEST):
+        raise ParameterError(
+            f"velocity crosses a face in less than {1 / _FASTEST} units of time: scale it down"
+        )
+    return FaceFlow(rates, along, face_areas(mesh), opposite_slots(mesh))
+
+
+@kernel
+def sliding_speed(flow: FaceFlow, f: int, c: int) -> float:
+    """Return the speed, in edges, from corner ``c + 1`` to ``c + 2`` where both faces push."""
+    slot = flow.neighbours[f, c]
+    g, k = slot // 3, slot % 3
+    here, there = flow.rates[f, c], flow.rates[g, k] * (flow.areas[g] / flow.areas[f])
+    share = there / (here + there)
+    speed: float = share * flow.along[f, c] - (1.0 - share) * flow.along[g, k]
+    return speed
+
+
+@kernel
+def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
+    """Step over the edge opposite corner ``c``, or begin to slide along it."""
+    slot = flow.neighbours[where[0], c]
+    if slot < 0:
+        return BOUNDARY
+    g, k = slot // 3, slot % 3
+    if flow.rates[g, k] < 0.0:
+        where[1] = c
+        return GOING
+    where[0] = g
+    first, last = b[(c + 1) % 3], b[(c + 2) % 3]
+    b[k] = 0.0
+    b[(k + 1) % 3] = last
+    b[(k + 2) % 3] = first
+    return GOING
+
+
+@kernel
+def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) -> int:
+    """Turn a walker at a corner into the fastest way on, in edges or heights per unit of time."""
+    b[:] = 0.0
+    fastest, face, away_from, along = 0.0, where[0], corner, -1
+    is_closed = False
+    for turn in range(1, 3):
+        f, j = where[0], corner
+        while not is_closed:
+            if (
+                flow.rates[f, (j + 1) % 3] >= 0.0
+                and flow.rates[f, (j + 2) % 3] >= 0.0
+                and -flow.rates[f, j] > fastest
+            ):
+                fastest, face, away_from, along = -flow.rates[f, j], f, j, -1
+            c = (j + 3 - turn) % 3
+            slot = flow.neighbours[f, c]
+            if slot < 0:
+                break
+            g, k = slot // 3, slot % 3
+            if flow.rates[f, c] < 0.0 and flow.rates[g, k] < 0.0:
+                speed = sliding_speed(flow, f, c) * (3 - 2 * turn)
+                if speed > fastest:
+                    fastest, face, away_from, along = speed, f, j, c
+            f, j = g, (k + 3 - turn) % 3
+            is_closed = f == where[0]
+    where[0], where[1] = face, along
+    b[away_from] = 1.0
+    if fastest > 0.0:
+        return GOING
+    return STAGNATION if is_closed else BOUNDARY
+
+
+@kernel
+def motion(flow: FaceFlow, where: IndexArray, rates: FloatArray) -> bool:
+    """Write how fast the walker's weights grow into ``rates`` (3,); says whether it moves."""
+    f, c = where[0], where[1]
+    if c < 0:
+        for i in range(3):
+            rates[i] = flow.rates[f, i]
+        return bool(rates[0] != 0.0 or rates[1] != 0.0 or rates[2] != 0.0)
+    speed = sliding_speed(flow, f, c)
+    rates[c] = 0.0
+    rates[(c + 1) % 3] = -speed
+    rates[(c + 2) % 3] = speed
+    return speed != 0.0
+
+
+@kernel
+def advance(
+    flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float
+) -> tuple[float, int]:
+    """Walk on, with the rates of `motion`, for a time, at most to the next edge or vertex.
+
+    Returns the time that it took, and whether the way goes on.
+    """
+    leave, used = -1, time
+    for i in range(3):
+        if rates[i] < 0.0 and b[i] <= -rates[i] * used:
+            leave, used = i, b[i] / -rates[i]
+    total = 0.0
+    for i in range(3):
+        b[i] = 0.0 if i == leave else max(b[i] + used * rates[i], 0.0)
+        total += b[i]
+    for i in range(3):
+        b[i] /= total
+    if leave < 0:
+        return used, GOING
+    for i in range(3):
+        if b[i] >= AT_VERTEX:
+            return used, leave_vertex(flow, where, b, i)
+    return used, cross_edge(flow, where, b, leave)
+
+
+@kernel
+def trace(
+    flow: FaceFlow, walker: Position, span: tuple[float, float], path: Path, count: int
+) -> tuple[int, int]:
+    """Walk from a time to another, writing down every crossing after the first ``count`` entries of
+    the path.
+
+    Returns how many entries there are then, and whether the way goes on.
+    """
+    where, b = walker
+    now, end = span
+    rates = np.empty(3)
+    status = GOING
+    while status == GOING and now < end and count < path.times.size:
+        if not motion(flow, where, rates):
+            return count, STAGNATION
+        used, status = advance(flow, where, b, rates, end - now)
+        now = end if used >= end - now else now + used
+        path.times[count] = now
+        path.faces[count] = where[0]
+        path.weights[count] = b
+        count += 1
+    return count, status

@@ -1,0 +1,211 @@
+"""Figures 1, 3, 7 and 8: functions matched, and what the figures share."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from abfm import Match, Parameters, Problem, match
+from abfm.calculus.geodesics import geodesic_distance
+from abfm.calculus.operators import gradient, vertex_areas
+from abfm.calculus.vector_fields import to_ambient
+from abfm.errors import MeshError, ParameterError
+from abfm.experiments.figure_07 import smoothness, spread_gap
+from abfm.experiments.figure_08 import seen_rate
+from abfm.experiments.vocabulary import Measure, affordable_iterations, witnessed
+from abfm.functions import function
+from abfm.io.sheets import Streaks
+from tests.core.experiments.small import ran, run, stated, values
+from tests.shapes import ellipsoid, icosphere, open_cylinder, tetrahedron, torus
+
+
+class TestFigures1And3:
+    @pytest.fixture(params=[1, 3])
+    def own(self, request):
+        return ran(request.param)
+
+    def test_the_source_has_the_targets_mass_at_the_other_end_of_the_surface(self, own):
+        problem = own[0].problem
+        f, g = problem.source[:, 0], problem.target[:, 0]
+        areas = vertex_areas(problem.mesh)
+        assert areas @ f == pytest.approx(areas @ g, rel=1e-3)
+        distances = geodesic_distance(problem.mesh, [int(f.argmax())])
+        assert distances[g.argmax()] > 0.8 * distances.max()
+
+    def test_most_of_the_way_is_gone_and_values_move_while_the_blend_fades(self, own):
+        example, findings = own
+        assert measured(findings, "mismatch at tau") < 0.2  # coarse, and not until the end
+        ways = ("advection", "optimal transport", "linear blend")
+        high = [measured(findings, f"{way}: largest value shown") for way in ways]
+        spread = [measured(findings, f"{way}: spread of the mass") for way in ways]
+        assert min(high[:2]) > high[2]
+        assert max(spread[:2]) < spread[2]
+        assert high[0] > 0.8
+        assert high[2] <= 0.5
+        assert measured(findings, "folded faces") < 0.2
+        cooled = example.problem.parameters.cooling_stages > 1
+        last = "drift of the mass at tau" + (", with the last" if cooled else "")
+        assert measured(findings, "largest drift of the mass") > measured(findings, last)
+
+    def test_measures_say_of_themselves_whether_they_keep_bounds_and_claims(self, own):
+        entries = [measure.to_dict() for measure in own[1].measures]
+        assert json.loads(json.dumps(entries)) == entries
+        mismatch = entries[0]
+        assert mismatch["bound"] == 0.05
+        assert mismatch["pass"] == mismatch["reproduces"] == (mismatch["value"] <= 0.05)
+
+    def test_the_sheet_has_the_paper_s_frames_and_the_same_times_for_every_way(self, own):
+        example, findings = own
+        first, *ways = findings.sheet.rows
+        assert [panel.frame for panel in first] == ["source", "target", "field", "result"]
+        assert isinstance(first[2].paint, Streaks)
+        np.testing.assert_array_equal(first[0].paint.values, example.problem.source[:, 0])
+        np.testing.assert_array_equal(first[1].paint.values, example.problem.target[:, 0])
+        assert [len(row) for row in ways] == [5, 5, 5]
+        assert len({tuple(panel.label.split(",")[1] for panel in row) for row in ways}) == 1
+
+    @pytest.mark.parametrize(
+        "mesh", [torus(24, 12), tetrahedron(), ellipsoid(3, 2.0, 1.0, 0.7), open_cylinder(16, 12)]
+    )
+    @pytest.mark.parametrize("figure", [1, 3])
+    def test_other_meshes_do(self, figure, mesh):
+        example, findings = run(figure, mesh)
+        f, g = example.problem.source[:, 0], example.problem.target[:, 0]
+        areas = vertex_areas(mesh)
+        start = np.sqrt(areas @ (f - g) ** 2 / (areas @ g**2))
+        assert measured(findings, "mismatch at tau") < 0.7 * start
+
+
+def measured(findings, name):
+    [value] = [measure.value for measure in findings.measures if measure.name.startswith(name)]
+    return value
+
+
+class TestFigure7:
+    """The match is close, and the numbers for a path's smoothness mean what they say."""
+
+    mesh = torus(12, 8)
+    x, y = function(mesh, "coordinate:x"), function(mesh, "coordinate:y")
+
+    def test_matches_by_a_smooth_path(self):
+        mismatch, by_flow_lines, _, folded, length, step, turn, rise = values(ran(7)[1]).values()
+        assert mismatch < 0.1
+        assert mismatch < by_flow_lines < 1
+        assert folded < 0.05
+        assert 1 < length < 1.5
+        assert 1 < step < 2
+        assert turn < 0.5
+        assert rise < 1.5
+
+    def test_a_straight_path_is_as_smooth_as_can_be(self):
+        path = np.array([self.x + t * (self.y - self.x) for t in np.linspace(0, 1, 6)])
+        length, step, turn, rise = (m.value for m in smoothness(self.mesh, path, self.y))
+        assert (length, step, rise) == pytest.approx((1, 1, 1))
+        assert turn < 1e-12
+
+    def test_a_kink_shows(self):
+        path = np.array([1, 2, 3, 2, 1])[:, None] * self.x  # turns round: a change of two steps
+        turn = smoothness(self.mesh, path, self.x)[2]
+        assert turn.value == pytest.approx(2)
+        assert not turn.reproduces
+
+    def test_values_spread_alike_whatever_their_places(self):
+        mesh = ellipsoid(2, 1, 1, 1)
+        x, y = function(mesh, "coordinate:x"), function(mesh, "coordinate:y")
+        assert spread_gap(mesh, x, y) < 0.01
+        # ties may sort otherwise
+        assert spread_gap(mesh, x, x + 0.5) == pytest.approx(0.5, rel=1e-3)
+
+    def test_sign_of_the_target_is_the_one_whose_values_fit(self):
+        mesh = ellipsoid(3, 1, 0.8, 0.6)
+        problem = stated(7, mesh).problem
+        source, target = problem.source[:, 0], problem.target[:, 0]
+        assert spread_gap(mesh, source, target) <= 1.02 * spread_gap(mesh, source, -target)
+        np.testing.assert_allclose(np.abs(target), np.abs(function(mesh, "eigenfunction:8")))
+
+    def test_on_another_mesh(self):
+        assert run(7, torus(24, 12))[1].measures
+
+
+class TestFigure8:
+    def test_field_is_found(self):
+        along, share, seen, whole, largest, mismatch, *witnesses = values(ran(8)[1]).values()
+        assert along < 0.1
+        assert 0.1 < share < 1
+        assert seen < min(0.1, whole)
+        assert max(largest, mismatch) < 0.02
+        assert max(witnesses) < 0.1  # by flow lines, on the subdivided mesh; folded faces
+
+    def test_the_field_that_made_the_target_is_not_told(self):
+        example = stated(8, torus(24, 12))
+        assert np.abs(example.problem.target - example.problem.source).max() > 0.3
+        assert example.flow is None
+
+    def test_motion_along_level_lines_is_not_seen(self):
+        mesh = torus(24, 12)
+        f = mesh.vertices[:, 2]
+        slope = to_ambient(mesh, (gradient(mesh) @ f).reshape(-1, 2))
+        normals = np.cross(*np.moveaxis(np.diff(mesh.vertices[mesh.faces], axis=1), 1, 0))
+        assert seen_rate(mesh, np.cross(normals, slope), f[None]) < 1e-12
+        assert seen_rate(mesh, slope, f[None]) > 0.1
+
+    def test_on_another_mesh_with_a_boundary(self):
+        assert run(8, open_cylinder(24, 12))[1].measures
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_what_cannot_be_measured_is_said(value):
+    with pytest.raises(MeshError, match=f"'length, m' came out as {value}"):
+        Measure("length, m", value)
+
+
+def test_fine_meshes_have_fewer_iterations_within_limits():
+    counts = [affordable_iterations(icosphere(level), 300) for level in (2, 5, 6)]
+    assert counts[0] == 300
+    assert 60 < counts[1] < 300
+    assert counts[2] == 60
+
+
+SPHERE = icosphere(2)
+
+
+@pytest.fixture(scope="module")
+def found():
+    x, y, _ = SPHERE.vertices.T
+    return match(SPHERE, x, y, Parameters(iterations=3))
+
+
+def test_numbers_are_those_of_the_verification(found):
+    of = found.verify()
+    measures, label, note = witnessed(found)
+    assert [measure.value for measure in measures] == [of.flow_lines, of.subdivided, of.folded]
+    assert f"{of.flow_lines:.2g} by flow lines" in label
+    assert note == ""
+
+
+def test_what_overflows_is_told_and_no_number(found, monkeypatch):
+    of = replace(found.verify(), subdivided=np.inf)
+    monkeypatch.setattr(Match, "verify", lambda self: of)
+    measures, _, note = witnessed(found)
+    assert [measure.value for measure in measures] == [of.flow_lines, of.folded]
+    assert "overflows" in note
+
+
+def test_fields_that_cannot_be_followed_end_no_experiment(found, monkeypatch):
+    def refuse(self):
+        raise ParameterError("too fast")
+
+    monkeypatch.setattr(Match, "verify", refuse)
+    measures, _, note = witnessed(found)
+    assert measures == []
+    assert "too fast" in note
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_field_that_does_nothing_leaves_what_there_was(found, share):
+    target = found.source * (1 + share)
+    problem = Problem(SPHERE, found.source, target, found.parameters)
+    still = replace(found, problem=problem, velocity=0 * found.velocity)
+    assert witnessed(still)[0][0].value == pytest.approx(share / (1 + share), abs=1e-9)
