@@ -90,6 +90,5 @@ def loaded_name(colormap: str) -> str:
 
 def pictures() -> dict[str, NDArray[np.uint8]]:
     """Return all maps by name as pictures (1, 1024, 3) in linear light, before gamma."""
-    return {
-        name: np.round(255 * linear_table(name, 1024)[None]).astype(np.uint8) for name in _TABLES
-    }
+    tables = {name: linear_table(name, 1024)[None] for name in _TABLES}
+    return {name: np.round(255 * table).astype(np.uint8) for name, table in tables.items()}

@@ -7,11 +7,6 @@ from abfm_viewer.document.document import Theme
 Color = tuple[float, float, float, float]
 
 
-def _hex(code: str) -> Color:
-    red, green, blue = bytes.fromhex(code[1:])
-    return red / 255, green / 255, blue / 255, 1.0
-
-
 @dataclass(frozen=True)
 class Palette:
     """sRGB colours with alpha, each 0 to 1."""
@@ -36,46 +31,36 @@ class Palette:
     closeness: Color
 
 
-LIGHT = Palette(
-    ground=_hex("#ffffff"),
-    panel=_hex("#f4f5f7"),
-    field=_hex("#e6e9ee"),
-    hovered=_hex("#dce2ea"),
-    pressed=_hex("#cdd8e8"),
-    border=_hex("#d0d4db"),
-    ink=_hex("#1d222b"),
-    muted=_hex("#4d5563"),
-    accent=_hex("#2455c3"),
-    accent_hovered=_hex("#1c46a5"),
-    accent_ink=_hex("#ffffff"),
-    source=_hex("#2455c3"),
-    target=_hex("#b31f1f"),
-    failure=_hex("#8a1c9e"),
-    good=_hex("#12633a"),
-    marker=_hex("#0b8f6a"),
-    smoothness=_hex("#0097ad"),
-    closeness=_hex("#9a6700"),
-)
-DARK = Palette(
-    ground=_hex("#1b1e24"),
-    panel=_hex("#262a32"),
-    field=_hex("#333945"),
-    hovered=_hex("#3a414e"),
-    pressed=_hex("#434d5d"),
-    border=_hex("#3c424d"),
-    ink=_hex("#e8eaee"),
-    muted=_hex("#bfc6d1"),
-    accent=_hex("#7ea6ff"),
-    accent_hovered=_hex("#9bbaff"),
-    accent_ink=_hex("#10141c"),
-    source=_hex("#a3beff"),
-    target=_hex("#ffaba3"),
-    failure=_hex("#e8a6f7"),
-    good=_hex("#69d39a"),
-    marker=_hex("#38d9a9"),
-    smoothness=_hex("#1c93a6"),
-    closeness=_hex("#e0a526"),
-)
+_CODES = {
+    "ground": ("ffffff", "1b1e24"),
+    "panel": ("f4f5f7", "262a32"),
+    "field": ("e6e9ee", "333945"),
+    "hovered": ("dce2ea", "3a414e"),
+    "pressed": ("cdd8e8", "434d5d"),
+    "border": ("d0d4db", "3c424d"),
+    "ink": ("1d222b", "e8eaee"),
+    "muted": ("4d5563", "bfc6d1"),
+    "accent": ("2455c3", "7ea6ff"),
+    "accent_hovered": ("1c46a5", "9bbaff"),
+    "accent_ink": ("ffffff", "10141c"),
+    "source": ("2455c3", "a3beff"),
+    "target": ("b31f1f", "ffaba3"),
+    "failure": ("8a1c9e", "e8a6f7"),
+    "good": ("12633a", "69d39a"),
+    "marker": ("0b8f6a", "38d9a9"),
+    "smoothness": ("0097ad", "1c93a6"),
+    "closeness": ("9a6700", "e0a526"),
+}
+
+
+def _palette(column: int) -> Palette:
+    channels = {name: bytes.fromhex(codes[column]) for name, codes in _CODES.items()}
+    return Palette(
+        **{name: (r / 255, g / 255, b / 255, 1.0) for name, (r, g, b) in channels.items()}
+    )
+
+
+LIGHT, DARK = _palette(0), _palette(1)
 
 
 def linear(color: Color) -> tuple[float, float, float]:

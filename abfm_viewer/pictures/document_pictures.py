@@ -20,8 +20,7 @@ from abfm_viewer.appearance import theme
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.pictures.canvas import Pixels, canvas, drawn
 from abfm_viewer.pictures.lettering import letter
-from abfm_viewer.scene.annotations import bar_room, laid_out, name_height
-from abfm_viewer.scene.color_bars import Pen
+from abfm_viewer.scene.annotations import Pen, bar_room, laid_out, name_height
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.shown import Shown

@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import Color
-from abfm_viewer.scene.color_bars import Line, Part, Pen, Strip, Text
+from abfm_viewer.scene.annotations import Line, Part, Pen, Strip, Text
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 

@@ -1,82 +1,235 @@
-"""What is written over the surfaces, in the window and in pictures: names and colour bars."""
+"""What is written over the surfaces, in windows, pictures and sheets: names and colour bars.
 
-from collections.abc import Sequence
+The window has rings around the Gaussians that the mouse would move, too.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import polyscope.imgui as imgui
 
+from abfm import FunctionError
+from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.appearance.colormaps import table
-from abfm_viewer.appearance.theme import Color
-from abfm_viewer.document.document import triple
-from abfm_viewer.scene.color_bars import (
-    GAP,
-    Line,
-    Part,
-    Pen,
-    Strip,
-    Text,
-    bar_parts,
-    bars_in_a_line,
-)
+from abfm_viewer.appearance.colormaps import ColorRange, table
+from abfm_viewer.appearance.theme import Color, Palette
+from abfm_viewer.computing.background import Memo
+from abfm_viewer.document import gaussians
+from abfm_viewer.document.document import SIDES, Side, triple
 from abfm_viewer.scene.scene import Scene
+from abfm_viewer.session.active_gaussian import active_gaussian
+from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
 _STEPS = 64
 # Lengths in pixels at a scale of 1.
-_BAR_WIDTH, _BAR_HEIGHT, _APART, _LEFT, _BELOW, _ABOVE = 200, 12, 48, 18, 14, 10
-
-
+_GAP = 3  # between a bar and its texts
+_BAR_WIDTH, _BAR_HEIGHT, _BAR_APART, _LEFT, _BELOW, _ABOVE = 200, 12, 48, 18, 14, 10
+# strip in a line, what a line is longer where there is room, and between lines
+_SHORTEST, _LONGEST, _APART = 30, 300, 16
+_RADIUS, _LINE = 9.0, 2.0  # of rings
 _MOST = 0.25  # of the height: where bars would take more, each is one line
+
+
+@dataclass(frozen=True)
+class Text:
+    """A line of text by its left upper corner."""
+
+    left: float
+    top: float
+    text: str
+    color: Color
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A rectangle with the colours of a map from left to right, or upwards."""
+
+    rect: Rect
+    colormap: str
+    upright: bool = False
+    title: str = ""  # if there is no room to write it whole
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line through points (x, y)."""
+
+    points: tuple[tuple[float, float], ...]
+    color: Color
+    width: float
+
+
+Part = Text | Strip | Line
+
+
+@dataclass(frozen=True)
+class Pen:
+    """How large things are written, and in which colours.
+
+    Colour bars with ticks are outlined and have round numbers. Without ticks only the ends and the
+    middle have numbers, and nothing stands out beyond the ends.
+    """
+
+    scale: float  # of all lengths but the text's
+    line: float  # height of a line of text
+    width: Callable[[str], float]  # of a text
+    inks: Palette
+    tick: float = 0.0  # length
+
+
+def bar_parts(
+    title: str, colors: ColorRange, rect: Rect, pen: Pen, upright: bool = False
+) -> list[Part]:
+    """Lay out a bar in a rectangle, its title above, its numbers below or to its right."""
+    left, top, right, bottom = rect
+    gap, inks = _GAP * pen.scale, pen.inks
+    is_cut = not upright and pen.width(title) > right - left
+    found: list[Part] = [Strip(rect, colors.colormap, upright, title if is_cut else "")]
+    if pen.tick:
+        outline = ((left, top), (right, top), (right, bottom), (left, bottom), (left, top))
+        found.append(Line(outline, inks.ink, pen.scale))
+    if not upright:
+        title = cut(title, right - left, pen.width)
+        indent = (right - left - pen.width(title)) / 2 if pen.tick else 0.0
+        found.append(Text(left + indent, top - gap - pen.line, title, inks.muted))
+    length = bottom - top if upright else right - left
+    round_numbers = _round_numbers(colors, length, pen, upright) if pen.tick else None
+    for value in round_numbers or _ends_and_middle(colors, length, pen):
+        text = f"{value:.4g}" if pen.tick else f"{value:.3g}"
+        along = (value - colors.low) / (colors.high - colors.low) * length
+        x, y = (right, bottom - along) if upright else (left + along, bottom)
+        end = (x + pen.tick, y) if upright else (x, y + pen.tick)
+        if pen.tick:
+            found.append(Line(((x, y), end), inks.ink, pen.scale))
+        if upright:
+            found.append(Text(x + 2 * pen.tick, y - pen.line / 2, text, inks.ink))
+            continue
+        start = x - pen.width(text) / 2
+        if not pen.tick:
+            start = min(max(start, left), right - pen.width(text))
+        found.append(Text(start, bottom + max(pen.tick, gap), text, inks.ink))
+    return found
+
+
+def bars_in_a_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> list[Part]:
+    """Lay out bars by their titles, as high as a line of text, between the ends of their ranges.
+
+    Where there is little room titles are written up to a comma, or left away, the last ones first.
+    """
+    left, top, right, bottom = rect
+    gap, apart, thin = 2 * _GAP * pen.scale, _APART * pen.scale, pen.line / 4
+    inks, count = pen.inks, len(ranges)
+    ends = [(f"{colors.low:.3g}", f"{colors.high:.3g}") for colors in ranges.values()]
+    room = right - left - max(count - 1, 0) * apart
+    for titles in _shorter(list(ranges)):
+        starts = [pen.width(title) + 2 * gap if title else 0.0 for title in titles]
+        needed = [
+            _SHORTEST * pen.scale + pen.width(low) + pen.width(high) + 2 * gap + start
+            for start, (low, high) in zip(starts, ends, strict=True)
+        ]
+        if sum(needed) <= room:
+            break
+    spare = min((room - sum(needed)) / max(count, 1), _LONGEST * pen.scale)
+    found: list[Part] = []
+    for (whole, colors), title, (low, high), before, length in zip(
+        ranges.items(), titles, ends, starts, needed, strict=True
+    ):
+        begin, stop = left + before, left + length + spare
+        start, end = begin + pen.width(low) + gap, stop - pen.width(high) - gap
+        strip = (start, top + thin, max(end, start), bottom - thin)
+        found += [
+            Text(left, top, title, inks.muted),
+            Text(begin, top, low, inks.ink),
+            Strip(strip, colors.colormap, title="" if title == whole else whole),
+            Text(stop - pen.width(high), top, high, inks.ink),
+        ]
+        left = stop + apart
+    return found
+
+
+def _shorter(titles: list[str]) -> Iterator[list[str]]:
+    """The titles, and ever less of them."""
+    yield titles
+    short = [title.split(",")[0] for title in titles]
+    for count in range(len(titles), -1, -1):
+        yield [*short[:count], *("" for _ in short[count:])]
+
+
+def _ends_and_middle(colors: ColorRange, length: float, pen: Pen) -> list[float]:
+    """Without the middle where it would be crowded."""
+    ends = [colors.low, (colors.low + colors.high) / 2, colors.high]
+    first, middle, last = (pen.width(f"{value:.3g}") for value in ends)
+    crowded = (length - middle) / 2 < max(first, last) + pen.line / 2
+    return ends[::2] if crowded else ends
+
+
+def _round_numbers(colors: ColorRange, length: float, pen: Pen, upright: bool) -> list[float]:
+    """Choose of a range's ticks all, or every second, third, ... so that numbers stand apart."""
+    values = ticks(colors.low, colors.high)
+    step = values[1] - values[0]
+    widest = max(pen.width(f"{value:.4g}") for value in values)
+    needed = pen.line if upright else widest + pen.line / 2
+    every = math.ceil(needed * (colors.high - colors.low) / (step * length))
+    return [value for value in values if round(value / step) % every == 0]
+
+
+def ticks(low: float, high: float) -> list[float]:
+    """Three to seven round numbers between two values."""
+    rough = (high - low) / 6
+    power = 10 ** math.floor(math.log10(rough))
+    step = next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= rough)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [step * k for k in range(first, last + 1)]
 
 
 def bar_room(pen: Pen, height: float) -> float:
     """Height of what the colour bars cover at the bottom of so much."""
-    room = 2 * pen.line + pen.scale * (_ABOVE + _BAR_HEIGHT + 2 * GAP + _BELOW)
-    return room if room <= _MOST * height else pen.line + 4 * GAP * pen.scale
+    room = 2 * pen.line + pen.scale * (_ABOVE + _BAR_HEIGHT + 2 * _GAP + _BELOW)
+    return room if room <= _MOST * height else name_height(pen)
 
 
 def name_height(pen: Pen) -> float:
     """Return the height of a surface's name, with the room around it."""
-    return pen.line + 4 * GAP * pen.scale
+    return pen.line + 4 * _GAP * pen.scale
 
 
 def laid_out(
     scene: Scene, rect: Rect, pen: Pen, color_bar: bool = True, labels: bool = True
 ) -> list[Part]:
     """Lay out everything to write, in a rectangle of the window or picture."""
-    names = _names(scene, pen) if labels else []
-    borders = [Line(ends, pen.inks.border, pen.scale) for ends in scene.borders()]
-    return [*borders, *names, *(_bars(scene, rect, pen) if color_bar else [])]
-
-
-def _names(scene: Scene, pen: Pen) -> list[Text]:
-    """Write the names of the surfaces, in the middle above them, or ending at their left."""
-    inks = {"source": pen.inks.source, "target": pen.inks.target}
-    found = []
-    for name, (left, top, right, bottom) in scene.labels().items():
-        title = cut(_title(scene, name), right - left - 4 * pen.scale, pen.width)
+    borders = scene.view.borders() if scene.shown else []
+    found: list[Part] = [Line(ends, pen.inks.border, pen.scale) for ends in borders]
+    # names are in the middle above the surfaces, or end at their left
+    for name, title, (left, top, right, bottom) in _titles(scene) if labels else ():
+        title = cut(title, right - left - 4 * pen.scale, pen.width)
         length = pen.width(title)
         start = right - length if scene.view.is_beside else (left + right - length) / 2
-        ink = inks.get(name, pen.inks.ink)
+        ink = {"source": pen.inks.source, "target": pen.inks.target}.get(name, pen.inks.ink)
         found.append(Text(start, (top + bottom - pen.line) / 2, title, ink))
-    return found
+    return [*found, *(_bars(scene, rect, pen) if color_bar else [])]
 
 
-def _title(scene: Scene, name: str) -> str:
-    return scene.paints[name].title if name in scene.paints else f"{name}: computing"
+def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
+    """Yield the surfaces' names, what is written of them, and where."""
+    for name in scene.shown:
+        paint = scene.paints.get(name)
+        yield name, paint.title if paint else f"{name}: computing", scene.view.label(name)
 
 
 def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
     """Lay out a bar for each range, side by side, narrower where there is little room."""
     paints = [scene.paints[name] for name in scene.shown if name in scene.paints]
     ranges = {paint.bar: paint.colors for paint in paints if paint.colors is not None}
-    left, apart, count = rect[0] + _LEFT * pen.scale, _APART * pen.scale, max(len(ranges), 1)
+    left, apart, count = rect[0] + _LEFT * pen.scale, _BAR_APART * pen.scale, max(len(ranges), 1)
     room = (rect[2] - _LEFT * pen.scale - left - (count - 1) * apart) / count
-    bottom = rect[3] - (_BELOW + GAP) * pen.scale - pen.line
+    bottom = rect[3] - (_BELOW + _GAP) * pen.scale - pen.line
     covered = bar_room(pen, rect[3] - rect[1])
     if covered < 2 * pen.line:
         top = rect[3] - (covered + pen.line) / 2
@@ -84,11 +237,9 @@ def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
         return bars_in_a_line(ranges, line, pen)
     found: list[Part] = []
     top = bottom - _BAR_HEIGHT * pen.scale
-    for title, shown in ranges.items():
+    for title, colors in ranges.items():
         right = left + min(max(_BAR_WIDTH * pen.scale, pen.width(title)), max(room, apart))
-        found += bar_parts(
-            title, shown, (left, bottom - _BAR_HEIGHT * pen.scale, right, bottom), pen
-        )
+        found += bar_parts(title, colors, (left, top, right, bottom), pen)
         left = right + apart
     return found
 
@@ -102,9 +253,9 @@ def window_pen(ui: Ui) -> Pen:
 def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -> None:
     """Draw names, colour bars and lines between slots behind the panels."""
     canvas = imgui.GetBackgroundDrawList()
-    tell_names(ui, scene)
-    parts = laid_out(scene, rect, window_pen(ui), color_bar)
-    tell_titles(parts, imgui.GetTextLineHeight())
+    pen = window_pen(ui)
+    parts = laid_out(scene, rect, pen, color_bar)
+    tell_what_is_cut(scene, parts, pen)
     for one in parts:
         if isinstance(one, Text):
             canvas.AddText((one.left, one.top), _u32(one.color), one.text)
@@ -118,28 +269,23 @@ def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -
                 canvas.AddRectFilled((start, top), (end + 0.5, bottom), color)
 
 
-def tell_names(ui: Ui, scene: Scene) -> None:
-    """Show the whole name where the mouse is over one that is cut."""
+def tell_what_is_cut(scene: Scene, parts: Sequence[Part], pen: Pen) -> None:
+    """Show the whole name of a surface or title of a bar where the mouse is at one that is cut."""
     if imgui.GetIO().WantCaptureMouse:
         return
-    x, y = imgui.GetMousePos()
-    for name, (left, top, right, bottom) in scene.labels().items():
-        title = _title(scene, name)
-        is_cut = ui.text_width(title) > right - left - ui.px(4)
-        if is_cut and left <= x < right and top <= y < bottom:
-            imgui.SetTooltip(title)
-
-
-def tell_titles(parts: Sequence[Part], around: float) -> None:
-    """Show the whole title where the mouse is at a colour bar that has no room for it."""
-    if imgui.GetIO().WantCaptureMouse:
-        return
-    x, y = imgui.GetMousePos()
+    places = []
+    for _, title, (left, top, right, bottom) in _titles(scene):
+        if pen.width(title) > right - left - 4 * pen.scale:
+            places.append((title, (left, top, right, bottom)))
     for one in parts:
         if isinstance(one, Strip) and one.title:
             left, top, right, bottom = one.rect
-            if left - around <= x < right + around and top - around <= y < bottom + around:
-                imgui.SetTooltip(one.title)
+            around = (left - pen.line, top - pen.line, right + pen.line, bottom + pen.line)
+            places.append((one.title, around))
+    for title, (left, top, right, bottom) in places:
+        x, y = imgui.GetMousePos()
+        if left <= x < right and top <= y < bottom:
+            imgui.SetTooltip(title)
 
 
 @cache
@@ -149,3 +295,51 @@ def _shades(colormap: str) -> list[int]:
 
 def _u32(color: Color) -> int:
     return int(imgui.GetColorU32(color))
+
+
+class GaussianMarkers:
+    """Rings while Shift is held over the surfaces, and where a side has several Gaussians."""
+
+    def __init__(self) -> None:
+        self._centres: dict[Side, Memo[tuple[FloatArray, FloatArray] | None]] = {
+            side: Memo() for side in SIDES
+        }
+
+    def draw(self, ui: Ui, session: Session, scene: Scene, rect: Rect) -> None:
+        """Draw a ring on each side around the Gaussian that the mouse would move."""
+        if session.values("source") is None and session.values("target") is None:
+            return
+        x, y = imgui.GetIO().MousePos
+        wanted = imgui.GetIO().KeyShift and rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
+        for side in SIDES:
+            if side in scene.shown and (found := self._centre(session, side, wanted)):
+                place, normal = found
+                x, y, _ = scene.projected(side, place)[0]
+                left, top, right, bottom = scene.view.slots[side].rect
+                is_in_front = scene.view.rotation[2] @ normal > 0
+                if is_in_front and left <= x <= right and top <= y <= bottom:
+                    for width, color in ((2 * _LINE, ui.colors.ground), (_LINE, ui.colors.ink)):
+                        imgui.GetBackgroundDrawList().AddCircle(
+                            (x, y), ui.px(_RADIUS), _u32(color), 0, ui.px(width)
+                        )
+
+    def _centre(
+        self, session: Session, side: Side, wanted: bool
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return a place and a normal; None where nothing is to be drawn, or no vertex is there."""
+        chosen, mesh = active_gaussian(session, side), session.surface(side).mesh
+        if chosen is None or session.active is None:
+            return None
+        spec = session.active.spec(side)
+        if gaussians.is_mapped(spec) or not (wanted or len(gaussians.gaussians(spec)) > 1):
+            return None
+
+        def centre() -> tuple[FloatArray, FloatArray] | None:
+            with suppress(FunctionError):
+                vertex = gaussians.gaussians(spec)[chosen].sources(mesh)[0]
+                around = mesh.faces[(mesh.faces == vertex).any(axis=1)]
+                a, b, c = np.moveaxis(mesh.vertices[around], 1, 0)
+                return mesh.vertices[vertex], np.cross(b - a, c - a).sum(axis=0)
+            return None
+
+        return self._centres[side].get((mesh, spec, chosen), centre)

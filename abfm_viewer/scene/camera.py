@@ -8,27 +8,20 @@ from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Front, Triple, triple
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.viewport import viewport
+from abfm_viewer.scene.surfaces import viewport
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A position, a target and an upward direction (3,) each, and the vertical angle in degrees.
-
-    The aspect is width over height.
+    """Where it is and what it looks at, (3,) each, from which side, and the vertical angle in
+    degrees; the aspect is width over height.
     """
 
     position: Triple
     target: Triple
-    up: Triple
+    front: Front
     angle: float
     aspect: float
-
-    @property
-    def front(self) -> Front:
-        """The direction in which it looks, without the distance."""
-        backward = np.array(self.position) - self.target
-        return Front(triple(backward / np.linalg.norm(backward)), self.up)
 
 
 def fitted(
@@ -36,8 +29,8 @@ def fitted(
 ) -> Camera:
     """Return the nearest camera in a direction that sees all vertices (V, 3).
 
-    Its aspect is by default the shape's own, its angle is in degrees, and the margin that stays
-    free on each side is a share of what the vertices take.
+    Its aspect is by default the shape's own; the margin that stays free on each side is a share of
+    what the vertices take.
     """
     x, y, z = front.axes @ vertices.T
     middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])
@@ -48,7 +41,7 @@ def fitted(
     distance = float((z - middle[2] + extent / np.tan(np.radians(angle / 2))).max())
     target = middle @ front.axes
     position = target + distance * np.array(front.direction)
-    return Camera(triple(position), triple(target), front.up, angle, aspect)
+    return Camera(triple(position), triple(target), front, angle, aspect)
 
 
 def look(camera: Camera, mesh: TriangleMesh) -> None:
@@ -59,4 +52,4 @@ def look(camera: Camera, mesh: TriangleMesh) -> None:
     ps.set_length_scale(2 * float(np.linalg.norm(high - low)))
     position, target = viewport(mesh).drawn(np.array([camera.position, camera.target]))
     ps.set_vertical_fov_degrees(camera.angle)
-    ps.look_at_dir(position, target, np.array(camera.up))
+    ps.look_at_dir(position, target, np.array(camera.front.up))

@@ -13,10 +13,12 @@ import tempfile
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from abfm.io import temporary_folder
-from abfm_viewer.appearance import colormaps, material
+from abfm_viewer.appearance import colormaps
 from abfm_viewer.errors import DrawingError
 
 if sys.platform == "linux":
@@ -29,11 +31,16 @@ if sys.platform == "linux":
         ) from None
 import polyscope as ps
 
-__all__ = ["OFFSCREEN", "WINDOW", "Backend", "clear", "ps", "spare_a_core", "start"]
+__all__ = ["MATERIAL", "OFFSCREEN", "WINDOW", "Backend", "clear", "ps", "spare_a_core", "start"]
 
 Backend = Literal["auto", "openGL3_glfw", "openGL3_egl", "openGL_mock"]
 WINDOW: Backend = "openGL3_glfw"
 OFFSCREEN: Backend = "openGL3_egl" if sys.platform == "linux" else "auto"
+MATERIAL = "abfm"
+"""Has no colour of its own: colours on a surface are those of the colour bar. Materials that come
+with polyscope tint highlights, which turns dark red into purple.
+"""
+_LIGHT, _BALL = np.array([-0.35, 0.55, 0.76]), 256
 
 
 def spare_a_core() -> None:
@@ -47,13 +54,9 @@ def spare_a_core() -> None:
 
 
 def start(backend: Backend, width: int, height: int, title: str = "abfm") -> None:
-    """Start polyscope with a backend of its own naming, or only change the size in pixels of what
-    it draws.
+    """Start polyscope with a backend of its own naming, or only change its size in pixels.
 
-    Raises
-    ------
-    DrawingError
-        Without a screen for a window, or where OpenGL does not start.
+    Without a screen for a window, or where OpenGL does not start, that is a `DrawingError`.
     """
     # GLFW waits for ever for no change
     if not ps.is_initialized() or tuple(ps.get_window_size()) != (width, height):
@@ -83,9 +86,27 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
             Image.fromarray(pixels).save(f"{folder}/{name}.png")
             ps.load_color_map(colormaps.loaded_name(name), f"{folder}/{name}.png")
         files = [f"{folder}/material {channel}.png" for channel in range(4)]
-        for pixels, file in zip(material.pictures(), files, strict=True):
+        for pixels, file in zip(material_pictures(), files, strict=True):
             Image.fromarray(pixels).save(file)
-        ps.load_blendable_material(material.NAME, filenames=files)
+        ps.load_blendable_material(MATERIAL, filenames=files)
+
+
+def material_pictures() -> NDArray[np.uint8]:
+    """Draw a lit ball for red, green, blue and black, which polyscope blends.
+
+    At most 0.9 is reflected: polyscope's tone mapping brightens, and the light grey of an empty
+    surface should stay below white. Outside of the ball is the light of its rim.
+    """
+    x, y = np.meshgrid(np.linspace(-1, 1, _BALL), np.linspace(1, -1, _BALL))
+    radius = np.maximum(np.hypot(x, y), 1)
+    x, y = x / radius, y / radius
+    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+    wrapped = 0.5 + 0.5 * np.tensordot(_LIGHT, [x, y, z], 1)
+    brightness = 0.9 * (0.35 + 0.65 * wrapped) * (0.75 + 0.25 * z)
+    pictures = np.zeros((4, _BALL, _BALL, 3), dtype=np.uint8)
+    for channel in range(3):
+        pictures[channel, :, :, channel] = np.round(255 * brightness ** (1 / 2.2))
+    return pictures
 
 
 def clear() -> None:

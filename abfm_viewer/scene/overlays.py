@@ -3,28 +3,62 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.background import same
-from abfm_viewer.scene import marks
-from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.placing import Placed
-from abfm_viewer.scene.ribbons import course_of, isoline_ribbons, line_ribbons
+from abfm_viewer.scene import ribbons
+from abfm_viewer.scene.opengl import MATERIAL, ps
+from abfm_viewer.scene.surfaces import viewport
 from abfm_viewer.shown.paint import Paint
 from abfm_viewer.shown.shown import Shown
 
 _ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"
 _ISOLINES = "isolines of "  # and the surface's name
-_NOW, _START = "followed points", "starts of points"
-_MESH = (ps.get_surface_mesh, ps.remove_surface_mesh)
-_CLOUD = (ps.get_point_cloud, ps.remove_point_cloud)
-_THIN, _ISOLINE, _POINT = 0.0025, 0.0016, 0.014  # half widths of lines, radii of points
+_NOW, _START = _POINTS = "followed points", "starts of points"
+# half widths of arrows and lines, radii of points
+_THICK, _THIN, _ISOLINE, _POINT = 0.0035, 0.0025, 0.0016, 0.014
+
+Rgb = Sequence[float]
+Placed = tuple[str, str, object, Any]
+"""The surface that a structure belongs to, its own name, a version that changes with it, and
+polyscope's handle.
+"""
+
+
+def draw_arrows(
+    name: str, mesh: TriangleMesh, velocity: FloatArray, look: tuple[float, float], color: Rgb
+) -> None:
+    """Show a field (F, 3) as arrows on a surface; the look is their length and density."""
+    courses = ribbons.arrow_courses(mesh, velocity, *look)
+    draw_ribbons(name, mesh, ribbons.arrow_ribbons(courses, _THICK), color)
+
+
+def draw_ribbons(name: str, mesh: TriangleMesh, triangles: ribbons.Triangles, color: Rgb) -> None:
+    """Show ribbons on a surface."""
+    vertices, faces = triangles
+    places = viewport(mesh).drawn(mesh.length_scale * vertices)
+    look = {"smooth_shade": False, "material": MATERIAL, "color": color[:3]}
+    # none peeps over an edge
+    drawn = ps.register_surface_mesh(name, places, faces, back_face_policy="cull", **look)
+    # polyscope remembers that of earlier structures of this name; likewise below
+    drawn.reset_transform()
+
+
+def draw_points(
+    name: str, mesh: TriangleMesh, positions: FloatArray, color: Rgb, radius: float
+) -> None:
+    """Show points (P, 3) of a surface as balls."""
+    places = viewport(mesh).drawn(positions)
+    cloud = ps.register_point_cloud(name, places, color=color[:3], material=MATERIAL)
+    cloud.reset_transform()
+    cloud.set_radius(radius, relative=False)
 
 
 class Overlays:
@@ -36,7 +70,7 @@ class Overlays:
         self._versions: Counter[str] = Counter()
 
     def update(
-        self, meshes: Mapping[str, TriangleMesh], paints: Mapping[str, Paint], of_flow: bool = True
+        self, meshes: Mapping[str, TriangleMesh], paints: Mapping[str, Paint], of_flow: bool
     ) -> None:
         """Show what the view and the document ask for; of the flow only if so told.
 
@@ -45,8 +79,7 @@ class Overlays:
         for name, mesh in meshes.items():
             self._draw_isolines(name, mesh, paints.get(name))
         if "advected" in meshes:
-            self._draw_arrows(meshes["advected"], of_flow)
-            self._draw_curves(meshes["advected"], of_flow, "source" in meshes)
+            self._draw_of_flow(meshes["advected"], of_flow, "source" in meshes)
 
     def _draw_isolines(self, surface: str, mesh: TriangleMesh, paint: Paint | None) -> None:
         """Show lines of a function's equal values.
@@ -55,52 +88,49 @@ class Overlays:
         """
         view, name = self._shown.session.view, _ISOLINES + surface
         colors = paint.colors if paint and paint.kind == "vertex values" else None
-        wanted = view.isolines and colors is not None and surface != "error"
-        if not self._is_new(name, (paint, view.isoline_count, view.theme) if wanted else None):
-            return
-        assert paint is not None
-        assert colors is not None
-        shares = (np.arange(view.isoline_count) + 0.5) / view.isoline_count
-        levels = colors.low + (colors.high - colors.low) * shares
-        values = np.asarray(paint.values, dtype=np.float64)
-        lines = isoline_ribbons(mesh, values, levels, _ISOLINE)
-        marks.draw_ribbons(name, mesh, lines, theme.linear(theme.palette(view.theme).ink))
-
-    def _draw_arrows(self, mesh: TriangleMesh, of_flow: bool) -> None:
-        view = self._shown.session.view
-        field = self._shown.quantities.field() if view.arrows and of_flow else None
-        length, density = view.arrow_length, view.arrow_density
-        is_wanted = field is not None and field.speed.any()
-        if self._is_new(_ARROWS, (field, length, density, view.theme) if is_wanted else None):
-            assert field is not None
-            courses = marks.arrow_courses(mesh, field.velocity, length, density)
+        if not view.isolines or surface == "error" or paint is None or colors is None:
+            self._remove(name)
+        elif self._is_new(name, (paint, view.isoline_count, view.theme)):
+            shares = (np.arange(view.isoline_count) + 0.5) / view.isoline_count
+            levels = colors.low + (colors.high - colors.low) * shares
+            values = np.asarray(paint.values, dtype=np.float64)
             ink = theme.linear(theme.palette(view.theme).ink)
-            marks.draw_arrows(_ARROWS, mesh, courses, ink)
+            lines = ribbons.isoline_ribbons(mesh, values, levels, _ISOLINE)
+            draw_ribbons(name, mesh, lines, ink)
 
-    def _draw_curves(self, mesh: TriangleMesh, of_flow: bool, has_source: bool) -> None:
-        """Show flow lines, and points that are followed."""
-        quantities, look = self._shown.quantities, self._shown.session.view.theme
-        marker = theme.linear(theme.palette(look).marker)
-        lines = tuple(quantities.lines()) if of_flow else ()
+    def _draw_of_flow(self, mesh: TriangleMesh, of_flow: bool, has_source: bool) -> None:
+        """Show arrows, flow lines, and points that are followed."""
+        quantities, view = self._shown.quantities, self._shown.session.view
+        colors, look = theme.palette(view.theme), (view.arrow_length, view.arrow_density)
+        field = quantities.field() if view.arrows and of_flow else None
+        if field is None or not field.speed.any():
+            self._remove(_ARROWS)
+        elif self._is_new(_ARROWS, (field, *look, view.theme)):
+            draw_arrows(_ARROWS, mesh, field.velocity, look, theme.linear(colors.ink))
+        marker = theme.linear(colors.marker)
         paths = tuple(quantities.paths()) if of_flow else ()
-        for name, curves in ((_LINES, lines), (_PATHS, paths)):
-            if self._is_new(name, (curves, look) if curves else None):
-                courses = [course_of(mesh, line) for line in curves if len(line.times) > 1]
-                marks.draw_ribbons(name, mesh, line_ribbons(courses, _THIN), marker)
+        for name, curves in (
+            (_LINES, tuple(quantities.lines()) if of_flow else ()),
+            (_PATHS, paths),
+        ):
+            if self._is_new(name, (curves, view.theme) if curves else None):
+                courses = [ribbons.course_of(mesh, line) for line in curves if len(line.times) > 1]
+                draw_ribbons(name, mesh, ribbons.line_ribbons(courses, _THIN), marker)
         time = self._shown.flow.time
-        if self._is_new(_NOW, (paths, time, look) if paths else None):
+        if self._is_new(_NOW, (paths, time, view.theme) if paths else None):
             places = np.array([path.at(time) for path in paths])
-            marks.draw_points(_NOW, mesh, places, marker, _POINT)
-        if self._is_new(_START, (paths, look) if paths and has_source else None):
-            starts = np.array([path.positions[0] for path in paths])
-            marks.draw_points(_START, mesh, starts, marker, _POINT)
+            draw_points(_NOW, mesh, places, marker, _POINT)
+        if self._is_new(_START, (paths, view.theme) if paths and has_source else None):
+            places = np.array([path.positions[0] for path in paths])
+            draw_points(_START, mesh, places, marker, _POINT)
 
     def structures(self) -> Iterator[Placed]:
         """List what is drawn now."""
         for name in self._drawn:
             surface = "source" if name == _START else "advected"
             surface = name.removeprefix(_ISOLINES) if name.startswith(_ISOLINES) else surface
-            yield surface, name, self._versions[name], _access(name)[0](name)
+            get = ps.get_point_cloud if name in _POINTS else ps.get_surface_mesh
+            yield surface, name, self._versions[name], get(name)
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
@@ -131,9 +161,5 @@ class Overlays:
 
     def _remove(self, name: str) -> None:
         if self._drawn.pop(name, None) is not None:
-            _access(name)[1](name, error_if_absent=False)
-
-
-def _access(name: str) -> tuple[Callable[..., Any], Callable[..., None]]:
-    """Return how to get a structure, and how to remove it."""
-    return _CLOUD if name in (_NOW, _START) else _MESH
+            remove = ps.remove_point_cloud if name in _POINTS else ps.remove_surface_mesh
+            remove(name, error_if_absent=False)

@@ -15,6 +15,10 @@ _SLOW_REDRAW, _FRAMES_PER_SLOW_REDRAW = 0.025, 30
 _FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 a second: a fifth of the time for drawing
 _AT_ONCE = 3  # pictures of a run that do not wait: the start, and that something moves
 _SLOW_REDRAWS_APART = 2.0  # new textures, of moving streaks
+STILL = 0.2
+"""Seconds without motion after which the surfaces are drawn once more."""
+# samples along a side of a pixel, pixels of the window at most, and seconds to draw it
+_AFFORDABLE = ((3, 2.5e6, 0.1), (2, 1e7, 0.8))
 
 
 class Pacing:
@@ -42,20 +46,15 @@ class Pacing:
 
     def waits(self, name: str, is_first: bool) -> bool:
         """Return whether a surface keeps its colours for this frame; ask once a frame, in order."""
-        session = self._session
+        session, solver, seconds = self._session, self._session.solver, self.redraw_seconds
         if self.draws_quickly:
             return False
         if session.view.animate and name == "advected":
-            return (
-                clock.perf_counter() < self._textured_at + _SLOW_REDRAWS_APART * self.redraw_seconds
-            )
-        solver = session.solver
+            return clock.perf_counter() < self._textured_at + _SLOW_REDRAWS_APART * seconds
         if not solver.running or solver.started != self._run or self._pictures_of_run < _AT_ONCE:
             return False
         if is_first:
-            frames = max(
-                _FRAMES_PER_SLOW_REDRAW, round(_FRAMES_PER_SECOND_OF_REDRAW * self.redraw_seconds)
-            )
+            frames = max(_FRAMES_PER_SLOW_REDRAW, round(_FRAMES_PER_SECOND_OF_REDRAW * seconds))
             self._frames_behind = (self._frames_behind + 1) % frames
         return self._frames_behind != 0 and not session.dragging
 
@@ -69,15 +68,8 @@ class Pacing:
         self._pictures_of_run += is_new
 
 
-STILL = 0.2
-"""Seconds without motion after which the surfaces are drawn once more."""
-_MOST_PIXELS = {3: 2.5e6, 2: 1e7}  # of the window, by the samples along a side of each
-_LONGEST_DRAWING = {3: 0.1, 2: 0.8}  # seconds
-
-
 class Resting:
-    """Decides in every frame of a session's window with how many `samples` along a side of a pixel
-    it is drawn.
+    """Decides in every frame with how many `samples` along a side of a pixel it is drawn.
 
     Only in a window on a screen (`is_real`); `now` reads a clock in seconds.
     """
@@ -90,30 +82,23 @@ class Resting:
         self._moved_at = now()
 
     def update(self, moves: bool, seconds: float) -> None:
-        """Take in whether the frame that polyscope is about to draw differs from the last: call
-        before it draws.
+        """Take in, before polyscope draws a frame, whether it differs from the last.
 
         `seconds` is how long it takes to draw one with a single sample.
         """
         if not self._is_real:
             return
-        now = self._now()
+        now, samples = self._now(), self.samples
         if moves or self._session.solver.running or self._session.player.playing:
-            self._moved_at = now
-            self._use(1)
-        elif self.samples == 1 and now >= self._moved_at + STILL:
+            self._moved_at, samples = now, 1
+        elif samples == 1 and now >= self._moved_at + STILL:
             width, height = ps.get_window_size()
-            self._use(_affordable(width * height, seconds))
-
-    def _use(self, samples: int) -> None:
+            fitting = [
+                side
+                for side, most, longest in _AFFORDABLE
+                if width * height <= most and seconds * side**2 <= longest
+            ]
+            samples = max(fitting, default=1)
         if samples != self.samples:
             ps.set_SSAA_factor(samples)  # polyscope takes it in when it draws
             self.samples = samples
-
-
-def _affordable(pixels: float, seconds: float) -> int:
-    """Return how many samples along a side of a pixel are drawn within a moment."""
-    for side, most in _MOST_PIXELS.items():
-        if pixels <= most and seconds * side**2 <= _LONGEST_DRAWING[side]:
-            return side
-    return 1

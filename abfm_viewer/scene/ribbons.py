@@ -1,10 +1,9 @@
-"""Lines that lie on a surface, as flat ribbons that bend with it."""
+"""Lines and arrows that lie on a surface, as flat ribbons that bend with it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -17,6 +16,8 @@ _HEAD_WIDTH, _HEAD_LENGTH = 2.6, 7.5  # in half widths of the shaft
 _LONGEST_HEAD = 0.55  # of an arrow
 _SHAFT_NODES, _HEAD_NODES = 9, 4
 _APART, _NODE = 0.16, 0.012  # of sqrt(area): heads along a line, and the nodes of its ribbon
+_FAST = 98  # percentile of the speeds shown that gets the full length
+_SLOW, _LONGEST = 0.01, 1.25  # of it: below there is no arrow, and none is longer
 
 Triangles = tuple[FloatArray, IntArray]  # vertices (V, 3) and faces (F, 3)
 
@@ -72,6 +73,38 @@ def _outward(mesh: TriangleMesh) -> int:
     return -1 if mesh.is_inside_out else 1
 
 
+@per_mesh
+def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
+    """Find the largest face in each cube of a grid, finer with the density, 0 to 1."""
+    centers = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
+    density = min(max(density, 0.0), 1.0)
+    side = 0.12 * (0.15 / 0.12) ** (1 - density) * 10 ** (-0.9 * density)
+    by_size = np.argsort(-abfm.calculus.face_areas(mesh), kind="stable")
+    cells = np.floor(centers[by_size] / side).astype(np.int64)
+    return np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]])
+
+
+def arrow_courses(
+    mesh: TriangleMesh, velocity: FloatArray, length: float, density: float
+) -> list[Course]:
+    """Find the ways of the arrows of a field (F, 3): pieces of flow lines.
+
+    The length is that of the fast ones.
+    """
+    speed = np.linalg.norm(velocity, axis=1)
+    faces = evenly_spread(mesh, density)
+    if not speed[faces].any():
+        faces = np.array([speed.argmax()])
+    if not speed[faces].any():
+        return []
+    fast = np.percentile(speed[faces][speed[faces] > 0], _FAST)  # the speed of slivers runs wild
+    faces = faces[speed[faces] > _SLOW * fast]
+    capped = velocity / np.maximum(fast, speed / _LONGEST)[:, None]
+    starts = abfm.maps.SurfacePoints(mesh, faces, np.full((len(faces), 3), 1 / 3))
+    lines = abfm.flow.flow_lines(mesh, capped, starts, length * mesh.length_scale)
+    return [course_of(mesh, line) for line in lines if len(line.times) > 1]
+
+
 def arrow_ribbons(courses: Sequence[Course], half_width: float) -> Triangles:
     """Make an arrow along each way, thinner where the way is too short for its head."""
     if not courses:
@@ -82,8 +115,10 @@ def arrow_ribbons(courses: Sequence[Course], half_width: float) -> Triangles:
     shafts, heads_along = (lengths - heads)[:, None], heads[:, None] * along_head
     nodes = np.concatenate([shafts * along_shaft, shafts + heads_along], axis=1)
     found = [course.at(places) for course, places in zip(courses, nodes, strict=True)]
-    places = np.stack([one.places for one in found])
-    normals = np.stack([one.normals for one in found])
+    places, normals = (
+        np.stack([one.places for one in found]),
+        np.stack([one.normals for one in found]),
+    )
     thick = heads[:, None] / _HEAD_LENGTH
     shaft, head = np.s_[:, :_SHAFT_NODES], np.s_[:, _SHAFT_NODES:]
     shafts_of = _strips(places[shaft], normals[shaft], thick * np.ones(_SHAFT_NODES))
@@ -94,15 +129,20 @@ def arrow_ribbons(courses: Sequence[Course], half_width: float) -> Triangles:
 def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
     """A line along each way, with heads that say which way it goes."""
     parts: list[Triangles] = []
+    shares = np.linspace(0, 1, _HEAD_NODES)
     for course in courses:
         length = float(course.lengths[-1])
         nodes = course.at(np.linspace(0, length, max(int(np.ceil(length / _NODE)), 1) + 1))
         half_widths = np.full((1, len(nodes.places)), half_width)
         parts.append(_strips(nodes.places[None], nodes.normals[None], half_widths))
         head = min(_HEAD_LENGTH * half_width, _LONGEST_HEAD * length)
+        widest = _HEAD_WIDTH * head / _HEAD_LENGTH
         count = max(round(length / _APART), 1)
         for middle in (np.arange(count) + 0.5) * length / count:
-            parts.append(_head(course, min(max(middle - head / 2, 0.0), length - head), head))
+            start = min(max(middle - head / 2, 0.0), length - head)
+            nodes = course.at(start + head * shares)
+            half_widths = widest * (1 - shares)[None]
+            parts.append(_strips(nodes.places[None], nodes.normals[None], half_widths))
     return _joined(parts)
 
 
@@ -134,28 +174,18 @@ def _crossings(
     above = values >= level
     alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
     rows = np.arange(len(corners))
-    ends = []
+    start, ends = corners[rows, alone], []
     for other in ((alone + 1) % 3, (alone + 2) % 3):
         share = (level - values[rows, alone]) / (values[rows, other] - values[rows, alone])
-        start = corners[rows, alone]
         ends.append(start + share[:, None] * (corners[rows, other] - start))
     along = _unit(ends[1] - ends[0])
-    side = half * np.cross(normals, along)
+    side, lift = half * np.cross(normals, along), _LIFT * normals
     # else a gap would show between two strips
     first, last = ends[0] - half / 2 * along, ends[1] + half / 2 * along
-    lift = _LIFT * normals
     around = first - side, last - side, last + side, first + side
     vertices = np.stack([corner + lift for corner in around], axis=1)
     faces = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * rows[:, None, None]
     return vertices.reshape(-1, 3), faces.reshape(-1, 3)
-
-
-def _head(course: Course, start: float, length: float) -> Triangles:
-    """The head of an arrow, which begins at a distance from the way's start."""
-    shares = np.linspace(0, 1, _HEAD_NODES)
-    nodes = course.at(start + length * shares)
-    widest = _HEAD_WIDTH * length / _HEAD_LENGTH
-    return _strips(nodes.places[None], nodes.normals[None], widest * (1 - shares)[None])
 
 
 def _strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> Triangles:
@@ -169,12 +199,11 @@ def _strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) ->
 
 
 def _joined(parts: list[Triangles]) -> Triangles:
-    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
     if not parts:
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-    vertices = np.concatenate([vertices for vertices, _ in parts])
-    faces = [part + start for (_, part), (start, _) in zip(parts, pairwise(starts), strict=True)]
-    return vertices, np.concatenate(faces)
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    faces = [part + start for (_, part), start in zip(parts, starts, strict=False)]
+    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

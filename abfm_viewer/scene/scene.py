@@ -1,6 +1,6 @@
 """The surfaces in the window, each in its slot: draws what is shown of a session."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,17 +13,24 @@ from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import Document, Front, Look, Point, triple
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.overlays import Overlays
+from abfm_viewer.scene.overlays import Overlays, Placed
 from abfm_viewer.scene.pacing import Pacing
-from abfm_viewer.scene.placing import Placed, Placing
-from abfm_viewer.scene.slot_view import Fit, SlotView
-from abfm_viewer.scene.slots import slots
-from abfm_viewer.scene.surface_quantities import edge_width, register, set_style, show_paint
-from abfm_viewer.scene.turntable import Turntable, turntable
-from abfm_viewer.scene.viewport import Viewport, viewport
+from abfm_viewer.scene.slots import Fit, Place, SlotView, rotation, slots
+from abfm_viewer.scene.surfaces import (
+    Viewport,
+    edge_width,
+    register,
+    set_style,
+    show_paint,
+    viewport,
+)
 from abfm_viewer.shown.paint import Paint, Painter
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
+
+# the viewer, in radii of a surface, of which a part may be two radii before its slot's middle
+_AWAY = 4.0
+_POINTS_OF_A_RIM = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +52,7 @@ class Scene:
         self._session = shown.session
         self._turns = turns  # the surfaces get room to turn in
         # another where nothing is drawn
-        self.pick: Callable[[tuple[float, float]], Hit | None] = self._picked
+        self.pick: Callable[[Place], Hit | None] = self._picked
         self.view: SlotView  # known once there are names
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
@@ -54,7 +61,7 @@ class Scene:
         # pixels of names, in each slot, and of colour bars below all
         self.name_height = self.room_below = 0.0
         self._meshes: dict[str, TriangleMesh] = {}
-        self._turntable: Turntable
+        self._axis: FloatArray
         self._fit: Fit
         self._fitted_to: object = None
         self._placing = Placing()
@@ -125,24 +132,17 @@ class Scene:
         self._degrees = degrees
         self._place()
 
-    def rotate(self, name: str, start: tuple[float, float], end: tuple[float, float]) -> None:
-        """Turn the surfaces as the mouse turns one of them; this and the next three are no steps
-        of undo.
-        """
-        self._see(self.view.turned(name, start, end), self.view.zoom, None)
-
-    def orbit(self, delta: tuple[float, float]) -> None:
-        """Turn the surfaces by pixels as on a turntable: what stands upright stays so."""
-        self._see(self.view.orbited(delta), self.view.zoom, None)
-
-    def move(self, delta: tuple[float, float]) -> None:
-        """Move them in their slots, by pixels."""
-        self._see(self.view.rotation, self.view.zoom, self.view.moved(delta))
-
-    def zoom(self, name: str, place: tuple[float, float], factor: float) -> None:
-        """Come nearer to what is under the mouse in a surface's slot, or go farther."""
-        zoom, target = self.view.zoomed(name, place, factor)
-        self._see(self.view.rotation, zoom, target)
+    def see(self, view: SlotView) -> None:
+        """Look at the surfaces as the mouse wants it, which is no step of undo."""
+        before = self.look
+        assert before is not None
+        target = before.target
+        if view.target is not self.view.target:
+            is_home = np.allclose(view.target, view.home, rtol=0, atol=1e-9 * view.radius)
+            target = None if is_home else triple(self._viewport.undrawn(view.target))
+        look = Look(Front(triple(view.rotation[2]), triple(view.rotation[1])), view.zoom, target)
+        if look != before:
+            self._session.editor.amend(view=replace(self._session.view, look=look))
 
     def enlarge(self, name: str) -> None:
         """Give a surface the others' slots, too; with an empty name all are shown again."""
@@ -152,7 +152,7 @@ class Scene:
         """Return places in the window and depths (P, 3) of points (P, 3) of a shown surface."""
         return self.view.projected(name, viewport(self._meshes[name]).drawn(np.atleast_2d(points)))
 
-    def covers(self, name: str, place: tuple[float, float]) -> bool:
+    def covers(self, name: str, place: Place) -> bool:
         """Return whether a shown surface is drawn at a place of the window, without drawing it."""
         mesh = self._meshes[name]
         corners = self.projected(name, mesh.vertices)[mesh.faces, :2] - place
@@ -160,15 +160,7 @@ class Scene:
         sides = x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)
         return bool(((sides >= 0).all(axis=1) | (sides <= 0).all(axis=1)).any())
 
-    def labels(self) -> dict[str, Rect]:
-        """Return where to write each surface's name."""
-        return {name: self.view.label(name) for name in self.shown}
-
-    def borders(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-        """Lines to draw between slots."""
-        return self.view.borders() if self.shown else []
-
-    def _picked(self, position: tuple[float, float]) -> Hit | None:
+    def _picked(self, position: Place) -> Hit | None:
         """The point of a surface under a place of the window."""
         hit = ps.pick(screen_coords=position)
         if hit.is_hit and hit.structure_name not in self.names:
@@ -179,9 +171,11 @@ class Scene:
             return None
         mesh, face = self._meshes[name], int(hit.structure_data["index"])
         matrix = self.view.matrix(name, ps.get_window_size())
-        place = (np.asarray(hit.position) - matrix[:3, 3]) @ matrix[:3, :3]
-        corners = mesh.vertices[mesh.faces[face]]
-        return self._hit(name, face, _barycentric(corners, viewport(mesh).undrawn(place)))
+        place = viewport(mesh).undrawn((np.asarray(hit.position) - matrix[:3, 3]) @ matrix[:3, :3])
+        a, b, c = mesh.vertices[mesh.faces[face]]
+        found = np.linalg.lstsq(np.stack([b - a, c - a], axis=1), place - a, rcond=None)[0]
+        inside = np.maximum(np.array([1 - found.sum(), *found]), 0.0)
+        return self._hit(name, face, inside / inside.sum())
 
     def nearest(self, name: str, position: FloatArray) -> Hit:
         """The point of a surface nearest to a place in the mesh's own coordinates."""
@@ -191,21 +185,6 @@ class Scene:
     def _hit(self, name: str, face: int, weights: FloatArray) -> Hit:
         vertex = int(self._meshes[name].faces[face][np.argmax(weights)])
         return Hit(name, Point(face, triple(weights)), vertex)
-
-    def _see(self, rotation: FloatArray, zoom: float, target: FloatArray | None) -> None:
-        """Put a look into the document that the user did not choose from a menu.
-
-        None keeps the target.
-        """
-        before, view = self.look, self.view
-        assert before is not None
-        seen = before.target
-        if target is not None:
-            is_home = np.allclose(target, view.home, rtol=0, atol=1e-9 * view.radius)
-            seen = None if is_home else triple(self.viewport.undrawn(target))
-        look = Look(Front(triple(rotation[2]), triple(rotation[1])), zoom, seen)
-        if look != before:
-            self._session.editor.amend(view=replace(self._session.view, look=look))
 
     def _front(self) -> Front | None:
         """Return the surface's front, chosen when its functions are known, and then kept.
@@ -239,9 +218,8 @@ class Scene:
             self.overlays.clear()
         for name, mesh in meshes.items():
             if name in gone or name not in self._meshes:
-                surface = register(name, mesh)
                 # else a pick near a vertex or an edge has no face
-                surface.set_selection_mode("faces_only")
+                register(name, mesh).set_selection_mode("faces_only")
         self._meshes, self._style = meshes, None
         self._placing.forget()
 
@@ -259,7 +237,7 @@ class Scene:
                 set_style(ps.get_surface_mesh(name), width, view.flat, view.theme)
 
     @property
-    def viewport(self) -> Viewport:
+    def _viewport(self) -> Viewport:
         """Return that of the document's surface, in whose units targets of looks are."""
         return viewport(self._session.surface().mesh)
 
@@ -269,17 +247,20 @@ class Scene:
         assert look is not None
         if self._fitted_to != (mesh, front):
             self._fitted_to = (mesh, front)
-            self._turntable = turntable(mesh, front.axes[1])
-            extent = self._turntable.rims() if self._turns else mesh.vertices
-            self._fit = Fit(self.viewport.drawn(extent), front)
+            up = front.axes[1]
+            upright = int(np.argmax(np.abs(up)))
+            self._axis = np.sign(up[upright]) * np.eye(3)[upright]
+            extent = _rims(mesh, self._axis) if self._turns else mesh.vertices
+            self._fit = Fit(self._viewport.drawn(extent), front)
         left, top, right, bottom = rect
         free = (left, top, right, max(bottom - self.room_below, top + 1))
         names = (view.large,) if view.large in self.names else self.names
         places = slots(names, free, self._fit.shape, view.layout, self.name_height)
-        target = None
-        if look.target is not None and not self._turns:
-            target = self.viewport.drawn(np.array(look.target))
-        self.view = self._fit.view(places, look.front, 1.0 if self._turns else look.zoom, target)
+        zoom, target = look.zoom, look.target
+        if self._turns:
+            zoom, target = 1.0, None
+        drawn = None if target is None else self._viewport.drawn(np.array(target))
+        self.view = self._fit.view(places, look.front, zoom, drawn)
 
     def _place(self) -> None:
         """Put everything there."""
@@ -287,18 +268,100 @@ class Scene:
             return
         turned = np.eye(4)
         if self._turns:
-            middle = self.viewport.drawn(self._turntable.middle)
-            turned = self._turntable.turned(self._degrees, middle)
+            turned[:3, :3] = rotation(self._axis, np.radians(self._degrees))
         surfaces: list[Placed] = [
             (name, name, None, ps.get_surface_mesh(name)) for name in self.names
         ]
         self._placing.place(self.view, turned, [*surfaces, *self.overlays.structures()])
 
 
-def _barycentric(corners: FloatArray, place: FloatArray) -> FloatArray:
-    """Find the weights (3,) of the point of a triangle (3, 3) at a place in its plane."""
-    edges = corners[1:] - corners[0]
-    found = np.linalg.lstsq(edges.T, place - corners[0], rcond=None)[0]
-    inside = np.maximum(np.array([1 - found.sum(), *found]), 0.0)
-    weights: FloatArray = inside / inside.sum()
-    return weights
+def _rims(mesh: TriangleMesh, axis: FloatArray) -> FloatArray:
+    """Points (2 n, 3) of both rims of the cylinder in which a mesh turns about an axis."""
+    middle = viewport(mesh).center
+    along = (mesh.vertices - middle) @ axis
+    radius = np.linalg.norm(mesh.vertices - middle - along[:, None] * axis, axis=1).max()
+    first = np.roll(axis, 1)
+    angles = np.linspace(0, 2 * np.pi, _POINTS_OF_A_RIM, endpoint=False)[:, None]
+    circle = radius * (np.cos(angles) * first + np.sin(angles) * np.cross(axis, first))
+    return np.concatenate([middle + circle + end * axis for end in (along.min(), along.max())])
+
+
+_Side = tuple[int, float, int]  # across x or y (0, 1), at pixels, and which side of it is kept
+
+
+class Placing:
+    """Gives structures the transform and clipping of their slot; without one they are hidden.
+
+    Every structure minds the planes of its slot's sides; there are none until something is
+    clipped, as each costs time in every pixel.
+    """
+
+    def __init__(self) -> None:
+        # names: a handle that outlives its plane spoils later ones at its address
+        self._planes: list[str] = []
+        self._sides: list[_Side] = []
+        self._seen: object = None
+        self._count = 0
+        self._done: dict[str, tuple[object, int]] = {}
+
+    def forget(self) -> None:
+        """Do all of it again: surfaces were registered anew."""
+        self._done = {}
+
+    def place(self, view: SlotView, turned: FloatArray, structures: Iterable[Placed]) -> None:
+        """Show structures, turned by a matrix (4, 4) before all else."""
+        window = ps.get_window_size()
+        arrays = (view.rotation, view.target, turned)
+        seen = (window, view.scale, *view.slots.items(), *(array.tobytes() for array in arrays))
+        if seen != self._seen:
+            self._seen = seen
+            self._count += 1
+            _face(view, window)
+            self._place_planes(view, window)
+        for surface, name, version, structure in structures:
+            if self._done.get(name) == (version, self._count):
+                continue
+            self._done[name] = version, self._count
+            structure.set_enabled(surface in view.slots)
+            if surface not in view.slots:
+                continue
+            structure.set_transform(view.matrix(surface, window) @ turned)
+            kept = _sides(view, surface)
+            for plane, side in zip(self._planes, self._sides, strict=False):
+                ignored = side not in kept
+                if structure.get_ignore_slice_plane(plane) != ignored:
+                    structure.set_ignore_slice_plane(plane, ignored)
+
+    def _place_planes(self, view: SlotView, window: tuple[int, int]) -> None:
+        sides = [side for name in view.slots for side in _sides(view, name)]
+        self._sides = [*dict.fromkeys(sides)] if view.is_clipped else []
+        while len(self._planes) < len(self._sides):
+            plane = ps.add_slice_plane()
+            plane.set_draw_plane(False)
+            plane.set_draw_widget(False)
+            self._planes.append(plane.get_name())
+        for number, name in enumerate(self._planes):
+            plane, is_used = ps.get_slice_plane(name), number < len(self._sides)
+            if plane.get_active() != is_used:
+                plane.set_active(is_used)
+            if is_used:
+                axis, at, sign = self._sides[number]
+                position, normal = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+                position[axis] = float(view.drawn((at, at), window)[axis])
+                normal[axis] = float(sign)
+                plane.set_pose(position, normal)
+
+
+def _sides(view: SlotView, name: str) -> tuple[_Side, ...]:
+    left, top, right, bottom = view.slots[name].rect
+    return (0, left, 1), (0, right, -1), (1, top, -1), (1, bottom, 1)
+
+
+def _face(view: SlotView, window: tuple[int, int]) -> None:
+    """Make polyscope draw slots: in parallel projection along z, the window's middle at 0."""
+    half = window[1] / (2 * view.scale)
+    ps.set_view_projection_mode("orthographic")
+    ps.set_length_scale(view.radius)  # it sees 20 times as far,
+    # and twice as high
+    ps.set_vertical_fov_degrees(float(np.degrees(2 * np.arctan(half / (2 * view.radius)))))
+    ps.look_at_dir((0.0, 0.0, _AWAY * view.radius), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))

@@ -2,31 +2,154 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 import abfm
+from abfm import AbfmError
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
+from abfm_viewer import shown
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.computing.background import Jobs, Latest
-from abfm_viewer.document.document import EXTRAPOLATION, Point
+from abfm_viewer.document.document import EXTRAPOLATION, HODGE_PARTS, FieldPart, Point
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.carried import FlowState
-from abfm_viewer.shown.field_parts import (
-    Field,
-    acting_segment,
-    carried_part,
-    derivative,
-    field_part,
-)
-from abfm_viewer.shown.shown_flow import ShownFlow
-from abfm_viewer.shown.streaks import Streaks, Texture, coloured, convolved
+from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
 
+# vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte
+_LARGEST = 15_000
 # along a side; fewer in the window, where textures change while one looks
 _TEXELS, _TEXELS_OF_PICTURES = 1024, 2048
+_LEAST_TEXELS_PER_FACE, _MOST_TEXELS = 12, 16384
+_PHASES = 16  # of moving streaks that are computed; those between are blended
 _SHOWN_PHASES = 32  # of moving streaks in the window
+_EXACT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """One part of one of the flow's fields, or a field that belongs to it.
+
+    `shares` are those of each Helmholtz-Hodge part in the whole field's squared norm, empty unless
+    asked for.
+    """
+
+    mesh: TriangleMesh
+    velocity: FloatArray  # (F, 3), in the input's units
+    speed: FloatArray  # (F,)
+    shares: dict[FieldPart, float] = field(default_factory=dict)
+    unit: str = "the mesh's length per time"  # of the speed
+    note: str = ""  # what else is to be said, if anything
+    dimension: int = 1  # the power of a length in the unit
+
+    def relative_speed(self) -> tuple[FloatArray, str]:
+        """Return the speed (F,) with sqrt(area) as the unit of length, and its unit."""
+        unit = self.unit.replace("the mesh's length", "length").replace("length", "sqrt(area)")
+        return self.speed * self.mesh.length_scale**-self.dimension, unit
+
+
+def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
+    """A part of one of the flow's fields, or the field that commutes with it (see `commuting`)."""
+    velocity, shares, note = flow.velocity[segment], {}, ""
+    if part == "commuting":
+        velocity, bracket = commuting(flow, segment)
+        note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
+    elif part != "whole":
+        found = abfm.calculus.helmholtz_hodge(flow.mesh, velocity)
+        parts = dict(zip(HODGE_PARTS, found, strict=True))
+        areas = abfm.calculus.face_areas(flow.mesh)
+        norms = {name: float(areas @ (v**2).sum(axis=1)) for name, v in parts.items()}
+        shares = {name: norm / max(sum(norms.values()), 1e-300) for name, norm in norms.items()}
+        velocity = parts[part]
+    return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), shares, note=note)
+
+
+def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
+    """The smoothest field (F, 3) that commutes with one of the flow's, and the bracket relative to
+    both.
+
+    During a run, on a large mesh and of a field that is zero an `AbfmError` says why there is none.
+    """
+    if not flow.final:
+        raise AbfmError("the field that commutes is computed when the run has ended")
+    count = len(flow.mesh.vertices)
+    if count > _LARGEST:
+        raise AbfmError(
+            f"commuting fields are computed on up to {_LARGEST:,} vertices; this mesh has {count:,}"
+        )
+    velocity = flow.velocity[segment]
+    if not velocity.any():
+        raise AbfmError("the field is zero, with which every field commutes")
+    found = abfm.calculus.commuting_fields(flow.mesh, velocity)[0]
+    return found, abfm.calculus.relative_bracket(flow.mesh, velocity, found)
+
+
+def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Field:
+    """The gradient of a function (V,), carried along the flow's fields one after the other to a
+    time.
+
+    A flow that is too long and a field that overflows are an `AbfmError`.
+    """
+    mesh = flow.mesh
+    gradient = (abfm.calculus.gradient(mesh) @ function).reshape(-1, 2)
+    carried = abfm.calculus.to_ambient(mesh, gradient)
+    ends = np.linspace(0, flow.parameters.tau, len(flow.velocity) + 1)
+    ends[-1] = max(ends[-1], time)  # beyond tau the last field goes on
+    for velocity, start, end in zip(flow.velocity, ends, ends[1:], strict=False):
+        if time > start:
+            carried = abfm.calculus.pushforward(mesh, velocity, carried, min(end, time) - start)
+    speed = np.linalg.norm(carried, axis=1)
+    return Field(mesh, carried, speed, unit="the source's unit per length", dimension=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Streaks:
+    """Grey textures (P, size, size), from 0 to 255, with streaks along a field, and the atlas that
+    says what is where.
+
+    More than one show phases of the streaks' way along the field.
+    """
+
+    field: Field
+    atlas: abfm.streaks.TextureAtlas
+    images: NDArray[np.uint8]
+
+    def at(self, phase: float) -> NDArray[np.uint8]:
+        """The texture of a phase from 0 to 1."""
+        place = phase % 1 * len(self.images)
+        before, share = int(place), place % 1
+        first: NDArray[np.uint8] = self.images[before % len(self.images)]
+        if share < _EXACT or len(self.images) == 1:
+            return first
+        second = self.images[(before + 1) % len(self.images)]
+        blended: NDArray[np.float32] = np.float32(1 - share) * first + np.float32(share) * second
+        return (blended + np.float32(0.5)).astype(np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """Colours (size, size, 3), linear light, and where the faces' corners lie in them, (3F, 2)."""
+
+    streaks: Streaks
+    colors: abfm.streaks.FloatImage
+    corners: FloatArray
+
+
+def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
+    """Streaks along a field, in textures at least `size` wide, more on meshes with many faces."""
+    needed = int(np.sqrt(_LEAST_TEXELS_PER_FACE * len(field.mesh.faces)))
+    size = min(max(size, needed), _MOST_TEXELS)
+    phases = np.arange(_PHASES) / _PHASES if moving else None
+    atlas, images = abfm.streaks.line_integral_convolution(
+        field.mesh, field.velocity, size=size, fade=fade, phase=phases
+    )
+    rounded = [
+        (255 * image + np.float32(0.5)).astype(np.uint8) for image in images.reshape(-1, size, size)
+    ]
+    return Streaks(field, atlas, np.stack(rounded))
 
 
 class FieldQuantities(Jobs):
@@ -59,30 +182,38 @@ class FieldQuantities(Jobs):
         flow, time, part = self._flow.state, self._flow.time, self._session.view.part
         if flow is None:
             return None
-        if part != "carried gradient":
-            segment = acting_segment(flow, time)
-            key, compute = (flow, segment, part), partial(field_part, flow, segment, part)
-            return self._field.newest(flow.mesh, key, compute)
-        source = self._session.values("source")
-        if source is None:
-            return None
-        return self._field.newest(
-            flow.mesh, (flow, time, part, source), partial(carried_part, flow, source, time)
-        )
+        if part == "carried gradient":
+            source = self._session.values("source")
+            if source is None:
+                return None
+            compute = partial(carried_gradient, flow, source, time)
+            return self._field.newest(flow.mesh, (flow, time, part, source), compute)
+        count = flow.parameters.segments
+        segment = min(int(time / flow.parameters.tau * count * (1 - 1e-12)), count - 1)
+        key = flow, segment, part
+        return self._field.newest(flow.mesh, key, lambda: field_part(*key))
 
     def scalar(self) -> FloatArray | None:
         """Divergence or curl of the field at the vertices, (V,)."""
         field, kind = self.field(), self._session.view.coloring
         if field is None:
             return None
-        return self._scalar.newest(field.mesh, (field, kind), partial(derivative, field, kind))
+
+        def compute() -> FloatArray:
+            calculus, mesh = abfm.calculus, field.mesh
+            operator = calculus.divergence if kind == "divergence" else calculus.curl
+            return np.asarray(operator(mesh) @ calculus.to_frame(mesh, field.velocity).ravel())
+
+        return self._scalar.newest(field.mesh, (field, kind), compute)
 
     def distortion(self) -> abfm.maps.Distortion | None:
-        """Distortion of the flow's map at the shown time."""
+        """Distortion of the map that takes each vertex to where it is at the shown time."""
         flow, time = self._flow.state, self._flow.time
         if flow is None:
             return None
-        return self._distortion.newest(flow.mesh, (flow, time), partial(_distortion, flow, time))
+        return self._distortion.newest(
+            flow.mesh, (flow, time), lambda: _map_back(flow, -time).distortion()
+        )
 
     def map_quality(self) -> abfm.maps.MapQuality | None:
         """Judge the map that is shown: to where values came from, or to where faces go."""
@@ -91,7 +222,9 @@ class FieldQuantities(Jobs):
             return None
         if self._session.view.coloring in ("area distortion", "conformal distortion"):
             time = -time
-        return self._quality.newest(flow.mesh, (flow, time), partial(_quality, flow, time))
+        return self._quality.newest(
+            flow.mesh, (flow, time), lambda: abfm.maps.map_quality(_map_back(flow, time))
+        )
 
     def texture(self, values: FloatArray, colors: ColorRange) -> Texture | None:
         """Return streaks coloured by a function (V,), lately an earlier one; None before any."""
@@ -106,36 +239,43 @@ class FieldQuantities(Jobs):
         phase = 0.0 if len(streaks.images) == 1 else self._session.player.phase
         if not self.at_once:
             phase = round(phase * _SHOWN_PHASES) / _SHOWN_PHASES
-        key = (streaks, values, colors, phase)
-        return self._texture.newest(field, key, partial(coloured, streaks, phase, values, colors))
+
+        def coloured() -> Texture:
+            atlas = streaks.atlas
+            texture = shown.streak_texture(atlas, streaks.at(phase), values, colors)
+            return Texture(streaks, texture, atlas.corner_coordinates)
+
+        return self._texture.newest(field, (streaks, values, colors, phase), coloured)
 
     def lines(self) -> list[abfm.flow.FlowLine]:
         """Follow the points that were clicked on, against the flow for tau, and with it."""
         flow, field, points = self._flow.state, self.field(), self._session.document.lines
         if flow is None or field is None or not points:
             return []
-        tau = flow.parameters.tau
-        return self._lines.ask((field, points, tau), partial(_lines, field, points, tau)) or []
+        mesh, tau = field.mesh, flow.parameters.tau
+
+        def compute() -> list[abfm.flow.FlowLine]:
+            starts, lines = _starts(mesh, points), partial(abfm.flow.flow_lines, mesh)
+            return [line for t in (-tau, tau) for line in lines(field.velocity, starts, t)]
+
+        return self._lines.ask((field, points, tau), compute) or []
 
     def paths(self) -> list[abfm.flow.FlowLine]:
         """The ways of the points that are followed, to the end of the time bar."""
         flow, points = self._flow.state, self._session.document.points
         if flow is None or not points:
             return []
-        return self._paths.ask((flow, points), partial(_paths, flow, points)) or []
+
+        def compute() -> list[abfm.flow.FlowLine]:
+            mesh, tau = flow.mesh, flow.parameters.tau
+            starts = _starts(mesh, points)
+            return abfm.flow.flow_lines(mesh, flow.velocity, starts, EXTRAPOLATION * tau, tau)
+
+        return self._paths.ask((flow, points), compute) or []
 
 
-def _distortion(flow: FlowState, time: float) -> abfm.maps.Distortion:
-    """Measure the map that takes each vertex to where it is at a time."""
-    return _mapped(flow, -time).distortion()
-
-
-def _quality(flow: FlowState, time: float) -> abfm.maps.MapQuality:
-    """Judge the map to where values came from at a time; below 0 its inverse."""
-    return abfm.maps.map_quality(_mapped(flow, time))
-
-
-def _mapped(flow: FlowState, time: float) -> abfm.PointMap:
+def _map_back(flow: FlowState, time: float) -> abfm.PointMap:
+    """Return the map to where values came from at a time; below 0 its inverse."""
     places = flow.carry(flow.mesh.vertices, np.array([time]))[0]
     return abfm.PointMap.project(flow.mesh, flow.mesh, places)
 
@@ -143,17 +283,3 @@ def _mapped(flow: FlowState, time: float) -> abfm.PointMap:
 def _starts(mesh: TriangleMesh, points: tuple[Point, ...]) -> abfm.maps.SurfacePoints:
     faces, weights = zip(*((p.face, p.barycentric) for p in points), strict=True)
     return abfm.maps.SurfacePoints(mesh, np.array(faces), np.array(weights))
-
-
-def _lines(field: Field, points: tuple[Point, ...], tau: float) -> list[abfm.flow.FlowLine]:
-    starts = _starts(field.mesh, points)
-    return [
-        line
-        for time in (-tau, tau)
-        for line in abfm.flow.flow_lines(field.mesh, field.velocity, starts, time)
-    ]
-
-
-def _paths(flow: FlowState, points: tuple[Point, ...]) -> list[abfm.flow.FlowLine]:
-    tau, starts = flow.parameters.tau, _starts(flow.mesh, points)
-    return abfm.flow.flow_lines(flow.mesh, flow.velocity, starts, EXTRAPOLATION * tau, tau)

@@ -1,7 +1,6 @@
 """What each surface shows: values and their range, decided without drawing anything."""
 
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,7 +12,7 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, on_ground, place_colors
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.document import HODGE_PARTS, SIDES, Front, Theme
-from abfm_viewer.shown.field_parts import Field
+from abfm_viewer.shown.field_quantities import Field
 from abfm_viewer.shown.shown import Shown
 
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
@@ -79,25 +78,33 @@ class Painter:
             return self._error(target, advected)
         return self._by_coloring(advected, colors) or self._plain(advected, colors)
 
+    def _without_values(self, name: str) -> Paint:
+        count, title = len(self._session.surface(name).mesh.vertices), f"{name}: no values"
+        made_of = (count, title)
+        return self._kept[name].get(
+            made_of, lambda: Paint("colors", np.full((count, 3), _NO_VALUES), title)
+        )
+
+    def _function(
+        self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = "function"
+    ) -> Paint:
+        made_of = (values, title, colors)
+        return self._kept[name].get(
+            made_of, lambda: Paint("vertex values", values, title, colors, bar)
+        )
+
     def _plain(self, advected: FloatArray, colors: ColorRange) -> Paint:
         """Show the function, also where what the view asks for is still to come."""
         shown, is_function = self._shown, self._session.view.coloring == "function"
         is_busy = shown.flow.busy or shown.quantities.busy
         is_behind = shown.flow.is_behind if is_function else is_busy
-        title = _labelled(self._extrapolated("advected"), is_behind)
+        title = self._extrapolated("advected", is_behind)
 
         def make() -> Paint:
             told = title if is_behind else _with_range(title, advected, colors)
             return Paint("vertex values", advected, told, colors, "function")
 
-        return self._keep("advected", (advected, title, colors), make)
-
-    def _without_values(self, name: str) -> Paint:
-        count = len(self._session.surface(name).mesh.vertices)
-        title = f"{name}: no values"
-        return self._keep(
-            name, (count, title), lambda: Paint("colors", np.full((count, 3), _NO_VALUES), title)
-        )
+        return self._kept["advected"].get((advected, title, colors), make)
 
     def _by_coloring(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
         """Show what the view asks for instead of the function; None where there is none yet."""
@@ -105,26 +112,21 @@ class Painter:
         if kind == "function":
             return self._textured(advected, colors) if self._session.view.streaks else None
         if kind in ("coordinates", "checker"):
-            carried = self._shown.flow.coordinates()
-            title = "carried coordinates" if kind == "coordinates" else "carried checker"
-            if carried is None:
-                return None
-            return self._carried("advected", carried, self._extrapolated(title))
-        is_distortion = kind in ("area distortion", "conformal distortion")
-        return self._distortion(kind) if is_distortion else self._of_field(kind)
-
-    def _of_field(self, kind: str) -> Paint | None:
-        """Speed, divergence or curl."""
+            carried, title = self._shown.flow.coordinates(), self._extrapolated(f"carried {kind}")
+            return None if carried is None else self._carried("advected", carried, title)
+        if kind in ("area distortion", "conformal distortion"):
+            return self._distortion(kind)
         part = self._session.view.part
         suffix = "" if part == "whole" else f", {part} part" if part in HODGE_PARTS else f", {part}"
+        title = f"{kind}{suffix}"
         if kind == "speed":
             field = self._shown.quantities.field()
-            return None if field is None else self._speed(field, f"speed{suffix}")
+            return None if field is None else self._speed(field, title)
         values = self._shown.quantities.scalar()
         if values is None:
             return None
         top = max(float(np.percentile(np.abs(values), 99.5)), _LEAST_RANGE)
-        return self._function("advected", values, f"{kind}{suffix}", self._ranged(-top, top), kind)
+        return self._function("advected", values, title, self._ranged(-top, top), kind)
 
     def _speed(self, field: Field, title: str) -> Paint:
         """Show the speed in sqrt(area): graphics cards know no numbers like some meshes'."""
@@ -134,7 +136,7 @@ class Painter:
             top = max(float(values.max()), _LEAST_RANGE)
             return Paint("face values", values, title, self._ranged(0.0, top), f"speed, in {unit}")
 
-        return self._keep("advected", (field, title, *self._look), make)
+        return self._kept["advected"].get((field, title, *self._look), make)
 
     def _distortion(self, kind: str) -> Paint | None:
         found = self._shown.quantities.distortion()
@@ -151,7 +153,7 @@ class Painter:
             colors = self._ranged(-top if of_area else 0.0, top)
             return Paint("face values", values, title, colors, bar)
 
-        return self._keep("advected", (source, title, *self._look), make)
+        return self._kept["advected"].get((source, title, *self._look), make)
 
     def _carried(self, name: str, coordinates: FloatArray, title: str) -> Paint:
         """Coordinates as colours, or as places in a checkerboard."""
@@ -162,13 +164,12 @@ class Painter:
         def make() -> Paint:
             if kind == "coordinates":
                 return Paint("colors", place_colors(mesh.vertices, coordinates), title)
-            width, height = np.ptp(mesh.vertices @ front.axes[:2].T, axis=0)
-            square = np.sqrt(width * height) / _SQUARES
-            return Paint(
-                "checker", coordinates @ front.axes[:2].T / square, title, is_dark=theme == "dark"
-            )
+            across = front.axes[:2].T
+            width, height = np.ptp(mesh.vertices @ across, axis=0)
+            places = coordinates @ across / (np.sqrt(width * height) / _SQUARES)
+            return Paint("checker", places, title, is_dark=theme == "dark")
 
-        return self._keep(name, (coordinates, kind, front, title, theme), make)
+        return self._kept[name].get((coordinates, kind, front, title, theme), make)
 
     def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
         texture = self._shown.quantities.texture(advected, colors)
@@ -180,7 +181,7 @@ class Painter:
             told = _with_range(title, advected, colors)
             return Paint("texture", texture.colors, told, colors, "function", texture.corners)
 
-        return self._keep("advected", (texture, title, colors), make)
+        return self._kept["advected"].get((texture, title, colors), make)
 
     def _blend(self, source: FloatArray, target: FloatArray, colors: ColorRange) -> Paint:
         tau = self._session.parameters.tau
@@ -190,20 +191,20 @@ class Painter:
             blend = abfm.baselines.linear_blend(source, target, time, tau)
             return Paint("vertex values", blend, "linear blend", colors, "function")
 
-        return self._keep("linear blend", (source, target, time, tau, colors), make)
+        return self._kept["linear blend"].get((source, target, time, tau, colors), make)
 
     def _transport(self, colors: ColorRange) -> Paint | None:
-        values = self._shown.mass_transport.values()
-        if self._shown.mass_transport.error:
-            return self._without_values("optimal transport")
-        title = _labelled("optimal transport", self._shown.mass_transport.is_behind)
+        name, transport = "optimal transport", self._shown.mass_transport
+        values = transport.values()
+        if transport.error:
+            return self._without_values(name)
         if values is None:
             return None
-        return self._function("optimal transport", values, title, colors)
+        return self._function(name, values, _labelled(name, transport.is_behind), colors)
 
     def _error(self, target: FloatArray, advected: FloatArray) -> Paint:
-        fixed, is_behind = self.largest_error, self._shown.flow.is_behind
-        title = _labelled(self._extrapolated("error"), is_behind)
+        fixed = self.largest_error
+        title = self._extrapolated("error", self._shown.flow.is_behind)
 
         def make() -> Paint:
             error = np.abs(target - advected)
@@ -211,25 +212,13 @@ class Painter:
             bar = f"|target - advected|, at most {top:.3g}"
             return Paint("vertex values", error, title, self._ranged(0.0, top), bar)
 
-        return self._keep("error", (target, advected, *self._look, fixed, title), make)
+        return self._kept["error"].get((target, advected, *self._look, fixed, title), make)
 
-    def _extrapolated(self, title: str) -> str:
+    def _extrapolated(self, title: str, is_behind: bool = False) -> str:
         """A title, which says so where the time shown is one that no target was given for."""
         tau = self._session.parameters.tau
-        return f"{title}, extrapolated" if self._session.time > (1 + 1e-9) * tau else title
-
-    def _function(
-        self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = "function"
-    ) -> Paint:
-        return self._keep(
-            name,
-            (values, title, colors),
-            lambda: Paint("vertex values", values, title, colors, bar),
-        )
-
-    def _keep(self, name: str, made_of: tuple[object, ...], make: Callable[[], Paint]) -> Paint:
-        """The paint that was made of the same things, or a new one."""
-        return self._kept[name].get(made_of, make)
+        is_beyond = self._session.time > (1 + 1e-9) * tau
+        return _labelled(f"{title}, extrapolated" if is_beyond else title, is_behind)
 
     def _function_range(self, source: FloatArray, target: FloatArray) -> ColorRange:
         def make() -> ColorRange:
@@ -245,10 +234,9 @@ class Painter:
 
     def _ranged(self, low: float, high: float, automatic: str = "") -> ColorRange:
         wanted, theme = self._look
-        automatic = automatic or ("abfm diverging" if low < 0 else "abfm sequential")
-        return ColorRange(
-            on_ground(automatic if wanted == "automatic" else wanted, theme == "dark"), low, high
-        )
+        if wanted == "automatic":
+            wanted = automatic or ("abfm diverging" if low < 0 else "abfm sequential")
+        return ColorRange(on_ground(wanted, theme == "dark"), low, high)
 
 
 def _labelled(title: str, is_behind: bool) -> str:

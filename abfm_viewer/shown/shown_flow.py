@@ -3,15 +3,155 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
 
 import abfm
-from abfm import Parameters
+from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import Jobs, Memo
+from abfm_viewer.computing.background import Jobs, Latest, Memo
+from abfm_viewer.document.document import EXTRAPOLATION
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.carried import Carried, FlowState
 
+_TIMES, _TIMES_WHILE_SOLVING = 61, 17
+_LONGEST = 60_000_000  # numbers in a span, as float32
+_LARGEST = 1e37  # value that can be shown in single precision
 _SETTLED = 0.15  # seconds without a new time after which it is worth computing exactly
+
+
+@dataclass(frozen=True, eq=False)
+class FlowState:
+    """A field and the parameters it was found with; two are the same only if they are one object.
+
+    The field (N, F, 3) may be given by what computes it: that of a coarse mesh takes a while to be
+    read on a fine one.
+    """
+
+    mesh: TriangleMesh
+    found: FloatArray | Callable[[], FloatArray]
+    parameters: Parameters
+    final: bool = True  # a result, and not an iterate
+
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """The fields (N, F, 3); not to be asked for in the frame loop."""
+        return self.found() if callable(self.found) else self.found
+
+    def carry(self, function: FloatArray, times: FloatArray) -> FloatArray:
+        """A function (V,) or (V, C) at times (T,): (T, V) or (T, V, C).
+
+        An `AdvectionError` says that the flow is too long, or overflows single precision.
+        """
+        parameters = self.parameters
+        flow = abfm.Flow(self.mesh, self.velocity, parameters.tau, parameters.method)
+        carried = flow.push(function, times)
+        if np.abs(carried).max() > _LARGEST:
+            raise abfm.AdvectionError(
+                "the function overflows on its way: the discrete flow is unstable over this time"
+            )
+        return carried
+
+
+@dataclass(frozen=True, eq=False)
+class Span:
+    """A function at evenly spaced times (T,), as (T, V) or (T, V, C) in single precision: spans are
+    kept in memory, so that scrubbing costs a blend.
+    """
+
+    times: FloatArray
+    frames: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+    note: str = ""  # why it ends before the time bar does; empty if it does not
+
+    def at(self, time: float) -> FloatArray:
+        """The function at a time; the last one known for times after the end."""
+        position = float(np.interp(time, self.times, np.arange(len(self.times))))
+        before = min(int(position), len(self.times) - 2)
+        first, second = self.frames[before], self.frames[before + 1]
+        return np.asarray(first + np.float32(position - before) * (second - first))
+
+
+def span(state: FlowState, function: FloatArray) -> Span:
+    """A function over the whole time bar, or up to tau where the flow overflows beyond."""
+    wanted = _TIMES if state.final else _TIMES_WHILE_SOLVING
+    count = int(np.clip(_LONGEST // function.size, 9, wanted)) // 2 * 2 + 1
+    tau = state.parameters.tau
+
+    def until(end: float, note: str = "") -> Span:
+        times = np.linspace(0, end, count)
+        return Span(times, state.carry(function, times).astype(np.float32), note)
+
+    try:
+        return until(EXTRAPOLATION * tau)
+    except AbfmError as error:
+        return until(tau, f"not beyond τ: {error}")
+
+
+class Carried:
+    """One function, carried to the time that is shown: at once from a span, and exactly as soon as
+    possible.
+
+    Asked for the same again, it gives the same array, by which others know that nothing changed. It
+    is `behind` while what it gave last is of another flow or time than it was asked for.
+    """
+
+    def __init__(self, jobs: Jobs) -> None:
+        self._span: Latest[Span] = jobs.latest()
+        self._exact: Latest[FloatArray] = jobs.latest()
+        self._blended = Memo[FloatArray]()
+        self._at_once = jobs.at_once
+        self.behind = False
+
+    @property
+    def problem(self) -> str:
+        """Say why the exact values asked for last could not be computed."""
+        return self._exact.error
+
+    @property
+    def error(self) -> str:
+        """Say why there are no values, or only up to tau; nothing if all is well."""
+        return self._span.error or (self._span.value.note if self._span.value else "")
+
+    def _known(self, state: FlowState, function: FloatArray) -> Span | None:
+        key = (state, function)
+        return self._span.newest(function.shape, key, partial(span, state, function))
+
+    def is_ready(self, state: FlowState, function: FloatArray) -> bool:
+        """Return whether a function is known at all times of a flow, or cannot be."""
+        if not self._at_once:
+            self._known(state, function)
+        return not self._span.busy
+
+    def at(
+        self, state: FlowState, function: FloatArray, time: float, settled: bool
+    ) -> FloatArray | None:
+        """Values at a time, those of an earlier flow or function while new ones come, None before
+        any.
+
+        A time that is settled, as it does not move at present, is computed exactly.
+        """
+        self.behind = False
+        if time == 0:
+            return function
+
+        def exact() -> FloatArray | None:
+            key = (state, function, time)
+            return self._exact.ask(key, lambda: state.carry(function, np.array([time]))[0])
+
+        if self._at_once:
+            return exact()
+        known = self._known(state, function)
+        self.behind = state.final and self._span.busy
+        if known is None:
+            return None
+        values = None
+        if settled and state.final and not self._span.busy and time <= known.times[-1]:
+            values = exact()
+        if values is not None:
+            return values
+        return self._blended.get((known, time), partial(known.at, time))
 
 
 class ShownFlow(Jobs):
@@ -24,13 +164,12 @@ class ShownFlow(Jobs):
         self._coordinates = Carried(self)
         self._state = Memo[FlowState]()
         self._column = Memo[FloatArray]()
-        self._is_behind = False
+        self.is_behind = False  # `advected` gave another flow's or time's values lately
 
     @property
     def state(self) -> FlowState | None:
         """The flow, the same object for the same field; None before there is any."""
-        session = self._session
-        snapshot, result = session.snapshot, session.result
+        snapshot, result = self._session.snapshot, self._session.result
         if snapshot is not None:
             return self._of(snapshot.shown, snapshot.problem.parameters, final=False)
         return None if result is None else self._of(result, result.parameters, final=True)
@@ -52,7 +191,7 @@ class ShownFlow(Jobs):
     def advected(self) -> FloatArray | None:
         """The active channel's source at the shown time, (V,); None before it was evaluated."""
         session, flow = self._session, self.state
-        self._is_behind = False
+        self.is_behind = False
         source = session.values("source")
         if source is None or flow is None:
             return source
@@ -68,13 +207,8 @@ class ShownFlow(Jobs):
                 columns = found.advected
                 return self._column.get((columns, channel), lambda: columns[:, channel])
         carried = self._source.at(flow, source, time, self.settled)
-        self._is_behind = self._source.behind
+        self.is_behind = self._source.behind
         return source if carried is None else carried
-
-    @property
-    def is_behind(self) -> bool:
-        """Return whether `advected` gave another flow's or time's values lately."""
-        return self._is_behind
 
     def coordinates(self) -> FloatArray | None:
         """Return the coordinates (V, 3) carried to the shown time: where each value came from."""

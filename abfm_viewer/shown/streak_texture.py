@@ -23,17 +23,9 @@ def streak_texture(
     """Colours for a texture on `atlas`, whose `corner_coordinates` say where the faces' corners lie
     in it.
 
-    Parameters
-    ----------
-    image : (size, size) array of float32 or uint8
-        As `line_integral_convolution` returns it, from 0 to 1, or that in steps from 0 to 255.
-    values, colors : (V,) array, ColorRange, optional
-        A function whose colours the streaks darken; grey streaks without.
-
-    Returns
-    -------
-    (size, size, 3) array of float32
-        In linear light, row 0 at the bottom.
+    It is (size, size, 3), in linear light, row 0 at the bottom. The image (size, size) is that of
+    `line_integral_convolution`, from 0 to 1, or in steps from 0 to 255. Streaks darken the colours
+    of a function (V,), and are grey without.
     """
     scale = 1 / 255 if image.dtype == np.uint8 else 1.0
     if values is None or colors is None:

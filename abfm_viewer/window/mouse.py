@@ -8,7 +8,7 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.scene.scene import Scene
-from abfm_viewer.scene.slot_view import Place
+from abfm_viewer.scene.slots import Place
 from abfm_viewer.session import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import Rect
@@ -70,7 +70,7 @@ class Mouse:
         self._move(scene, over, free)
         notches = imgui.GetIO().MouseWheel
         if over and notches:
-            scene.zoom(self.over, place, _NEARER**notches)
+            scene.see(scene.view.zoomed(self.over, place, _NEARER**notches))
 
     def _turn(self, scene: Scene, place: Place, over: bool) -> None:
         """Turn them with the left button: on a surface as a ball, and beside it as a turntable."""
@@ -81,9 +81,10 @@ class Mouse:
         if turned is None or turned.place == place or turned.surface not in scene.shown:
             return
         if turned.orbits:
-            scene.orbit((place[0] - turned.place[0], place[1] - turned.place[1]))
+            delta = (place[0] - turned.place[0], place[1] - turned.place[1])
+            scene.see(scene.view.orbited(delta))
         else:
-            scene.rotate(turned.surface, turned.place, place)
+            scene.see(scene.view.turned(turned.surface, turned.place, place))
         self._turned = replace(turned, place=place)
 
     def _enlarge(self, scene: Scene, place: Place, over: bool) -> None:
@@ -101,7 +102,7 @@ class Mouse:
         pressed = any(imgui.IsMouseClicked(button) for button in _MOVING)
         held = any(imgui.IsMouseDown(button) for button in _MOVING)
         if self._moves and held and free and delta != (0, 0):
-            scene.move(delta)
+            scene.see(scene.view.moved(delta))
         self._moves = held and free and (self._moves or (over and pressed))
 
     def _edit_gaussian(self, session: Session, scene: Scene, place: Place) -> None:

@@ -22,8 +22,13 @@ from abfm_viewer.document.document import Theme
 from abfm_viewer.panels import cards, right_panel, status_line, time_bar
 from abfm_viewer.panels.context import Context
 from abfm_viewer.scene import opengl
-from abfm_viewer.scene.annotations import bar_room, draw_annotations, name_height, window_pen
-from abfm_viewer.scene.gaussian_markers import GaussianMarkers
+from abfm_viewer.scene.annotations import (
+    GaussianMarkers,
+    bar_room,
+    draw_annotations,
+    name_height,
+    window_pen,
+)
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.pacing import Resting
 from abfm_viewer.scene.scene import Scene

@@ -14,10 +14,10 @@ from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import Front
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.pictures.sheets.ranges import function, panels
-from abfm_viewer.scene import marks, opengl
+from abfm_viewer.scene import opengl, overlays
 from abfm_viewer.scene.camera import Camera, fitted, look
 from abfm_viewer.scene.ribbons import course_through, line_ribbons
-from abfm_viewer.scene.surface_quantities import register, show
+from abfm_viewer.scene.surfaces import register, show
 from abfm_viewer.shown.paint import Paint, PaintKind
 from abfm_viewer.shown.streak_texture import streak_texture
 
@@ -31,7 +31,7 @@ POINT_COLORS = (
     (0.85, 0.0, 0.45),
     (0.0, 0.4, 0.8),
 )
-_ARROW_LENGTH, _ARROW_DENSITY = 0.12, 0.3
+_ARROWS = 0.12, 0.3  # length and density
 _POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
 _TEXELS = 2048
 _SQUARE = 0.5  # of a checkerboard, in its coordinates
@@ -94,14 +94,13 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange], view: Camera) -> None:
     surface = register("surface", mesh)
     show(surface, mesh, _paint(panel, ranges), square=_SQUARE)
     if panel.arrows is not None:
-        arrows = marks.arrow_courses(mesh, panel.arrows, _ARROW_LENGTH, _ARROW_DENSITY)
-        marks.draw_arrows("arrows", mesh, arrows, _INK)
+        overlays.draw_arrows("arrows", mesh, panel.arrows, _ARROWS, _INK)
     if panel.lines:
         courses = [course_through(mesh, line) for line in panel.lines]
-        marks.draw_ribbons("lines", mesh, line_ribbons(courses, _LINE), _INK)
+        overlays.draw_ribbons("lines", mesh, line_ribbons(courses, _LINE), _INK)
     marked = zip(() if panel.points is None else panel.points, cycle(POINT_COLORS))
     for number, (point, color) in enumerate(marked):
-        marks.draw_points(f"point {number}", mesh, point[None], color, _POINT)
+        overlays.draw_points(f"point {number}", mesh, point[None], color, _POINT)
 
 
 def _paint(panel: Panel, ranges: Mapping[str, ColorRange]) -> Paint:

@@ -14,8 +14,8 @@ from abfm_viewer.pictures.lettering import Font, letter, rgb
 from abfm_viewer.pictures.sheets.layout import GAP, LABEL, MARGIN, Layout
 from abfm_viewer.pictures.sheets.panel_pictures import panel_pictures
 from abfm_viewer.pictures.sheets.ranges import color_ranges
+from abfm_viewer.scene.annotations import Pen, bar_parts
 from abfm_viewer.scene.camera import Camera
-from abfm_viewer.scene.color_bars import Pen, bar_parts
 
 _FRAMES: dict[Frame, tuple[str, float]] = {  # colours and widths
     "source": ("#2455c3", 5),

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from abfm_viewer.appearance import colormaps, material
+from abfm_viewer.appearance import colormaps
 from abfm_viewer.appearance.colormaps import color_range, loaded_name, on_ground, table
 from abfm_viewer.appearance.theme import DARK
+from abfm_viewer.scene.opengl import material_pictures
 
 NAMES = ["abfm sequential", "abfm diverging"]
 # Colours in Oklab (lightness, green to red, blue to yellow), evenly spaced along the map.
@@ -173,7 +174,7 @@ def test_polyscope_gets_no_name_that_it_has_already():
 
 
 def test_the_material_has_no_colour_of_its_own():
-    red, green, blue, black = material.pictures()
+    red, green, blue, black = material_pictures()
     assert (red[..., 0] == green[..., 1]).all()
     assert (red[..., 0] == blue[..., 2]).all()
     assert not red[..., 1:].any()

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from abfm_viewer.automation import Driver, DriverError
-from abfm_viewer.scene.viewport import viewport
+from abfm_viewer.scene.surfaces import viewport
 from tests.processes import python
 from tests.shapes import icosphere
 from tests.viewer.sessions import QUICK, SIZE

@@ -11,7 +11,7 @@ import pytest
 
 from abfm.calculus.operators import face_normals, vertex_areas
 from abfm_viewer.document.document import FIELD_PARTS
-from abfm_viewer.scene import marks
+from abfm_viewer.scene import overlays
 from abfm_viewer.widgets.toolkit import Ui
 from tests.viewer.sessions import ENDLESS
 
@@ -184,8 +184,8 @@ def test_arrows_follow_a_run_no_more_often_than_the_surface_and_the_user_at_once
         lambda _: any(name == "arrows" for _, name, *_ in gui.window.scene.overlays.structures())
     )
     drawn = []
-    draw = marks.draw_arrows
-    monkeypatch.setattr(marks, "draw_arrows", lambda *given: (drawn.append(given), draw(*given)))
+    draw = overlays.draw_arrows
+    monkeypatch.setattr(overlays, "draw_arrows", lambda *given: (drawn.append(given), draw(*given)))
     monkeypatch.setattr(gui.window.scene.pacing, "waits", lambda name, is_first: True)
     before = gui.session.solver.snapshot.shown
     gui.wait(lambda s: s.solver.snapshot.shown.iteration > before.iteration + 5)

@@ -13,7 +13,7 @@ import pytest
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import LAYOUTS
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.placing import Placing
+from abfm_viewer.scene.scene import Placing
 from tests.shapes import ellipsoid
 
 LARGEST = (2560, 1440)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from abfm_viewer.appearance import material
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.pictures import canvas
 from abfm_viewer.pictures.canvas import drawn
@@ -24,7 +23,7 @@ def sphere(width: int, height: int, transparent: bool, ground=(1.0, 1.0, 1.0)):
         ps.set_ground_plane_mode("none")
         ps.set_automatically_compute_scene_extents(True)
         ps.register_surface_mesh(
-            "ball", mesh.vertices, mesh.faces, color=GREY, material=material.NAME
+            "ball", mesh.vertices, mesh.faces, color=GREY, material=opengl.MATERIAL
         )
         ps.set_vertical_fov_degrees(20)
         ps.look_at_dir((0, 0, 8), (0, 0, 0), (0, 1, 0))

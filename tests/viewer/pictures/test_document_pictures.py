@@ -68,8 +68,9 @@ def test_a_picture_shows_what_the_window_shows(document):
             window.frame()
         window.tick()
         left, top, right, bottom = map(round, window.parts.scene)
-        window.scene.rotate("source", (100, 200), (140, 210))  # as the user does with the mouse
-        window.scene.zoom("source", (150, 200), 1.3)
+        # as the user does with the mouse
+        window.scene.see(window.scene.view.turned("source", (100, 200), (140, 210)))
+        window.scene.see(window.scene.view.zoomed("source", (150, 200), 1.3))
         window.tick()
         window.tick()
         shown = ps.screenshot_to_buffer(transparent_bg=False)[top:bottom, left:right, :3].astype(

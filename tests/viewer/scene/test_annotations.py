@@ -14,8 +14,18 @@ from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.appearance.theme import palette
 from abfm_viewer.scene import annotations
-from abfm_viewer.scene.annotations import bar_room, laid_out
-from abfm_viewer.scene.color_bars import Line, Pen, Strip, Text, bar_parts, bars_in_a_line, ticks
+from abfm_viewer.scene.annotations import (
+    Line,
+    Pen,
+    Strip,
+    Text,
+    bar_parts,
+    bar_room,
+    bars_in_a_line,
+    laid_out,
+    tell_what_is_cut,
+    ticks,
+)
 from abfm_viewer.shown.paint import Paint
 
 NAMES = ("source", "advected", "linear blend", "error", "target")
@@ -40,14 +50,11 @@ def scene(right, columns=5):
 
     width = right / columns
     places = [(i % columns * width, 50.0 * (i // columns)) for i in range(len(names))]
+    labels = {name: (x, y, x + width, y + 20) for name, (x, y) in zip(names, places, strict=True)}
     return SimpleNamespace(
         shown=names,
-        borders=list,
-        view=SimpleNamespace(is_beside=False),
+        view=SimpleNamespace(is_beside=False, borders=list, label=labels.get),
         paints={name: paint(name) for name in names},
-        labels=lambda: {
-            name: (x, y, x + width, y + 20) for name, (x, y) in zip(names, places, strict=True)
-        },
     )
 
 
@@ -78,12 +85,11 @@ def test_the_mouse_tells_a_name_that_is_cut(monkeypatch):
     io = SimpleNamespace(WantCaptureMouse=False)
     monkeypatch.setattr(annotations.imgui, "GetIO", lambda: io)
     monkeypatch.setattr(annotations.imgui, "SetTooltip", told.append)
-    ui = SimpleNamespace(text_width=width, px=lambda length: length)
     # "source", "advected", "linear blend"
     for x, captures in ((25, False), (75, False), (125, True), (125, False)):
         monkeypatch.setattr(annotations.imgui, "GetMousePos", lambda x=x: (x, 10))
         io.WantCaptureMouse = captures
-        annotations.tell_names(ui, scene(300, columns=5))
+        tell_what_is_cut(scene(300, columns=5), [], Pen(1.0, 16.0, width, INKS))
     assert told == ["advected", "linear blend"]
 
 
@@ -137,9 +143,9 @@ def test_the_mouse_tells_a_title_that_is_cut(monkeypatch):
     for y in (-100, 10):
         monkeypatch.setattr(annotations.imgui, "GetMousePos", lambda y=y: (30, y))
         for title in ("a bar's title", "bar"):
-            annotations.tell_titles(
-                bar_parts(title, narrow, (0, 0, 60, 20), Pen(1.0, 16.0, width, INKS)), 5
-            )
+            pen = Pen(1.0, 16.0, width, INKS)
+            parts = bar_parts(title, narrow, (0, 0, 60, 20), pen)
+            tell_what_is_cut(SimpleNamespace(shown=()), parts, pen)
     assert told == ["a bar's title"]
 
 

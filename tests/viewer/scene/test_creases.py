@@ -8,7 +8,7 @@ import trimesh
 
 from abfm import TriangleMesh, load_mesh
 from abfm.assets import asset_path
-from abfm_viewer.scene.creases import drawn_mesh
+from abfm_viewer.scene.surfaces import drawn_mesh
 from tests.shapes import icosphere, open_cylinder
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from abfm.calculus.operators import face_areas
-from abfm_viewer.scene import marks, ribbons
+from abfm_viewer.scene import ribbons
 from tests.shapes import icosphere
 
 SPHERE = icosphere(3)
@@ -16,7 +16,7 @@ UNIT = SPHERE.length_scale
 def lengths(velocity):
     """Of the arrows of a field, where the fast ones are to be 0.1 long."""
     return np.array(
-        [course.lengths[-1] for course in marks.arrow_courses(SPHERE, velocity, 0.1, 0.5)]
+        [course.lengths[-1] for course in ribbons.arrow_courses(SPHERE, velocity, 0.1, 0.5)]
     )
 
 
@@ -25,7 +25,7 @@ def rotation():
 
 
 def test_faces_are_spread_and_the_largest_of_their_places():
-    faces = [marks.evenly_spread(SPHERE, density) for density in (0.0, 0.5, 1.0)]
+    faces = [ribbons.evenly_spread(SPHERE, density) for density in (0.0, 0.5, 1.0)]
     assert len(faces[0]) < len(faces[1]) < len(faces[2])
     for chosen in faces:
         assert len(np.unique(chosen)) == len(chosen)
@@ -33,7 +33,7 @@ def test_faces_are_spread_and_the_largest_of_their_places():
 
 
 def test_arrows_go_with_the_field_and_stay_on_the_surface():
-    for course in marks.arrow_courses(SPHERE, rotation(), 0.1, 0.5):
+    for course in ribbons.arrow_courses(SPHERE, rotation(), 0.1, 0.5):
         places = UNIT * course.places
         assert np.linalg.norm(places, axis=1).max() <= 1 + 1e-9
         assert np.linalg.norm(places, axis=1).min() > 0.98
@@ -45,7 +45,7 @@ def test_arrows_go_with_the_field_and_stay_on_the_surface():
 def test_the_fast_ones_have_the_full_length_and_one_outlier_leaves_them_that():
     velocity = rotation()
     assert lengths(velocity).max() == pytest.approx(0.1, rel=0.05)
-    velocity[marks.evenly_spread(SPHERE, 0.5)[3]] *= 1e6
+    velocity[ribbons.evenly_spread(SPHERE, 0.5)[3]] *= 1e6
     assert np.sort(lengths(velocity))[-2] == pytest.approx(0.1, rel=0.1)
     assert lengths(velocity).max() < 0.13
     np.testing.assert_allclose(lengths(1e-100 * velocity), lengths(velocity), rtol=1e-6)
@@ -53,7 +53,7 @@ def test_the_fast_ones_have_the_full_length_and_one_outlier_leaves_them_that():
 
 def test_a_field_that_moves_nothing_but_one_face_has_one_arrow_in_it():
     velocity = np.zeros((len(SPHERE.faces), 3))
-    hidden = np.setdiff1d(np.arange(len(SPHERE.faces)), marks.evenly_spread(SPHERE, 0.5))[0]
+    hidden = np.setdiff1d(np.arange(len(SPHERE.faces)), ribbons.evenly_spread(SPHERE, 0.5))[0]
     velocity[hidden] = 1e-100 * (
         SPHERE.vertices[SPHERE.faces[hidden, 1]] - SPHERE.vertices[SPHERE.faces[hidden, 0]]
     )
@@ -63,7 +63,7 @@ def test_a_field_that_moves_nothing_but_one_face_has_one_arrow_in_it():
 
 
 def test_ribbons_face_outwards_so_that_none_on_the_far_side_peeps_over_an_edge():
-    courses = marks.arrow_courses(SPHERE, rotation(), 0.1, 0.5)
+    courses = ribbons.arrow_courses(SPHERE, rotation(), 0.1, 0.5)
     levels = np.linspace(-0.5, 0.5, 5)
     for vertices, faces in (
         ribbons.arrow_ribbons(courses, 0.005),

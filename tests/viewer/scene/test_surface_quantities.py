@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abfm import TriangleMesh
-from abfm_viewer.scene.surface_quantities import back_faces, edge_width
+from abfm_viewer.scene.surfaces import back_faces, edge_width
 from tests.shapes import disc, icosphere
 
 

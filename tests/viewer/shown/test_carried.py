@@ -11,7 +11,7 @@ import pytest
 import abfm
 from abfm import AdvectionError
 from abfm_viewer.computing.background import Jobs
-from abfm_viewer.shown.carried import Carried, FlowState, span
+from abfm_viewer.shown.shown_flow import Carried, FlowState, span
 from tests.viewer.sessions import PAIR, QUICK, SPHERE, until
 
 

@@ -14,10 +14,10 @@ from abfm.calculus.commuting_fields import commuting_fields, relative_bracket
 from abfm.calculus.operators import gradient
 from abfm.calculus.vector_fields import pushforward, to_ambient
 from abfm_viewer.appearance.colormaps import color_range, linear_table
-from abfm_viewer.shown import field_parts, field_quantities, streaks
-from abfm_viewer.shown.carried import FlowState
-from abfm_viewer.shown.field_parts import carried_gradient
+from abfm_viewer.shown import field_quantities
+from abfm_viewer.shown.field_quantities import carried_gradient
 from abfm_viewer.shown.shown import Shown
+from abfm_viewer.shown.shown_flow import FlowState
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
 from tests.core.texel_weights import texel_weights
@@ -149,7 +149,7 @@ def test_streaks_without_a_function_are_grey(shown):
 def test_moving_streaks_are_computed_once_for_all_phases(session, shown, convolutions):
     show(session, animate=True)
     first = texture(shown)
-    assert len(first.streaks.images) == streaks._PHASES
+    assert len(first.streaks.images) == field_quantities._PHASES
     session.player.phase = (session.player.phase + 0.4) % 1
     second = texture(shown)
     assert second.streaks is first.streaks
@@ -229,23 +229,29 @@ def test_a_gradient_is_carried_along_several_fields_one_after_the_other():
     f = mesh.vertices[:, 0] * mesh.vertices[:, 1]
     start = to_ambient(mesh, (gradient(mesh) @ f).reshape(-1, 2))
     after = pushforward(mesh, velocity[0], start, 0.2)
-    np.testing.assert_allclose(carried_gradient(flow, f, 0.2), after, atol=1e-12)
+    np.testing.assert_allclose(carried_gradient(flow, f, 0.2).velocity, after, atol=1e-12)
     after = pushforward(mesh, velocity[1], after, 0.2)
     np.testing.assert_allclose(
-        carried_gradient(flow, f, 0.5), pushforward(mesh, velocity[2], after, 0.1), atol=1e-12
+        carried_gradient(flow, f, 0.5).velocity,
+        pushforward(mesh, velocity[2], after, 0.1),
+        atol=1e-12,
     )
     np.testing.assert_allclose(
-        carried_gradient(flow, f, 1.0), pushforward(mesh, velocity[2], after, 0.6), atol=1e-12
+        carried_gradient(flow, f, 1.0).velocity,
+        pushforward(mesh, velocity[2], after, 0.6),
+        atol=1e-12,
     )
 
 
 def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monkeypatch):
     flow = shown.flow.state
     with pytest.raises(AbfmError, match="zero"):
-        field_parts.commuting(FlowState(flow.mesh, 0 * flow.velocity, flow.parameters), 0)
+        field_quantities.commuting(FlowState(flow.mesh, 0 * flow.velocity, flow.parameters), 0)
     with pytest.raises(AbfmError, match="ended"):
-        field_parts.commuting(FlowState(flow.mesh, flow.velocity, flow.parameters, final=False), 0)
-    monkeypatch.setattr(field_parts, "_LARGEST", 100)
+        field_quantities.commuting(
+            FlowState(flow.mesh, flow.velocity, flow.parameters, final=False), 0
+        )
+    monkeypatch.setattr(field_quantities, "_LARGEST", 100)
     session.editor.set_view("show", part="commuting")
     shown.quantities.field()
     until(lambda: not shown.quantities.busy, session)

@@ -8,9 +8,9 @@ import time
 import numpy as np
 import pytest
 
-from abfm_viewer.shown.carried import FlowState
 from abfm_viewer.shown.paint import Painter
 from abfm_viewer.shown.shown import Shown
+from abfm_viewer.shown.shown_flow import FlowState
 from tests.viewer.sessions import matched, solving, until
 
 

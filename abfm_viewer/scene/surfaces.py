@@ -1,0 +1,170 @@
+"""Meshes as polyscope draws them: coordinates, creases, styles and paints."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh.topology import connected, edge_slots
+from abfm.types import FloatArray, IntArray
+from abfm_viewer.appearance.colormaps import CHECKER_COLORS, DARK_CHECKER_COLORS, loaded_name
+from abfm_viewer.appearance.theme import linear, palette
+from abfm_viewer.document.document import Theme
+from abfm_viewer.scene.opengl import MATERIAL, ps
+from abfm_viewer.shown.paint import Paint
+
+_PLAIN: dict[Theme, tuple[float, float, float]] = {
+    "light": (0.8, 0.81, 0.83),
+    "dark": (0.3, 0.3, 0.32),
+}
+_CORNERS = "texture corners"
+_EDGE = 1.0  # polyscope's unit: about a pixel
+_LONG_EDGE, _THINNEST = 12.0, 0.3  # pixels of an edge that is drawn in full width; share of it
+# degrees between the normals at an edge
+_FLAT, _CREASED, _HALF_SHARP, _SHARP = 1.0, 25.0, 20.0, 40.0
+_MOST = 0.5  # of the edges
+
+
+class Viewport:
+    """Coordinates in which polyscope draws a mesh, as graphics cards have but seven digits.
+
+    They count from the middle of the mesh's bounding box, with the square root of the area as the
+    unit.
+    """
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        self.center: FloatArray = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+        self.length = mesh.length_scale
+
+    def drawn(self, points: FloatArray) -> FloatArray:
+        """Return points (..., 3) as polyscope draws them."""
+        return (points - self.center) / self.length
+
+    def undrawn(self, points: FloatArray) -> FloatArray:
+        """Return points (..., 3) in the mesh's units: the inverse of `drawn`."""
+        return self.center + self.length * points
+
+
+viewport = per_mesh(Viewport)
+"""Return the coordinates in which a mesh is drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnMesh:
+    """A mesh whose vertices are drawn once for every smooth side of a crease, which stays sharp."""
+
+    origin: IntArray  # (D,): the mesh's vertex that each drawn vertex stands for
+    faces: IntArray  # (F, 3): in the mesh's order, of drawn vertices
+
+    def values(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return values (V, ...) of vertices as (D, ...); the same array if nothing is split."""
+        return values if len(self.origin) == len(values) else values[self.origin]
+
+
+@per_mesh
+def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
+    """Split the vertices of a mesh along its creases.
+
+    A shape has creases if more of its edges are sharp than half sharp. Where most are half sharp,
+    as on coarse meshes of bodies and on folded cortices, the sharp ones are no creases but bends,
+    and nothing is split. Where most edges lie in planes, as on mechanical parts, the half sharp
+    ones are creases, too.
+    """
+    first, second = edge_slots(mesh.face_edges, len(mesh.edges)).T
+    (f, c), (g, k) = (np.divmod(slots[second >= 0], 3) for slots in (first, second))
+    a, b, d = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    normals = np.cross(b - a, d - a)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    cosines = (normals[f] * normals[g]).sum(axis=1)
+    of_planes = (cosines > np.cos(np.radians(_FLAT))).mean() >= _MOST
+    smooth = cosines > np.cos(np.radians(_CREASED if of_planes else _SHARP))
+    half_sharp = smooth & (cosines < np.cos(np.radians(_HALF_SHARP)))
+    if smooth.all() or (not of_planes and (~smooth).sum() <= half_sharp.sum()):
+        return DrawnMesh(np.arange(len(mesh.vertices)), mesh.faces)
+    f, c, g, k = f[smooth], c[smooth], g[smooth], k[smooth]
+    here = np.concatenate([3 * f + (c + 1) % 3, 3 * f + (c + 2) % 3])
+    there = np.concatenate([3 * g + (k + 2) % 3, 3 * g + (k + 1) % 3])
+    groups = connected(mesh.faces.size, np.stack([here, there], axis=1))
+    _, corners, numbers = np.unique(groups, return_index=True, return_inverse=True)
+    return DrawnMesh(mesh.faces.ravel()[corners], numbers.reshape(-1, 3))
+
+
+def register(name: str, mesh: TriangleMesh) -> Any:
+    """Give polyscope a surface; its creases are sharp."""
+    split = drawn_mesh(mesh)
+    return ps.register_surface_mesh(
+        name,
+        split.values(viewport(mesh).drawn(mesh.vertices)),
+        split.faces,
+        smooth_shade=True,
+        material=MATERIAL,
+        color=_PLAIN["light"],
+        back_face_policy=back_faces(mesh),
+    )
+
+
+def back_faces(mesh: TriangleMesh) -> str:
+    """Return how faces are drawn from behind: not where only a closed inside is there."""
+    return "cull" if mesh.is_closed and not mesh.is_inside_out else "identical"
+
+
+def edge_width(faces: int, scale: float) -> float:
+    """Of a wireframe of so many faces of a surface of area 1, whose lengths of 1 have so many
+    pixels: thin where edges are short, or they would hide the colours.
+    """
+    length = scale * math.sqrt(4 / (math.sqrt(3) * faces))  # in pixels, of equal triangles
+    return _EDGE * min(max(round(length / _LONG_EDGE, 1), _THINNEST), 1.0)
+
+
+def set_style(surface: Any, edges: float, flat: bool, theme: Theme) -> None:
+    """Show edges in a width, 0 for none, and faces each in one shade or smoothly."""
+    surface.set_color(_PLAIN[theme])
+    surface.set_edge_color(linear(palette(theme).ink)[:3])
+    surface.set_edge_width(edges)
+    surface.set_smooth_shade(not flat)
+
+
+def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None) -> None:
+    """Show a paint on a surface, with as little work as what it showed allows."""
+    surface, kind = ps.get_surface_mesh(name), paint.kind
+    if before is not None and before.kind == kind:
+        same_colors, same_ground = before.colors == paint.colors, before.is_dark == paint.is_dark
+        if same_colors and same_ground and before.values is paint.values:
+            return
+        if same_colors and kind in ("vertex values", "face values"):
+            surface.get_quantity_buffer(kind, "values").update_data(_drawn_values(mesh, paint))
+            return
+        if kind == "texture" and before.corners is paint.corners:
+            # cheaper than anew
+            surface.get_quantity_buffer(kind, "colors").update_data(paint.values.reshape(-1, 3))
+            return
+    show(surface, mesh, paint)
+
+
+def _drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:
+    of_vertices = paint.kind not in ("face values", "texture")
+    return drawn_mesh(mesh).values(paint.values) if of_vertices else paint.values
+
+
+def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) -> None:
+    """Show a paint as a quantity of its kind's name; `square` is a checkerboard's unit."""
+    kind, values = paint.kind, _drawn_values(mesh, paint)
+    look: dict[str, Any] = {"enabled": True}
+    if kind == "colors":
+        surface.add_color_quantity(kind, values, **look)
+    elif kind == "checker":
+        colors = DARK_CHECKER_COLORS if paint.is_dark else CHECKER_COLORS
+        look |= {"viz_style": "checker", "checker_size": square, "checker_colors": colors}
+        surface.add_parameterization_quantity(kind, values, coords_type="unit", **look)
+    elif kind == "texture":
+        surface.add_parameterization_quantity(_CORNERS, paint.corners, defined_on="corners")
+        look |= {"defined_on": "texture", "param_name": _CORNERS, "image_origin": "lower_left"}
+        surface.add_color_quantity(kind, values, filter_mode="linear", **look)
+    elif paint.colors is not None:
+        look |= {"defined_on": "faces" if kind == "face values" else "vertices"}
+        look |= {"cmap": loaded_name(paint.colors.colormap)}
+        ends = paint.colors.low, paint.colors.high
+        surface.add_scalar_quantity(kind, values, vminmax=ends, **look)
