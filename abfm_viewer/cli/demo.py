@@ -14,7 +14,7 @@ from abfm_viewer.cli.options import adder
 from abfm_viewer.cli.solving import solve
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
-from abfm_viewer.session.opening import document_of_result
+from abfm_viewer.session.session_files import document_of_result
 
 SUMMARY = "the main job on a bundled mesh: a self-test that needs no screen"
 DESCRIPTION = """\

@@ -18,8 +18,8 @@ from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import EXTRAPOLATION, Document
 from abfm_viewer.files import outputs
-from abfm_viewer.session.opening import read_document
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
+from abfm_viewer.session.session_files import read_document
 
 if TYPE_CHECKING:
     from PIL import Image

@@ -29,12 +29,13 @@ class History:
     more than `LARGEST` bytes: then the oldest go.
 
     How the surfaces are seen goes back only with a step that changed it: what the mouse turned
-    meanwhile stays.
+    meanwhile stays. What the user did not do changes `document` without a step; `moves` counts what
+    the user did: changes, undo and redo.
     """
 
     def __init__(self, document: Document) -> None:
-        self.document = document  # at present; what the user did not do changes it without a step
-        self.moves = 0  # what the user did: changes, undo and redo
+        self.document = document
+        self.moves = 0
         self._past: list[Step] = []
         self._future: list[Step] = []
 
@@ -91,7 +92,7 @@ class History:
         counted, room = set(_large_parts(self.document)), LARGEST
         for count, step in enumerate(reversed(self._past)):
             parts = _large_parts(step.document)
-            room -= sum(_bytes(parts[key]) for key in parts.keys() - counted)
+            room -= sum(parts[key] for key in parts.keys() - counted)
             counted |= parts.keys()
             if count == LONGEST or (count and room < 0):
                 return count
@@ -108,16 +109,16 @@ class History:
             self.moves += 1
 
 
-def _large_parts(document: Document) -> dict[int, object]:
-    """Meshes and results, by their identity."""
-    meshes = [surface.mesh for surface in document.surfaces]
-    parts = [*meshes, document.result] if document.result is not None else meshes
-    return {id(part): part for part in parts}
-
-
-def _bytes(held: object) -> int:
-    """Count what the arrays of a mesh or a result take."""
-    return sum(array.nbytes for array in vars(held).values() if isinstance(array, np.ndarray))
+def _large_parts(document: Document) -> dict[int, int]:
+    """Bytes of the arrays of meshes and results, by the identity of these."""
+    held = [*(surface.mesh for surface in document.surfaces), document.result]
+    return {
+        id(part): sum(
+            array.nbytes for array in vars(part).values() if isinstance(array, np.ndarray)
+        )
+        for part in held
+        if part is not None
+    }
 
 
 def _look_differs(before: Document, after: Document) -> bool:

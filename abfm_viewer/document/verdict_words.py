@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 import abfm
-from abfm_viewer.document.wording import sentence
 
 if TYPE_CHECKING:
     from abfm.matching import Remedy
@@ -32,35 +31,19 @@ _LEAST = 1e-4  # a smaller mismatch is told as less than this
 _ALL = 0.995  # a share that reads as 100%
 
 
-def headline(match: abfm.Match) -> str:
-    """Return how well it matches: ``matched to 0.7%``, ``nearly: 8% left``,
-    ``not reached: 33% left``, ``impossible``.
-
-    The share is the mismatch that the word goes by (`Match.confirmed_mismatch`): a smaller one
-    never has a worse word. Where the word has another cause, such as folds, there is none; `why`
-    has the cause.
-    """
-    kind = match.verdict.kind
-    if match.stop_reason == "given":
-        return "field given"
-    if match.stop_reason == "cancelled":
-        return f"cancelled: {_left(match)}"
-    if kind != abfm.matching.kind_of(match.confirmed_mismatch):
-        return kind
-    if kind == "matched":
-        return f"matched to {share(match.confirmed_mismatch)}"
-    return f"{kind}: {_left(match)}"
+def capital(text: str) -> str:
+    """A text with a capital first letter, and the rest as it is: names of files keep theirs."""
+    return text[:1].upper() + text[1:]
 
 
-def _left(match: abfm.Match) -> str:
-    """Say what is left as a share of the target, or that nothing or little was gained."""
-    left = match.confirmed_mismatch
-    if abfm.matching.kind_of(left) == "not reached":
-        if np.nanmax([match.mismatch, match.verified_mismatch]) >= _ALL * match.initial_mismatch:
-            return "nothing gained"
-        if left >= _ALL:
-            return "little gained"
-    return f"{share(left)} left"
+def sentence(text: str) -> str:
+    """The same with a full stop."""
+    return f"{capital(text)}."
+
+
+def counted(number: int, noun: str) -> str:
+    """``1 iteration``, ``2 iterations``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def share(value: float) -> str:
@@ -70,12 +53,37 @@ def share(value: float) -> str:
     return f"{100 * value:.0f}%" if value >= 0.0095 else f"{100 * value:.1g}%"
 
 
+def headline(match: abfm.Match) -> str:
+    """Return how well it matches: ``matched to 0.7%``, ``nearly: 8% left``,
+    ``not reached: 33% left``, ``impossible``.
+
+    The share is the mismatch that the word goes by (`Match.confirmed_mismatch`): a smaller one
+    never has a worse word. Where the word has another cause, such as folds, there is none; `why`
+    has the cause.
+    """
+    if match.stop_reason == "given":
+        return "field given"
+    kind, confirmed = match.verdict.kind, match.confirmed_mismatch
+    told = abfm.matching.kind_of(confirmed)
+    left = f"{share(confirmed)} left"
+    if told == "not reached":
+        largest = np.nanmax([match.mismatch, match.verified_mismatch])
+        if largest >= _ALL * match.initial_mismatch:
+            left = "nothing gained"
+        elif confirmed >= _ALL:
+            left = "little gained"
+    if match.stop_reason == "cancelled":
+        return f"cancelled: {left}"
+    if kind != told:
+        return kind
+    return f"matched to {share(confirmed)}" if kind == "matched" else f"{kind}: {left}"
+
+
 def tone(match: abfm.Match) -> Tone:
     """Return good for matched, failure for not reached or impossible, ink for the rest."""
-    if match.stop_reason in _OTHERWISE:
+    if match.stop_reason in _OTHERWISE or match.verdict.kind == "nearly":
         return "ink"
-    tones: dict[str, Tone] = {"matched": "good", "nearly": "ink"}
-    return tones.get(match.verdict.kind, "failure")
+    return "good" if match.verdict.kind == "matched" else "failure"
 
 
 def is_broken_off(match: abfm.Match) -> bool:
@@ -97,28 +105,25 @@ def advice(match: abfm.Match) -> str:
 
 
 def advice_in_options(match: abfm.Match, result: str) -> str:
-    """Say what to try as options of a command line, if the result is in a file; else in words."""
-    found = [
-        f"{remedy.label.lower()} ({_options(remedy, result)})" for remedy in match.verdict.remedies
-    ]
+    """Say what to try as options of a command line, if the result is in a file; else in words.
+
+    They are such as ``reach further (--reach 0.6 --start match.npz)``.
+    """
+    found = []
+    for remedy in match.verdict.remedies:
+        given = remedy.parameters.items()
+        words = [f"--{name.replace('_', '-')} {_plain(value)}" for name, value in given]
+        words += [f"--start {result}"] if remedy.goes_on else []
+        found.append(f"{remedy.label.lower()} ({' '.join(words)})")
     return ", or ".join(found) or advice(match)
-
-
-def _options(remedy: Remedy, result: str) -> str:
-    """Write what a remedy adds to a command line: ``--reach 0.6 --start match.npz``."""
-    words = [
-        f"--{name.replace('_', '-')} {_plain(value)}" for name, value in remedy.parameters.items()
-    ]
-    return " ".join([*words, *([f"--start {result}"] if remedy.goes_on else [])])
 
 
 def changes(remedy: Remedy) -> str:
     """Say what a remedy does, for a tooltip: ``A larger reach: reach 1, from no motion``."""
     changed = ", ".join(f"{name} {_plain(value)}" for name, value in remedy.parameters.items())
     start = "from the present field" if remedy.goes_on else "from no motion"
-    return (
-        f"{sentence(remedy.words)}\nStarts a run {start}{f', with {changed}' if changed else ''}."
-    )
+    given = f", with {changed}" if changed else ""
+    return f"{sentence(remedy.words)}\nStarts a run {start}{given}."
 
 
 def _plain(value: object) -> str:
@@ -135,15 +140,7 @@ def numbers(match: abfm.Match) -> str:
     return ", ".join(parts)
 
 
-def counted(number: int, noun: str) -> str:
-    """``1 iteration``, ``2 iterations``."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
 def place(now: abfm.Iteration) -> str:
     """Say where in its course a match is: ``mesh 1/3, stage 2, reach 0.5``."""
-    parts = [f"mesh {now.level + 1}/{now.levels}"] if now.levels > 1 else []
-    parts.append(f"stage {now.stage + 1}")
-    if now.reach:
-        parts.append(f"reach {now.reach:g}")
-    return ", ".join(parts)
+    mesh = f"mesh {now.level + 1}/{now.levels}, " if now.levels > 1 else ""
+    return f"{mesh}stage {now.stage + 1}{f', reach {now.reach:g}' if now.reach else ''}"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.theme import Color
-from abfm_viewer.document.wording import capital
+from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.notices import Card
 from abfm_viewer.session.session import Session
@@ -26,7 +26,6 @@ WAITING = "ending the run"
 """The same while something waits for that."""
 _WIDTH, _EDGE = 460, 10
 _SUDDENLY = 0.3  # seconds that something may take without a card
-_ALMOST = 0.97  # of a progress bar: an estimate is no promise
 
 
 @dataclass(frozen=True)
@@ -93,11 +92,9 @@ def _opening(session: Session) -> _Work | None:
     """Return what is being opened, or how far the first functions of a mesh are."""
     load = session.loading.now
     if load is not None and load.elapsed > _SUDDENLY:
-        about = f" of about {load.seconds:.0f} s" if load.seconds else ""
-        text = f"{load.what}: {load.elapsed:.0f} s{about}"
-        share = min(load.elapsed / load.seconds, _ALMOST) if load.seconds else None
+        text = f"{load.what}: {load.elapsed:.0f} s"
         cancel, tip = session.loading.cancel, "Go on without it."
-        return _Work(LOADING, text, load.elapsed, share, cancel=cancel, tip=tip)
+        return _Work(LOADING, text, load.elapsed, None, cancel=cancel, tip=tip)
     if session.functions.bare_since is None:
         return None
     elapsed = time.perf_counter() - session.functions.bare_since

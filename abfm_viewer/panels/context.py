@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.session.exporter import Exporter
-from abfm_viewer.session.opening import MESHES
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import SessionFiles
+from abfm_viewer.session.session_files import MESHES, SessionFiles
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.toolkit import Ui
 

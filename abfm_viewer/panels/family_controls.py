@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from abfm import TriangleMesh, functions
-from abfm_viewer.document.wording import sentence
+from abfm_viewer.document.verdict_words import sentence
 from abfm_viewer.widgets.slider_range import Range
 from abfm_viewer.widgets.toolkit import Ui
 

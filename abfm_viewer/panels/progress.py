@@ -3,8 +3,7 @@
 import polyscope.imgui as imgui
 
 from abfm.workers.progress import Step, rounded
-from abfm_viewer.document.verdict_words import place
-from abfm_viewer.document.wording import capital, sentence
+from abfm_viewer.document.verdict_words import capital, place, sentence
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 

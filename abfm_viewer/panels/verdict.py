@@ -8,7 +8,7 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
-from abfm_viewer.document.wording import capital, sentence
+from abfm_viewer.document.verdict_words import capital, sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Kind, Ui

@@ -74,7 +74,7 @@ class Scene:
     def update(self, rect: Rect) -> None:
         """Make polyscope's structures show the session, in a rectangle of the window."""
         session, view = self._session, self._session.view
-        session.after_match.draws_quickly = self.pacing.draws_quickly
+        session.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
         ps.set_background_color([*theme.linear(ground), 1.0])
         front = self._front()

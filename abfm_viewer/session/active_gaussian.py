@@ -6,6 +6,7 @@ from abfm_viewer.session.session import Session
 
 _WIDTH_PER_NOTCH = 1.12
 NARROWEST, WIDEST = 0.005, 2.0
+_NONE = "the {} has no Gaussian to {}: choose the family gaussian in the tab Functions"
 
 
 def active_gaussian(session: Session, side: Side) -> int | None:
@@ -22,13 +23,10 @@ def why_fixed(session: Session, side: Side) -> str:
     if session.active is None:
         return f"the {side} is still being chosen"
     if active_gaussian(session, side) is None:
-        return (
-            f"the {side} has no Gaussian to move: choose the family gaussian in the tab Functions"
-        )
+        return _NONE.format(side, "move")
     if gaussians.is_mapped(session.active.spec(side)):
-        return (
-            f"the {side} goes through a vertex map: type its Gaussian's vertex in the tab Functions"
-        )
+        where = "type its Gaussian's vertex in the tab Functions"
+        return f"the {side} goes through a vertex map: {where}"
     return ""
 
 
@@ -45,9 +43,7 @@ def widen(session: Session, side: Side, notches: float, merge: str) -> None:
     """Make it wider by so many turns of the wheel, or narrower if negative."""
     chosen = active_gaussian(session, side)
     if chosen is None or session.active is None:
-        session.notices.say(
-            f"the {side} has no Gaussian to widen: choose the family gaussian in the tab Functions"
-        )
+        session.notices.say(_NONE.format(side, "widen"))
         return
     spec = session.active.spec(side)
     width = gaussians.gaussians(spec)[chosen].width * _WIDTH_PER_NOTCH**notches

@@ -30,9 +30,9 @@ class Editor:
 
     def change(self, label: str, merge: str = "", **values: Any) -> None:
         """Go on to other values as one step of undo; steps with the same `merge` key are one."""
-        document = replace(self.document, **values)
-        if any(getattr(document, name) is not getattr(self.document, name) for name in values):
-            self.history.change(document, label, merge)
+        before = self.document
+        if any(getattr(before, name) is not value for name, value in values.items()):
+            self.history.change(replace(before, **values), label, merge)
 
     def amend(self, **values: Any) -> None:
         """Go on to other values without a step of undo: what the user did not do."""
@@ -57,7 +57,7 @@ class Editor:
         if changed == document.active:
             self.select(side=side, bump=bump)
         else:
-            self._set_active(changed, f"change the {side}", merge, side=side, bump=bump)
+            self._put(f"change the {side}", changed, merge=merge, side=side, bump=bump)
 
     def set_weight(self, weight: float, merge: str = "") -> None:
         """Set the active channel's weight.
@@ -70,7 +70,8 @@ class Editor:
             raise FunctionError(f"weight is {weight:g}; expected a number, 0 or more")
         if weight == 0 and not any(channel.weight for channel in self._others):
             raise FunctionError("weight is 0; at least one channel needs a weight above 0")
-        self._set_active(replace(active, weight=float(weight)), "change a weight", merge)
+        if weight != active.weight:
+            self._put("change a weight", replace(active, weight=float(weight)), merge=merge)
 
     def add_channel(self) -> None:
         """Add a channel and make it active: a landmark far from the others' Gaussians.
@@ -80,11 +81,11 @@ class Editor:
         document = self.document
         specs = [channel.spec(side) for channel in document.channels for side in SIDES]
         stays = landmark(specs, document.surface().mesh)
-        self._insert(Channel(stays, stays), "add a channel")
+        self._insert("add a channel", Channel(stays, stays))
 
     def duplicate_channel(self) -> None:
         if self.document.active:
-            self._insert(self.document.active, "duplicate a channel")
+            self._insert("duplicate a channel", self.document.active)
 
     def remove_channel(self) -> None:
         """Remove the active channel unless it is the only one.
@@ -98,9 +99,9 @@ class Editor:
             self.change("remove a channel", channels=tuple(others), channel=place)
 
     def swap_channel(self) -> None:
-        if active := self.document.active:
+        if (active := self.document.active) and active.source != active.target:
             swapped = replace(active, source=active.target, target=active.source)
-            self._set_active(swapped, "swap source and target")
+            self._put("swap source and target", swapped)
 
     def select(
         self, channel: int | None = None, side: Side | None = None, bump: int | None = None
@@ -118,16 +119,15 @@ class Editor:
         channels, place = self.document.channels, self.document.channel
         return [*channels[:place], *channels[place + 1 :]]
 
-    def _insert(self, channel: Channel, label: str) -> None:
-        channels, place = self.document.channels, self.document.channel + 1
-        channels = (*channels[:place], channel, *channels[place:])
-        self.change(label, channels=channels, channel=min(place, len(channels) - 1), bump=0)
+    def _insert(self, label: str, channel: Channel) -> None:
+        before = [self.document.active] if self.document.active else []
+        self._put(label, *before, channel, channel=self.document.channel + len(before), bump=0)
 
-    def _set_active(self, channel: Channel, label: str, merge: str = "", **values: Any) -> None:
+    def _put(self, label: str, *by: Channel, merge: str = "", **values: Any) -> None:
+        """Put channels in the place of the active one."""
         channels, place = self.document.channels, self.document.channel
-        if channel != self.document.active:
-            channels = (*channels[:place], channel, *channels[place + 1 :])
-            self.change(label, merge, channels=channels, **values)
+        channels = (*channels[:place], *by, *channels[place + 1 :])
+        self.change(label, merge, channels=channels, **values)
 
     # Parameters, mask, view, time
 

@@ -41,11 +41,6 @@ class PictureSettings:
     transparent: bool = False
     color_bar: bool = True
 
-    def words(self) -> list[str]:
-        """As options of `abfm render`, but for the ground."""
-        size = f"--size={self.width}x{self.height}"
-        return [size] if self.color_bar else [size, "--no-color-bar"]
-
 
 @dataclass(frozen=True)
 class MovieSettings:
@@ -57,23 +52,17 @@ class MovieSettings:
     end: float = 1.0
     turntable: float = 0.0
 
-    def words(self, tau: float) -> list[str]:
-        """As options of `abfm render`."""
-        times = [f"--from={self.start * tau}", f"--to={self.end * tau}"]
-        rate = [f"--seconds={self.seconds}", f"--fps={self.fps}"]
-        return [*rate, *times, f"--turntable={self.turntable}"]
-
 
 class Exporter:
     """One export at a time; `progress` is the share of the frames that are drawn, 0 to 1.
 
     `message` says at its end what was written, or why nothing was, if it `failed` or was cancelled;
-    `say` is told, too.
+    `say` is told, too. The window's size is that of the part with the surfaces, in pixels.
     """
 
     def __init__(self, say: Callable[[str, bool], None]) -> None:
         self._say = say
-        self.window_size = (1280, 720)  # of the part with the surfaces, in pixels
+        self.window_size = (1280, 720)
         self.progress = 0.0
         self.message = ""
         self.failed = False
@@ -95,11 +84,14 @@ class Exporter:
 
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
         """Draw the document as the window shows it."""
-        words = [*self.picture.words(), *(["--transparent"] if self.picture.transparent else [])]
+        words = ["--transparent"] if self.picture.transparent else []
         self._start(path, PICTURES, partial(self._render, path, document, known, words))
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
-        words = [*self.picture.words(), *self.movie.words(document.parameters.tau)]
+        movie, tau = self.movie, document.parameters.tau
+        times = [f"--from={movie.start * tau}", f"--to={movie.end * tau}"]
+        rate = [f"--seconds={movie.seconds}", f"--fps={movie.fps}"]
+        words = [*rate, *times, f"--turntable={movie.turntable}"]
         self._start(path, MOVIES, partial(self._render, path, document, known, words))
 
     def save_result(self, path: Path, match: abfm.Match) -> None:
@@ -145,6 +137,8 @@ class Exporter:
             raise AbfmError(
                 f"fps is {self.movie.fps:g}; a {path.suffix} file takes at most {fastest:g}"
             )
+        look = [f"--size={self.picture.width}x{self.picture.height}"]
+        look += [] if self.picture.color_bar else ["--no-color-bar"]
         with temporary_folder(Path(tempfile.gettempdir())) as folder:
             project, drawn = folder / "export.abfm", folder / f"drawn{path.suffix}"
             errors, view = folder / "errors.txt", replace(document.view, color_bar=True)
@@ -153,7 +147,7 @@ class Exporter:
             environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
             with errors.open("w") as file:
                 self._process = subprocess.Popen(
-                    [sys.executable, *render, *words, "--progress"],
+                    [sys.executable, *render, *look, *words, "--progress"],
                     stdout=subprocess.PIPE,
                     stderr=file,
                     text=True,

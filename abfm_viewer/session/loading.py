@@ -13,23 +13,19 @@ from abfm_viewer.session.notices import Notices, WaysOut
 
 OPENING = "opening"
 """What cards about it are about."""
-Read = Callable[[], Callable[[], None]]
-"""Reads something, in a thread; what it returns shows it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Something that is being read.
+    """Something to be read in a thread; what `read` returns shows it.
 
-    `what` is such as "opening camel.off". What `replaces` the document keeps matches from starting.
-    `seconds` is about how long it takes, 0 if that is not known; `remedies` are offered if it
-    fails. Two of the same `source`, unless that is None, are the same.
+    `what` is such as "opening camel.off". What `replaces` the document keeps matches from starting;
+    `remedies` are offered if it fails. Two of the same `source`, unless that is None, are the same.
     """
 
     what: str
-    read: Read
+    read: Callable[[], Callable[[], None]]
     replaces: bool = True
-    seconds: float = 0.0
     remedies: WaysOut = field(default_factory=dict)
     source: object = None
     started: float = field(default_factory=time.perf_counter, init=False)

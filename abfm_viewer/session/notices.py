@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import takewhile
+from typing import NamedTuple
 
 _SECONDS_OF_NOTICE, _SECONDS_OF_ERROR = 6.0, 12.0
 _LONGEST_LOG, _MOST_CARDS = 1000, 50
@@ -12,8 +13,7 @@ WaysOut = Mapping[str, Callable[[], None]]
 """What can be done about a problem: labels of buttons, and what they do."""
 
 
-@dataclass(frozen=True)
-class Notice:
+class Notice(NamedTuple):
     """The latest thing that was told."""
 
     text: str
@@ -22,18 +22,14 @@ class Notice:
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """A problem that stays in view until it is dismissed or mended.
-
-    All that are `about` the same thing are mended together.
-    """
+    """A problem that stays in view; all that are `about` the same thing are mended together."""
 
     text: str
     about: str = ""
     remedies: WaysOut = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """A line of the log; the time is in seconds since the epoch."""
 
     time: float
@@ -58,10 +54,7 @@ class Notices:
     def say(
         self, text: str, is_error: bool = False, about: str = "", remedies: WaysOut | None = None
     ) -> None:
-        """Tell something; an error also as a card with its remedies.
-
-        What is told again and again is told once.
-        """
+        """Tell something, once; an error also as a card with its remedies."""
         text = " ".join(text.split())
         cards = self.cards
         told = {card.text for card in cards} if is_error else {self.latest.text}
@@ -84,7 +77,7 @@ class Notices:
     def dismiss(self, card: Card) -> None:
         """Take a card away, and the notice that says the same."""
         self.cards = tuple(one for one in self.cards if one is not card)
-        if self.latest == Notice(card.text, True):
+        if self.latest == (card.text, True):
             self.clear()
 
     def mend(self, about: str) -> None:
@@ -98,10 +91,7 @@ class Notices:
         self.latest = Notice("")
 
     def update(self) -> None:
-        """Take the notice away when it was there for long enough.
-
-        An error's goes also when the user did something since.
-        """
+        """Take the notice away when it was there for long, an error's when the user did more."""
         at, moves = self._said
         answered = self.latest.is_error and moves != self._moves()
         longest = _SECONDS_OF_ERROR if self.latest.is_error else _SECONDS_OF_NOTICE

@@ -1,9 +1,9 @@
 """Playing the time bar: how the shown time moves from frame to frame."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 Repeat = Literal["once", "loop", "ping-pong"]
-REPEATS: tuple[Repeat, ...] = ("once", "loop", "ping-pong")
+REPEATS: tuple[Repeat, ...] = get_args(Repeat)
 SECONDS = 4.0
 """How long the flow from 0 to tau takes at speed 1."""
 SECONDS_PER_CYCLE = 1.0
@@ -19,14 +19,12 @@ class Player:
     """
 
     def __init__(self) -> None:
-        self.playing = self.held = False
+        self.playing = self.held = self.beyond = False
         self.repeat: Repeat = "loop"
         self.speed = 1.0
-        self.beyond = False
         self.phase = 0.0
         self._direction = 1.0
-        self._starting = False
-        self._to_tau = False
+        self._starting = self._to_tau = False
 
     def toggle(self) -> None:
         self.playing = self._starting = not self.playing

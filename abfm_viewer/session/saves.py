@@ -56,13 +56,12 @@ class Saves:
 
     def has_new_result(self, document: Document) -> bool:
         """Return whether a document has a result that is in no file."""
-        saved = self._saved_state(document)
-        known = saved.result if saved else None
-        return document.result is not None and document.result is not known
+        saved, _ = self._of(document)
+        return document.result is not None and (not saved or document.result is not saved.result)
 
     def origin(self, document: Document) -> Origin | None:
         """The project file of a document, as it was when it was last read or written here."""
-        return self._saved.get(document.identity, (None, None))[1]
+        return self._of(document)[1]
 
     def left(self, document: Document) -> Document | None:
         """The unsaved state in which a document was left, or its latest unsaved result found.
@@ -72,23 +71,26 @@ class Saves:
         return self._left.get(document.identity)
 
     def mark(
-        self, document: Document, origin: Origin | None, settles: Document | None = None
+        self,
+        document: Document,
+        origin: Origin | None,
+        settles: Document | None = None,
+        saved: bool = True,
     ) -> None:
-        """Remember that a document need not be saved, nor what was `left` when it was written."""
-        self._saved[document.identity] = document, origin
-        if self._left.get(document.identity) is settles:
-            self._left.pop(document.identity, None)
+        """Remember a document's file, that it is saved, and what was `left` when it was written.
 
-    def recover(self, document: Document, origin: Origin | None) -> None:
-        """Remember that all of a document need be saved, in its project file if it has one."""
-        self._saved[document.identity] = None, origin
+        All of one that is not `saved` need be, in its project file if it has one.
+        """
+        self._saved[document.identity] = document if saved else None, origin
+        if saved and self._left.get(document.identity) is settles:
+            self._left.pop(document.identity, None)
 
     def leave(self, document: Document) -> None:
         """Remember what is unsaved of a document whose place another one takes."""
         before = self.left(document)
         taken_back = before is not None and before.result is not None and document.result is None
         if self._differs(document) and not taken_back:
-            self._left[document.identity] = document
+            self.found(document)
 
     def found(self, document: Document) -> None:
         """Remember a document with a result that is in no file."""
@@ -96,11 +98,8 @@ class Saves:
 
     def forget_all_but(self, identities: Collection[Identity]) -> None:
         """Forget the files of documents that the history holds no more, unless unsaved."""
-        self._saved = {
-            identity: state
-            for identity, state in self._saved.items()
-            if identity in identities or identity in self._left
-        }
+        for identity in self._saved.keys() - self._left.keys() - set(identities):
+            del self._saved[identity]
 
     def reset(self) -> None:
         """Forget all but the present document's project file."""
@@ -110,10 +109,10 @@ class Saves:
 
     def _differs(self, document: Document) -> bool:
         """Return whether something of a document is in no file."""
-        if (saved := self._saved_state(document)) is None:
+        if (saved := self._of(document)[0]) is None:
             return True
         changed = any(getattr(document, name) != getattr(saved, name) for name in _CONTENT)
         return changed or document.result is not saved.result
 
-    def _saved_state(self, document: Document) -> Document | None:
-        return self._saved.get(document.identity, (None, None))[0]
+    def _of(self, document: Document) -> tuple[Document | None, Origin | None]:
+        return self._saved.get(document.identity, (None, None))

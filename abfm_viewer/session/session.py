@@ -15,10 +15,9 @@ from abfm.workers.progress import Step, said
 from abfm_viewer.computing.background import Jobs, Latest, same
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.solver import ProblemSpec, Snapshot, Solver
-from abfm_viewer.document.document import Channel, Document, Side, Surface, View
+from abfm_viewer.document.document import Channel, Document, Identity, Side, Surface, View
 from abfm_viewer.document.history import History
 from abfm_viewer.files.origin import Origin
-from abfm_viewer.session.after_match import AfterMatch
 from abfm_viewer.session.editor import Editor
 from abfm_viewer.session.functions import DocumentFunctions
 from abfm_viewer.session.loading import Loading
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
 
 RUN = "run"
 """What cards about a match are about."""
+_MOST_FACES = 50_000  # of a mesh that gets streaks after a match: within two seconds
 
 
 class Session:
@@ -38,20 +38,7 @@ class Session:
 
     If `at_once`, everything is computed when it is asked for, as pictures off the screen need,
     which wait for no frame. While the mouse is `dragging` a widget or a Gaussian, changes are one
-    step of undo.
-
-    Attributes
-    ----------
-    editor : Editor
-        Commands that change the document, each a step of undo.
-    functions : DocumentFunctions
-        Their values.
-    loading, saves : Loading, Saves
-        What is being opened, and what is in files.
-    notices : Notices
-        What is told.
-    solver, player : Solver, Player
-        The run under way, and the time bar.
+    step of undo. Whether the machine `draws_quickly` the window says.
     """
 
     def __init__(self, mesh: TriangleMesh, name: str, at_once: bool = False) -> None:
@@ -64,9 +51,9 @@ class Session:
         self.saves = Saves(self.editor)
         self.solver = Solver()
         self.player = Player()
-        self.after_match = AfterMatch()
-        self.dragging = False
+        self.dragging = self.draws_quickly = False
         self._coarse_meshes: Latest[None] = self._jobs.latest()
+        self._flow_seen: Identity | None = None  # of a document whose flow was shown
         self._run_began = self.document
         # moves of the history when a remedy began the run: its result belongs to that step
         self._remedied = -1
@@ -146,11 +133,10 @@ class Session:
         origin: Origin | None,
         saved: bool = True,
     ) -> None:
-        """Show an opened document, and end a run.
+        """Show an opened document with values of functions from files, and end a run.
 
-        Known are values of functions from files (see `Functions`). Save writes the document's
-        project file, the `origin`, if it has one. One that was not `saved`, as after a crash, is
-        asked for at the end like the user's own work.
+        Save writes the document's project file, the `origin`, if it has one. One that was not
+        `saved`, as after a crash, is asked for at the end like the user's own work.
         """
         self.solver.cancel()
         self.saves.leave(self.document)
@@ -159,10 +145,7 @@ class Session:
             self.functions.add(surface.mesh, known)
         name = origin.path.name if origin else document.name
         self.editor.history.change(document, f"open {name}")
-        if saved:
-            self.saves.mark(document, origin)
-        else:
-            self.saves.recover(document, origin)
+        self.saves.mark(document, origin, saved=saved)
 
     def reset_history(self) -> None:
         """Forget all steps: the present state is where the user starts."""
@@ -235,23 +218,22 @@ class Session:
         if self.solver.running:
             return
         if opening := self.loading.replacing:
-            name = self.document.name
-            self.notices.say(f"no match yet: {opening}; it takes the place of {name}")
+            text = f"no match yet: {opening}; it takes the place of {self.document.name}"
+            self.notices.say(text)
             return
         if self.obstacle:
             is_error = self.functions.problem(self.document) != ""
             self.notices.say(f"no match yet: {self.obstacle}", is_error, RUN)
             return
-        field = None
+        field, mesh = None, self.surface().mesh
         warm = self.solver.warm if goes_on is None else goes_on
-        if warm and self.result is not None and self.result.mesh is self.surface().mesh:
+        if warm and self.result is not None and self.result.mesh.digest == mesh.digest:
             field = self.result.start_for(self.parameters)
         self.notices.clear()
         self.notices.mend(RUN)
         self.player.playing = False
         self.editor.amend(time=self.parameters.tau)
-        self._run_began = self.document
-        self._remedied = -1
+        self._run_began, self._remedied = self.document, -1
         self.solver.start(self.problem, self.functions_of(self.document), field)
 
     def remedy(self, remedy: Remedy) -> None:
@@ -271,11 +253,10 @@ class Session:
         """Show the flow after the next match, or neither after that nor now."""
         if self.view.flow_after_match:
             self.player.playing = False
-            self.editor.set_view(
-                "hide the flow after matches", flow_after_match=False, arrows=False, streaks=False
-            )
+            label = "hide the flow after matches"
+            self.editor.set_view(label, flow_after_match=False, arrows=False, streaks=False)
         else:
-            self.after_match.forget()
+            self._flow_seen = None
             self.editor.set_view("show the flow after matches", flow_after_match=True)
 
     # The frame
@@ -345,22 +326,21 @@ class Session:
         if replaced:
             self.solver.forget()
             return
-        if match is not None:
+        again: WaysOut = {"Try again": self.match}
+        if match is not None:  # the newest field that was known
+            again = {
+                "Continue": partial(self.match, True),
+                "Match again": partial(self.match, False),
+            }
             self._show(match, {"result": match, "runs": runs})
         if failed:
-            again: WaysOut = {"Try again": self.match}
-            if match is not None:  # the newest field that was known
-                again = {
-                    "Continue": partial(self.match, True),
-                    "Match again": partial(self.match, False),
-                }
             self.notices.say(f"the solver stopped: {self.solver.reason}", True, RUN, again)
 
     def _show(self, match: abfm.Match, outcome: dict[str, Any]) -> None:
-        """Take a result into the document, and show its flow."""
+        """Take a result into the document, and show its flow, played once."""
         view = None
         if not (self.solver.failed or self.at_once or self.dragging):
-            view = self.after_match.view(self.document, match)
+            view = self._view_of_flow(match)
         outcome["view"] = view or self.view
         if self._remedied == self.editor.history.moves:
             self.editor.amend(**outcome)
@@ -369,6 +349,22 @@ class Session:
         if view is not None:
             self.editor.amend(time=0.0)
             self.player.play_once()
+
+    def _view_of_flow(self, match: abfm.Match) -> View | None:
+        """The view of the flow after a match; None where there is nothing to play.
+
+        Streaks where there is time for them, else arrows. The flow is left as the user has it if it
+        is shown already, or is shown as something else than the function; and where the user hid it
+        after an earlier match of this document, it stays hidden.
+        """
+        view, document = self.view, self.document
+        if not view.flow_after_match or not match.velocity.any():
+            return None
+        known, self._flow_seen = self._flow_seen is document.identity, document.identity
+        if known or view.arrows or view.streaks or view.coloring != "function":
+            return view
+        streaks = self.draws_quickly and len(match.mesh.faces) <= _MOST_FACES
+        return replace(view, streaks=streaks, arrows=not streaks)
 
     def close(self) -> None:
         """End all threads and processes; what is under way is not waited for long."""

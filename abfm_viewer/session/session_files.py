@@ -1,60 +1,91 @@
-"""Opening and saving a session's files in the background."""
+"""Opening and saving a session's files, in the background while it is at work."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from concurrent.futures import Future, wait
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
+import abfm
 from abfm import MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
+from abfm.mesh.files import READERS
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import error_line
-from abfm_viewer.document.document import Document, Identity, View
+from abfm_viewer.computing.background import THREADS, error_line
+from abfm_viewer.document.document import Channel, Document, Identity, Run, Surface, View
 from abfm_viewer.document.samples import MESHES as MESH_SAMPLES
-from abfm_viewer.document.wording import capital
+from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.files.origin import Origin
-from abfm_viewer.files.project import save_project
+from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.loading import OPENING, Load
-from abfm_viewer.session.opening import (
-    MESHES,
-    PROJECT,
-    RESULT,
-    is_project,
-    read_document,
-)
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder
 
+MESHES, PROJECT, RESULT = tuple(READERS), ".abfm", ".npz"
+"""Suffixes."""
 LARGEST, OTHER_MESH, OTHER_NAME = "Open the largest component", "Open another mesh...", "Save as..."
 """Labels of what can be done about a file."""
 SAVING = "saving"
 """What cards are about."""
-Make = Callable[[View], tuple[Document, dict[str, FloatArray]]]
-"""Makes a document, drawn in a view's theme, and the values of functions that no text describes."""
-Ask = Callable[[str, str, Mapping[str, Callable[[], None] | None]], None]
+Do = Callable[[], None]
+Opened = tuple[Document, dict[str, FloatArray]]
+"""A document, and the values of its functions from files (see `Functions`)."""
+Ask = Callable[[str, str, Mapping[str, Do | None]], None]
 
 
-@dataclass(frozen=True, eq=False)
-class Waiting:
-    """Something to be done when a run has ended; `what` is such as "opening camel.off"."""
+def open_session(path: Path, largest_component: bool = False) -> Session:
+    """A session that begins with a file, read now; AbfmError if it cannot be read."""
+    if not path.name.lower().endswith((PROJECT, RESULT)):
+        return Session(load_mesh(path, largest_component=largest_component), path.name)
+    origin = _origin(path.absolute())
+    document, known = read_document(path)
+    session = Session(document.surface().mesh, document.name)
+    session.restore(document, known, origin)
+    session.reset_history()
+    return session
 
-    what: str
-    do: Callable[[], None]
-    started: float = field(default_factory=time.perf_counter, init=False)
 
-    @property
-    def elapsed(self) -> float:
-        """Seconds since it waits."""
-        return time.perf_counter() - self.started
+def _origin(path: Path) -> Origin | None:
+    return Origin.of(path) if path.name.lower().endswith(PROJECT) else None
+
+
+def read_document(path: Path) -> Opened:
+    """Read a project file, or make a document that shows the result in a file."""
+    if path.name.lower().endswith(PROJECT):
+        return load_project(path)
+    return document_of_result(abfm.load_match(path), path)
+
+
+def document_of_result(match: abfm.Match, path: Path) -> Opened:
+    """A document that shows a result at tau; its functions are named by the result's file."""
+    known: dict[str, FloatArray] = {}
+
+    def spec(column: str, values: FloatArray) -> str:
+        text = str(abfm.functions.ValuesFile(path=str(path.absolute()), column=column))
+        known[text] = np.array(values)
+        return text
+
+    sources = [spec(f"source {i}", values) for i, values in enumerate(match.source.T)]
+    targets = [spec(f"target {i}", values) for i, values in enumerate(match.target.T)]
+    document = Document(
+        (Surface(match.mesh, path.name),),
+        channels=tuple(map(Channel, sources, targets, match.weights.tolist())),
+        parameters=match.parameters,
+        mask="" if match.mask is None else spec("mask", match.mask),
+        result=match,
+        runs=(Run(match.energy_history, match.stages, (), match.mismatch, path.name),),
+        time=match.parameters.tau,
+    )
+    return document, known
 
 
 @dataclass
@@ -63,7 +94,7 @@ class _Writing:
     document: Document
     path: Path
     left: Document | None
-    then: list[Callable[[], None]]
+    then: list[Do]
 
 
 class SessionFiles:
@@ -71,18 +102,17 @@ class SessionFiles:
 
     `ask` puts a question to the user: title, text, and the answers with what they do. `ways_out`
     are what the window offers where a file cannot be read or written, by their labels `OTHER_MESH`
-    and `OTHER_NAME`.
+    and `OTHER_NAME`. What is `waiting` is done when a run has ended.
     """
 
     def __init__(self, session: Session, state: StateFolder | None, ask: Ask) -> None:
         self._session = session
         self._state = state
         self._ask = ask
-        self._writer = ThreadPoolExecutor(1, thread_name_prefix="save")
         self._writing: list[_Writing] = []
         self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
-        self.waiting: Waiting | None = None  # for the end of a run
-        self.ways_out: dict[str, Callable[[], None]] = {}
+        self.waiting: Load | None = None
+        self.ways_out: dict[str, Do] = {}
 
     @property
     def sample(self) -> str:
@@ -99,15 +129,15 @@ class SessionFiles:
         """Open a file in the background; what is open now stays in the history."""
         path = path.expanduser().absolute()
         name, known = path.name.lower(), (*MESHES, PROJECT, RESULT)
-        if name.endswith(known):
-            read = self._read_document if name.endswith((PROJECT, RESULT)) else self._read_mesh
-            remedies = self._offered(OTHER_MESH, partial(self.open, path))
-            source = Origin.of(path)  # as it is now
-            what = f"opening {path.name}"
-            self.load(Load(what, partial(read, path), remedies=remedies, source=source))
-        else:
+        if not name.endswith(known):
             text = f"{path.name} cannot be opened: expected a file that ends in {', '.join(known)}"
             self._session.notices.say(text, True, OPENING, self._offered(OTHER_MESH))
+            return
+        read = self._read_document if name.endswith((PROJECT, RESULT)) else self._read_mesh
+        remedies = self._offered(OTHER_MESH, partial(self.open, path))
+        source = Origin.of(path)  # as it is now
+        what = f"opening {path.name}"
+        self._load(Load(what, partial(read, path), remedies=remedies, source=source))
 
     def open_first(self, paths: list[Path]) -> None:
         """Open the first of several files that were dropped on the window."""
@@ -116,17 +146,27 @@ class SessionFiles:
             text = f"opening {paths[0].name}, the first of {len(paths)} files ..."
             self._session.notices.say(text)
 
-    def open_made(self, name: str, make: Make) -> None:
+    def open_made(self, name: str, make: Callable[[View], Opened]) -> None:
         """Open a sample that is made in the background, ready to match."""
-        remedies = self._offered("", partial(self.open_made, name, make))
-        read = partial(self._read_made, name, make)
-        self.load(Load(f"setting up {name}", read, remedies=remedies))
 
-    def load(self, load: Load) -> None:
-        """Read something that takes the document's place, when no run is under way or may end."""
+        def read() -> Do:
+            document, known = make(self._session.view)
+            ready = "press Play, its field is given" if document.result else "press Match"
+
+            def show() -> None:
+                self._session.restore(document, known, None)
+                self._samples[document.identity] = capital(name)
+                self._session.notices.say(f"{name} is ready: {ready}")
+
+            return show
+
+        remedies = self._offered("", partial(self.open_made, name, make))
+        self._load(Load(f"setting up {name}", read, remedies=remedies))
+
+    def _load(self, load: Load) -> None:
         self.when_free(load.what, partial(self._session.loading.begin, load))
 
-    def when_free(self, what: str, do: Callable[[], None]) -> None:
+    def when_free(self, what: str, do: Do) -> None:
         """Do something that takes the document's place; a run is ended only if the user says so."""
         if not self._session.solver.running:
             do()
@@ -138,32 +178,32 @@ class SessionFiles:
         answers = {"End the run": partial(self.end_run, what, do), "Go back": None}
         self._ask("End the run?", text, answers)
 
-    def end_run(self, what: str, then: Callable[[], None]) -> None:
+    def end_run(self, what: str, then: Do) -> None:
         """End the run that is under way, and do something when its best field is there."""
         self._session.solver.cancel()
-        self.waiting = Waiting(what, then)
+        self.waiting = Load(what, lambda: then)
 
     def stop_waiting(self) -> None:
         """Do nothing when the run has ended; it ends all the same, with its best field."""
         self.waiting = None
 
-    def save(
-        self, path: Path, then: Callable[[], None] | None = None, document: Document | None = None
-    ) -> None:
+    def save(self, path: Path, then: Do | None = None, document: Document | None = None) -> None:
         """Write the project, or another document, in the background; then do something."""
         document = document or self._session.document
         functions = self._session.functions_of(document)
         left = self._session.saves.left(document)
+        before = [one.future for one in self._writing]
         self._session.notices.say(f"saving {path.name} ...")
 
         def write() -> Origin:
+            wait(before)
             save_project(path, document, known_values(document, functions))
             return Origin.of(path)
 
-        future = self._writer.submit(write)
+        future = THREADS.submit(write)
         self._writing.append(_Writing(future, document, path, left, [then] if then else []))
 
-    def when_saved(self, then: Callable[[], None]) -> None:
+    def when_saved(self, then: Do) -> None:
         """Do something when the file that is being written is."""
         self._writing[-1].then.append(then)
 
@@ -171,21 +211,25 @@ class SessionFiles:
         """Take in which files were written, and that a run has ended: call once per frame."""
         if self.waiting is not None and not self._session.solver.running:
             waiting, self.waiting = self.waiting, None
-            waiting.do()
+            waiting.read()()
+        notices = self._session.notices
         while self._writing and self._writing[0].future.done():
             done = self._writing.pop(0)
-            error = done.future.exception()
-            if error is not None:
-                again = partial(self.save, done.path, _all(done.then), done.document)
+
+            def then(done: _Writing = done) -> None:
+                for do in done.then:
+                    do()
+
+            if error := done.future.exception():
+                again = partial(self.save, done.path, then, done.document)
                 remedies = self._offered(OTHER_NAME, again)
-                self._session.notices.say(f"not saved: {error_line(error)}", True, SAVING, remedies)
+                notices.say(f"not saved: {error_line(error)}", True, SAVING, remedies)
                 continue
-            self._session.notices.mend(SAVING)
+            notices.mend(SAVING)
             self._session.saves.mark(done.document, done.future.result(), done.left)
-            self._session.notices.say(f"saved {done.path}")
+            notices.say(f"saved {done.path}")
             self._remember(done.path)
-            for then in done.then:
-                then()
+            then()
 
     def recent(self) -> list[Path]:
         """Files that were opened or saved, the latest first."""
@@ -200,9 +244,10 @@ class SessionFiles:
             self._state.add_recent(path)
 
     def close(self) -> None:
-        self._writer.shutdown()
+        """Finish writing."""
+        wait([one.future for one in self._writing])
 
-    def _read_mesh(self, path: Path) -> Callable[[], None]:
+    def _read_mesh(self, path: Path) -> Do:
         try:
             return partial(self._show_mesh, path, load_mesh(path))
         except MeshError as error:
@@ -213,10 +258,9 @@ class SessionFiles:
             raise MeshError(reason) from None
         size = f"{len(largest.vertices):,} vertices and {len(largest.faces):,} faces"
         text = f"{path.name} has several components, and one is needed; the largest has {size}"
-        show: Callable[[], None] = partial(
-            self.when_free, f"opening {path.name}", partial(self._show_mesh, path, largest)
-        )
-        remedies = {LARGEST: show} | self._offered(OTHER_MESH)
+        show = partial(self._show_mesh, path, largest)
+        open_largest: Do = partial(self.when_free, f"opening {path.name}", show)
+        remedies = {LARGEST: open_largest} | self._offered(OTHER_MESH)
         return partial(self._session.notices.say, text, True, OPENING, remedies)
 
     def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
@@ -224,8 +268,8 @@ class SessionFiles:
         is_sample = path in map(asset_path, MESH_SAMPLES)
         self._samples[self._session.document.identity] = path.name if is_sample else ""
 
-    def _read_document(self, path: Path) -> Callable[[], None]:
-        origin = Origin.of(path) if is_project(path) else None
+    def _read_document(self, path: Path) -> Do:
+        origin = _origin(path)
         document, known = read_document(path)
 
         def restore() -> None:
@@ -236,38 +280,15 @@ class SessionFiles:
 
         return partial(self._show, path, restore)
 
-    def _read_made(self, name: str, make: Make) -> Callable[[], None]:
-        document, known = make(self._session.view)
-        ready = "press Play, its field is given" if document.result else "press Match"
-
-        def show() -> None:
-            self._session.restore(document, known, None)
-            self._samples[document.identity] = capital(name)
-            self._session.notices.say(f"{name} is ready: {ready}")
-
-        return show
-
-    def _offered(
-        self, label: str, again: Callable[[], None] | None = None
-    ) -> dict[str, Callable[[], None]]:
+    def _offered(self, label: str, again: Do | None = None) -> dict[str, Do]:
         """Trying again, and a way out that the window has."""
         first = {"Try again": again} if again else {}
         return first | ({label: self.ways_out[label]} if label in self.ways_out else {})
 
-    def _show(self, path: Path, show: Callable[[], None], messages: tuple[str, ...] = ()) -> None:
+    def _show(self, path: Path, show: Do, messages: tuple[str, ...] = ()) -> None:
         left, unsaved = self._session.document.name, self._session.saves.unsaved
         show()
         self._session.notices.mend(OPENING)
         self._remember(path)
         back = f" Undo returns to {left}, which was not saved." if unsaved else ""
         self._session.notices.say(f"{'; '.join([f'opened {path.name}', *messages])}.{back}")
-
-
-def _all(actions: list[Callable[[], None]]) -> Callable[[], None]:
-    """One after the other."""
-
-    def do() -> None:
-        for action in actions:
-            action()
-
-    return do

@@ -12,9 +12,8 @@ from abfm_viewer.document.document import Document, Theme
 from abfm_viewer.document.verdict_words import headline
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
-from abfm_viewer.session.opening import PROJECT, RESULT
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import OTHER_NAME
+from abfm_viewer.session.session_files import OTHER_NAME, PROJECT, RESULT
 from abfm_viewer.window.action import Action
 from abfm_viewer.window.view_actions import ViewActions
 

@@ -9,8 +9,8 @@ import abfm
 from abfm.assets import asset_path
 from abfm_viewer import window
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.session.opening import open_session
 from abfm_viewer.session.session import Session
+from abfm_viewer.session.session_files import open_session
 
 if TYPE_CHECKING:
     from abfm_viewer.scene.opengl import Backend

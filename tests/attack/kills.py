@@ -27,7 +27,7 @@ from abfm_viewer.files.autosave import Autosave
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.pictures import write_movie
-from abfm_viewer.session.opening import document_of_result
+from abfm_viewer.session.session_files import document_of_result
 from tests.attack.trial import Trial, run
 from tests.shapes import icosphere
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abfm_viewer.document.wording import capital, sentence
+from abfm_viewer.document.verdict_words import capital, sentence
 
 
 def test_only_the_first_letter_changes():

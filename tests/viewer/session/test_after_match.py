@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from abfm_viewer.document.document import Document, Surface, View
+from abfm_viewer.document.document import View
 from abfm_viewer.files.origin import Origin
-from abfm_viewer.session.after_match import AfterMatch
+from abfm_viewer.session.session import Session
 from tests.viewer.sessions import SPHERE, matched, opened, solving, until
 
 
@@ -20,13 +20,6 @@ def session():
     session.switch_flow_after_match()
     yield session
     session.close()
-
-
-class Found:
-    """All that is asked of a match."""
-
-    mesh = SPHERE
-    velocity = np.ones((1, len(SPHERE.faces), 3))
 
 
 def test_the_flow_is_shown_and_played_once_from_0_to_tau(session):
@@ -96,31 +89,43 @@ def test_a_flow_that_is_switched_off_is_not_played(session):
     assert not (session.view.streaks)
 
 
-def ball(**view) -> Document:
-    return Document((Surface(SPHERE, "ball"),), view=View(**view))
+@pytest.fixture
+def ball():
+    """A session whose view may be given anew, and told of a match."""
+    session = Session(SPHERE, "ball")
+
+    def view_of_flow(velocity=1.0, **view):
+        session.editor.amend(view=View(**view))
+        match = SimpleNamespace(mesh=SPHERE, velocity=np.full((1, len(SPHERE.faces), 3), velocity))
+        return session._view_of_flow(match)
+
+    session.view_of_flow = view_of_flow
+    yield session
+    session.close()
 
 
-def test_streaks_on_small_meshes_where_drawing_is_quick():
-    after = AfterMatch()
-    assert after.view(ball(), Found).arrows
-    after.draws_quickly = True
-    assert after.view(ball(), Found).streaks
+@pytest.mark.parametrize("quickly", [False, True])
+def test_streaks_on_small_meshes_where_drawing_is_quick(ball, quickly):
+    ball.draws_quickly = quickly
+    view = ball.view_of_flow()
+    assert (view.arrows, view.streaks) == (not quickly, quickly)
 
 
-def test_what_the_user_hid_stays_hidden_and_what_he_chose_stays_chosen():
-    after, document = AfterMatch(), ball()
-    shown = replace(document, view=after.view(document, Found))
-    assert after.view(shown, Found) is shown.view
-    assert after.view(document, Found) is document.view
-    after.forget()
-    assert after.view(document, Found).arrows
-    for chosen in (ball(streaks=True), ball(coloring="speed")):
-        assert AfterMatch().view(chosen, Found) is chosen.view
+def test_what_the_user_hid_stays_hidden(ball):
+    shown = ball.view_of_flow()
+    ball.editor.amend(view=shown)
+    assert ball.view_of_flow(arrows=True) == View(arrows=True)
+    assert ball.view_of_flow() is ball.view
+    for _ in range(2):
+        ball.switch_flow_after_match()
+    assert ball.view_of_flow().arrows
 
 
-def test_a_field_of_zeros_has_no_flow_to_see():
-    class Still:
-        velocity = np.zeros((1, len(SPHERE.faces), 3))
+@pytest.mark.parametrize("chosen", [{"streaks": True}, {"coloring": "speed"}])
+def test_what_the_user_chose_stays_chosen(ball, chosen):
+    assert ball.view_of_flow(**chosen) is ball.view
 
-    assert AfterMatch().view(ball(), Still) is None
-    assert AfterMatch().view(ball(flow_after_match=False), Found) is None
+
+def test_a_field_of_zeros_has_no_flow_to_see(ball):
+    assert ball.view_of_flow(velocity=0.0) is None
+    assert ball.view_of_flow(flow_after_match=False) is None

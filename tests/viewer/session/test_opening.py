@@ -11,8 +11,8 @@ import pytest
 from abfm import MeshError, Parameters, load_match, match
 from abfm_viewer.document.document import Channel
 from abfm_viewer.session import session_files
-from abfm_viewer.session.opening import open_session
 from abfm_viewer.session.session import Session
+from abfm_viewer.session.session_files import open_session
 
 
 def solved(session: Session):
