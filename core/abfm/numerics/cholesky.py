@@ -27,16 +27,13 @@ except ImportError:  # no wheel for linux-aarch64
 
 Solve = Callable[[FloatArray], FloatArray]
 
-_BYTES = (
-    # of memory to ask for, times entries, times log2(unknowns); on surfaces of 642 to 163,842
-    # vertices: 6 to 11
-    16
-)
+# of memory to ask for, times entries, times log2(unknowns); on surfaces of 642 to 163,842
+# vertices: 6 to 11
+_BYTES = 16
 
 
 def factor(matrix: sparse.csr_array) -> Solve:
-    """Factor a sparse symmetric positive definite matrix once; the result solves for one right-hand
-    side (n,).
+    """Factor a sparse symmetric positive definite matrix; the result solves for one b, (n,).
 
     Raises
     ------
@@ -44,11 +41,14 @@ def factor(matrix: sparse.csr_array) -> Solve:
         If there is not enough memory; when solving where it is in another process
         (`factoring_apart`).
     """
-    if matrix.shape[0] == 0:  # a mesh without inner vertices; both libraries refuse it
+    unknowns = matrix.shape[0]
+    if unknowns == 0:  # a mesh without inner vertices; both libraries refuse it
         return np.copy
-    if is_factored_apart(_work(matrix)):
+    # in unknowns of a scalar system on vertices, which has seven entries a row
+    work = unknowns * max(1.0, matrix.nnz / unknowns / 7) ** 2
+    if is_factored_apart(work):
         return _Elsewhere(matrix)
-    with _told(matrix.shape[0]):
+    with _told(unknowns):
         return _factored(matrix)
 
 
@@ -66,18 +66,8 @@ def _factored(matrix: sparse.csr_array) -> Solve:
 
 
 def _told(unknowns: int, since: float | None = None) -> AbstractContextManager[object]:
-    """The step of `abfm.workers.progress`: nested dissection of a surface's mesh takes n^(3/2)
-    operations.
-    """
+    """Tell the step: nested dissection of a surface's mesh takes n^(3/2) operations."""
     return step("factoring", unknowns**1.5, f" a system of {unknowns:,} unknowns", since)
-
-
-def _work(matrix: sparse.csr_array) -> float:
-    """Return how long factoring takes, in unknowns of a scalar system on vertices, which has seven
-    entries a row.
-    """
-    unknowns, row = matrix.shape[0], matrix.nnz / matrix.shape[0]
-    return float(unknowns * max(1.0, row / 7) ** 2)
 
 
 class _Factor:
@@ -108,7 +98,7 @@ class _Factor:
         self._has_solved = True
         return x
 
-    def _free(self) -> None:
+    def __del__(self) -> None:
         if not hasattr(self, "_solver"):  # freed before, or there was no memory for it
             return
         if self._has_solved:
@@ -119,19 +109,15 @@ class _Factor:
             self._solver.solve(nothing, nothing)
         del self._solver
 
-    __del__ = _free
-
     @staticmethod
     @atexit.register
     def _release() -> None:
         for each in list(_Factor._alive):
-            each._free()
+            each.__del__()
 
 
 class _Elsewhere:
-    """A factorisation in a process of its own; it is waited for when it is first used, so that
-    several run at once.
-    """
+    """A factorisation in a process of its own, waited for at first use: several run at once."""
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._lock = threading.Lock()
@@ -154,8 +140,7 @@ class _Elsewhere:
 class _Kept:
     """A factorisation in the process of an `_Elsewhere`."""
 
-    def __init__(self) -> None:
-        self._solve: Solve | None = None
+    _solve: Solve | None = None
 
     def factor(self, matrix: sparse.csr_array) -> None:
         self._solve = _factored(matrix)

@@ -6,19 +6,15 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 _SMALLEST = 15_000  # unknowns; cholespy factors fewer within a few frames of a window
-_factored_apart: ContextVar[float] = ContextVar(
-    "unknowns of linear systems that are factored apart", default=math.inf
-)
+_factored_apart: ContextVar[float] = ContextVar("unknowns from which on", default=math.inf)
 
 
 @contextmanager
 def factoring_apart(unknowns: float = _SMALLEST) -> Iterator[None]:
-    """Factor linear systems of so many unknowns and more, or of fewer with long rows, in processes
-    of their own.
+    """Factor systems of so many unknowns, or fewer with long rows, in processes of their own.
 
     cholespy stops all threads while it factors: for seven seconds at 160,000 vertices. So what
-    works beside a window works inside this block; it holds for this thread alone, and what others
-    do stays as it is.
+    works beside a window works inside this block, which holds for this thread alone.
     """
     before = _factored_apart.set(unknowns)
     try:

@@ -1,5 +1,4 @@
-"""Every numba kernel: arrays in and out, GIL released, compiled code kept on disk, one thread,
-fixed order of sums.
+"""What all numba kernels share: GIL released, code kept on disk, one thread, sums in fixed order.
 
 Indices are unsigned: a signed one would be tested for counting from the end at every use, which
 doubles the time.
@@ -37,16 +36,14 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 class _Cache:
-    """numba's cache of a kernel on disk, in which a damaged file counts as none, and what cannot
-    be kept is compiled again.
-    """
+    """numba's cache on disk, in which damaged files count as none, and nothing needs to be kept."""
 
     def __init__(self, cache: Any) -> None:
         self._cache = cache
         self.cache_path: str = cache.cache_path
+        self.flush: Callable[[], None] = cache.flush
 
     def load_overload(self, signature: object, target: object) -> object:
-        """Return the compiled code for a signature, or None where there is none."""
         try:
             return self._cache.load_overload(signature, target)
         except Exception:  # of any kind: files are pickles
@@ -55,13 +52,8 @@ class _Cache:
             return None
 
     def save_overload(self, signature: object, compiled: object) -> None:
-        """Keep the compiled code for a signature."""
         with suppress(Exception):
             self._cache.save_overload(signature, compiled)
-
-    def flush(self) -> None:
-        """Forget all signatures."""
-        self._cache.flush()
 
 
 def kernel(function: Kernel) -> Kernel:
@@ -99,18 +91,16 @@ def _stamp(namespace: dict[str, Any]) -> str:
     return hashlib.sha256(sources.encode()).hexdigest()[:12]
 
 
-def _summed_in_any_order(function: Kernel) -> Kernel:
-    """Compile with sums in the compiler's order (the same bits whatever else runs)."""
-    return _compiled(function, {"contract", "reassoc"})
-
-
-@_summed_in_any_order
 def inner(a: FloatArray, b: FloatArray) -> float:
     """Return the inner product of two flat arrays."""
     total = 0.0
     for i in range(a.size):
         total += a[i] * b[i]
     return total
+
+
+# summed in the compiler's order: the same bits whatever else runs
+inner = _compiled(inner, {"contract", "reassoc"})
 
 
 @kernel

@@ -1,6 +1,8 @@
 """Preconditioned L-BFGS [Nocedal & Wright 2006, ch. 7] as an iterator: init, step, stop test.
 
-SciPy's has no preconditioner, and cannot stop between two iterations or learn from an earlier run.
+SciPy's has no preconditioner, and cannot stop between two iterations or learn from an earlier run;
+its line search does not survive energies that are not finite, and asks for slopes where the value
+alone rules a step out.
 """
 
 import math
@@ -11,32 +13,41 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from abfm.numerics.kernels import inner, kernel
-from abfm.numerics.line_search import HasEnergy, Trial, strong_wolfe
 from abfm.types import FloatArray
 
+DECREASE, CURVATURE, MOST_TRIALS = 1e-4, 0.9, 12
 _ROUNDING = 1e-16
 
 
-class HasGradient(HasEnergy, Protocol):
-    """What the optimiser needs to know of an evaluation."""
+class Evaluation(Protocol):
+    """What the optimiser needs to know of an energy at a point."""
 
     @property
-    def gradient(self) -> FloatArray:
-        """Derivative at the point."""
+    def energy(self) -> float: ...
+    @property
+    def gradient(self) -> FloatArray: ...
 
 
-Point = TypeVar("Point", bound=HasGradient)
+Point = TypeVar("Point", bound=Evaluation)
 
 
 class Pair(NamedTuple):
-    """A step ``s``, the change ``y`` of gradient along it, ``H_0 y``, and ``1 / <s, y>``; arrays
-    are flat.
-    """
+    """A step ``s``, the change ``y`` of gradient along it, ``H_0 y``, and ``1 / <s, y>``; flat."""
 
     s: FloatArray
     y: FloatArray
     preconditioned: FloatArray
     rho: float
+
+
+@dataclass(frozen=True)
+class Trial(Generic[Point]):
+    """One step length: value, and slope along the direction (NaN where the value rules it out)."""
+
+    length: float
+    value: float
+    slope: float
+    point: Point
 
 
 @dataclass(frozen=True)
@@ -86,42 +97,40 @@ class LBFGS(Generic[Point]):
         times as much.
         """
         point = self.evaluate(x) if point is None else point
-        preconditioned = self._precondition(point.gradient)
-        norm = _norm(point.gradient, preconditioned)
+        preconditioned, norm = self._preconditioned(point.gradient)
         if before is None:
             return State(x, point, preconditioned, (), 1.0, norm, norm)
         pairs = tuple(
             Pair(s, steeper * y, steeper * hy, rho / steeper) for s, y, hy, rho in before.pairs
         )
-        return State(
-            x, point, preconditioned, pairs, before.scale / steeper, norm, norm, before.length
-        )
+        scale = before.scale / steeper
+        return State(x, point, preconditioned, pairs, scale, norm, norm, before.length)
 
     def step(self, state: State[Point]) -> State[Point]:
-        """Do one iteration; where the search fails along the quasi-Newton direction, again without
-        the memory.
-        """
+        """Do one iteration; where the search fails, again without the memory."""
         direction = -self._inverse_hessian(state)
         slope = _inner(direction, state.point.gradient)
-        if not slope < 0:
-            return self._without_memory(state)
-        full = self.size(direction)
-        longest = self.longest / full if full > 0 else 1.0
-        first = 1.0
-        if self.precondition and state.pairs:
-            first = min(1.0, 2 * state.length / full)
-        elif not state.pairs and not self.precondition:
-            # of length 1, whatever frames the unknowns are in
-            first = min(1.0, 1.0 / float(np.sqrt(-slope)))
-        origin = Trial(0.0, state.point.energy, slope, state.point)
-        trial = strong_wolfe(
-            lambda length: self.evaluate(state.x + length * direction),
-            lambda point: _inner(direction, point.gradient),
-            origin,
-            first,
-            longest,
-        )
-        return self._accept(state, trial, direction) if trial else self._without_memory(state)
+        trial = None
+        if slope < 0:
+            full = self.size(direction)
+            longest = self.longest / full if full > 0 else 1.0
+            first = 1.0
+            if self.precondition and state.pairs:
+                first = min(1.0, 2 * state.length / full)
+            elif not state.pairs and not self.precondition:
+                # of length 1, whatever frames the unknowns are in
+                first = min(1.0, 1.0 / float(np.sqrt(-slope)))
+            trial = strong_wolfe(
+                lambda length: self.evaluate(state.x + length * direction),
+                lambda point: _inner(direction, point.gradient),
+                Trial(0.0, state.point.energy, slope, state.point),
+                first,
+                longest,
+            )
+        if trial:
+            return self._accept(state, trial, direction)
+        forgetful = replace(state, pairs=(), scale=1.0)
+        return self.step(forgetful) if state.pairs else replace(forgetful, failed=True)
 
     def stop_reason(self, state: State[Point]) -> str | None:
         """Return why to stop at this iterate, or None to go on."""
@@ -134,15 +143,10 @@ class LBFGS(Generic[Point]):
             return "converged"
         return None
 
-    def _without_memory(self, state: State[Point]) -> State[Point]:
-        forgetful = replace(state, pairs=(), scale=1.0)
-        return self.step(forgetful) if state.pairs else replace(forgetful, failed=True)
-
     def _accept(
         self, state: State[Point], trial: Trial[Point], direction: FloatArray
     ) -> State[Point]:
-        """Return the next iterate; the pair is kept only if the energy bends upwards along the
-        step.
+        """Return the next iterate; a pair is kept only if the energy bends upwards along the step.
 
         A preconditioner is scaled by the root of the usual ``<s, y> / <y, H_0 y>``. The mismatch
         bends the energy far more than the norm that ``H_0`` inverts, but only along few directions:
@@ -150,16 +154,15 @@ class LBFGS(Generic[Point]):
         directions not yet seen are starved, and thin parts converge slower.
         """
         gradient = trial.point.gradient
-        preconditioned = self._precondition(gradient)
+        preconditioned, norm = self._preconditioned(gradient)
         s, y = trial.length * direction, gradient - state.point.gradient
         change = preconditioned - state.preconditioned
         curvature = _inner(s, y)
         pairs, scale = state.pairs, state.scale
         spread = _inner(y, change)  # where little is left to gain, rounding may beat it
         if curvature > 1e-12 * np.sqrt(_inner(s, s) * _inner(y, y)) and spread > 0:
-            pairs = (*pairs, Pair(s.ravel(), y.ravel(), change.ravel(), 1 / curvature))[
-                -self.memory :
-            ]
+            pair = Pair(s.ravel(), y.ravel(), change.ravel(), 1 / curvature)
+            pairs = (*pairs, pair)[-self.memory :]
             scale = curvature / spread
             scale = float(np.sqrt(scale)) if self.precondition else scale
         return State(
@@ -168,15 +171,13 @@ class LBFGS(Generic[Point]):
             preconditioned,
             pairs,
             scale,
-            _norm(gradient, preconditioned),
+            norm,
             state.first_norm,
             self.size(s),
         )
 
     def _inverse_hessian(self, state: State[Point]) -> FloatArray:
-        """Apply the two-loop recursion, algorithm 7.4; ``H_0`` of what the first loop leaves is
-        summed from what is known.
-        """
+        """Apply the two-loop recursion, algorithm 7.4, with ``H_0`` summed from what is known."""
         if not state.pairs:
             return state.preconditioned
         q, found = state.point.gradient.flatten(), state.preconditioned.flatten()
@@ -186,15 +187,18 @@ class LBFGS(Generic[Point]):
             give(pair, weight, found)
         return found.reshape(state.x.shape)
 
-    def _precondition(self, gradient: FloatArray) -> FloatArray:
-        return self.precondition(gradient) if self.precondition else gradient
+    def _preconditioned(self, gradient: FloatArray) -> tuple[FloatArray, float]:
+        """Return ``H_0 g`` and ``sqrt(<g, H_0 g>)``: NaN, never small, where rounding makes the
+        product negative.
+        """
+        found = self.precondition(gradient) if self.precondition else gradient
+        square = _inner(gradient, found)
+        return found, float(np.sqrt(square)) if square >= 0 else math.nan
 
 
 @kernel
 def take(pair: Pair, q: FloatArray, found: FloatArray) -> float:
-    """Take a pair out in the first loop and return its weight; its change of gradient is taken from
-    ``q``, and ``H_0`` of it from ``found``.
-    """
+    """Take a pair out in the first loop: its change from ``q``, ``H_0`` of it from ``found``."""
     weight: float = pair.rho * inner(pair.s, q)
     for i in range(q.size):
         q[i] -= weight * pair.y[i]
@@ -210,11 +214,69 @@ def give(pair: Pair, weight: float, found: FloatArray) -> None:
         found[i] += share * pair.s[i]
 
 
-def _norm(gradient: FloatArray, preconditioned: FloatArray) -> float:
-    """Return ``sqrt(<g, H_0 g>)``: NaN, which is never small, where rounding makes it negative."""
-    square = _inner(gradient, preconditioned)
-    return float(np.sqrt(square)) if square >= 0 else math.nan
-
-
 def _inner(a: FloatArray, b: FloatArray) -> float:
     return inner(a.ravel(), b.ravel())
+
+
+def strong_wolfe(
+    evaluate: Callable[[float], Point],
+    slope_at: Callable[[Point], float],
+    start: Trial[Point],
+    first: float,
+    longest: float,
+) -> Trial[Point] | None:
+    """Find a step length with sufficient decrease and, unless it is ``longest``, a flatter slope.
+
+    Algorithms 3.5 and 3.6, from ``start`` of length 0 and negative slope; ``first`` is tried first,
+    and slopes are asked for only where the value is low enough. After twelve trials, the lowest
+    with sufficient decrease will do; None if there is none. A value that is not finite counts as
+    infinite: the step is shortened.
+    """
+    low, high = start, None
+    length = min(first, longest)
+    for _ in range(MOST_TRIALS):
+        point = evaluate(length)
+        value, slope = point.energy, np.nan
+        if value <= start.value + DECREASE * length * start.slope and value < low.value:
+            slope = slope_at(point)
+        trial = Trial(length, value, slope, point)
+        if not np.isfinite(slope):
+            high = trial
+        elif abs(slope) <= -CURVATURE * start.slope or (slope < 0 and length >= longest):
+            return trial
+        else:
+            if slope * ((high.length if high else np.inf) - low.length) >= 0:
+                high = low
+            low = trial
+        if high is None:
+            length = min(length * 4, longest)
+        else:
+            length = _interpolate(low, high)
+            change = abs(high.length - low.length) * max(abs(low.slope), abs(start.slope))
+            if change <= 1e-15 * abs(start.value):
+                break
+    return low if low.length > 0 else None
+
+
+def _interpolate(low: Trial[Point], high: Trial[Point]) -> float:
+    """Minimise the cubic or, without a slope at ``high``, the parabola, kept off the ends.
+
+    A tenth of the way if ``high`` is infinite.
+    """
+    width, rise = high.length - low.length, high.value - low.value
+    fraction = 0.5
+    if not np.isfinite(rise):
+        fraction = 0.1
+    elif not np.isfinite(high.slope):
+        above = rise - low.slope * width  # the tangent at low
+        if above > 0:
+            fraction = -0.5 * low.slope * width / above
+    else:
+        bend = low.slope + high.slope - 3 * rise / width
+        under = bend**2 - low.slope * high.slope
+        if under >= 0:
+            root = np.sign(width) * np.sqrt(under)
+            bottom = high.slope - low.slope + 2 * root
+            if bottom != 0:
+                fraction = 1 - (high.slope + root - bend) / bottom
+    return low.length + width * float(np.clip(fraction, 0.1, 0.9))

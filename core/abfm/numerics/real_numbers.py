@@ -10,23 +10,14 @@ from abfm.types import FloatArray
 def real_numbers(
     values: ArrayLike, name: str, error: type[AbfmError] = ParameterError
 ) -> FloatArray:
-    """Return whatever NumPy takes for an array of real numbers, as float64, row after row; it may
-    hold infinities and NaN.
+    """Return an array of real numbers as float64, row after row; it may hold infinities and NaN.
 
-    Raises
-    ------
-    AbfmError
-        Of the given kind, if it is something else: text, objects, complex numbers, rows of
-        different lengths, or values that are masked.
+    ``error`` is raised for anything else: text, objects, complex numbers, rows of different
+    lengths, or values that are masked.
     """
     try:
         array = np.asarray(values)
-    except (
-        ValueError,
-        TypeError,
-        OverflowError,
-        RuntimeError,
-    ) as problem:  # also what __array__ raises
+    except (ValueError, TypeError, OverflowError, RuntimeError) as problem:  # or of __array__
         raise error(f"{name} is no array: {one_line(problem, 80)}; expected real numbers") from None
     if array.dtype.kind not in "biuf":
         raise error(f"{name} has values of type {one_line(array.dtype, 40)}; expected real numbers")

@@ -4,14 +4,9 @@ import numpy as np
 
 
 def ask_for(size: float) -> None:
-    """Make sure that so many bytes can be had now, before a library needs them.
+    """Raise a MemoryError unless so many bytes can be had now, before a library needs them.
 
     Where memory runs out inside them, some free twice, some abort, and some go on with what they
     did not get.
-
-    Raises
-    ------
-    MemoryError
-        If they cannot.
     """
     np.empty(int(size), np.uint8)

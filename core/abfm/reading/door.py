@@ -1,35 +1,48 @@
-"""The one door by which files come in: what is behind a name, and how much of it, is known
-before anything is read.
+"""The one door for bytes: what is behind a name, and how much, is known before it is read.
+
+So it is of arrays (.npy): a header is believed when it fits what follows it, byte for byte. NumPy
+reads the header, whatever it throws at damaged ones; not the array, for which it would make room
+before it looks whether so much follows.
 """
 
 import errno
 import gzip
+import json
+import math
 import os
 import stat
+import sys
+import warnings
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from abfm.errors import one_line
 
 LARGEST = 4 << 30
 """Bytes of the largest file that is read."""
 # inflated data may have so many bytes, or so many times those of its file
 _SMALL, _MOST_TIMES = 64 << 20, 20
-_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-SPECIAL = {
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
+_NPY_HEADERS = {
+    (1, 0): npy.read_array_header_1_0,
+    (2, 0): npy.read_array_header_2_0,
+    (3, 0): npy.read_array_header_2_0,  # whose letters beyond ASCII are in names of fields
 }
-"""What is no plain file and no folder, by its mode's format."""
+_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+# what is no plain file and no folder, by its mode's format
+SPECIAL = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+SPECIAL |= dict.fromkeys((stat.S_IFCHR, stat.S_IFBLK), "a device")
 
 
 @contextmanager
 def open_plain(path: str | os.PathLike[str], most: int = LARGEST) -> Iterator[BinaryIO]:
-    """Open a plain file for reading: no folder, pipe, socket or device, and with at most so many
-    bytes.
+    """Open a plain file for reading: no folder, pipe, socket or device, of at most so many bytes.
 
     It is looked at before it is opened, as opening alone makes some devices act, and again when it
     is open.
@@ -39,7 +52,10 @@ def open_plain(path: str | os.PathLike[str], most: int = LARGEST) -> Iterator[Bi
     OSError
         If it is something else, too large, or cannot be opened; ``strerror`` says why.
     """
-    _check(_status(path), most)
+    try:
+        _check(os.stat(path), most)
+    except ValueError:  # a name with a zero in it
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)) from None
     descriptor = os.open(path, _FLAGS)
     with os.fdopen(descriptor, "rb") as file:
         _check(os.fstat(descriptor), most)
@@ -47,13 +63,7 @@ def open_plain(path: str | os.PathLike[str], most: int = LARGEST) -> Iterator[Bi
 
 
 def read_bytes(path: str | os.PathLike[str], most: int = LARGEST) -> bytes:
-    """Read all of a plain file that there is when it is opened; see `open_plain`.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read, is no plain file, or has more bytes than memory or than ``most``.
-    """
+    """Read all of a plain file that there is when it is opened; see `open_plain`."""
     with open_plain(path, most) as file:
         size = os.fstat(file.fileno()).st_size
         try:
@@ -65,15 +75,10 @@ def read_bytes(path: str | os.PathLike[str], most: int = LARGEST) -> bytes:
 def inflated(data: bytes, most: int | None = None) -> bytes:
     """Decompress what a gzip file, or zlib's compressed data, holds.
 
-    Parameters
-    ----------
-    most : int, optional
-        Bytes that it may have, unless 64 MiB or, if that is more, 20 times those of the data.
-
     Raises
     ------
     ValueError
-        If it is damaged, cut short, or has more.
+        If it is damaged, cut short, or has more bytes than ``most``, or `most_inflated` without.
     """
     bound = most_inflated(len(data)) if most is None else most
     try:
@@ -100,13 +105,6 @@ def most_inflated(size: int) -> int:
     return max(_SMALL, _MOST_TIMES * size)
 
 
-def _status(path: str | os.PathLike[str]) -> os.stat_result:
-    try:
-        return os.stat(path)
-    except ValueError:  # a name with a zero in it
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)) from None
-
-
 def _check(status: os.stat_result, most: int) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
@@ -115,3 +113,59 @@ def _check(status: os.stat_result, most: int) -> None:
         raise OSError(errno.EINVAL, f"it is {kind}, not a file as is expected")
     if status.st_size > most:
         raise OSError(errno.EFBIG, f"it has {status.st_size} bytes, and at most {most} are read")
+
+
+def from_json(text: str | bytes) -> Any:
+    """Return what a text in JSON holds.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged, no text, nested too deeply, or has an integer of thousands of digits.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("its JSON is nested too deeply") from None
+    except json.JSONDecodeError as error:
+        raise ValueError(f"its JSON is damaged in line {error.lineno}: {error.msg}") from None
+    except UnicodeDecodeError:
+        raise
+    except ValueError:
+        raise ValueError("its JSON has a number of too many digits") from None
+
+
+def array_from(data: bytes) -> NDArray[Any]:
+    """Return the array of numbers, booleans or texts that the bytes of a .npy file hold.
+
+    Raises
+    ------
+    ValueError
+        If they are no .npy file, hold anything else, or are more or fewer than the array.
+    """
+    file = BytesIO(data)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+            shape, is_fortran, dtype = _NPY_HEADERS[npy.read_magic(file)](file)
+    except Exception as error:
+        reason = one_line(error, 80)
+        raise ValueError(
+            f"its header is damaged, or not of a .npy file of version 1, 2 or 3 ({reason})"
+        ) from error
+    if dtype.kind not in "biufcSU" or dtype.itemsize == 0:
+        raise ValueError(f"its type is {one_line(dtype, 40)}; expected numbers, such as '<f8'")
+    start, size = file.tell(), math.prod(shape) * dtype.itemsize
+    if min(shape, default=0) < 0 or start + size != len(data):
+        raise ValueError(
+            f"its size is not what its header says: {len(data) - start} bytes follow, and {dtype} "
+            f"of shape {one_line(shape, 60)} have {size}"
+        )
+    array = np.frombuffer(data, dtype, math.prod(shape), start)
+    if dtype.kind == "b" and (array.view(np.uint8) > 1).any():
+        raise ValueError("a boolean is neither 0 nor 1")
+    if dtype.kind == "U":
+        letters = array.view(np.dtype("u4").newbyteorder(dtype.byteorder))
+        if (letters > sys.maxunicode).any():
+            raise ValueError("a letter is none of Unicode's")
+    return array.reshape(shape, order="F" if is_fortran else "C").copy(order="K")

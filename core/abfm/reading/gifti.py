@@ -1,5 +1,4 @@
-"""The data arrays of GIFTI files, plain or compressed; what they say of their size is held against
-what there is.
+"""The data arrays of GIFTI files; what they say of their size is held against what there is.
 
 Format: https://www.nitrc.org/projects/gifti (version 1.0). Own code, as nibabel believes sizes,
 expands what is compressed without a bound, and hangs or throws anything on files that are no GIFTI.
@@ -35,7 +34,7 @@ class GiftiArray(NamedTuple):
 
 
 def gifti_arrays(path: str | os.PathLike[str]) -> list[GiftiArray]:
-    """Read all data arrays of a GIFTI file, in its order.
+    """Read all data arrays of a GIFTI file, plain or compressed, in its order.
 
     Raises
     ------
@@ -45,38 +44,31 @@ def gifti_arrays(path: str | os.PathLike[str]) -> list[GiftiArray]:
         If it is no GIFTI file, or an array is not as large as it says.
     """
     content = read_bytes(path)
-    most = most_inflated(len(content))
-    if content[:2] == b"\x1f\x8b":
-        content = inflated(content)
-    return _Reader(Path(path), most).read(content)
+    reader = _Reader(Path(path), most_inflated(len(content)))
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartElementHandler = reader.start
+    parser.EndElementHandler = reader.end
+    parser.CharacterDataHandler = reader.characters
+    parser.EntityDeclHandler = reader.entity
+    try:
+        parser.Parse(inflated(content) if content[:2] == b"\x1f\x8b" else content, True)
+    except expat.ExpatError as error:
+        raise ValueError(f"it is no XML, or cut short: {error}") from error
+    return reader.arrays
 
 
 class _Reader:
-    """Takes the data arrays from the events of an XML parser; all of them together may have so
-    many bytes.
-    """
+    """Takes data arrays from an XML parser's events; all together may have so many bytes."""
 
     def __init__(self, path: Path, most: int) -> None:
         self._path, self._left = path, most
-        self._arrays: list[GiftiArray] = []
+        self.arrays: list[GiftiArray] = []
         self._open: list[str] = []
         self._attributes: dict[str, str] = {}
         self._text: list[str] = []
 
-    def read(self, content: bytes) -> list[GiftiArray]:
-        parser = expat.ParserCreate()
-        parser.buffer_text = True
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._end
-        parser.CharacterDataHandler = self._characters
-        parser.EntityDeclHandler = self._entity
-        try:
-            parser.Parse(content, True)
-        except expat.ExpatError as error:
-            raise ValueError(f"it is no XML, or cut short: {error}") from error
-        return self._arrays
-
-    def _start(self, name: str, attributes: dict[str, str]) -> None:
+    def start(self, name: str, attributes: dict[str, str]) -> None:
         if not self._open and name != "GIFTI":
             raise ValueError("it is XML, but not GIFTI")
         self._open.append(name)
@@ -85,30 +77,32 @@ class _Reader:
         if name == "Data":
             self._text.clear()
 
-    def _characters(self, text: str) -> None:
+    def characters(self, text: str) -> None:
         if self._open[-1] == "Data":
             self._text.append(text)
 
-    def _end(self, name: str) -> None:
+    def end(self, name: str) -> None:
         self._open.pop()
         if name == "Data":
             text = "".join(self._text)
             self._text.clear()
-            self._arrays.append(GiftiArray(self._attributes.get("Intent", ""), self._values(text)))
+            self.arrays.append(GiftiArray(self._attributes.get("Intent", ""), self._values(text)))
 
-    def _entity(self, *_: object) -> None:
+    def entity(self, *_: object) -> None:
         raise ValueError("it declares entities, which GIFTI has none of")
 
     def _values(self, text: str) -> NDArray[Any]:
         """Return the array that the attributes describe."""
-        given = self._attributes
-        kind = _one_of(_TYPES, given.get("DataType", ""), "DataType")
-        order = _one_of(
-            _LAYOUTS, given.get("ArrayIndexingOrder", "RowMajorOrder"), "ArrayIndexingOrder"
-        )
-        stored = kind.newbyteorder(_one_of(_ORDERS, given.get("Endian", "LittleEndian"), "Endian"))
-        shape = _shape(given)
-        encoding = given.get("Encoding", "GZipBase64Binary")
+        kind = self._one_of("DataType", _TYPES, "")
+        order = self._one_of("ArrayIndexingOrder", _LAYOUTS, "RowMajorOrder")
+        stored = kind.newbyteorder(self._one_of("Endian", _ORDERS, "LittleEndian"))
+        dimensions = self._whole("Dimensionality", "0")
+        if not 0 < dimensions <= _MOST_DIMENSIONS:
+            raise ValueError(
+                f"an array has {dimensions} dimensions; expected 1 to {_MOST_DIMENSIONS}"
+            )
+        shape = tuple(self._whole(f"Dim{k}", "") for k in range(dimensions))
+        encoding = self._attributes.get("Encoding", "GZipBase64Binary")
         size = math.prod(shape) * (8 if encoding == "ASCII" else kind.itemsize)
         if size > self._left:
             raise ValueError(f"an array of shape {shape} is more than a file of this size may hold")
@@ -119,7 +113,10 @@ class _Reader:
                 order = "C"
             return _numbers(text, kind, math.prod(shape)).reshape(shape, order=order)
         if encoding == "ExternalFileBinary":
-            data = self._beside(size)
+            with open_plain(self._path.parent / self._attributes.get("ExternalFileName", "")) as f:
+                if self._attributes.get("ExternalFileOffset"):  # which some write, and leave empty
+                    f.seek(self._whole("ExternalFileOffset", "0"))
+                data = f.read(size)
         elif encoding in ("Base64Binary", "GZipBase64Binary"):
             data = base64.b64decode(text)
             if encoding == "GZipBase64Binary":
@@ -132,36 +129,19 @@ class _Reader:
             raise ValueError(f"an array of shape {shape} has {len(data)} bytes; expected {size}")
         return np.frombuffer(data, stored).reshape(shape, order=order).astype(kind)
 
-    def _beside(self, size: int) -> bytes:
-        """Return so many bytes of the file that the attributes name."""
-        name, offset = (
-            self._attributes.get("ExternalFileName", ""),
-            self._attributes.get("ExternalFileOffset") or "0",
-        )
-        with open_plain(self._path.parent / name) as file:
-            file.seek(_whole(offset, "ExternalFileOffset"))
-            return file.read(size)
+    def _one_of(self, name: str, known: dict[str, Any], default: str) -> Any:
+        word = self._attributes.get(name, default)
+        if word not in known:
+            raise ValueError(f"an array has the {name} {word[:40]!r}; expected {', '.join(known)}")
+        return known[word]
 
-
-def _one_of(known: dict[str, Any], word: str, name: str) -> Any:
-    if word not in known:
-        raise ValueError(f"an array has the {name} {word[:40]!r}; expected {', '.join(known)}")
-    return known[word]
-
-
-def _shape(given: dict[str, str]) -> tuple[int, ...]:
-    dimensions = _whole(given.get("Dimensionality", "0"), "Dimensionality")
-    if not 0 < dimensions <= _MOST_DIMENSIONS:
-        raise ValueError(f"an array has {dimensions} dimensions; expected 1 to {_MOST_DIMENSIONS}")
-    return tuple(_whole(given.get(f"Dim{k}", ""), f"Dim{k}") for k in range(dimensions))
-
-
-def _whole(text: str, name: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) <= 18):
-        raise ValueError(
-            f"an array has the {name} {text[:40]!r}; expected a whole number, 0 or more"
-        )
-    return int(text)
+    def _whole(self, name: str, default: str) -> int:
+        text = self._attributes.get(name, default)
+        if not (text.isascii() and text.isdigit() and len(text) <= 18):
+            raise ValueError(
+                f"an array has the {name} {text[:40]!r}; expected a whole number, 0 or more"
+            )
+        return int(text)
 
 
 def _numbers(text: str, kind: np.dtype[Any], count: int) -> NDArray[Any]:

@@ -9,8 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.optimize import minimize, rosen, rosen_der
 
-from abfm.numerics.line_search import CURVATURE, DECREASE, MOST_TRIALS, Trial, strong_wolfe
-from abfm.numerics.optimizer import LBFGS
+from abfm.numerics.optimizer import CURVATURE, DECREASE, LBFGS, MOST_TRIALS, Trial, strong_wolfe
 
 
 @dataclass
