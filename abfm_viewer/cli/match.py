@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     stopped it.
     """
     for path in arguments.out:
-        outputs.check(path, outputs.WRITERS)
+        outputs.check(path, outputs.WRITTEN)
     parameters = options.parameters(arguments)
     sources, targets, weights = _channels(arguments)
     with long_steps(arguments.quiet):

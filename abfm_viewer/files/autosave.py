@@ -25,9 +25,7 @@ _ABANDONED = 120.0  # seconds without a heartbeat: the process is gone, whatever
 
 class Autosave:
     """Writes a document to the state folder when it has changed, in the background, at most every
-    few seconds.
-
-    A process may have several, each with a `number` of its own.
+    few seconds; a process may have several, each with a `number` of its own.
     """
 
     def __init__(
@@ -46,7 +44,10 @@ class Autosave:
         self._has_copy = False
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._future: Future[None] | None = None
-        _make_room(self.path)
+        with suppress(OSError):  # what an earlier process with this one's number left
+            self.path.replace(
+                self.path.with_stem(f"{self.path.stem}-{self.path.stat().st_mtime_ns}")
+            )
 
     def offer(
         self,
@@ -59,7 +60,7 @@ class Autosave:
         is saved.
 
         What is written changes with the `state`, objects that are compared by identity; its content
-        is asked for in the background. The copy says which project file is its `origin`.
+        is asked for in the background.
         """
         if self._future is not None:
             if not self._future.done():
@@ -68,14 +69,11 @@ class Autosave:
             self.error = error_line(problem) if problem else ""
             if problem:
                 self._state = None  # to be tried again
-        if not unsaved:
-            if self._has_copy:
-                self.discard()
+        if not unsaved and self._has_copy:
+            self.discard()
+        if not unsaved or self._clock() - self._last < self._seconds:
             return
-        now = self._clock()
-        if now - self._last < self._seconds:
-            return
-        self._last = now
+        self._last = self._clock()
         if not same(state, self._state):
             self._state, self._has_copy = state, True
             self._future = self._writer.submit(self._write, state, content, origin)
@@ -85,7 +83,6 @@ class Autosave:
 
     @property
     def is_idle(self) -> bool:
-        """Return whether there is no copy, and none is being written."""
         return not self._has_copy and self._future is None
 
     def take_over(self, recovery: Recovery) -> None:
@@ -101,7 +98,6 @@ class Autosave:
             self.path.unlink()
 
     def close(self) -> None:
-        """Finish writing."""
         self._writer.shutdown()
 
     def _write(self, state: object, content: Callable[[], Content], origin: Origin | None) -> None:
@@ -126,7 +122,6 @@ class Recovery:
         return place
 
     def discard(self) -> None:
-        """Remove it."""
         with suppress(OSError):
             self.path.unlink()
 
@@ -143,12 +138,6 @@ def recoverable(folder: StateFolder) -> list[Recovery]:
                 if abandoned or left or not _is_alive(process):
                     found.append(Recovery(path, written))
     return sorted(found, key=lambda recovery: recovery.written, reverse=True)
-
-
-def _make_room(path: Path) -> None:
-    """Rename what an earlier process with this one's number left."""
-    with suppress(OSError):
-        path.replace(path.with_stem(f"{path.stem}-{path.stat().st_mtime_ns}"))
 
 
 def _is_alive(process: int) -> bool:

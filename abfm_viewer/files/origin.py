@@ -16,7 +16,7 @@ MEMBER = "origin.json"
 
 @dataclass(frozen=True)
 class Origin:
-    """A project file, and when (ns) it was modified and its bytes when last read or written."""
+    """A project file, and when (ns) it was modified, and its bytes, when last read or written."""
 
     path: Path
     modified: int
@@ -29,7 +29,6 @@ class Origin:
 
     @property
     def exists(self) -> bool:
-        """Return whether there is such a file now."""
         return _state(self.path)[1] >= 0
 
     @property
@@ -38,7 +37,7 @@ class Origin:
         return self.exists and _state(self.path) != (self.modified, self.size)
 
     def to_json(self) -> str:
-        return json.dumps(asdict(self) | {"path": str(self.path)})
+        return json.dumps(asdict(self), default=str)
 
 
 def load_origin(copy: str | os.PathLike[str]) -> Origin | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 import tempfile
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +13,6 @@ import abfm
 from abfm import ResultError
 from abfm.errors import one_line
 from abfm.io import write_atomically
-from abfm.types import FloatArray
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -21,6 +20,8 @@ if TYPE_CHECKING:
 SLOWEST = 0.1
 # frames a second by suffix; browsers slow down a GIF that is faster
 FASTEST = {".mp4": 120.0, ".gif": 50.0}
+WRITTEN = (".npz", ".ply", ".vtu", ".csv")
+"""Suffixes of files that a match can be written to."""
 
 
 def check(path: Path, suffixes: Collection[str]) -> None:
@@ -42,31 +43,24 @@ def make_folder(path: Path) -> None:
         ) from None
 
 
-WRITERS: dict[str, Callable[[Path, abfm.Match], None]] = {
-    ".npz": lambda path, match: match.save(path),
-    ".ply": lambda path, match: abfm.io.export_ply(
-        path, match.mesh, _point_data(match), _cell_data(match)
-    ),
-    ".vtu": lambda path, match: abfm.io.export_vtu(
-        path, match.mesh, _point_data(match), _cell_data(match)
-    ),
-    ".csv": lambda path, match: abfm.io.export_energy_csv(path, match.energy_history, match.stages),
-}
-
-
 def write(path: Path, match: abfm.Match) -> None:
-    """Write a match as the file's suffix says."""
-    WRITERS[path.suffix](path, match)
+    """Write a match as the file's suffix, one of `WRITTEN`, says."""
+    if path.suffix == ".npz":
+        match.save(path)
+    elif path.suffix == ".csv":
+        abfm.io.export_energy_csv(path, match.energy_history, match.stages)
+    else:
+        functions = {"source": match.source, "target": match.target, "advected": match.advected}
+        on_points = {name: f if f.shape[1] > 1 else f[:, 0] for name, f in functions.items()}
+        one = len(match.velocity) == 1
+        names = ["velocity" if one else f"velocity_segment_{i}" for i in range(len(match.velocity))]
+        export = abfm.io.export_ply if path.suffix == ".ply" else abfm.io.export_vtu
+        export(path, match.mesh, on_points, dict(zip(names, match.velocity, strict=True)))
 
 
 def write_all(paths: Sequence[Path], match: abfm.Match) -> None:
-    """Write a match to several files; where one cannot be written, the result is not lost.
-
-    Raises
-    ------
-    ResultError
-        If a file could not be written. All others are, and the result is in one of them or in
-        another folder, which the error names.
+    """Write a match to several files; a `ResultError` says which one could not be written. All
+    others are, and the result is in one of them or in another folder, which the error names.
     """
     problem, kept = None, False
     for path in paths:
@@ -81,10 +75,9 @@ def write_all(paths: Sequence[Path], match: abfm.Match) -> None:
 
 def _kept_elsewhere(match: abfm.Match) -> str:
     """Write a result where there is a place for it, and say where."""
-    folders = Path.cwd, Path.home, lambda: Path(tempfile.gettempdir())
-    for folder in folders:
+    for folder in (Path.cwd, Path.home, tempfile.gettempdir):
         with suppress(ResultError, OSError, RuntimeError):
-            place = folder() / f"abfm-{secrets.token_hex(4)}.npz"
+            place = Path(folder()) / f"abfm-{secrets.token_hex(4)}.npz"
             match.save(place)
             return f"the result is in {place}"
     return "there was no other place for the result either"
@@ -94,14 +87,3 @@ def write_picture(path: Path, picture: Image.Image) -> None:
     """Write a PNG file, whole or not at all."""
     with write_atomically(path) as temporary:
         picture.save(temporary)
-
-
-def _point_data(match: abfm.Match) -> dict[str, FloatArray]:
-    functions = {"source": match.source, "target": match.target, "advected": match.advected}
-    return {name: f if f.shape[1] > 1 else f[:, 0] for name, f in functions.items()}
-
-
-def _cell_data(match: abfm.Match) -> dict[str, FloatArray]:
-    if len(match.velocity) == 1:
-        return {"velocity": match.velocity[0]}
-    return {f"velocity_segment_{number}": field for number, field in enumerate(match.velocity)}

@@ -9,26 +9,35 @@ Those of mesh and result are what result files hold.
 from __future__ import annotations
 
 import json
+import math
 import os
+import types
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, cast
+from collections.abc import Collection, Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 import abfm
 from abfm import Parameters, ResultError, TriangleMesh
-from abfm.errors import one_line
+from abfm.errors import brief, one_line
 from abfm.io import write_atomically
 from abfm.io.arrays import Entry, check_arrays, check_version, open_archive, write_arrays
-from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, mesh_arrays, mesh_of
+from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, mesh_of
 from abfm.reading import from_json
 from abfm.types import FloatArray
-from abfm_viewer.document.document import Document, Identity, Run, Surface
+from abfm_viewer.appearance.colormaps import NAMES
+from abfm_viewer.document.document import (
+    FARTHEST,
+    NEAREST,
+    Document,
+    Identity,
+    Run,
+    Surface,
+    View,
+)
 from abfm_viewer.files.origin import MEMBER, Origin
-from abfm_viewer.files.plain import from_plain, to_plain
-from abfm_viewer.files.project_checks import check
 
 _FORMAT = 2
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
@@ -41,11 +50,10 @@ _COURSE = _RUN | {
     "vertices": Entry("integer", ("n",), low=0),
     "reaches": Entry("real", ("n",), low=0),
 }
-_RESULT = {
-    name: entry
-    for name, entry in MATCH_ENTRIES.items()
-    if name not in ("parameters", "verdict", "remedies")
-}
+_PLAIN = ("parameters", "verdict", "remedies")  # parts of a result that are no arrays
+_RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in _PLAIN}
+_ABOVE_0 = {"ui_scale": 10, "arrow_length": 10}
+_FROM_TO = {"arrow_density": (0, 1), "isoline_count": (1, 1000)}
 
 
 @dataclass(frozen=True)
@@ -77,34 +85,40 @@ def save_project(
         If it would not open again, or cannot be written.
     """
     surface = document.surface()
-    mesh = mesh_arrays(surface.mesh)
-    arrays = {f"mesh/{name}": mesh[name] for name in _MESH}
+    arrays = {f"mesh/{name}": getattr(surface.mesh, name) for name in _MESH}
+    runs = []
     for number, run in enumerate(document.runs):
         names = _COURSE if run.has_course else _RUN
         arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in names}
-    plain_result = None
+        runs.append(to_plain(run, without=_COURSE) | {"has_course": run.has_course})
+    result = None
     if document.result is not None:
-        plain_result, own = _plain_result(document.result)
-        arrays |= {f"result/{name}": part for name, part in own.items()}
+        result = abfm.matching.match_arrays(document.result)
+        own = [name for name, part in result.items() if isinstance(part, np.ndarray)]
+        arrays |= {f"result/{name}": result.pop(name) for name in own}
+        result.pop("remedies", None)  # they are the verdict's
+        result |= {name: getattr(document.result, name) for name in ("parameters", "verdict")}
+    arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
+    # the surface's name is the document's in the file, and its front the view's
+    plain = to_plain(document, without=("identity", "surfaces", "result", "runs"))
+    plain["view"] = to_plain(document.view) | {"front": surface.front}
     content = {
+        "format_version": _FORMAT,
         "file_vertex_count": surface.mesh.file_vertex_count,
-        "document": _plain_document(document),
-        "runs": [
-            to_plain(run, tuple(_COURSE)) | {"has_course": run.has_course} for run in document.runs
-        ],
-        "result": plain_result,
+        "document": {"name": surface.name} | plain,
+        "runs": runs,
+        "result": result,
         "result_has_mask": "result/mask" in arrays,
         "known": sorted(known),
     }
-    arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
     try:
-        text = json.dumps({"format_version": _FORMAT, **content}, indent=1)
+        text = json.dumps(content, indent=1, default=to_plain)
         if len(text) > _LARGEST_HEADER:
             raise ValueError(
                 f"it has {len(text)} bytes besides its arrays, and at most {_LARGEST_HEADER} can "
                 "be read"
             )
-        _document(content, arrays, surface.mesh)
+        _document(json.loads(text), arrays, surface.mesh)
     except ValueError as error:
         raise ResultError(f"{one_line(path)} not written: {one_line(error, 400)}") from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
@@ -131,74 +145,61 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
             raise ValueError(
                 f"{archive.packed[0]} is compressed; expected a zip without compression"
             )
-        content = from_json(archive.read("project.json", _LARGEST_HEADER))
-        check_version(
-            content.pop("format_version", None) if isinstance(content, dict) else None, _FORMAT
-        )
-        return _document(content, archive)
+        return _document(from_json(archive.read("project.json", _LARGEST_HEADER)), archive)
 
 
-def _plain_result(result: abfm.Match) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what of a result goes into `project.json`, and its arrays."""
-    parts = abfm.matching.match_arrays(result)
-    arrays = {name: part for name, part in parts.items() if isinstance(part, np.ndarray)}
-    plain = {name: part for name, part in parts.items() if name not in arrays}
-    plain.pop("remedies", None)  # they are the verdict's
-    values = {"parameters": result.parameters, "verdict": result.verdict}
-    return plain | {name: to_plain(value) for name, value in values.items()}, arrays
+def terms_from_files(spec: str) -> list[str]:
+    """The terms of a function that read files, in their text form: what a project must hold the
+    values of.
 
-
-def _plain_document(document: Document) -> dict[str, Any]:
-    """Return what of a document is neither an array nor another part of the file.
-
-    The surface's name is the document's there, and its front the view's.
+    A text that is no spec is a `FunctionError`.
     """
-    plain: dict[str, Any] = to_plain(document, ("identity", "surfaces", "result", "runs"))
-    surface = document.surface()
-    plain["view"]["front"] = to_plain(surface.front)
-    return {"name": surface.name} | plain
+
+    def reads_files(term: abfm.functions.Spec) -> bool:
+        if isinstance(term, abfm.functions.Permuted):
+            return not term.is_detected or reads_files(term.function)
+        return isinstance(term, abfm.functions.ValuesFile) or (
+            isinstance(term, abfm.functions.Sum) and any(map(reads_files, term.terms))
+        )
+
+    tree = abfm.functions.parse(spec)
+    terms = tree.terms if isinstance(tree, abfm.functions.Sum) else (tree,)
+    return [str(term) for term in terms if reads_files(term)]
 
 
 def _document(
-    content: object, arrays: Mapping[str, Any], mesh: TriangleMesh | None = None
+    content: Any, arrays: Mapping[str, Any], mesh: TriangleMesh | None = None
 ) -> tuple[Document, dict[str, FloatArray]]:
     """Document and known values from what a file holds; the mesh is made unless it is given."""
+    version = content.pop("format_version", None) if isinstance(content, dict) else None
+    check_version(version, _FORMAT)
     header: _Header = from_plain(_Header, content, "project")
     mesh_parts = check_arrays(arrays, _MESH, "mesh/")
     mesh = mesh or mesh_of({**mesh_parts, "file_vertex_count": np.array(header.file_vertex_count)})
     runs = tuple(_run(number, state, arrays) for number, state in enumerate(header.runs))
-    result = None
+    result, plain = None, header.document
     if header.result is not None:
         result = _result(header.result, header.result_has_mask, arrays, mesh)
-    surface, plain = _surface(header.document, mesh)
+    view = plain.get("view")
+    front = view.pop("front", None) if isinstance(view, dict) else None
+    own = {"name": plain.pop("name", None), "front": front}
+    surface = from_plain(Surface, own, "project.document", mesh=mesh)
     given = {"surfaces": (surface,), "result": result, "runs": runs, "identity": Identity()}
-    document = from_plain(Document, plain, "project.document", **given)
+    document: Document = from_plain(Document, plain, "project.document", **given)
     values = {
         f"the values of {spec}": arrays[f"known/{number}"]
         for number, spec in enumerate(header.known)
     }
     entries = dict.fromkeys(header.known, Entry("real", ("V",)))
     known = check_arrays(values, entries, "the values of ", V=len(mesh.vertices))
-    check(document)
+    _check(document)
     return document, known
 
 
-def _surface(document: dict[str, Any], mesh: TriangleMesh) -> tuple[Surface, dict[str, Any]]:
-    """The surface of a document as `_plain_document` gives it, and the rest of that."""
-    view = document.get("view")
-    known = view if isinstance(view, dict) else {}
-    plain = {"name": document.get("name"), "front": known.get("front")}
-    surface: Surface = from_plain(Surface, plain, "project.document", mesh=mesh)
-    rest = {name: value for name, value in document.items() if name != "name"}
-    if known:
-        rest["view"] = {name: value for name, value in known.items() if name != "front"}
-    return surface, rest
-
-
 def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
-    plain = {name: value for name, value in state.items() if name != "has_course"}
-    parts = check_arrays(arrays, _COURSE if state.get("has_course") else _RUN, f"runs/{number}/")
-    return cast(Run, from_plain(Run, plain, f"project.runs[{number}]", **parts))
+    entries = _COURSE if state.pop("has_course", False) else _RUN
+    parts = check_arrays(arrays, entries, f"runs/{number}/")
+    return cast(Run, from_plain(Run, state, f"project.runs[{number}]", **parts))
 
 
 def _result(
@@ -209,8 +210,114 @@ def _result(
     given = {place: arrays[place] for name in entries if (place := f"result/{name}") in arrays}
     given |= {f"result/{name}": value for name, value in known.items()}
     parts = check_arrays(given, entries, "result/", V=len(mesh.vertices), F=len(mesh.faces))
-    parameters = from_plain(Parameters, known.get("parameters"), "project.result.parameters")
-    verdict = from_plain(
-        abfm.matching.Verdict | None, known.get("verdict"), "project.result.verdict"
+    kinds: dict[str, Any] = {"parameters": Parameters, "verdict": abfm.matching.Verdict | None}
+    parameters, verdict = (
+        from_plain(kind, known.get(name), f"project.result.{name}") for name, kind in kinds.items()
     )
     return abfm.matching.match_of(mesh, parts, parameters, verdict)
+
+
+def _check(document: Document) -> None:
+    """Refuse a document whose parts do not fit together, by a `ValueError` that says why."""
+    for number, run in enumerate(document.runs):
+        rows = run.stages.size
+        inside = all(0 <= row <= rows for row in run.restarts)
+        _require(inside, f"run {number} of {rows} rows restarts outside them")
+    for function in document.functions:
+        terms_from_files(function.spec)
+    for weight in (channel.weight for channel in document.channels):
+        _require(0 <= weight < np.inf, f"a channel has the weight {weight}; expected 0 or more")
+    _within("channel", document.channel, 0, max(len(document.channels), 1) - 1)
+    _require(document.bump >= 0, f"bump is {document.bump}; expected 0 or more")
+    _within("time", document.time, 0, document.end)
+    F = len(document.surface().mesh.faces)
+    for point in document.lines + document.points:
+        inside = min(point.barycentric) >= -1e-9 and abs(sum(point.barycentric) - 1) <= 1e-9
+        _require(0 <= point.face < F, f"a point lies on face {point.face}; expected 0 to {F - 1}")
+        _require(inside, f"a point has weights {point.barycentric}; expected 0 or more, with sum 1")
+    _check_view(document.view)
+    look = document.view.look
+    for front in (document.surface().front, look.front if look else None):
+        axes = np.eye(3)[:2] if front is None else np.array([front.direction, front.up])
+        is_upright = bool(np.allclose(axes @ axes.T, np.eye(2), atol=1e-6))
+        _require(is_upright, f"front is {front}; expected two unit vectors at a right angle")
+
+
+def _check_view(view: View) -> None:
+    colormaps = ("automatic", *NAMES)
+    expected = " or ".join(colormaps)
+    _require(view.colormap in colormaps, f"colormap is {view.colormap!r}; expected {expected}")
+    for name, high in _ABOVE_0.items():
+        value = getattr(view, name)
+        _require(0 < value <= high, f"{name} is {value}; expected above 0 to {high:g}")
+    for name, bounds in _FROM_TO.items():
+        _within(name, getattr(view, name), *bounds)
+    if view.look is not None:
+        _within("zoom", view.look.zoom, FARTHEST, NEAREST)
+
+
+def _within(name: str, value: float, low: float, high: float) -> None:
+    _require(low <= value <= high, f"{name} is {value}; expected {low} to {high}")
+
+
+def _require(fits: bool, problem: str) -> None:
+    if not fits:
+        raise ValueError(problem)
+
+
+def to_plain(value: Any, without: Collection[str] = ()) -> dict[str, Any]:
+    """Return the fields of a dataclass but for some: what JSON can write, with this for those in
+    it.
+    """
+    return {e.name: getattr(value, e.name) for e in fields(value) if e.name not in without}
+
+
+def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
+    """Return what JSON was made of, for a type hint; missing fields take their defaults.
+
+    Fields that are given are not looked for in the value. A dataclass that has a `from_dict` of its
+    own is made by that, which knows what older versions left out. A value of another type, not
+    finite or not one of the choices, and a field that is unknown or missing, are a `ValueError`
+    that says where.
+    """
+    origin, options = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        _expect(value in options, where, value, " or ".join(map(repr, options)))
+        return value
+    if origin in (Union, types.UnionType):
+        [inner] = [option for option in options if option is not type(None)]
+        return None if value is None else from_plain(inner, value, where)
+    if origin is tuple:
+        _expect(isinstance(value, list), where, value, "a list")
+        kinds = [options[0]] * len(value) if options[1:] == (Ellipsis,) else list(options)
+        _expect(len(kinds) == len(value), where, value, f"{len(kinds)} entries")
+        return tuple(from_plain(kind, value[i], f"{where}[{i}]") for i, kind in enumerate(kinds))
+    if origin is dict or is_dataclass(hint):
+        _expect(isinstance(value, dict), where, value, "an object")
+        return value if origin is dict else _dataclass(hint, value, where, given)
+    if hint is float:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        _expect(is_number and math.isfinite(value), where, value, "a finite number")
+        return float(value)
+    _expect(type(value) is hint, where, value, f"a value of type {hint.__name__}")
+    return value
+
+
+def _dataclass(hint: Any, value: dict[str, Any], where: str, given: dict[str, Any]) -> Any:
+    # a document without a result does not load its type
+    hints = get_type_hints(hint, localns={"Match": Any})
+    known = {entry.name: entry for entry in fields(hint) if entry.name not in given}
+    unknown = sorted(value.keys() - known.keys())
+    _expect(not unknown, where, unknown, f"only {', '.join(known)}")
+    required = {
+        name for name, e in known.items() if e.default is MISSING and e.default_factory is MISSING
+    }
+    missing = sorted(required - value.keys())
+    _expect(not missing, where, value, f"also {', '.join(missing)}")
+    parts = {name: from_plain(hints[name], part, f"{where}.{name}") for name, part in value.items()}
+    return hint.from_dict(parts) if hasattr(hint, "from_dict") else hint(**parts, **given)
+
+
+def _expect(fits: bool, where: str, value: Any, expected: str) -> None:
+    if not fits:
+        raise ValueError(f"{where} is {brief(value)}; expected {expected}")

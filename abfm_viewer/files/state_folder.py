@@ -18,10 +18,8 @@ VARIABLE = "ABFM_STATE_FOLDER"
 
 
 class StateFolder:
-    """A folder of the user's; where it cannot be read or written, the app starts afresh every time.
-
-    It is by default what the environment variable ABFM_STATE_FOLDER says, or the system's place for
-    such things.
+    """A folder of the user's, by default ABFM_STATE_FOLDER or the system's for such things; where
+    it cannot be read or written, the app starts afresh every time.
     """
 
     def __init__(self, path: Path | None = None) -> None:
@@ -31,9 +29,8 @@ class StateFolder:
 
     def recent(self) -> list[Path]:
         """Files that were opened or saved and still exist, the latest first."""
-        names = self._read("recent.json", [])
         found = []
-        for name in names if isinstance(names, list) else []:
+        for name in self._read("recent.json", list):
             with suppress(OSError, ValueError, TypeError):
                 if (path := Path(name)).is_file():
                     found.append(path)
@@ -46,13 +43,12 @@ class StateFolder:
         self._write("recent.json", [str(known) for known in kept[:_MOST_RECENT]])
 
     def clear_recent(self) -> None:
-        """Forget all of them."""
         self._write("recent.json", [])
 
     def preferences(self) -> dict[str, Any]:
         """Return what the user set for all projects, by name."""
-        found = self._read("preferences.json", {})
-        return found if isinstance(found, dict) else {}
+        found: dict[str, Any] = self._read("preferences.json", dict)
+        return found
 
     def set_preference(self, name: str, value: Any) -> None:
         """Remember a value (JSON) for the next launch."""
@@ -60,11 +56,13 @@ class StateFolder:
         if name not in known or known[name] != value:
             self._write("preferences.json", known | {name: value})
 
-    def _read(self, name: str, default: Any) -> Any:
-        try:
-            return json.loads(read_bytes(self.path / name, most=_LARGEST))
-        except (OSError, ValueError, RecursionError, MemoryError):
-            return default
+    def _read(self, name: str, kind: type[Any]) -> Any:
+        """Return what a file holds; nothing of a kind where it is not that."""
+        with suppress(OSError, ValueError, RecursionError, MemoryError):
+            found = json.loads(read_bytes(self.path / name, most=_LARGEST))
+            if isinstance(found, kind):
+                return found
+        return kind()
 
     def _write(self, name: str, value: Any) -> None:
         with suppress(OSError, AbfmError):

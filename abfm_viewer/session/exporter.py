@@ -28,7 +28,7 @@ from abfm_viewer.files import outputs
 from abfm_viewer.files.project import save_project
 
 Known = Callable[[], dict[str, FloatArray]]
-PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), tuple(outputs.WRITERS)
+PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), outputs.WRITTEN
 """Suffixes."""
 
 

@@ -15,7 +15,7 @@ from abfm.workers.progress import Step
 from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.computing.evaluation import Evaluated, Functions
 from abfm_viewer.document.document import SIDES, Document, Function
-from abfm_viewer.files.project_checks import terms_from_files
+from abfm_viewer.files.project import terms_from_files
 
 
 class DocumentFunctions:
