@@ -16,9 +16,8 @@ from abfm.errors import printable
 from abfm.functions.permuted import vertex_map
 from abfm.functions.values_file import read_table
 from abfm.io import write_atomically
-from abfm.maps.accuracy import BOUNDS, map_accuracy
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import map_quality
+from abfm.maps.quality import BOUNDS, map_accuracy, map_quality
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import adder
 from abfm_viewer.files import outputs

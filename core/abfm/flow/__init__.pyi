@@ -1,5 +1,5 @@
+from .advection import Discretisation as Discretisation
 from .continuous_flow import ContinuousFlow as ContinuousFlow
-from .discretisation import Discretisation as Discretisation
 from .flow import Flow as Flow
 from .flow import advect as advect
 from .flow_lines import FlowLine as FlowLine

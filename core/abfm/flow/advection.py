@@ -3,30 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
-from abfm.flow.derivative_pattern import DerivativePattern
-from abfm.flow.exponential import ExponentialFlow, Segment, Trajectory
+from abfm.flow.derivative import DerivativePattern, clustered_pattern, derivative_pattern
+from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Segment, Trajectory, Workspace
+from abfm.mesh import TriangleMesh
+from abfm.parameters import Method
 from abfm.types import FloatArray
-
-
-class FieldFlow(Protocol):
-    """The discrete flow of one field, as `ExponentialFlow` has it."""
-
-    @property
-    def rho(self) -> float: ...
-
-    def forward(self, f: FloatArray, t: float) -> Trajectory: ...
-
-    def record(self, f: FloatArray, t: float) -> Trajectory: ...
-
-    def backward(
-        self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray
-    ) -> FloatArray: ...
-
-    def span(self, f: FloatArray, times: FloatArray) -> FloatArray: ...
 
 
 class LinearizedFlow:
@@ -36,20 +21,15 @@ class LinearizedFlow:
     """A step is one product, however long it is."""
 
     def __init__(self, pattern: DerivativePattern, v: FloatArray) -> None:
-        self.pattern = pattern
-        self.values = pattern.values(v)
+        self.pattern, self.values = pattern, pattern.values(v)
 
-    def forward(self, f: FloatArray, t: float) -> Trajectory:
+    def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
         """Make one step of length ``t`` from ``f`` (V,)."""
         return Trajectory(t, [Segment(f, 1)], f - t * self._derivative(f))
 
-    record = forward
-
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Apply the adjoint of `forward`: adds the derivative by ``v`` to ``gradient`` (F, 2),
-        returns the derivative by ``f``.
-
-        This is Eq. 8: ``-t D̄_f^T mu``, and ``(id - t D_v)^T mu``.
+        """Apply the adjoint as `ExponentialFlow.backward`: Eq. 8, ``-t D̄_f^T mu``, and
+        ``(id - t D_v)^T mu``.
         """
         pattern = self.pattern
         start, dual = pattern.restricted(trajectory.segments[0].start), pattern.restricted_dual(mu)
@@ -67,10 +47,11 @@ class LinearizedFlow:
         return self.pattern.extended(self.pattern.product(self.values, self.pattern.restricted(f)))
 
 
+FieldFlow: TypeAlias = ExponentialFlow | LinearizedFlow
+
+
 class Advection:
-    """Composition of the flows of N fields in a row, each for a time ``step``; made by
-    `abfm.flow.discretisation.Discretisation.flow`.
-    """
+    """The flows of N fields in a row, each for a time ``step``, made by `Discretisation.flow`."""
 
     def __init__(self, parts: Sequence[FieldFlow], step: float) -> None:
         self.parts, self.step = parts, step
@@ -80,21 +61,13 @@ class Advection:
         """Spectral bound times time: about how many products with ``D_v`` an advection costs."""
         return self.step * sum(part.rho for part in self.parts)
 
-    def forward(self, f: FloatArray) -> list[Trajectory]:
+    def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:
         """Advect ``f`` (V,) to the end: one trajectory per field; the last one's ``end`` is the
-        result.
+        result. To ``keep`` the terms that fit is for `backward`.
         """
         trajectories: list[Trajectory] = []
         for part in self.parts:
-            trajectories.append(part.forward(f, self.step))
-            f = trajectories[-1].end
-        return trajectories
-
-    def record(self, f: FloatArray) -> list[Trajectory]:
-        """Advect as `forward` does, and keep the terms that fit for `backward`."""
-        trajectories: list[Trajectory] = []
-        for part in self.parts:
-            trajectories.append(part.record(f, self.step))
+            trajectories.append(part.forward(f, self.step, keep))
             f = trajectories[-1].end
         return trajectories
 
@@ -111,12 +84,10 @@ class Advection:
         """Carry a function ``f`` (V,) to each of the times (T,) -> (T, V), see `abfm.Flow`."""
         out = np.empty((len(times), len(f)))
         order = np.argsort(np.abs(times), kind="stable")
+        ahead, back = order[times[order] >= 0], order[times[order] < 0]
         part = self.parts[0]
         is_one = isinstance(part, ExponentialFlow) and len(self.parts) == 1
-        for chosen, carry in (
-            (order[times[order] >= 0], self._ahead),
-            (order[times[order] < 0], self._back),
-        ):
+        for chosen, carry in ((ahead, self._ahead), (back, self._back)):
             if len(chosen):
                 out[chosen] = (part.span if is_one else carry)(f, times[chosen])
         return out
@@ -145,3 +116,46 @@ class Advection:
                 state = self.parts[min(j, len(self.parts) - 1)].forward(state, -length).end
             out[row] = state
         return out
+
+
+class Discretisation:
+    """The functions that are advected on a mesh, the steps by which they are, and their memory.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    method : "nonlinear" or "linearised"
+        ``exp(-t D_v)`` (Eq. 4) of each field, or its first two terms ``id - t D_v`` (Eq. 5).
+    pattern : DerivativePattern, optional
+        Of ``D_v``; by default that of functions with a value on each vertex.
+    """
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        method: Method = "nonlinear",
+        pattern: DerivativePattern | None = None,
+    ) -> None:
+        self.mesh, self.method = mesh, method
+        self.pattern = derivative_pattern(mesh) if pattern is None else pattern
+        self.size = self.pattern.size  # values of a function: vertices, or clusters of them
+        self.workspace = Workspace(self.size)
+
+    def clustered(self) -> Discretisation:
+        """Return the same for functions with one value on each of `abfm.flow.clusters`."""
+        return Discretisation(self.mesh, self.method, clustered_pattern(self.mesh))
+
+    def flow(self, fields: FloatArray, tau: float, tolerance: float = TOLERANCE) -> Advection:
+        """Return the flow of N fields (N, F, 2) in a row, each for ``tau / N``.
+
+        The fields are frame coefficients, in the mesh's units; ``tolerance`` is where series are
+        truncated. Terms that earlier flows keep in the workspace are forgotten.
+        """
+        self.workspace.release()
+        parts = [
+            LinearizedFlow(self.pattern, v)
+            if self.method == "linearised"
+            else ExponentialFlow(self.pattern, v, self.workspace, tolerance)
+            for v in np.ascontiguousarray(fields)
+        ]
+        return Advection(parts, tau / len(fields))

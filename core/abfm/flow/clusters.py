@@ -1,10 +1,6 @@
 """Vertices that are held together, so that a few thin triangles do not set the cost of an
-advection.
-
-A product with ``D_v`` can be as large as a vertex's share of the rates of its faces over its area,
-and the number of products grows with the largest one on the mesh. Where triangles are needles it is
-a hundred times the usual one. Functions that take one value on each cluster, of vertices much
-closer than elsewhere, have no such rates.
+advection: the number of products with ``D_v`` grows with a vertex's largest share of the rates of
+its faces over its area, which needles make a hundred times the usual one.
 """
 
 import numpy as np
@@ -13,10 +9,7 @@ from abfm.calculus.operators import edge_lengths, vertex_areas
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IndexArray
 
-USUAL = 3.0
-"""Times the median of the rates of all vertices, beyond which a vertex is joined with a
-neighbour.
-"""
+USUAL = 3.0  # times the median of all rates, beyond which a vertex is joined with a neighbour
 _NEAR = 0.5  # of the median edge: longer ones do not join vertices
 _ROUNDS = 12  # of joining pairs
 _FEW = 1.5  # times the usual rates: what is gained by less is not worth another discretisation
@@ -24,8 +17,7 @@ _FEW = 1.5  # times the usual rates: what is gained by less is not worth another
 
 @per_mesh
 def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
-    """Return the cluster of each vertex, (V,), counted from 0; None where no vertex has to be
-    joined with another.
+    """Return the cluster of each vertex, (V,), counted from 0; None where none has to be joined.
 
     Pairs at the ends of the shortest edges join first; in each round, a cluster joins one other at
     most.
@@ -41,8 +33,12 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
     for _ in range(_ROUNDS):
         fast = rates > most
         pairs = clusters[edges[near]]
-        parent = _joined(pairs[(pairs[:, 0] != pairs[:, 1]) & fast[pairs].any(axis=1)], len(rates))
-        if (parent == np.arange(len(parent))).all():
+        parent, free = np.arange(len(rates)), np.ones(len(rates), dtype=bool)
+        for a, b in pairs[(pairs[:, 0] != pairs[:, 1]) & fast[pairs].any(axis=1)].tolist():
+            if free[a] and free[b]:
+                free[a] = free[b] = False
+                parent[max(a, b)] = min(a, b)
+        if free.all():
             break
         clusters = np.unique(parent, return_inverse=True)[1][clusters]
         rates = cluster_rates(mesh, clusters)
@@ -50,8 +46,7 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
 
 
 def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
-    """Sum of what the entries in each cluster's row of ``D_v`` can be for a field of length 1,
-    (clusters,).
+    """Sum what the entries in each cluster's row of ``D_v`` can be for a field of length 1.
 
     A third of a face's area times the gradient of a corner's hat function is a sixth of the
     opposite edge.
@@ -66,18 +61,6 @@ def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
         # minus the sum of the others
         own = np.where((first > 0) & (second > 0), slopes[:, corner], first + second)
         together = corners[:, others[0]] == corners[:, others[1]]
-        rates += np.bincount(
-            corners[:, corner], own + np.where(together, own, first + second), count
-        )
+        both = own + np.where(together, own, first + second)
+        rates += np.bincount(corners[:, corner], both, count)
     return rates / np.bincount(clusters, vertex_areas(mesh), count)
-
-
-def _joined(pairs: IndexArray, count: int) -> IndexArray:
-    """Return what each of ``count`` clusters becomes part of: pairs (P, 2) join unless one has."""
-    parent = np.arange(count)
-    free = np.ones(count, dtype=bool)
-    for a, b in pairs.tolist():
-        if free[a] and free[b]:
-            free[a] = free[b] = False
-            parent[max(a, b)] = min(a, b)
-    return parent

@@ -1,29 +1,27 @@
-"""Flow lines of the field made continuous, a witness for the maps that advection gives.
+"""The flow of a field made continuous, so that lines along it bend instead of having kinks at
+edges: a witness for the maps that advection gives.
 
-Points have no dispersion, as advection on vertices has: each follows the continuous field of
-`smooth_flow` by the midpoint rule, in steps that are a part of a face long, straight over the
-edges; from a vertex it begins in the face that the field leads into, whatever its number. On smooth
-fields the error falls with the square of the edge length.
+Each vertex gets a vector: the faces around it are unrolled into the plane, with angles scaled to a
+full turn as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013, so that creases do
+not matter, and a linear function is fitted to their vectors at their centres. Inside a face the
+vectors of its corners are interpolated.
+
+Points have no dispersion, as advection on vertices has: each follows that field by the midpoint
+rule, in steps that are a part of a face long, straight over the edges; from a vertex it begins in
+the face that the field leads into, whatever its number. On smooth fields the error falls with the
+square of the edge length.
 """
 
 import math
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
+from abfm.calculus.vector_fields import to_frame
 from abfm.errors import ParameterError, brief
-from abfm.flow.flow_lines import fields_in_a_row, walkers
-from abfm.flow.smooth_flow import (
-    SmoothFlow,
-    Walker,
-    midpoint,
-    slots_ahead,
-    smooth_flow,
-    vector_at,
-    walk_straight,
-)
-from abfm.flow.tracing import AT_VERTEX
+from abfm.flow.flow_lines import AT_VERTEX, fields_in_a_row, opposite_slots, walkers
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import kernel
@@ -40,6 +38,12 @@ _STILL = 1e-12  # a part of the face so short is no way
 # of the way to a face's centre: at a vertex rounding would choose the side on which to pass it
 _INWARD = 1e-10
 _CHUNK = 4096  # points between checkpoints: 0.2 s where they go over a hundred faces each
+_CROSSINGS = 64  # edges that a step may meet before the walk counts as caught at a vertex
+_RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
+# part of a way's squared length that is left: less where it slid along the boundary
+_STRAIGHT = 1 - 1e-9
+
+Face: TypeAlias = int | np.int64
 
 
 class ContinuousFlow:
@@ -70,7 +74,15 @@ class ContinuousFlow:
                 f"tau is {brief(tau)}; expected a finite time that is not negative"
             )
         self.step = tau / len(self.fields)
-        self._check_work()
+        sizes = np.sqrt(face_areas(mesh)) / mesh.length_scale
+        with np.errstate(over="ignore", invalid="ignore"):
+            ways = [np.linalg.norm(v / mesh.length_scale * self.step, axis=1) for v in self.fields]
+            faces = float(sum(sizes @ way for way in ways))  # of area sizes^2, each size long
+        if not faces <= STEP * _MEAN_LIMIT:
+            raise ParameterError(
+                f"velocity leads points over {faces:.0e} faces on average until tau (at most "
+                f"{STEP * _MEAN_LIMIT:.0e}): scale it down or shorten tau"
+            )
 
     def destinations(self, start: SurfacePoints | None = None) -> SurfacePoints:
         """Carry points along the flow to ``tau``; all vertices by default.
@@ -83,15 +95,10 @@ class ContinuousFlow:
         return self._walked(start, self.fields, self.step)
 
     def origins(self, start: SurfacePoints | None = None) -> SurfacePoints:
-        """Carry points back along the flow from ``tau``; all vertices by default.
+        """Carry points back along the flow from ``tau``, as `destinations`.
 
         Of every vertex this is where its value came from: its `pull_back` of a function is the
         function carried to ``tau``.
-
-        Raises
-        ------
-        ParameterError
-            If a start is not on the mesh.
         """
         return self._walked(start, self.fields[::-1], -self.step)
 
@@ -118,37 +125,271 @@ class ContinuousFlow:
                 checkpoint()
                 chunk = slice(begin, begin + _CHUNK)
                 carry(flow, sizes, duration, faces[chunk], places[chunk])
-        return _points(mesh, faces, places)
-
-    def _check_work(self) -> None:
-        """Refuse fields along which the walks would not end."""
-        scale = self.mesh.length_scale
-        sizes = np.sqrt(face_areas(self.mesh)) / scale
-        with np.errstate(over="ignore", invalid="ignore"):
-            ways = [np.linalg.norm(v / scale * self.step, axis=1) for v in self.fields]
-            faces = float(sum(sizes @ way for way in ways))  # of area sizes^2, each size long
-        if not faces <= STEP * _MEAN_LIMIT:
-            raise ParameterError(
-                f"velocity leads points over {faces:.0e} faces on average until tau (at most "
-                f"{STEP * _MEAN_LIMIT:.0e}): scale it down or shorten tau"
-            )
+        barycentric = np.einsum("pck,pk->pc", hat_gradients(unit)[faces], places)
+        barycentric[:, 0] += 1
+        barycentric = np.maximum(barycentric, 0)
+        barycentric /= barycentric.sum(axis=1, keepdims=True)
+        return SurfacePoints(mesh, faces, barycentric)
 
 
-def _points(mesh: TriangleMesh, faces: IntArray, places: FloatArray) -> SurfacePoints:
-    """Return points by places (P, 2) in the frames of faces (P,), in units of ``length_scale``."""
-    barycentric = np.einsum("pck,pk->pc", hat_gradients(mesh.normalized())[faces], places)
-    barycentric[:, 0] += 1
-    barycentric = np.maximum(barycentric, 0)
-    barycentric /= barycentric.sum(axis=1, keepdims=True)
-    return SurfacePoints(mesh, faces, barycentric)
+class FlatFaces(NamedTuple):
+    """Faces laid into the plane, each in its own frame."""
+
+    corners: IndexArray  # (F, 3), complex, the first one at zero
+    areas: FloatArray  # (F,)
+    neighbours: IndexArray  # (F, 3), `opposite_slots`
+
+
+class SmoothFlow(NamedTuple):
+    """A continuous field, made for walks; places are in the faces' frames, from corner 0."""
+
+    # (F, 3, 2): at the first corner, and how they change per unit of x and of y
+    vectors: FloatArray
+    gradients: FloatArray  # (F, 3, 2), of the hat functions
+    # (F, 3, 4), to the frame behind the edge opposite each corner: cosine, sine, and the shift
+    unfolding: FloatArray
+    # (F, 3), slot 3 f + k on the other side of that edge, -1 on the boundary
+    neighbours: IndexArray
+
+
+class Walker(NamedTuple):
+    """A place (x, y) in the frame of a face, -1 behind a boundary, and a way (u, v) seen there."""
+
+    face: Face
+    x: float
+    y: float
+    u: float
+    v: float
+
+
+def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> SmoothFlow:
+    """Make a field (F, 3) continuous, with lengths, but not vectors, in a unit; a normal part is
+    dropped, and faces without speed keep none.
+    """
+    flat, gradients = _flat_faces(mesh, unit), hat_gradients(mesh) * unit
+    vectors = corner_vectors(mesh, field, unit)
+    slopes = np.einsum("fc,fck->fk", vectors, gradients)
+    return SmoothFlow(
+        _pairs(np.concatenate([vectors[:, :1], slopes], axis=1)),
+        gradients,
+        _unfolding(flat.corners, flat.neighbours),
+        flat.neighbours,
+    )
+
+
+def slots_ahead(mesh: TriangleMesh, field: FloatArray) -> IntArray:
+    """Return each vertex's slot ``3 f + k`` in the face that the continuous field leads into."""
+    corners, vectors = _flat_faces(mesh).corners, corner_vectors(mesh, field)
+    first, last = (np.roll(corners, turn, axis=1) - corners for turn in (-1, -2))
+    middles = first / np.abs(first) + last / np.abs(last)
+    aside = np.where(
+        vectors == 0, np.inf, np.abs(np.angle(vectors / middles)) / np.angle(last / first)
+    )
+    slots = np.argsort(-aside, axis=None, kind="stable")
+    ahead = np.empty(len(mesh.vertices), dtype=np.int64)
+    ahead[mesh.faces.ravel()[slots]] = slots  # of repeated vertices the last one stays
+    return ahead
+
+
+def corner_vectors(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> IndexArray:
+    """Return the continuous field at corners, as complex numbers in the faces' frames, (F, 3)."""
+    vectors = np.empty((len(mesh.faces), 3), dtype=np.complex128)
+    most = int(np.bincount(mesh.faces.ravel()).max())
+    fit_corners(_flat_faces(mesh, unit), _complex(to_frame(mesh, field)), most, vectors)
+    return vectors
+
+
+def _flat_faces(mesh: TriangleMesh, unit: float = 1.0) -> FlatFaces:
+    places = mesh.vertices[mesh.faces]
+    corners = np.einsum("fcx,fkx->fck", places - places[:, :1], face_frames(mesh))
+    return FlatFaces(_complex(corners) / unit, face_areas(mesh), opposite_slots(mesh))
+
+
+def _unfolding(corners: IndexArray, neighbours: IndexArray) -> FloatArray:
+    """Return the rigid motions that lay each face's frame beside that of its neighbour."""
+    starts, ends = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)  # of the edges
+    turns = (starts.ravel()[neighbours] - ends.ravel()[neighbours]) / (ends - starts)
+    turns /= np.abs(turns)
+    shifts = ends.ravel()[neighbours] - turns * starts
+    return np.concatenate([_pairs(turns), _pairs(shifts)], axis=2)
+
+
+def _pairs(numbers: IndexArray) -> FloatArray:
+    return np.stack([numbers.real, numbers.imag], axis=-1)
+
+
+def _complex(pairs: FloatArray) -> IndexArray:
+    return np.ascontiguousarray(pairs).view(np.complex128)[..., 0]
+
+
+@kernel
+def fit_corners(flat: FlatFaces, field: IndexArray, most: int, vectors: IndexArray) -> None:
+    """Fit vectors at corners (F, 3) to those of faces (F,), of which at most so many meet.
+
+    A pinched vertex has a vector for each of its fans.
+    """
+    corners = flat.corners
+    seen = np.zeros(corners.shape, dtype=np.bool_)
+    fan = np.empty(most, dtype=np.int64)
+    numbers = np.empty((3, most), dtype=np.complex128)
+    middles, centres, unrolled, turns = numbers[0], numbers[1], numbers[2], np.empty(most)
+    for slot in range(seen.size):
+        if seen[slot // 3, slot % 3]:
+            continue
+        start, closed = clockwise_end(flat.neighbours, slot)
+        count, turned, here = 0, 0.0, start
+        while here >= 0:
+            f, c = here // 3, here % 3
+            seen[f, c] = True
+            fan[count] = here
+            first = corners[f, (c + 1) % 3] - corners[f, c]
+            last = corners[f, (c + 2) % 3] - corners[f, c]
+            middle = first / abs(first) + last / abs(last)
+            angle = np.angle(last / first)
+            middles[count] = middle / abs(middle)
+            turns[count] = turned + angle / 2
+            turned += angle
+            count += 1
+            here = around(flat.neighbours, here, 1)
+            if here == start:
+                break
+        scale = 2 * np.pi / turned if closed else 1.0
+        for i in range(count):
+            f, c = fan[i] // 3, fan[i] % 3
+            rotation = np.exp(1j * scale * turns[i]) / middles[i]
+            centre = (corners[f, 0] + corners[f, 1] + corners[f, 2]) / 3 - corners[f, c]
+            centres[i] = centre * rotation
+            unrolled[i] = field[f] * rotation
+        vector = fitted(fan[:count], centres, unrolled, flat.areas)
+        for i in range(count):
+            f, c = fan[i] // 3, fan[i] % 3
+            turned_back = vector * middles[i] * np.exp(-1j * scale * turns[i])
+            vectors[f, c] = turned_back if field[f] != 0 else 0.0
+
+
+@kernel
+def around(neighbours: IndexArray, slot: int, turn: int) -> int:
+    """Return the vertex's slot in the next face, turning left (1) or right (2), -1 if none."""
+    other = neighbours[slot // 3, (slot + turn) % 3]
+    return -1 if other < 0 else 3 * (other // 3) + (other + turn) % 3
+
+
+@kernel
+def clockwise_end(neighbours: IndexArray, slot: int) -> tuple[int, bool]:
+    """Return the first slot of a vertex's fan of faces, or any where the fan is closed."""
+    here, before = slot, around(neighbours, slot, 2)
+    while before >= 0 and before != slot:
+        here, before = before, around(neighbours, before, 2)
+    return (slot, True) if before == slot else (here, False)
+
+
+@kernel
+def fitted(fan: IndexArray, places: IndexArray, values: IndexArray, areas: FloatArray) -> complex:
+    """Evaluate at zero the linear function fitted to complex values, weighted by areas."""
+    total, place, value = 0.0, 0j, 0j
+    for i in range(fan.size):
+        weight = areas[fan[i] // 3]
+        total += weight
+        place += weight * places[i]
+        value += weight * values[i]
+    place /= total
+    value /= total
+    if fan.size == 1:
+        return value
+    xx, xy, yy, vx, vy = 0.0, 0.0, 0.0, 0j, 0j
+    for i in range(fan.size):
+        weight = areas[fan[i] // 3]
+        away, more = places[i] - place, values[i] - value
+        xx += weight * away.real**2
+        xy += weight * away.real * away.imag
+        yy += weight * away.imag**2
+        vx += weight * away.real * more
+        vy += weight * away.imag * more
+    ridge = _RIDGE * (xx + yy)
+    xx, yy = xx + ridge, yy + ridge
+    determinant = xx * yy - xy * xy
+    if determinant <= 0.0:
+        return value
+    along_x, along_y = (yy * vx - xy * vy) / determinant, (xx * vy - xy * vx) / determinant
+    result: complex = value - along_x * place.real - along_y * place.imag
+    return result
+
+
+@kernel
+def vector_at(flow: SmoothFlow, f: Face, x: float, y: float) -> tuple[float, float]:
+    """Evaluate the field at a place, in the face's frame."""
+    w = flow.vectors
+    return (
+        w[f, 0, 0] + x * w[f, 1, 0] + y * w[f, 2, 0],
+        w[f, 0, 1] + x * w[f, 1, 1] + y * w[f, 2, 1],
+    )
+
+
+@kernel
+def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walker:
+    """Apply the midpoint rule: ``step`` times the field halfway along a walker's way, which is
+    ``step`` times that at its start, becomes its way, seen from where it is.
+
+    The two are compared in one frame because a walk carries its way over every edge into the next
+    face's plane. Behind a boundary halfway, unless the way is to ``slide`` along it, the face is -1
+    and the way stays.
+    """
+    f, x, y, u, v = walker
+    g, a, b, p, q = walk_straight(flow, Walker(f, x, y, u / 2, v / 2), slide)
+    if g < 0:
+        return Walker(g, x, y, u, v)
+    r, s = vector_at(flow, g, a, b)
+    seen, length = 4 * (p * p + q * q), u * u + v * v
+    if seen > _STRAIGHT * length:
+        cosine, sine = 2 * step * (p * u + q * v) / seen, 2 * step * (p * v - q * u) / seen
+        u, v = cosine * r - sine * s, sine * r + cosine * s
+    elif seen > 0.0:  # it slid along the boundary: how much faster does it there?
+        ratio = max(2 * step * (p * r + q * s) / seen, 0.0)
+        u, v = ratio * u, ratio * v
+    return Walker(f, x, y, u, v)
+
+
+@kernel
+def walk_straight(flow: SmoothFlow, walker: Walker, slide: bool = False) -> Walker:
+    """Go a walker's way, unfolding the faces that it leads over; it is seen from the end.
+
+    At a boundary the face is -1, unless it is to ``slide`` on along it.
+    """
+    f, x, y, u, v = walker
+    gradients, left, entered = flow.gradients, 1.0, -1
+    for _ in range(_CROSSINGS):
+        leave, used = -1, left
+        for i in range(3):
+            rate = gradients[f, i, 0] * u + gradients[f, i, 1] * v
+            if rate < 0.0 and i != entered:
+                weight = gradients[f, i, 0] * x + gradients[f, i, 1] * y + (1.0 if i == 0 else 0.0)
+                if weight + rate * used < 0.0:
+                    leave, used = i, max(weight, 0.0) / -rate
+        x, y = x + used * u, y + used * v
+        if leave < 0:
+            return Walker(f, x, y, u, v)
+        left -= used
+        slot = flow.neighbours[f, leave]
+        if slot < 0:
+            if not slide:
+                return Walker(-1, x, y, u, v)
+            p, q = gradients[f, leave, 0], gradients[f, leave, 1]
+            along = (p * v - q * u) / (p * p + q * q)
+            u, v, entered = -q * along, p * along, leave
+            continue
+        motion = flow.unfolding[f, leave]
+        c, s = motion[0], motion[1]
+        x, y = c * x - s * y + motion[2], s * x + c * y + motion[3]
+        u, v = c * u - s * v, s * u + c * v
+        f, entered = slot // 3, slot % 3
+    return Walker(f if slide else -1, x, y, u, v)
 
 
 @kernel
 def carry(
     flow: SmoothFlow, sizes: FloatArray, duration: float, faces: IndexArray, places: FloatArray
 ) -> None:
-    """Move points, given by faces (P,) and places (P, 2) in their frames, for a time of either
-    sign.
+    """Move points, by faces (P,) and places (P, 2) in their frames, for a time of either sign.
 
     A step is also short against the time in which the field changes by as much as it is, so that
     points near its zeros do not jump. ``sizes`` (F,) are the square roots of the faces' areas.

@@ -15,16 +15,16 @@ from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import jv
 
 from abfm.calculus.channels import constant_part
 from abfm.errors import AdvectionError
-from abfm.flow import derivative_kernels, series_kernels
-from abfm.flow.derivative_pattern import DerivativePattern
-from abfm.flow.series_kernels import Series
-from abfm.types import FloatArray
+from abfm.flow.derivative import GROUP, ONE, DerivativePattern, dot, gathered, perron_bound
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray
 
 TOLERANCE = 1e-10
 """Truncation of the series where nothing else is asked for."""
@@ -36,13 +36,13 @@ _SLOWEST = 1e-100  # a zero field still needs a positive rho for its derivative
 _MEMORY = 70_000_000  # numbers
 # products; shorter ones spend more than half on the tail
 _SHORT_SEGMENT, _LONG_SEGMENT = 30.0, 1000.0
+_SWEEP = 4  # terms per sweep: their rows of the matrix together stay in the cache
 
 
-@dataclass(eq=False)
 class RowProducts:
-    """How many rows of ``D_v``, or of its transpose, were multiplied with functions: ``count``."""
+    """How many rows of ``D_v``, or of its transpose, were multiplied with functions."""
 
-    count: int = 0
+    count = 0
 
 
 _open_counts: list[RowProducts] = []
@@ -50,11 +50,8 @@ _open_counts: list[RowProducts] = []
 
 @contextmanager
 def counted_row_products() -> Iterator[RowProducts]:
-    """Count what all series and adjoints in the process cost inside the block, whatever the
-    machine.
-
-    A term of a series on V vertices is V row products, and so is one of its adjoint; not where it
-    overflows.
+    """Count what all series and adjoints in the process cost inside the block, on any machine: V
+    for each of their terms on V vertices, and nothing where they overflow.
     """
     products = RowProducts()
     _open_counts.append(products)
@@ -71,29 +68,21 @@ def _count(terms: int, size: int) -> None:
 
 
 class Workspace:
-    """Memory for the terms of series, kept between evaluations: about 560 MB, and as much for
-    scratch where it is full.
+    """Memory for the terms of series with ``size`` rows, kept between evaluations: about 560 MB,
+    and as much for scratch where it is full.
 
     The array is larger, but touched only as far as used. Beyond a million vertices one short series
     takes more.
-
-    Parameters
-    ----------
-    size : int
-        Rows of ``D_v``.
     """
 
     def __init__(self, size: int) -> None:
         self.lock = threading.Lock()
         rows = _MEMORY // size
-        self.longest_segment = float(
-            np.clip(2 * rows - _likely_terms(rows), _SHORT_SEGMENT, _LONG_SEGMENT)
-        )
+        longest = np.clip(2 * rows - _likely_terms(rows), _SHORT_SEGMENT, _LONG_SEGMENT)
+        self.longest_segment = float(longest)
         self.block = len(_bessel_coefficients(self.longest_segment))
         self.capacity = min(rows, 8 * self.block)
-        self.size = size
-        self.used = self.block
-        self.generation = 0
+        self.size, self.used, self.generation = size, self.block, 0
 
     @cached_property
     def rolling(self) -> FloatArray:
@@ -111,11 +100,8 @@ class Workspace:
 
     def take(self, rows: int) -> FloatArray | None:
         """Return rows to keep until `release`, or None where there is no room."""
-        return (
-            self.terms[self.used : self.used + rows]
-            if self.used + rows <= len(self.terms)
-            else None
-        )
+        end = self.used + rows
+        return self.terms[self.used : end] if end <= len(self.terms) else None
 
     def release(self) -> None:
         """Forget all kept terms."""
@@ -130,7 +116,7 @@ def _likely_terms(x: float) -> int:
 
 def _bessel_coefficients(x: float) -> FloatArray:
     """Return ``c_k J_k(x)`` to below rounding."""
-    return series_kernels.bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 20)
+    return bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 20)
 
 
 @dataclass
@@ -146,9 +132,7 @@ class Segment:
 @dataclass
 class Trajectory:
     """What the adjoint of an advection needs: segments of time ``step`` each, and the final
-    function.
-
-    It ends with a ``constant`` that the segments are without.
+    function, which ends with a ``constant`` that the segments are without.
     """
 
     step: float
@@ -158,18 +142,9 @@ class Trajectory:
 
 
 class ExponentialFlow:
-    """``exp(-t D_v)`` of one field.
+    """``exp(-t D_v)`` of the field with frame coefficients ``v`` (F, 2), in the mesh's units.
 
-    Parameters
-    ----------
-    pattern : DerivativePattern
-        Of ``D_v``.
-    v : (F, 2) array
-        Frame coefficients of the field, in the mesh's units.
-    workspace : Workspace
-        Of as many rows as the pattern has.
-    tolerance : float
-        Where the series is truncated, relative to ``max |f|``, per segment.
+    ``tolerance`` is where the series is truncated, relative to ``max |f|``, per segment.
     """
 
     def __init__(
@@ -179,13 +154,9 @@ class ExponentialFlow:
         workspace: Workspace,
         tolerance: float = TOLERANCE,
     ) -> None:
-        self.pattern = pattern
-        self.workspace = workspace
-        self.tolerance = tolerance
-        self.values = self.pattern.values(v)
-        bound = derivative_kernels.perron_bound(
-            self.pattern.indptr, self.pattern.indices, self.values, 4
-        )
+        self.pattern, self.workspace, self.tolerance = pattern, workspace, tolerance
+        self.values = pattern.values(v)
+        bound = perron_bound(pattern.indptr, pattern.indices, self.values, 4)
         if not np.isfinite(bound):
             raise AdvectionError(
                 "the field is not finite, or too fast for numbers: give one finite vector per face"
@@ -200,18 +171,11 @@ class ExponentialFlow:
         flow.values = self.pattern.transposed(self.values)
         return flow
 
-    def forward(self, f: FloatArray, t: float) -> Trajectory:
-        """Advect ``f`` (V,) over time ``t`` of either sign.
+    def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
+        """Advect ``f`` (V,) over time ``t`` of either sign; not finite where the flow overflows.
 
-        The result is not finite where the flow itself overflows.
+        To ``keep`` the terms that fit is to save `backward` the time to compute them again.
         """
-        return self._advect(f, t, None)
-
-    def record(self, f: FloatArray, t: float) -> Trajectory:
-        """Advect as `forward`, keeping the terms that fit: `backward` computes the others again."""
-        return self._advect(f, t, self.workspace)
-
-    def _advect(self, f: FloatArray, t: float, tape: Workspace | None) -> Trajectory:
         x = abs(t) * self.rho
         if x > _PRODUCT_LIMIT:
             raise AdvectionError(
@@ -219,27 +183,24 @@ class ExponentialFlow:
                 f"{_PRODUCT_LIMIT:.0e}): shorten the time or slow the field"
             )
         count = max(1, int(np.ceil(x / self.workspace.longest_segment)))
-        kept, constant = self.workspace.used, constant_part(f)  # which no flow changes
+        used, constant = self.workspace.used, constant_part(f)  # which no flow changes
         f = f - constant if constant else f
-        while (trajectory := self._attempt(f, t / count, count, tape)) is None:
-            self.workspace.used = kept
+        while (trajectory := self._attempt(f, t / count, count, keep)) is None:
+            self.workspace.used = used
             count *= 2
         trajectory.constant = constant
         trajectory.end = trajectory.end + constant if constant else trajectory.end
         return trajectory
 
-    def _attempt(
-        self, f: FloatArray, step: float, count: int, tape: Workspace | None
-    ) -> Trajectory | None:
+    def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
         """Compute all segments; None where terms outgrow the function: the step is too long."""
         x = abs(step) * self.rho
         coefficients = _bessel_coefficients(x)
-        if tape is not None and not tape.fits(count * _likely_terms(x)):
-            tape = None  # scratch serves all segments one by one
+        keep = keep and self.workspace.fits(count * _likely_terms(x))  # or scratch, one by one
         segments: list[Segment] = []
         state = f
         for _ in range(count):
-            terms = None if tape is None else tape.take(len(coefficients))
+            terms = self.workspace.take(len(coefficients)) if keep else None
             buffer = self.workspace.rolling if terms is None else terms
             end, used, growth = self._series(state, step, coefficients, buffer)
             if (used == 0 or growth > _GROWTH_LIMIT) and x > _SHORTEST:
@@ -256,14 +217,10 @@ class ExponentialFlow:
         self, f: FloatArray, step: float, coefficients: FloatArray, terms: FloatArray
     ) -> tuple[FloatArray, int, float]:
         end = np.empty(self.pattern.size)
-        first = int(np.ceil(abs(step) * self.rho))
-        used, growth = series_kernels.chebyshev_forward(
-            self._series_of(self.values, step, coefficients),
-            (first, self.tolerance),
-            self.pattern.restricted(f),
-            terms,
-            end,
-        )
+        series = self._series_of(self.values, step, coefficients)
+        truncation = int(np.ceil(abs(step) * self.rho)), self.tolerance
+        start = self.pattern.restricted(f)
+        used, growth = chebyshev_forward(series, truncation, start, terms, end)
         _count(used, len(end))
         return self.pattern.extended(end), used, growth
 
@@ -274,9 +231,7 @@ class ExponentialFlow:
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
         """Apply the adjoint of `forward`: adds the derivative by ``v`` to ``gradient`` (F, 2),
-        returns the derivative by ``f``.
-
-        ``mu`` (V,) is the derivative by ``trajectory.end``.
+        returns the derivative by ``f``, for that by ``trajectory.end``, ``mu`` (V,).
         """
         coefficients = _bessel_coefficients(abs(trajectory.step) * self.rho)
         transposed = self.pattern.transposed(self.values)
@@ -288,28 +243,22 @@ class ExponentialFlow:
                 terms = self.workspace.terms[: len(coefficients)]  # the scratch block
                 self._series(segment.start, trajectory.step, coefficients, terms)
             _count(segment.count, self.pattern.size)
-            dual = series_kernels.chebyshev_backward(
-                series, terms, segment.count, self.pattern.restricted_dual(mu), entries
-            )
+            dual = self.pattern.restricted_dual(mu)
+            dual = chebyshev_backward(series, terms, segment.count, dual, entries)
             mu = self.pattern.extended_dual(dual)
         self.pattern.add_chain_rule(self.pattern.transposed(entries), gradient)
         return mu
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Compute ``exp(-t D_v) f`` at several times (T,) -> (T, V), of one sign and ordered away
-        from zero.
+        """Carry ``f`` to times (T,) of one sign, ordered away from zero, (T, V).
 
         One series serves all times of a segment: only its coefficients change. Its terms go with
         the call.
         """
         trajectory = self.forward(f, float(times[-1]))
-        step = trajectory.step
+        step, last = trajectory.step, len(trajectory.segments) - 1
         out = np.repeat(trajectory.end[None], len(times), axis=0)
-        owner = (
-            np.clip(np.ceil(times / step) - 1, 0, len(trajectory.segments) - 1)
-            if step
-            else np.zeros(len(times))
-        )
+        owner = np.clip(np.ceil(times / step) - 1, 0, last) if step else np.zeros(len(times))
         coefficients = _bessel_coefficients(abs(step) * self.rho)
         terms = np.empty((len(coefficients), self.pattern.size))  # touched only as far as used
         for index, segment in enumerate(trajectory.segments):
@@ -319,7 +268,169 @@ class ExponentialFlow:
                 local = np.abs(times[inside] - index * step) * self.rho
                 series = 2 * jv(np.arange(segment.count), local[:, None])
                 series[:, 0] /= 2
-                out[inside] = (series @ terms[: segment.count])[
-                    :, self.pattern.rank
-                ] + trajectory.constant
+                carried = (series @ terms[: segment.count])[:, self.pattern.rank]
+                out[inside] = carried + trajectory.constant
         return out
+
+
+class Series(NamedTuple):
+    """``sum_k coefficients[k] phi_k`` with ``phi_1 = scale M f`` and
+    ``phi_(k+1) = 2 scale M phi_k + phi_(k-1)``, for a matrix M in groups.
+
+    The rows between two ``bounds`` have no neighbours beyond the next or last such block, so that
+    several terms can be computed in one sweep, each a block behind the one before, while the matrix
+    is in the cache. Terms are kept cyclically; that before the first is 0.
+    """
+
+    indptr: IndexArray
+    indices: IndexArray
+    values: FloatArray
+    bounds: IndexArray
+    scale: float
+    coefficients: FloatArray
+
+
+@kernel
+def bessel_coefficients(x: float, count: int) -> FloatArray:
+    """Compute ``J_0(x), 2 J_1(x), ...`` by Miller's recurrence; the last of them must vanish."""
+    out: FloatArray = np.zeros(count)
+    if x == 0.0:
+        out[0] = 1.0
+        return out
+    out[-1] = 1e-300
+    for k in range(count - 1, 0, -1):
+        out[k - 1] = 2 * k / x * out[k] - (out[k + 1] if k + 1 < count else 0.0)
+        if abs(out[k - 1]) > 1e150:
+            out[k - 1 :] *= 1e-150
+    out[1:] *= 2.0
+    out /= out[::2].sum()
+    return out
+
+
+@kernel
+def _forward_rows(series: Series, k: int, block: int, terms: FloatArray, out: FloatArray) -> float:
+    """Compute term k on a block of rows, and add it to ``out``; returns its largest entry."""
+    indptr, indices, values, bounds = series.indptr, series.indices, series.values, series.bounds
+    factor, weight = series.scale if k == 1 else 2.0 * series.scale, series.coefficients[k]
+    rows = terms.shape[0]
+    now, before, after = terms[(k - 1) % rows], terms[(k - 2) % rows], terms[k % rows]
+    largest = 0.0
+    for i in range(bounds[block], bounds[block + 1]):
+        total = 0.0
+        for group in range(indptr[i], indptr[i + ONE]):
+            total += dot(values[group], gathered(now, indices[group]))
+        value = factor * total + before[i]
+        after[i] = value
+        out[i] += weight * value
+        if not abs(value) <= largest:
+            largest = abs(value)
+    return largest
+
+
+@kernel
+def _sweep(
+    series: Series, start: int, terms: FloatArray, out: FloatArray, largest: FloatArray
+) -> None:
+    """Compute as many terms as ``largest`` has entries, from term ``start`` on."""
+    blocks, steps = series.bounds.size - 1, largest.size
+    largest[:] = 0.0
+    for front in range(blocks + steps - 1):
+        for step in range(max(0, front - blocks + 1), min(steps, front + 1)):
+            highest = _forward_rows(series, start + step, front - step, terms, out)
+            if not highest <= largest[step]:
+                largest[step] = highest
+
+
+@kernel
+def chebyshev_forward(
+    series: Series, truncation: tuple[int, float], f: FloatArray, terms: FloatArray, out: FloatArray
+) -> tuple[int, float]:
+    """Sum a series into ``out``; returns how many terms were summed (0: coefficients are too few)
+    and ``max |phi_k| / max |f|``.
+
+    ``terms`` (rows, V) receives the ``phi_k`` cyclically. The sum stops after the first term of the
+    ``truncation`` once two terms in a row are below its tolerance times ``max |f|``.
+    """
+    first, tolerance = truncation
+    coefficients = series.coefficients
+    most = _SWEEP if series.bounds.size > 2 else 1
+    top = 0.0
+    for i in range(f.size):
+        terms[0, i] = f[i]
+        out[i] = coefficients[0] * f[i]
+        if not abs(f[i]) <= top:
+            top = abs(f[i])
+    if top == 0.0:
+        return 1, 1.0
+    terms[-1, :] = 0.0  # before term 0
+    growth = top
+    small = 0
+    for start in range(1, coefficients.size, most):
+        largest = np.empty(min(most, coefficients.size - start))
+        _sweep(series, start, terms, out, largest)
+        for step in range(largest.size):
+            k = start + step
+            if not np.isfinite(largest[step]):
+                return 0, np.inf
+            growth = max(growth, largest[step])
+            if small < 2:
+                is_small = abs(coefficients[k]) * largest[step] <= tolerance * top
+                small = small + 1 if k >= first and is_small else 0
+        if small == 2:
+            return start + largest.size, growth / top
+    return 0, growth / top
+
+
+@kernel
+def _backward_rows(
+    series: Series,
+    place: tuple[int, int],
+    term: FloatArray,
+    duals: tuple[FloatArray, FloatArray],
+    entries: FloatArray,
+) -> None:
+    """Compute the derivative by term k on a block of rows from the next two; add to ``entries``."""
+    (k, block), (mu, work) = place, duals
+    indptr, indices, transposed, bounds = (
+        series.indptr,
+        series.indices,
+        series.values,
+        series.bounds,
+    )
+    factor, weight = series.scale if k == 0 else 2.0 * series.scale, series.coefficients[k]
+    known, later, result = work[(k + 1) % 3], work[(k + 2) % 3], work[k % 3]
+    for j in range(bounds[block], bounds[block + 1]):
+        total = 0.0
+        gain = factor * term[j]
+        for group in range(indptr[j], indptr[j + ONE]):
+            a = gathered(known, indices[group])
+            total += dot(transposed[group], a)
+            entry = entries[group]
+            for slot in range(GROUP):
+                entry[slot] += gain * a[slot]
+        result[j] = weight * mu[j] + factor * total + later[j]
+
+
+@kernel
+def chebyshev_backward(
+    series: Series, terms: FloatArray, count: int, mu: FloatArray, entries: FloatArray
+) -> FloatArray:
+    """Apply the adjoint of `chebyshev_forward`, which summed ``count`` terms: returns the
+    derivative by ``f`` for ``mu`` by ``out``.
+
+    The series has the values of the transposed matrix, on the same (symmetric) sparsity; the
+    derivative by the value of the transposed entry is added to ``entries``.
+    """
+    blocks = series.bounds.size - 1
+    most = _SWEEP if blocks > 1 else 1
+    work: FloatArray = np.zeros((3, mu.size))
+    for i in range(mu.size):
+        work[(count - 1) % 3, i] = series.coefficients[count - 1] * mu[i]
+    for start in range(count - 2, -1, -most):
+        steps = min(most, start + 1)
+        for front in range(blocks + steps - 1):
+            for step in range(max(0, front - blocks + 1), min(steps, front + 1)):
+                k = start - step
+                _backward_rows(series, (k, front - step), terms[k], (mu, work), entries)
+    mu_start: FloatArray = work[0].copy()
+    return mu_start

@@ -10,8 +10,7 @@ from abfm.calculus.channels import channels
 from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.vector_fields import check_field, to_frame
 from abfm.errors import AdvectionError, ParameterError, brief
-from abfm.flow.advection import Advection
-from abfm.flow.discretisation import Discretisation
+from abfm.flow.advection import Advection, Discretisation
 from abfm.flow.flow_lines import fields_in_a_row
 from abfm.maps.distortion import Distortion
 from abfm.maps.functional_maps import spectral_coefficients
@@ -78,10 +77,8 @@ class Flow:
         return {name: value for name, value in self.__dict__.items() if name != "_advection"}
 
     def push(self, h: ArrayLike, t: ArrayLike | None = None) -> FloatArray:
-        """Carry any function (V,) or (V, C) to time ``t`` (tau by default), in the same shape.
-
-        To several times (T,) at once, (T, ...), it takes one pass, which is much faster than one by
-        one.
+        """Carry any function (V,) or (V, C) to time ``t`` (tau by default), in the same shape, or
+        to several times (T,), (T, ...), in one pass, which is much faster than one by one.
 
         Raises
         ------
@@ -106,10 +103,8 @@ class Flow:
         return carried.reshape(*times.shape, len(self.mesh.vertices), *np.shape(h)[1:])
 
     def point_map(self, t: float | None = None) -> PointMap:
-        """Return where each vertex's value came from at time ``t`` (tau by default).
-
-        The flow carries the coordinate functions; the closest point of the surface to what arrives
-        is the answer. A negative time gives the inverse map: where each vertex goes.
+        """Return where each vertex's value came from at time ``t`` (tau by default): the point of
+        the surface closest to the carried coordinates. A negative time says where each one goes.
         """
         return PointMap.project(self.mesh, self.mesh, self.push(self.mesh.vertices, t))
 
@@ -118,11 +113,8 @@ class Flow:
         return self.point_map(-(self.tau if t is None else t)).distortion()
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
-        """Return the flow to time ``t`` (tau by default) in the first k eigenfunctions:
-        ``Phi^+ exp(-t D_v) Phi``, (k, k).
-
-        Coefficients of a function go in, those of the carried function come out (section 4; see
-        `abfm.maps.functional_maps`).
+        """Return the flow to time ``t`` (tau by default) on coefficients in the first k
+        eigenfunctions (section 4): ``Phi^+ exp(-t D_v) Phi``, (k, k).
         """
         basis = eigenbasis(self.mesh.normalized(), k)[1]
         return spectral_coefficients(self.mesh, self.push(basis, t), k)
@@ -134,27 +126,11 @@ class Flow:
         return _discretisation(self.mesh, self.method).flow(fields, self.tau)
 
 
-@per_mesh
-def _discretisation(mesh: TriangleMesh, method: Method) -> Discretisation:
-    """Keep one memory for all flows on a mesh."""
-    return Discretisation(mesh, method)
+_discretisation = per_mesh(Discretisation)  # one memory for all flows on a mesh
 
 
 def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> FloatArray:
-    """Carry a function along a field for a time: ``exp(-t D_v) f`` (Eq. 4), see `Flow.push`.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    velocity : (F, 3) array
-        Tangent vectors, in the mesh's length unit per unit of time.
-    f : (V,) or (V, C) array
-        One value or row per vertex of the mesh, or of its file.
-    t : float
-        Time of either sign.
-
-    Returns
-    -------
-    Array of shape (V,) or (V, C).
+    """Carry ``f`` (V,) or (V, C), by vertices of the mesh or of its file, along a field (F, 3) for
+    a time of either sign, in the same shape: ``exp(-t D_v) f`` (Eq. 4), see `Flow.push`.
     """
     return Flow(mesh, check_field(mesh, velocity, "velocity")).push(f, t)

@@ -28,15 +28,8 @@ _CHUNK = 256  # vertices of the target whose distances are in memory at a time
 
 
 def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArray:
-    """Return the coefficients (k,) or (k, C) of a function (V,) or (V, C) in the first k
-    eigenfunctions: ``Phi^T M h``.
-
-    ``Phi^T M`` is the pseudoinverse of ``Phi`` in L2.
-
-    Raises
-    ------
-    FunctionError
-        If ``h`` does not fit the mesh, or there are no k eigenfunctions.
+    """Return the coefficients (k,) or (k, C) of a function (V,) or (V, C) in k eigenfunctions:
+    ``Phi^T M h``, by the pseudoinverse of ``Phi`` in L2.
     """
     rows = channels(mesh, h, "h")
     areas = vertex_areas(mesh.normalized())[:, None]
@@ -45,14 +38,8 @@ def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArra
 
 
 def functional_map(points: PointMap, k: int) -> FloatArray:
-    """Return the functional map of a point map: ``Phi_target^+ P Phi_source``, (k, k).
-
-    Parameters
-    ----------
-    points : PointMap
-        From the target to the source.
-    k : int
-        How many eigenfunctions of each.
+    """Return the functional map of a point map from target to source: ``Phi_target^+ P Phi_source``
+    in k eigenfunctions of each, (k, k).
 
     Raises
     ------
@@ -65,11 +52,6 @@ def functional_map(points: PointMap, k: int) -> FloatArray:
 def carry(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike) -> FloatArray:
     """Carry a function of the source, of one channel or several, to the target:
     ``Phi_target C Phi_source^+ h``.
-
-    Raises
-    ------
-    AbfmError
-        If ``C`` or ``h`` does not fit.
     """
     matrix = _check(C)
     coefficients = spectral_coefficients(source, h, matrix.shape[1])
@@ -77,8 +59,8 @@ def carry(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike
 
 
 def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> PointMap:
-    """Return the point map of a functional map: where the delta functions of the source's vertices
-    arrive [OBC*12, 6.1].
+    """Return the point map of a functional map (k_target, k_source): where the delta functions of
+    the source's vertices arrive [OBC*12, 6.1]. A vertex of the source for every one of the target.
 
     The delta function at a vertex of the source has its row of ``Phi_source`` as coefficients, and
     ``C`` makes of it that row of ``Phi_source C^T``. Each vertex of the target goes to the vertex
@@ -86,15 +68,6 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Point
     Looking up rows of ``Phi_target C`` among those of ``Phi_source`` instead would carry the
     target's delta functions back by the adjoint of ``C``, which is its inverse only where ``C`` is
     orthogonal. Nothing makes that map continuous.
-
-    Parameters
-    ----------
-    C : (k_target, k_source) array
-
-    Returns
-    -------
-    PointMap
-        A vertex of the source for every vertex of the target.
 
     Raises
     ------
@@ -111,19 +84,11 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Point
 def zoom_out(
     source: TriangleMesh, target: TriangleMesh, C: ArrayLike, k: int, step: int = 1
 ) -> FloatArray:
-    """Refine a functional map to k eigenfunctions, (k, k), by going to points and back with ever
-    more [MRR*19].
+    """Refine a functional map (k_target, k_source) to k eigenfunctions, (k, k), by going to points
+    and back, each time with ``step`` more [MRR*19].
 
     Points are found as by `point_map`: by the adjoint, errors of the start would stay. All steps
     take heads of one basis of k eigenfunctions.
-
-    Parameters
-    ----------
-    C : (k_target, k_source) array
-        The start, no larger than k.
-    k : int
-    step : int
-        How many eigenfunctions come in at a time.
 
     Raises
     ------
@@ -154,8 +119,7 @@ def _basis(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def _nearest(C: FloatArray, source: FloatArray, target: FloatArray) -> IntArray:
-    """Find, for each vertex of the target, the vertex of the source whose delta function arrives
-    nearest to its own, both by their coefficients in the rows of the bases.
+    """Find, for each vertex of the target, that of the source whose delta function arrives nearest.
 
     All pairs by matrix products: in so many dimensions a tree looks at nearly all of them, too, and
     took 20 times as long where maps are far from isometric.

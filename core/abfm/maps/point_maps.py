@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from abfm.errors import AbfmError
-from abfm.maps.closest_points import project_onto_surface
 from abfm.maps.distortion import Distortion, distortion
-from abfm.maps.surface_points import SurfacePoints, vertex_points
+from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
@@ -57,16 +56,12 @@ class PointMap:
         object.__setattr__(self, "distances", np.broadcast_to(self.distances, count))
 
     @classmethod
-    def of(cls, domain: TriangleMesh, points: SurfacePoints) -> PointMap:
-        """Return the map that takes each vertex to its own of V points."""
-        return cls(domain, points.mesh, points.faces, points.barycentric)
-
-    @classmethod
     def of_vertices(
         cls, domain: TriangleMesh, codomain: TriangleMesh, vertices: ArrayLike | None = None
     ) -> PointMap:
         """Return a vertex-to-vertex map (V,); by default each goes to the one with its number."""
-        return cls.of(domain, vertex_points(codomain, vertices))
+        points = vertex_points(codomain, vertices)
+        return cls(domain, codomain, points.faces, points.barycentric)
 
     @classmethod
     def project(
@@ -88,15 +83,8 @@ class PointMap:
         return self.points.positions
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Compose a function (V',) or (V', C) on the codomain's vertices with the map, (V,) or
-        (V, C).
-
-        With the positions of a second map this is the composition of both.
-
-        Raises
-        ------
-        FunctionError
-            If ``h`` does not fit the codomain.
+        """Compose a function (V',) or (V', C) on the codomain with the map, (V,) or (V, C), see
+        `SurfacePoints.pull_back`; of a second map's positions this is the composition of both.
         """
         return self.points.pull_back(h)
 
@@ -106,14 +94,10 @@ class PointMap:
 
     def to_matrix(self) -> sparse.csr_array:
         """Return the matrix (V, V') of `pull_back`."""
-        count = len(self.faces)
-        entries = (
-            self.barycentric.ravel(),
-            self.codomain.faces[self.faces].ravel(),
-            3 * np.arange(count + 1),
-        )
+        count, columns = len(self.faces), self.codomain.faces[self.faces].ravel()
+        entries = self.barycentric.ravel(), columns, 3 * np.arange(count + 1)
         return sparse.csr_array(entries, shape=(count, len(self.codomain.vertices)))
 
     def distortion(self) -> Distortion:
-        """Measure what the map, linear on faces, does to each face, see `abfm.maps.distortion`."""
+        """Measure what the map, linear on faces, does to each face."""
         return distortion(self.domain, self.positions, self.codomain)

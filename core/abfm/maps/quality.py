@@ -1,4 +1,5 @@
-"""The quality of a map: how far its points came from the surface, and how many faces it folds.
+"""How good a map is: geodesic errors against a known one; or how far its points came from the
+surface, and how many faces it folds.
 
 A flow takes a surface to itself and folds nothing. The coordinates that the discrete flow carries
 leave the surface and fold it where triangles are too coarse for the field, and a match of functions
@@ -8,9 +9,17 @@ does not notice.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from abfm.calculus.geodesics import path_length
+from abfm.errors import ParameterError
 from abfm.maps.point_maps import PointMap
+from abfm.maps.surface_points import vertex_points
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
 
+BOUNDS = (0.05, 0.1, 0.25)
+"""Errors whose shares a report gives, in units of sqrt(area)."""
 LARGEST_DISTANCE, RMS_DISTANCE = 0.1, 0.02
 """Distances from the surface, in sqrt(area), beyond which a map is warned of.
 
@@ -24,6 +33,101 @@ FOLDED = 0.1
 Of the same flows those within all three bounds were wrong by at most 0.022 on average, the others
 by up to 0.13.
 """
+
+
+@dataclass(frozen=True, eq=False)
+class MapAccuracy:
+    """Errors of a map.
+
+    Attributes
+    ----------
+    vertices : (S,) array of int
+        The vertices that were measured, ascending: rows of the map.
+    errors : (S,) array
+        Geodesic distance between each one's image and its true image, over the square root of the
+        surface's area.
+    """
+
+    vertices: IntArray
+    errors: FloatArray
+
+    @property
+    def mean(self) -> float:
+        return float(self.errors.mean())
+
+    @property
+    def median(self) -> float:
+        return float(np.median(self.errors))
+
+    @property
+    def maximum(self) -> float:
+        return float(self.errors.max())
+
+    def share_under(self, bound: ArrayLike) -> FloatArray:
+        """Return the share of vertices with an error of at most ``bound``, in its shape."""
+        at_most = self.errors <= np.asarray(bound, dtype=np.float64)[..., None]
+        return np.asarray(at_most.sum(axis=-1) / len(self.errors))
+
+    def report(self) -> str:
+        """Return the numbers in a line."""
+        shares = (f"{100 * self.share_under(bound):.1f} % under {bound:g}" for bound in BOUNDS)
+        return (
+            f"geodesic error: mean {self.mean:.4f}, median {self.median:.4f}, largest "
+            f"{self.maximum:.4f}; {', '.join(shares)}"
+        )
+
+
+def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
+    """Measure a map against a known one, by `abfm.calculus.geodesics.path_length`.
+
+    Parameters
+    ----------
+    points : PointMap
+    truth : (V,) array of int, optional
+        The vertex of its codomain where each should go; by default the one with the same number.
+    most : int
+        Of more vertices than this, so many drawn at random (always the same ones) are measured: on
+        12,000 vertices each takes about 10 ms.
+
+    Raises
+    ------
+    AbfmError
+        If ``truth`` does not fit ``points``, or the mesh has no geodesics between two of its
+        vertices.
+    """
+    count, mesh = len(points.faces), points.codomain
+    expected = np.arange(len(mesh.vertices)) if truth is None else np.asarray(truth)
+    if expected.shape != (count,):
+        raise ParameterError(
+            f"truth has shape {expected.shape}; expected ({count},), a vertex for each row of the "
+            "map"
+        )
+    if not most >= 1:
+        raise ParameterError(f"{most} vertices are to be measured; expected at least 1")
+    vertex_points(mesh, expected)
+    chosen = np.arange(count)
+    if count > most:
+        chosen = np.sort(np.random.default_rng(0).choice(count, most, replace=False))
+    unit = mesh.normalized()
+    places = zip(expected[chosen], points.faces[chosen], points.barycentric[chosen], strict=True)
+    return MapAccuracy(chosen, np.array([_distance(unit, *place) for place in places]))
+
+
+def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArray) -> float:
+    """Return the distance along the surface from a vertex to a point in a face.
+
+    Distance is convex in flat places, so its linear interpolation between the corners is never too
+    short, and neither is a way over a corner: the smaller of both.
+    """
+    corners = mesh.faces[face]
+    place = barycentric @ mesh.vertices[corners]
+    straight = float(np.linalg.norm(place - mesh.vertices[vertex]))
+    if vertex in corners:
+        return straight
+    used = barycentric > 0
+    to_corners = np.array([path_length(mesh, vertex, int(corner)) for corner in corners[used]])
+    over_corners = to_corners + np.linalg.norm(mesh.vertices[corners[used]] - place, axis=1)
+    return max(straight, min(float(barycentric[used] @ to_corners), float(over_corners.min())))
 
 
 @dataclass(frozen=True)
@@ -58,7 +162,7 @@ class MapQuality:
 
     @property
     def warning(self) -> str | None:
-        """Say what is wrong and what helps, in a line; None where nothing exceeds its bound."""
+        """Say what is wrong and what helps; None where nothing exceeds its bound."""
         advice = "a shorter time, a larger alpha or a finer mesh helps"
         return f"this map is not to be trusted: {self.faults}; {advice}" if self.faults else None
 
@@ -72,8 +176,6 @@ class MapQuality:
 
 def map_quality(points: PointMap) -> MapQuality:
     """Measure how far a map leaves its codomain and how many faces it folds."""
-    folded = points.distortion().flipped
     distances = points.distances / points.codomain.length_scale
-    return MapQuality(
-        float(distances.max()), float(np.sqrt(np.mean(distances**2))), float(folded.mean())
-    )
+    rms, folded = np.sqrt(np.mean(distances**2)), points.distortion().flipped.mean()
+    return MapQuality(float(distances.max()), float(rms), float(folded))

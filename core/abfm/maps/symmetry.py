@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError
-from abfm.maps.closest_points import ClosestPoints
+from abfm.maps.surface_points import ClosestPoints
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
 
@@ -60,7 +60,7 @@ class SymmetryError(AbfmError):
 def detect_symmetry(
     mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: float = TOLERANCE
 ) -> Symmetry:
-    """Find the mirror plane, or the axis of an n-fold rotation, of a surface.
+    """Find the mirror plane, or the axis of a rotation by ``2 pi / order``, of a surface.
 
     Every symmetry keeps the centroid. Candidates are the principal axes of the surface and, as
     these say nothing where two moments are equal, the mirrors and rotations that carry one of three
@@ -73,8 +73,6 @@ def detect_symmetry(
     ----------
     mesh : TriangleMesh
     kind : "mirror" or "rotation"
-    order : int
-        Of a rotation by ``2 pi / order``.
     tolerance : float
         Largest `Symmetry.error` that counts as symmetric.
 
@@ -93,9 +91,8 @@ def detect_symmetry(
         )
     found = _best(mesh, kind, order)
     if not found.error <= tolerance:
-        what = (
-            "mirror plane" if kind == "mirror" else f"axis of rotation by {360 / order:g} degrees"
-        )
+        axis = f"axis of rotation by {360 / order:g} degrees"
+        what = "mirror plane" if kind == "mirror" else axis
         raise SymmetryError(
             f"the surface has no {what}: the best one found carries a vertex {found.error:.3g} "
             f"sqrt(area) away from the surface, and {tolerance:g} is allowed; a symmetry may also "
@@ -139,11 +136,20 @@ def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
     chosen = [i for i in _distinct(axes, errors) if errors[i] <= max(TOLERANCE, errors.min())]
     found = [_verified(group, mesh.length_scale, axes[i], centres[i]) for i in chosen]
     exact = [s for s in found if s.is_permutation and s.error <= TOLERANCE]
-    gaps = [_vertex_gap(s, mesh) for s in exact] if exact else [s.error for s in found]
-    good = [s for s, gap in zip(exact or found, gaps, strict=True) if gap <= 2 * min(gaps) + _FAR]
-    return max(
-        good, key=lambda s: (round(_motion(s, mesh.vertices) / mesh.length_scale**2, 6), -s.error)
-    )
+    vertices, scale = mesh.vertices, mesh.length_scale
+
+    def gap(s: Symmetry) -> float:
+        """How far the worst vertex is carried from that of the map, in sqrt(area)."""
+        offsets = s.carry(vertices) - vertices[s.vertex_map]
+        return float(np.linalg.norm(offsets, axis=1).max()) / scale if exact else s.error
+
+    def motion(s: Symmetry) -> float:
+        """How far the symmetry moves vertices, squared, on average."""
+        return float(((s.carry(vertices) - vertices) ** 2).sum(axis=1).mean())
+
+    gaps = [gap(s) for s in exact or found]
+    good = [s for s, far in zip(exact or found, gaps, strict=True) if far <= 2 * min(gaps) + _FAR]
+    return max(good, key=lambda s: (round(motion(s) / scale**2, 6), -s.error))
 
 
 def _carry(linear: FloatArray, centre: FloatArray, points: FloatArray) -> FloatArray:
@@ -170,10 +176,8 @@ def _references(x: FloatArray) -> list[int]:
 
 
 def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
-    """Return axes (K, 3) of the symmetries that carry vertex p to one of those that are like it.
-
-    Like it are those as far from the centroid, with as much area around them or apart from each
-    other.
+    """Return axes (K, 3) of the symmetries that carry vertex p to one like it: as far from the
+    centroid, with as much area around it or apart from the others.
     """
     distance = np.linalg.norm(x, axis=1)
     unlike = np.abs(distance - distance[p])
@@ -196,10 +200,8 @@ def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
     cosine = np.minimum(along[usable] / height[usable], 1)[:, None]
     inside = _unit_rows(middle[usable])
     across = normal[usable] / np.maximum(np.linalg.norm(normal[usable], axis=1), _FAR)[:, None]
-    signs = (1, -1) if group.order > 2 else (1,)
-    return _unit_rows(
-        np.concatenate([cosine * inside + sign * np.sqrt(1 - cosine**2) * across for sign in signs])
-    )
+    signs, sine = (1, -1) if group.order > 2 else (1,), np.sqrt(1 - cosine**2)
+    return _unit_rows(np.concatenate([cosine * inside + sign * sine * across for sign in signs]))
 
 
 def _unit_rows(vectors: FloatArray) -> FloatArray:
@@ -211,10 +213,8 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
 def _screened(
     group: _Isometries, centre: FloatArray, axes: FloatArray, points: FloatArray
 ) -> FloatArray:
-    """Select the axes that carry the points nearest to the surface but do not leave all in place.
-
-    Of those that carry them onto it, of which a round surface has many, the ones that move them
-    most.
+    """Select the axes that carry the points nearest to the surface but do not leave all in place;
+    of those that carry them onto it, as a round surface has many, the ones that move them most.
     """
     carried = _carry(group.linear(axes), centre, points)
     motion = ((carried - points) ** 2).sum(axis=2).mean(axis=1)
@@ -222,8 +222,7 @@ def _screened(
     moving = most[motion[most] > _NO_MOTION**2]
     axes, carried = axes[moving], carried[moving]
     places = carried.reshape(-1, 3)
-    distances = group.closest.to(places).distances_from(places)
-    distances = distances.reshape(len(axes), -1)
+    distances = group.closest.to(places).distances_from(places).reshape(len(axes), -1)
     return axes[_distinct(axes, np.maximum((distances**2).mean(axis=1), _FAR**2))[:_KEPT]]
 
 
@@ -264,25 +263,7 @@ def _verified(
     linear = group.linear(axis)
     places = _carry(linear, centre, group.surface.vertices)
     landed = group.closest.to(places)
-    vertex_map = landed.nearest_vertices()
-    return Symmetry(
-        kind=group.kind,
-        order=group.order,
-        axis=axis,
-        centre=centre * length_scale,
-        linear=linear,
-        vertex_map=vertex_map,
-        is_permutation=bool(np.bincount(vertex_map).max() == 1),
-        error=float(landed.distances_from(places).max()),
-    )
-
-
-def _vertex_gap(symmetry: Symmetry, mesh: TriangleMesh) -> float:
-    """Return how far the worst vertex is carried from the vertex of the map, in sqrt(area)."""
-    offsets = symmetry.carry(mesh.vertices) - mesh.vertices[symmetry.vertex_map]
-    return float(np.linalg.norm(offsets, axis=1).max()) / mesh.length_scale
-
-
-def _motion(symmetry: Symmetry, points: FloatArray) -> float:
-    """Return how far the symmetry moves points, squared, on average."""
-    return float(((symmetry.carry(points) - points) ** 2).sum(axis=1).mean())
+    vertex_map, error = landed.nearest_vertices(), float(landed.distances_from(places).max())
+    is_permutation = bool(np.bincount(vertex_map).max() == 1)
+    placed = axis, centre * length_scale, linear
+    return Symmetry(group.kind, group.order, *placed, vertex_map, is_permutation, error)

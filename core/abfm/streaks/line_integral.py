@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from abfm.calculus.operators import face_areas
 from abfm.calculus.vector_fields import check_field, to_ambient, to_frame
 from abfm.errors import ParameterError, one_line
-from abfm.flow.smooth_flow import SmoothFlow, smooth_flow
+from abfm.flow.continuous_flow import SmoothFlow, smooth_flow
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.streaks import streamlines

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.flow.smooth_flow import Face, SmoothFlow, Walker, midpoint, vector_at, walk_straight
+from abfm.flow.continuous_flow import Face, SmoothFlow, Walker, midpoint, vector_at, walk_straight
 from abfm.numerics.kernels import kernel
 from abfm.streaks.texels import Canvas, FloatImage, between_known, weigh_texel
 from abfm.types import FloatArray, IndexArray

@@ -13,10 +13,9 @@ from abfm.experiments import Stage
 from abfm.experiments import figure_12 as maps
 from abfm.experiments.figure_11 import Poses, bent, by_extent, coordinates
 from abfm.experiments.figure_12 import NEIGHBOURS, TARGETS, compare, cut_off
-from abfm.maps.accuracy import map_accuracy
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE
+from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE, map_accuracy
 from abfm.matching.match import match
 from abfm.mesh import TriangleMesh
 from abfm.parameters import TABLE_1

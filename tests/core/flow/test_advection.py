@@ -9,10 +9,10 @@ import abfm
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.errors import AbfmError, AdvectionError
-from abfm.flow.derivative_pattern import derivative_pattern
-from abfm.flow.discretisation import Discretisation
+from abfm.flow.advection import Discretisation
+from abfm.flow.derivative import derivative_pattern
+from abfm.flow.exponential import bessel_coefficients
 from abfm.flow.flow import advect
-from abfm.flow.series_kernels import bessel_coefficients
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.verification import observed_orders
 from tests.shapes import icosphere, square, torus, with_loose_vertex
@@ -97,7 +97,7 @@ def test_backward_is_the_adjoint_of_forward_in_f(method, count):
     rng = np.random.default_rng(1)
     f, mu = rng.normal(size=(2, len(mesh.vertices)))
     flow = Discretisation(mesh, method).flow(fields, 0.2)
-    trajectories = flow.record(f)
+    trajectories = flow.forward(f, keep=True)
     left = mu @ trajectories[-1].end
     for j in reversed(range(count)):
         mu = flow.parts[j].backward(trajectories[j], mu, np.zeros_like(fields[j]))
@@ -110,8 +110,8 @@ def test_kept_and_recomputed_terms_give_the_same_derivative():
     f, mu = np.random.default_rng(2).normal(size=(2, len(mesh.vertices)))
     flow = Discretisation(mesh).flow(fields, 1.5)
     gradients = np.zeros((2, *fields.shape))
-    for carry, gradient in zip((flow.record, flow.forward), gradients, strict=True):
-        flow.backward(carry(f), mu, gradient)
+    for keep, gradient in zip((True, False), gradients, strict=True):
+        flow.backward(flow.forward(f, keep), mu, gradient)
     assert np.array_equal(gradients[0], gradients[1])
     assert np.abs(gradients).max() > 0
 
@@ -215,11 +215,11 @@ def test_several_terms_in_one_sweep_are_the_same_terms(monkeypatch):
     mu = np.random.default_rng(0).normal(size=len(mesh.vertices))
     results = []
     for least in (10**9, 0):
-        monkeypatch.setattr("abfm.flow.derivative_pattern._BLOCKED", least)
+        monkeypatch.setattr("abfm.flow.derivative._BLOCKED", least)
         fresh = abfm.TriangleMesh(mesh.vertices, mesh.faces)
         flow = Discretisation(fresh).flow(to_frame(fresh, v)[None], 0.7, 1e-13)
         gradient = np.zeros((1, len(mesh.faces), 2))
-        trajectories = flow.record(f)
+        trajectories = flow.forward(f, keep=True)
         flow.backward(trajectories, mu, gradient)
         results.append((trajectories[0].segments[0].count, trajectories[0].end, gradient))
     one, blocks = results
@@ -239,7 +239,7 @@ def test_little_memory_changes_nothing_but_the_time(monkeypatch):
         monkeypatch.setattr("abfm.flow.exponential._MEMORY", memory)
         flow = Discretisation(mesh).flow(fields, 4.0)
         gradient = np.zeros_like(fields)
-        [trajectory] = flow.record(f)
+        [trajectory] = flow.forward(f, keep=True)
         flow.backward([trajectory], mu, gradient)
         results.append((trajectory, gradient))
     (ample, expected), (scarce, gradient) = results

@@ -16,7 +16,7 @@ from abfm.assets import asset_path
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import directional_derivative, to_ambient, to_frame
 from abfm.flow.clusters import USUAL, cluster_rates, vertex_clusters
-from abfm.flow.derivative_pattern import clustered_pattern, derivative_pattern
+from abfm.flow.derivative import clustered_pattern, derivative_pattern
 from abfm.flow.exponential import ExponentialFlow, Workspace, counted_row_products
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.levels import levels, on_the_mesh
@@ -178,7 +178,7 @@ def test_the_pattern_is_that_of_the_operator(name, kind, monkeypatch):
     """``R D_v P`` and what goes in and out of it, with adjoints, against sparse products."""
     mesh = TriangleMesh(UNEVEN[name].vertices, UNEVEN[name].faces)
     clusters = some_clusters(mesh, kind)
-    monkeypatch.setattr("abfm.flow.derivative_pattern.vertex_clusters", lambda _: clusters)
+    monkeypatch.setattr("abfm.flow.derivative.vertex_clusters", lambda _: clusters)
     pattern = derivative_pattern(mesh) if kind == "single" else clustered_pattern(mesh)
     v, w = (to_frame(mesh, wavy_field(mesh, seed)) for seed in (0, 1))
     P, R, D = held(mesh, clusters, v)
@@ -211,7 +211,7 @@ def test_the_flow_is_the_exponential_of_scipy(name, t):
     v, f = fields(mesh, 2)[1], bump(mesh, mesh.vertices[5], 0.2)
     P, R, D = held(mesh, vertex_clusters(mesh), v)
     flow = ExponentialFlow(clustered_pattern(mesh), v, Workspace(len(D.toarray())))
-    trajectory = flow.record(f, t)
+    trajectory = flow.forward(f, t, keep=True)
     expected = [P @ expm_multiply(-s * D, R @ f) for s in (t / 2, t)]
     atol = 1e-8 * np.abs(expected).max()
     np.testing.assert_allclose(trajectory.end, expected[1], rtol=0, atol=atol)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
-from abfm.maps.closest_points import project_onto_surface
+from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled

@@ -16,8 +16,7 @@ from abfm import advect
 from abfm.calculus.operators import l2_norm
 from abfm.errors import ParameterError
 from abfm.flow.flow_lines import FlowLine, flow_lines
-from abfm.maps.closest_points import project_onto_surface
-from abfm.maps.surface_points import SurfacePoints
+from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from tests.core.fields import rotation_field, tangent, wavy_field

@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from abfm.calculus.operators import face_frames
+from abfm.flow.continuous_flow import SmoothFlow, Walker, smooth_flow, walk_straight
 from abfm.flow.flow_lines import flow_lines
-from abfm.flow.smooth_flow import SmoothFlow, Walker, smooth_flow, walk_straight
-from abfm.maps.closest_points import project_onto_surface
+from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.streaks.streamlines import direction
 from abfm.types import FloatArray

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.assets import asset_path
 from abfm.errors import AbfmError
-from abfm.maps.accuracy import MapAccuracy, map_accuracy
 from abfm.maps.point_maps import PointMap
+from abfm.maps.quality import MapAccuracy, map_accuracy
 from abfm.mesh import load_mesh
 from tests.shapes import icosphere, square, torus
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from abfm.flow.continuous_flow import ContinuousFlow
-from abfm.maps.closest_points import project_onto_surface
-from abfm.maps.folds import MOST, folds, turned_parts
-from abfm.maps.surface_points import SurfacePoints, vertex_points
+from abfm.maps.distortion import MOST, folds, turned_parts
+from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from tests.core.fields import rotation_field, wavy_field

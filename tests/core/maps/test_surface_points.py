@@ -17,10 +17,9 @@ from scipy.sparse.linalg import expm_multiply
 from abfm.calculus.operators import face_areas, l2_norm
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.errors import AbfmError, FunctionError
-from abfm.maps.closest_points import POINTS_PER_QUERY, project_onto_surface
 from abfm.maps.distortion import distortion
 from abfm.maps.point_maps import PointMap
-from abfm.maps.surface_points import SurfacePoints
+from abfm.maps.surface_points import POINTS_PER_QUERY, SurfacePoints, project_onto_surface
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.types import FloatArray
 from tests.shapes import ellipsoid, hemisphere, icosphere, square, torus

@@ -10,7 +10,7 @@ import pytest
 import abfm
 from abfm.assets import asset_path
 from abfm.calculus.operators import face_areas, face_normals
-from abfm.maps.closest_points import project_onto_surface
+from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
 from tests.core.surfaces import SURFACES

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.calculus.operators import cotangent_laplacian, face_areas, face_normals
-from abfm.maps.closest_points import project_onto_surface
+from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, subdivided
 from tests.core.surfaces import SURFACES

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from abfm.calculus.operators import face_normals
 from abfm.errors import ParameterError
 from abfm.flow.flow_lines import flow_lines
-from abfm.maps.closest_points import project_onto_surface
+from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm.streaks.texels import FloatImage

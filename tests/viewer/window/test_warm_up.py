@@ -5,11 +5,11 @@ from tests.processes import python
 _SAY = """
 from abfm_viewer.window import warm_up
 warm_up.start().join()
-from abfm.flow import series_kernels
+from abfm.flow import exponential
 from abfm.mesh import coarsening
 from abfm.numerics import optimizer
 from abfm.streaks import streamlines, texels
-for module in (series_kernels, coarsening, optimizer, streamlines, texels):
+for module in (exponential, coarsening, optimizer, streamlines, texels):
     own = [v for v in vars(module).values() if getattr(v, "__module__", "") == module.__name__]
     print(module.__name__, sum(bool(getattr(value, "signatures", ())) for value in own))
 """

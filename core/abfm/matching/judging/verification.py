@@ -20,11 +20,10 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import face_frames
 from abfm.errors import AdvectionError, MeshError
-from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.flow.continuous_flow import ContinuousFlow, smooth_flow
 from abfm.flow.flow import Flow
 from abfm.flow.flow_lines import fields_in_a_row
-from abfm.flow.smooth_flow import smooth_flow
-from abfm.maps.folds import MOST, folds
+from abfm.maps.distortion import MOST, folds
 from abfm.maps.surface_points import vertex_points
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.problem import Problem
@@ -61,7 +60,7 @@ class Verification:
     f and g interpolated; inf where it overflows or would take very long, NaN where it was not
     asked."""
     folded: float  # shares of the faces that the inverse flow folds,
-    overturned: float  # and whose carried vertices alone look turned over, see `folds.folds`
+    overturned: float  # and whose carried vertices alone look turned over, see `abfm.maps.folds`
     resolution: float  # how many edges the narrow features of both functions span, mask or not
 
     @property
@@ -148,7 +147,7 @@ def _by_flow_lines(
     faces: IntArray,
     most: int,
 ) -> tuple[float, float, float]:
-    """Return the mismatch at the vertices of some faces (S,), and their shares of `folds.folds`."""
+    """Return the mismatch at the vertices of some faces (S,), and their shares of `folds`."""
     mesh, source, mask = functions.mesh, functions.source, functions.mask
     asked, corners = np.unique(mesh.faces[faces], return_inverse=True)
     points = flow.origins(vertex_points(mesh, asked))

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import AdvectionError
-from abfm.flow.advection import Advection
-from abfm.flow.discretisation import Discretisation
+from abfm.flow.advection import Advection, Discretisation
 from abfm.flow.exponential import TOLERANCE
 from abfm.matching.objective.bracket import Bracket
 from abfm.matching.objective.objective import Adjoint, Gradient, Mismatch, Objective, RegularityTerm

@@ -80,7 +80,7 @@ class Adjoint:
 
     def carry(self, flow: Advection, f: FloatArray) -> list[Trajectory]:
         """Carry a function (V,), and keep the terms that its adjoint needs."""
-        return flow.record(f)
+        return flow.forward(f, keep=True)
 
     def of_fields(
         self,

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from abfm.calculus.operators import Matrix, face_frames, face_normals, vertex_areas
-from abfm.flow.smooth_flow import corner_vectors
+from abfm.flow.continuous_flow import corner_vectors
 from abfm.maps.point_maps import PointMap
 from abfm.mesh import TriangleMesh
 from abfm.numerics.kernels import kernel

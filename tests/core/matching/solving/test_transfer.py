@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from abfm.calculus.operators import vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.maps.closest_points import project_onto_surface
+from abfm.maps.surface_points import project_onto_surface
 from abfm.matching.solving.transfer import Transfer
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened

@@ -1,30 +1,44 @@
-"""The fixed sparsity of ``D_v``: assembling it for a new field is one pass over the faces."""
+"""The matrix of ``D_v``: a fixed sparsity, which one pass over the faces fills for a new field.
+
+Entries come in groups of seven of one row, as a vertex of valence six has: ``indptr`` counts
+groups, ``indices`` and values are (G, 7), and a row's last group is padded with zeros. All loads of
+a group come before its stores, which is what makes the adjoint fast.
+"""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from abfm.calculus.operators import face_areas, hat_gradients, vertex_areas
-from abfm.flow import derivative_kernels
 from abfm.flow.clusters import vertex_clusters
-from abfm.flow.derivative_kernels import GROUP, Assembly
 from abfm.mesh import TriangleMesh, per_mesh
+from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray
 
+GROUP = 7
+ONE = np.uint32(1)  # a signed one makes a signed index of the sum
 _BLOCK = 256  # rows at least
 _BLOCKED = 20_000  # vertices from which blocks pay
 
 
+class Assembly(NamedTuple):
+    """The linear map from a field to the entries of ``D_v``."""
+
+    faces: IndexArray  # (F, 3)
+    positions: IndexArray  # (F, 3, 3), the entry of row corner a, column corner b
+    slopes: FloatArray  # (F, 3, 2), ``A_F / 3 grad phi``
+    inverse_areas: FloatArray  # (V,)
+
+
 @dataclass(frozen=True)
 class DerivativePattern:
-    """The fixed sparsity of ``D_v`` on a mesh (vertex adjacency with diagonal) and what fills it
-    from a field.
+    """The fixed sparsity of ``D_v`` (vertex adjacency with diagonal) and what fills it.
 
-    Vertices are renumbered so that neighbours are close in memory; entries come in groups, see
-    `derivative_kernels`. Where vertices are held together (`abfm.flow.clusters`), rows and columns
-    are clusters, with one value each.
+    Vertices are renumbered so that neighbours are close in memory. Where vertices are held together
+    (`abfm.flow.clusters`), rows and columns are clusters, with one value each.
     """
 
     # (V,): f[order] is a function in the pattern's order; of clusters, their vertices in a row
@@ -67,7 +81,7 @@ class DerivativePattern:
     def values(self, v: FloatArray) -> FloatArray:
         """Return the entries (G, 7) of ``D_v`` for frame coefficients ``v`` (F, 2)."""
         out = np.empty(self.indices.size)
-        derivative_kernels.assemble_derivative(self.assembly, v, out)
+        assemble(self.assembly, v, out)
         return out.reshape(self.indices.shape)
 
     def transposed(self, values: FloatArray) -> FloatArray:
@@ -77,23 +91,23 @@ class DerivativePattern:
     def product(self, values: FloatArray, f: FloatArray) -> FloatArray:
         """Multiply the matrix of these entries with a function, both in the pattern's order."""
         out = np.empty_like(f)
-        derivative_kernels.grouped_product(self.indptr, self.indices, values, f, out)
+        grouped_product(self.indptr, self.indices, values, f, out)
         return out
 
     def add_chain_rule(self, entries: FloatArray, out: FloatArray) -> None:
         """Add to ``out`` (F, 2) the derivative by ``v`` for that by the values of ``D_v``."""
-        derivative_kernels.assemble_derivative_transposed(self.assembly, entries.ravel(), out)
+        assemble_transposed(self.assembly, entries.ravel(), out)
 
 
 @per_mesh
 def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
-    """Return the sparsity of ``D_v`` and the linear map from field coefficients to its values."""
+    """Return the pattern for functions with a value on each vertex."""
     return _pattern(mesh, np.arange(len(mesh.vertices)), mesh.edges, mesh.face_edges)
 
 
 @per_mesh
 def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
-    """Return the same for functions with one value on each of `vertex_clusters`."""
+    """Return the pattern for functions with one value on each of `vertex_clusters`."""
     clusters = vertex_clusters(mesh)
     if clusters is None:
         return derivative_pattern(mesh)
@@ -108,11 +122,12 @@ def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
 def _pattern(
     mesh: TriangleMesh, clusters: IndexArray, edges: IndexArray, face_edges: IndexArray
 ) -> DerivativePattern:
-    """Build the pattern for the cluster of each vertex (V,), edges between clusters and those of
-    faces (F, 3), opposite their corners.
-    """
+    """Build it from each vertex's cluster (V,), the clusters' edges, those opposite corners."""
     count = int(clusters.max()) + 1
-    place = np.argsort(_local_order(edges, count))
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    ones = np.ones(len(ends), dtype=np.int8)
+    adjacency = sparse.csr_matrix((ones, tuple(ends.T)), shape=(count, count))
+    place = np.argsort(reverse_cuthill_mckee(adjacency, symmetric_mode=True))
     rank = place[clusters]
     groups = -(-(np.bincount(edges.ravel(), minlength=count)[np.argsort(place)] + 1) // GROUP)
     indptr = np.concatenate([[0], np.cumsum(groups)])
@@ -132,6 +147,7 @@ def _pattern(
         positions[:, a, b] = np.where(is_one, diagonal[rank[mesh.faces[:, a]]], of_edge)
     areas = vertex_areas(mesh)
     totals = np.bincount(rank, areas, count)[rank]
+    slopes = hat_gradients(mesh) * (face_areas(mesh) / 3)[:, None, None]
     grouped = indices.reshape(-1, GROUP)
     return DerivativePattern(
         order=np.argsort(rank, kind="stable"),
@@ -141,18 +157,13 @@ def _pattern(
         indices=grouped,
         bounds=_blocks(indptr, grouped).astype(small),
         transpose=transpose,
-        assembly=Assembly(
-            mesh.faces.astype(small),
-            positions,
-            hat_gradients(mesh) * (face_areas(mesh) / 3)[:, None, None],
-            1 / totals,
-        ),
+        assembly=Assembly(mesh.faces.astype(small), positions, slopes, 1 / totals),
     )
 
 
 def _entries(edges: IndexArray, indptr: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Return the columns of the adjacency's entries, and where these lie in groups: for edges
-    (E, 2), first one way, then the other, and then the diagonal, (2E + count,) each.
+    """Return the columns of entries, for edges (E, 2) one way, then the other, then the diagonal,
+    (2E + count,), and where these lie in groups.
     """
     count = len(indptr) - 1
     diagonal = np.arange(count)
@@ -160,18 +171,10 @@ def _entries(edges: IndexArray, indptr: IndexArray) -> tuple[IndexArray, IndexAr
     numbers = np.arange(len(rows))
     matrix = sparse.csr_array((numbers, (rows, columns)), shape=(count, count))
     matrix.sort_indices()
+    starts = GROUP * indptr[:-1] - matrix.indptr[:-1]
     slots = np.empty_like(numbers)
-    slots[matrix.data] = numbers + np.repeat(
-        GROUP * indptr[:-1] - matrix.indptr[:-1], np.diff(matrix.indptr)
-    )
+    slots[matrix.data] = numbers + np.repeat(starts, np.diff(matrix.indptr))
     return columns, slots
-
-
-def _local_order(edges: IndexArray, count: int) -> IndexArray:
-    """Order the nodes of a graph in layers from one end to the other (reverse Cuthill-McKee)."""
-    a, b = np.concatenate([edges, edges[:, ::-1]]).T
-    adjacency = sparse.csr_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
-    return np.asarray(reverse_cuthill_mckee(adjacency, symmetric_mode=True), dtype=np.int64)
 
 
 def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:
@@ -185,3 +188,83 @@ def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:
     while bounds[-1] < count:
         bounds.append(min(count, max(bounds[-1] + _BLOCK, int(reach[bounds[-1] - 1]))))
     return np.array(bounds)
+
+
+@kernel
+def assemble(assembly: Assembly, v: FloatArray, out: FloatArray) -> None:
+    """Write the entries of ``D_v`` for a field (F, 2) to ``out``."""
+    faces, positions, slopes, inverse_areas = assembly
+    out[:] = 0.0
+    for f in range(faces.shape[0]):
+        for b in range(3):
+            rate = slopes[f, b, 0] * v[f, 0] + slopes[f, b, 1] * v[f, 1]
+            for a in range(3):
+                out[positions[f, a, b]] += rate * inverse_areas[faces[f, a]]
+
+
+@kernel
+def assemble_transposed(assembly: Assembly, entries: FloatArray, out: FloatArray) -> None:
+    """Add derivatives by the entries, as derivatives by the field (F, 2), to ``out``."""
+    faces, positions, slopes, inverse_areas = assembly
+    for f in range(faces.shape[0]):
+        for b in range(3):
+            rate = 0.0
+            for a in range(3):
+                rate += entries[positions[f, a, b]] * inverse_areas[faces[f, a]]
+            out[f, 0] += rate * slopes[f, b, 0]
+            out[f, 1] += rate * slopes[f, b, 1]
+
+
+@kernel
+def gathered(x: FloatArray, at: IndexArray) -> tuple[float, ...]:
+    return x[at[0]], x[at[1]], x[at[2]], x[at[3]], x[at[4]], x[at[5]], x[at[6]]
+
+
+@kernel
+def dot(a: FloatArray, b: tuple[float, ...]) -> float:
+    first: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    total: float = first + a[4] * b[4] + a[5] * b[5] + a[6] * b[6]
+    return total
+
+
+@kernel
+def grouped_product(
+    indptr: IndexArray, indices: IndexArray, values: FloatArray, x: FloatArray, out: FloatArray
+) -> None:
+    """Compute ``out = matrix @ x``."""
+    for i in range(out.size):
+        total = 0.0
+        for group in range(indptr[i], indptr[i + 1]):
+            total += dot(values[group], gathered(x, indices[group]))
+        out[i] = total
+
+
+@kernel
+def perron_bound(indptr: IndexArray, indices: IndexArray, values: FloatArray, rounds: int) -> float:
+    """Bound the spectral radius: the best Collatz-Wielandt quotient of ``|matrix|`` of some rounds.
+
+    That of the first round is the maximum norm ``||matrix||_inf``.
+    """
+    size = indptr.size - 1
+    x, y = np.ones(size), np.empty(size)
+    best = np.inf
+    for _ in range(rounds):
+        quotient, top = 0.0, 0.0
+        for i in range(size):
+            total = 0.0
+            for group in range(indptr[i], indptr[i + 1]):
+                for slot in range(GROUP):
+                    total += abs(values[group, slot]) * x[indices[group, slot]]
+            y[i] = total
+            ratio = total / x[i]
+            if not ratio <= quotient:
+                quotient = ratio
+            if total > top:
+                top = total
+        if not quotient >= best:
+            best = quotient
+        if not (best > 0.0 and np.isfinite(best)):
+            return quotient
+        for i in range(size):
+            x[i] = y[i] / top + 1e-3
+    return best
