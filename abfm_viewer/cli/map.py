@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from abfm import FunctionError, Match, ParameterError, load_match
 from abfm.errors import printable
-from abfm.functions.permuted import vertex_map
-from abfm.functions.values_file import read_table
+from abfm.functions import read_table, vertex_map
 from abfm.io import write_atomically
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import BOUNDS, map_accuracy, map_quality

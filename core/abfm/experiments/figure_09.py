@@ -13,7 +13,7 @@ from abfm.calculus.geodesics import exact_distances
 from abfm.experiments import vocabulary as words
 from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage
 from abfm.flow import flow_lines
-from abfm.functions.vertex_map_file import read_vertex_map
+from abfm.functions import read_vertex_map
 from abfm.io.sheets import Coordinates, Panel, Sheet, Streaks, Values
 from abfm.maps import (
     KINDS,

@@ -4,7 +4,7 @@ import ast
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from simpleeval import (
@@ -25,6 +25,7 @@ LONGEST = 1000  # characters: bounds the time and the depth of any expression
 
 CONSTANTS = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
 COORDINATES = ("x", "y", "z")
+_REFUSED = (InvalidExpression, TypeError, ValueError, OverflowError, RecursionError, KeyError)
 
 
 def _comparison(compare: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
@@ -90,10 +91,10 @@ class Expression(Family):
     evaluated: simpleeval walks the formula with these operators and functions.
     """
 
-    family: ClassVar[str] = "expression"
-    positional: ClassVar[str | None] = "formula"
-    is_open_ended: ClassVar[bool] = True
-    example: ClassVar[str] = "expression:sin(10*x)*z"
+    family = "expression"
+    positional = "formula"
+    is_open_ended = True
+    example = "expression:sin(10*x)*z"
     formula: str = parameter(
         Kind("a formula", lambda text: " ".join(text.split())),
         "in x, y and z, with sin, exp, sqrt, abs, min, where and the like, and comparisons. Enter "
@@ -128,14 +129,7 @@ def _value(formula: str, points: FloatArray) -> FloatArray:
         raise _refusal(formula, f"{brief(name)} is not known{did_you_mean(name, known)}") from None
     except (FeatureNotAvailable, OperatorNotDefined):
         raise _refusal(formula, "it is more than arithmetic") from None
-    except (
-        InvalidExpression,
-        TypeError,
-        ValueError,
-        OverflowError,
-        RecursionError,
-        KeyError,
-    ) as error:
+    except _REFUSED as error:
         raise _refusal(formula, one_line(error)) from None
     return np.broadcast_to(value, len(points))
 

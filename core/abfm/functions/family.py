@@ -1,6 +1,4 @@
-"""What every family of functions shares: a name, typed parameters, a text form and an
-evaluation.
-"""
+"""What every family of functions has: a name, typed parameters, a text form and an evaluation."""
 
 import inspect
 import math
@@ -17,9 +15,7 @@ from abfm.types import FloatArray
 
 
 class Spec(ABC):
-    """A function described without a mesh; ``str(spec)`` is its text form, which parses to an
-    equal spec.
-    """
+    """A function without a mesh; ``str(spec)`` is its text form, which parses to an equal one."""
 
     @abstractmethod
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
@@ -47,8 +43,8 @@ class Slider(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """One of the ways to describe a function of a family: in words, by an example, and the
-    parameters that it has.
+    """One of the ways to describe a function of a family: in words, by an example, and with some
+    parameters.
     """
 
     summary: str
@@ -85,8 +81,7 @@ def parameter(kind: Kind, summary: str, *, default: Any = MISSING, **more: Any) 
 
 @dataclass(frozen=True, kw_only=True)
 class Family(Spec):
-    """A family of functions: subclasses are frozen dataclasses whose fields are made by
-    :func:`parameter`.
+    """A family of functions: subclasses are frozen dataclasses with fields by :func:`parameter`.
 
     Values may be given as text: they are read and checked on construction, which raises
     FunctionError.
@@ -94,8 +89,7 @@ class Family(Spec):
 
     family: ClassVar[str]
     positional: ClassVar[str | None] = None  # the parameter that may stand without its key
-    # whether the positional value extends to the end of the text
-    is_open_ended: ClassVar[bool] = False
+    is_open_ended: ClassVar[bool] = False  # whether it then extends to the end of the text
     # what a form begins with, unless it is the name alone; {vertex} and {middle}, the mean of y,
     # are the mesh's
     example: ClassVar[str] = ""
@@ -117,12 +111,15 @@ class Family(Spec):
         """Return all parameters, in the order of the text form."""
         return tuple(Parameter(f.name, **f.metadata) for f in fields(cls) if "kind" in f.metadata)
 
+    def _given(self) -> dict[str, Any]:
+        found = {p.name: getattr(self, p.name) for p in self.parameters()}
+        return {p.name: found[p.name] for p in self.parameters() if found[p.name] != p.default}
+
     def shape(self) -> str:
         """Return which of the shapes it has: the first that has all parameters given."""
-        given = {p.name for p in self.parameters() if getattr(self, p.name) != p.default}
-        return next(
-            (name for name, shape in self.shapes.items() if given <= set(shape.parameters)), ""
-        )
+        given = self._given().keys()
+        fitting = (name for name, shape in self.shapes.items() if given <= set(shape.parameters))
+        return next(fitting, "")
 
     @classmethod
     def summary(cls) -> str:
@@ -130,16 +127,8 @@ class Family(Spec):
         return (inspect.getdoc(cls) or "").partition("\n")[0]
 
     def __str__(self) -> str:
-        given = [
-            (p.name, getattr(self, p.name))
-            for p in self.parameters()
-            if getattr(self, p.name) != p.default
-        ]
-        given.sort(key=lambda item: item[0] != self.positional)
-        words = [
-            _text(value) if name == self.positional else f"{name}={_text(value)}"
-            for name, value in given
-        ]
+        given = sorted(self._given().items(), key=lambda item: item[0] != self.positional)
+        words = [("" if n == self.positional else f"{n}=") + _text(value) for n, value in given]
         return f"{self.family}:{','.join(words)}" if words else self.family
 
 
@@ -162,9 +151,7 @@ def _text(value: Any) -> str:
 
 
 def quoted(text: str) -> str:
-    """Return text as a spec can hold it: in double quotes where a sign in it would mean something
-    to the parser.
-    """
+    """Return text as a spec can hold it: in double quotes where the parser would read a sign."""
     plain = re.fullmatch(r"[\w./\\~:-]+( [\w./\\~:-]+)*", text)
     return text if plain else '"' + text.replace('"', '""') + '"'
 
@@ -180,14 +167,13 @@ def _checked(read: Callable[[str], Any], accepts: Callable[[Any], bool]) -> Call
 
 
 _index = _checked(int, lambda value: 0 <= value < 2**31)
+_count = _checked(int, lambda value: 0 < value <= 2**31)
 _nonempty = _checked(str, lambda text: bool(text) and "\0" not in text)
 
 NUMBER = Kind("a finite number", _checked(float, math.isfinite))
 POSITIVE = Kind("a number above 0", _checked(float, lambda value: 0 < value < math.inf))
 INDEX = Kind("a whole number, 0 or more", _index, whole=True)
-COUNT = Kind(
-    "a whole number, 1 or more", _checked(int, lambda value: 0 < value <= 2**31), whole=True
-)
+COUNT = Kind("a whole number, 1 or more", _count, whole=True)
 VERTICES = Kind(
     "one vertex number or several with commas, counted from 0",
     lambda text: tuple(_index(part) for part in text.split(",")),

@@ -1,5 +1,4 @@
-"""Functions as text: ``family:key=value,...``, sums with ``+``, parentheses, and compositions with
-a vertex map.
+"""Functions as text: ``family:key=value,...``, sums with ``+``, parentheses, and vertex maps.
 
 ::
 
@@ -23,19 +22,12 @@ from typing import NoReturn
 import numpy as np
 
 from abfm.errors import FunctionError, brief, did_you_mean
-from abfm.functions.coordinate import Coordinate
-from abfm.functions.curvature import Curvature
-from abfm.functions.eigenfunction import Eigenfunction
 from abfm.functions.expression import Expression
 from abfm.functions.family import Family, Spec
-from abfm.functions.gaussian import Gaussian
-from abfm.functions.geodesic import Geodesic
-from abfm.functions.heat_kernel_signature import HeatKernelSignature
-from abfm.functions.indicator import Indicator
-from abfm.functions.permuted import Permuted
-from abfm.functions.shape_diameter import ShapeDiameter
-from abfm.functions.values_file import ValuesFile
-from abfm.functions.wave_kernel_signature import WaveKernelSignature
+from abfm.functions.files import Permuted, ValuesFile
+from abfm.functions.local_shape import Curvature, ShapeDiameter
+from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator
+from abfm.functions.spectral import Eigenfunction, HeatKernelSignature, WaveKernelSignature
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -44,18 +36,8 @@ LONGEST, DEEPEST = 10_000, 50
 _FAMILIES: dict[str, type[Family]] = {
     cls.family: cls
     for cls in (
-        Gaussian,
-        Eigenfunction,
-        HeatKernelSignature,
-        WaveKernelSignature,
-        Curvature,
-        Coordinate,
-        Geodesic,
-        ShapeDiameter,
-        Indicator,
-        ValuesFile,
-        Expression,
-        Permuted,
+        *(Gaussian, Eigenfunction, HeatKernelSignature, WaveKernelSignature, Curvature),
+        *(Coordinate, Geodesic, ShapeDiameter, Indicator, ValuesFile, Expression, Permuted),
     )
 }
 
@@ -86,9 +68,7 @@ class Sum(Spec):
 
 
 def families() -> tuple[type[Family], ...]:
-    """Return all families, each with ``family`` (its name), ``summary()``, ``parameters()`` and
-    ``positional``.
-    """
+    """Return all families, each with its name, ``summary()``, ``parameters()``, ``positional``."""
     return tuple(_FAMILIES.values())
 
 
@@ -149,13 +129,11 @@ class _Parser:
     """Recursive descent over the text; ``position`` is where the next character is read."""
 
     def __init__(self, text: str) -> None:
-        self.text = text
-        self.position = 0
+        self.text, self.position = text, 0
 
     def fail(self, expected: str) -> NoReturn:
-        found = (
-            brief(self.text[self.position :]) if self.position < len(self.text) else "nothing more"
-        )
+        left = self.text[self.position :]
+        found = brief(left) if left else "nothing more"
         raise FunctionError(f"function {brief(self.text)}: expected {expected}, found {found}")
 
     def take(self, pattern: re.Pattern[str] | str) -> str:
@@ -171,19 +149,15 @@ class _Parser:
     def spec(self, depth: int) -> Spec:
         if depth > DEEPEST:
             self.fail(f"at most {DEEPEST} parentheses inside each other")
-        terms = [self.term(depth)]
-        while self.take(r"\+"):
-            terms.append(self.term(depth))
-        flat = tuple(
-            part for term in terms for part in (term.terms if isinstance(term, Sum) else (term,))
-        )
-        return flat[0] if len(flat) == 1 else Sum(flat)
+        terms: list[Spec] = []
+        while not terms or self.take(r"\+"):
+            term = self.term(depth)
+            terms += term.terms if isinstance(term, Sum) else (term,)
+        return terms[0] if len(terms) == 1 else Sum(tuple(terms))
 
     def term(self, depth: int) -> Spec:
         if self.take(r"\("):
-            inner = self.spec(depth + 1)
-            self.close()
-            return inner
+            return self.inner(depth)
         name = self.take(_NAME)
         if not name:
             self.fail(f"a family ({', '.join(_FAMILIES)})")
@@ -197,26 +171,22 @@ class _Parser:
             return _build(cls, [])
         if cls.is_open_ended:
             return cls(**{str(cls.positional): self.formula()})
-        if cls is Permuted:
-            return self.permuted(depth)
-        return _build(cls, self.arguments())
-
-    def close(self) -> None:
-        if not self.take(r"\)"):
-            self.fail("')'")
-
-    def permuted(self, depth: int) -> Permuted:
+        if cls is not Permuted:
+            return _build(cls, self.arguments())
         path = _unquoted(self.take(_QUOTED) or self.take(r"[^(]*"))
         if not self.take(r"\("):
             self.fail("'(' and the function to compose, as in permuted:map.txt(gaussian:vertex=1)")
-        inner = self.spec(depth + 1)
-        self.close()
-        return Permuted(path=path, function=inner)
+        return Permuted(path=path, function=self.inner(depth))
+
+    def inner(self, depth: int) -> Spec:
+        """Return the spec up to the parenthesis that closes it."""
+        found = self.spec(depth + 1)
+        if not self.take(r"\)"):
+            self.fail("')'")
+        return found
 
     def formula(self) -> str:
-        """Return everything up to the end or to a closing parenthesis that the formula did not
-        open.
-        """
+        """Return what comes before the end or a parenthesis that the formula did not open."""
         start, depth = self.position, 0
         for sign in self.text[start:]:
             depth += (sign == "(") - (sign == ")")

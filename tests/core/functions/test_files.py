@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError
 from abfm.functions import function
-from abfm.functions.values_file import read_column
+from abfm.functions.files import read_column
 from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray

@@ -16,7 +16,7 @@ from abfm.calculus.geodesics import geodesic_distance
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import FunctionError
 from abfm.functions import function
-from abfm.functions.curvature import gaussian_curvature, mean_curvature, mixed_areas
+from abfm.functions.local_shape import gaussian_curvature, mean_curvature, mixed_areas
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.types import FloatArray
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, torus

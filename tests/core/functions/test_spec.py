@@ -10,18 +10,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError
 from abfm.functions import Family, Spec, Sum, families, function, parse
-from abfm.functions.coordinate import Coordinate
-from abfm.functions.curvature import Curvature
-from abfm.functions.eigenfunction import Eigenfunction
 from abfm.functions.expression import Expression
-from abfm.functions.gaussian import Gaussian
-from abfm.functions.geodesic import Geodesic
-from abfm.functions.heat_kernel_signature import HeatKernelSignature
-from abfm.functions.indicator import Indicator
-from abfm.functions.permuted import Permuted
-from abfm.functions.shape_diameter import ShapeDiameter
-from abfm.functions.values_file import ValuesFile
-from abfm.functions.wave_kernel_signature import WaveKernelSignature
+from abfm.functions.files import Permuted, ValuesFile
+from abfm.functions.local_shape import Curvature, ShapeDiameter
+from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator
+from abfm.functions.spectral import Eigenfunction, HeatKernelSignature, WaveKernelSignature
 from tests.shapes import icosphere
 
 MEANINGS = {

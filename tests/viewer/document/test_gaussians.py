@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 
 from abfm import FunctionError, TriangleMesh
 from abfm.functions import Sum, parse
-from abfm.functions.coordinate import Coordinate
-from abfm.functions.eigenfunction import Eigenfunction
 from abfm.functions.expression import Expression
-from abfm.functions.gaussian import Gaussian
-from abfm.functions.permuted import Permuted
+from abfm.functions.files import Permuted
+from abfm.functions.places import Coordinate, Gaussian
+from abfm.functions.spectral import Eigenfunction
 from abfm_viewer.document import gaussians as bumps
 from tests.shapes import icosphere
 

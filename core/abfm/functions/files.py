@@ -1,0 +1,287 @@
+"""Functions and vertex maps read from files that count as the mesh file does."""
+
+import csv
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from abfm.errors import FunctionError, brief, did_you_mean, one_line
+from abfm.functions.family import WORD, Family, Spec, file_name, parameter, quoted
+from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
+from abfm.mesh import TriangleMesh
+from abfm.reading import array_from, gifti_arrays, read_bytes
+from abfm.types import FloatArray, IntArray
+
+_NO_NUMBER = re.compile(  # NumPy's words, which count rows from 0 and columns from 1
+    r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",
+    re.DOTALL,
+)
+_SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".vts")
+_SYMMETRIC = ".sym.vts"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValuesFile(Family):
+    """Values from a .npy, .csv, .txt or .gii(.gz) file, in its own unit: one per vertex, as the
+    mesh file counts.
+
+    See :func:`read_table` for the formats.
+    """
+
+    family = "file"
+    positional = "path"
+    path: str = parameter(file_name(*_SUFFIXES), ".npy, .csv, .txt or .gii")
+    column: str | None = parameter(
+        WORD, "column by its name or number, counted from 0", default=None
+    )
+
+    def evaluate(self, mesh: TriangleMesh) -> FloatArray:
+        values = read_column(self.path, self.column)
+        try:
+            return mesh.restrict(values)
+        except FunctionError as error:
+            raise FunctionError(f"file {brief(self.path)}: {error}") from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Permuted(Family):
+    """Another function composed with a vertex map: ``result[i] = f[map[i]]``, in the unit of f.
+
+    The map is ``mirror`` or ``rotation``, the symmetry of this kind that the mesh is found to have
+    (see :func:`abfm.maps.detect_symmetry`; the rotation by 180 degrees), or a file (see
+    :func:`read_vertex_map`): one vertex number per vertex of the mesh file, counted from 0 or 1, or
+    pairs of vertices. It need not be a permutation: any map of the vertices will do.
+    """
+
+    family = "permuted"
+    path: str = parameter(
+        file_name(*_SUFFIXES), "file with one vertex number per vertex; or mirror, or rotation"
+    )
+    function: Spec  # given in parentheses after the path
+
+    def __str__(self) -> str:
+        return f"{self.family}:{quoted(self.path)}({self.function})"
+
+    @property
+    def is_detected(self) -> bool:
+        """Whether the map is a symmetry that is looked for on the mesh, and no file."""
+        return self.path in KINDS
+
+    def evaluate(self, mesh: TriangleMesh) -> FloatArray:
+        return self.function.evaluate(mesh)[vertex_map(mesh, self.path)]
+
+
+def read_column(path: str, column: str | None = None) -> FloatArray:
+    """Read one column of numbers, (n,), of a file, or raise a FunctionError; see `read_table`.
+
+    ``column`` is a name, or a number counted from 0, and needed where there are several.
+    """
+    names, table = read_table(path)
+    count = table.shape[1]
+    if column is None and count == 1:
+        return table[:, 0]
+    if column in names:
+        return table[:, names.index(column)]
+    if column is not None and len(column) < 10 and column.isdecimal() and int(column) < count:
+        return table[:, int(column)]
+    listed = f" or one of {', '.join(one_line(name, 30) for name in names[:8])}" if names else ""
+    asked = "" if column is None else f", none called {brief(column)}{did_you_mean(column, names)}"
+    raise FunctionError(
+        f"file {brief(path)} has {count} columns{asked}; choose column=0 to {count - 1}{listed}"
+    )
+
+
+def read_table(path: str) -> tuple[list[str], FloatArray]:
+    """Read the names of the columns, if there are any, and the numbers, (n, c).
+
+    .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers
+    separated by commas, semicolons, tabs or blanks, with or without a line of names on top; empty
+    lines and lines starting with ``#`` are skipped. .gii is GIFTI, whose data arrays are the
+    columns.
+
+    Raises
+    ------
+    FunctionError
+        If the file cannot be read or is no table of numbers.
+    """
+    suffix = next((suffix for suffix in _SUFFIXES if path.lower().endswith(suffix)), None)
+    if suffix is None:
+        raise FunctionError(f"file {brief(path)}: the name must end in {', '.join(_SUFFIXES)}")
+    file = Path(os.path.expanduser(path))
+    try:
+        if suffix in (".csv", ".txt", ".vts"):
+            return _read_text(file)
+        if suffix == ".npy":
+            return [], _as_table(array_from(read_bytes(file)))
+        columns = [array.values for array in gifti_arrays(file)]
+        if not columns:
+            raise ValueError("it holds no data array")
+        return [], _as_table(np.column_stack(columns))
+    except OSError as error:
+        raise FunctionError(f"file {brief(path)} cannot be read: {one_line(error)}") from error
+    except Exception as error:  # whatever a broken file makes of the readers
+        raise FunctionError(
+            f"file {brief(path)} is not a table of numbers: {one_line(error)}"
+        ) from error
+
+
+def _as_table(values: np.ndarray) -> FloatArray:
+    if values.dtype.kind not in "biuf" or values.ndim not in (1, 2):
+        raise ValueError(
+            f"an array of {values.dtype} with shape {values.shape}; real numbers (n,) or (n, c) "
+            "expected"
+        )
+    return values.reshape(len(values), -1).astype(np.float64)
+
+
+def _read_text(path: Path) -> tuple[list[str], FloatArray]:
+    text = read_bytes(path).decode("utf-8-sig")
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    if not lines:
+        raise ValueError("it is empty")
+    delimiter, names = next((sign for sign in ";,\t" if sign in lines[0]), None), list[str]()
+    first = next(csv.reader(lines[:1], delimiter=delimiter)) if delimiter else lines[0].split()
+    try:
+        list(map(float, first))
+    except ValueError:
+        names = [name.strip() for name in first]
+    rows = lines[1:] if names else lines
+    if not rows:
+        raise ValueError(f"it has only the line {brief(lines[0])}")
+    try:
+        table = np.loadtxt(rows, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
+    except ValueError as error:
+        found = _NO_NUMBER.match(str(error))
+        raise ValueError(
+            f"row {found['row']} of its numbers, counting from 0, has "
+            f"{one_line(found['word'], 60)} in column "
+            f"{int(found['column']) - 1}, where a number is expected"
+            if found
+            else str(error).partition("; use `usecols`")[0]  # which is advice to who programs
+        ) from error
+    return names if len(names) == table.shape[1] else [], table  # other words on top are a title
+
+
+def vertex_map(mesh: TriangleMesh, name: str) -> IntArray:
+    """Return the map, (V,), that a file holds, or that ``mirror`` or ``rotation`` names.
+
+    Raises
+    ------
+    FunctionError
+        If the mesh has no such symmetry, or the file holds no map of its vertices.
+    """
+    for kind in KINDS:
+        if name == kind:
+            try:
+                return detect_symmetry(mesh, kind).vertex_map
+            except SymmetryError as error:
+                raise FunctionError(f"permuted:{kind}: {error}") from error
+    if "." not in name:
+        hint = did_you_mean(name, KINDS)
+        raise FunctionError(
+            f"permuted: {brief(name)} is neither {' nor '.join(KINDS)} nor the name of a file{hint}"
+        )
+    return read_vertex_map(mesh, name)
+
+
+def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
+    """Read a map of the vertices, (V,), from any file that `read_table` reads.
+
+    One column, one number per vertex of the mesh file
+        The vertex that each vertex is mapped to.
+    Two columns
+        Pairs of vertices that are mapped to each other; those in no pair are mapped to themselves.
+    One column, in a file ``NAME.sym.vts`` with a file ``NAME.vts`` beside it
+        As datasets for shape correspondence have them: row k of ``NAME.vts`` is the vertex of a
+        template's point k, row k of ``NAME.sym.vts`` that of its mirror image. These two are mapped
+        to each other, and vertices of neither file as the nearest vertex that has a partner.
+
+    Numbers count the vertices of the mesh file, from 0 or from 1, whichever all of them fit. If
+    both fit: whichever makes the map a permutation; failing that .vts files count from 1, and
+    others from 0, as meshes do.
+
+    Raises
+    ------
+    FunctionError
+        If the file cannot be read, has the wrong length, numbers that fit neither way or, in pairs
+        of .txt or .csv, both ways, or two partners for a vertex.
+    """
+    table = read_table(path)[1]
+    template = Path(path[: -len(_SYMMETRIC)] + ".vts").expanduser()
+    if table.shape[1] == 2:
+        return _swapped(mesh, path, _local_vertices(mesh, path, table))
+    if path.lower().endswith(_SYMMETRIC) and template.is_file():
+        points, mirrored = read_column(str(template)), read_column(path)
+        if len(points) != len(mirrored):
+            raise FunctionError(
+                f"map {brief(path)} has {len(mirrored)} lines, {brief(template.name)} has "
+                f"{len(points)}"
+            )
+        # in both directions, the first pair of a vertex counting, and by the nearest elsewhere
+        pairs = _local_vertices(mesh, path, np.column_stack([points, mirrored]))
+        both = np.concatenate([pairs, pairs[:, ::-1]])
+        known, first = np.unique(both[:, 0], return_index=True)
+        nearest = cKDTree(mesh.vertices[known]).query(mesh.vertices)[1]
+        return np.asarray(both[first[nearest], 1])
+    try:
+        column = mesh.restrict(read_column(path))
+    except FunctionError as error:
+        raise FunctionError(f"map {brief(path)}: {error}") from None
+    return _local_vertices(mesh, path, column)
+
+
+def _local_vertices(mesh: TriangleMesh, path: str, numbers: FloatArray) -> IntArray:
+    """Return the mesh's own numbers, in the same shape, of vertices as its file counts them."""
+    count = mesh.file_vertex_count
+    readings = []
+    for first in (0, 1):
+        nearest = np.searchsorted(mesh.vertex_ids, numbers - first).clip(max=len(mesh.vertices) - 1)
+        readings.append(np.where(mesh.vertex_ids[nearest] == numbers - first, nearest, -1))
+    fitting = [reading for reading in readings if (reading >= 0).all()]
+    if not fitting:
+        wrong = readings[0] < 0
+        if not (numbers == 0).any():
+            wrong = min(wrong, readings[1] < 0, key=np.count_nonzero)
+        row = int(np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))[0])
+        example = numbers[row][wrong[row]][0] if numbers.ndim == 2 else numbers[row]
+        place = f"line {row + 1}" if numbers.ndim == 2 else f"vertex {mesh.vertex_ids[row]}"
+        raise FunctionError(
+            f"map {brief(path)}: {np.count_nonzero(wrong)} of {wrong.size} entries are not "
+            "numbers of vertices in use, "
+            f"0 to {count - 1}, or 1 to {count} if they count from 1 ({place} has {example:g})"
+        )
+    permutations = [
+        r for r in fitting if numbers.ndim == 1 and len(np.unique(r)) == len(mesh.vertices)
+    ]
+    if len(fitting) == 1 or permutations:
+        return (permutations or fitting)[0]
+    suffix = path.lower().rpartition(".")[2]
+    if numbers.ndim == 2 and suffix in ("txt", "csv"):
+        raise FunctionError(
+            f"map {brief(path)}: its pairs may count from 0 or from 1, as they have neither 0 nor "
+            f"{count}; save them as .npy if they count from 0, or subtract 1 first"
+        )
+    return fitting[1 if suffix == "vts" else 0]
+
+
+def _swapped(mesh: TriangleMesh, path: str, pairs: IntArray) -> IntArray:
+    """Return the map that swaps the vertices of each pair and keeps the others."""
+    both = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+    twice = np.flatnonzero(both[1:, 0] == both[:-1, 0])
+    if len(twice):
+        vertex = mesh.vertex_ids[both[twice[0], 0]]
+        raise FunctionError(
+            f"map {brief(path)}: vertex {vertex} (counted from 0) has two partners; one is expected"
+        )
+    if 2 * len(both) < len(mesh.vertices):
+        raise FunctionError(
+            f"map {brief(path)}: its pairs name {len(both)} of {len(mesh.vertices)} vertices; give "
+            "every pair, as only vertices that the symmetry leaves in place may be left out"
+        )
+    found = np.arange(len(mesh.vertices))
+    found[both[:, 0]] = both[:, 1]
+    return found
