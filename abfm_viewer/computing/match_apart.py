@@ -19,8 +19,7 @@ import abfm
 from abfm import Parameters, TriangleMesh
 from abfm.numerics.factoring_apart import factoring_apart
 from abfm.types import FloatArray
-from abfm.workers.server import report
-from abfm.workers.worker import Worker, WorkerEndedError
+from abfm.workers.worker import Worker, WorkerEndedError, report
 from abfm_viewer.computing.freed_memory import give_back
 
 _ENDED = "the process that matches has ended; match again"

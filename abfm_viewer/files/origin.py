@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from abfm import ResultError
-from abfm.io.arrays import open_archive
+from abfm.io.results import open_archive
 
 MEMBER = "origin.json"
 """Where a copy of unsaved work says what it is a copy of."""

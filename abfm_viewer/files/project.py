@@ -23,8 +23,8 @@ import abfm
 from abfm import Parameters, ResultError, TriangleMesh
 from abfm.errors import brief, one_line
 from abfm.io import write_atomically
-from abfm.io.arrays import Entry, check_arrays, check_version, open_archive, write_arrays
-from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, mesh_of
+from abfm.io import results
+from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, Entry, check_arrays, mesh_of
 from abfm.reading import from_json
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import NAMES
@@ -125,7 +125,7 @@ def save_project(
         archive.writestr(zipfile.ZipInfo("project.json"), text)
         if origin is not None:
             archive.writestr(zipfile.ZipInfo(MEMBER), origin.to_json())
-        write_arrays(archive, arrays)
+        results.write_arrays(archive, arrays)
 
 
 def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, FloatArray]]:
@@ -136,7 +136,7 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
     ResultError
         If the file is missing, damaged, no project, or from a newer version.
     """
-    with open_archive(path, "project", "take another copy of the file") as archive:
+    with results.open_archive(path, "project", "take another copy of the file") as archive:
         if "velocity" in archive:
             raise ResultError(
                 "a result file, not a project; open it as a result, under a name that ends in .npz"
@@ -172,7 +172,7 @@ def _document(
 ) -> tuple[Document, dict[str, FloatArray]]:
     """Document and known values from what a file holds; the mesh is made unless it is given."""
     version = content.pop("format_version", None) if isinstance(content, dict) else None
-    check_version(version, _FORMAT)
+    results.check_version(version, _FORMAT)
     header: _Header = from_plain(_Header, content, "project")
     mesh_parts = check_arrays(arrays, _MESH, "mesh/")
     mesh = mesh or mesh_of({**mesh_parts, "file_vertex_count": np.array(header.file_vertex_count)})

@@ -1,10 +1,10 @@
-from .arrays import FORMAT_VERSION as FORMAT_VERSION
 from .atomic import check_writable as check_writable
+from .atomic import remove_temporary as remove_temporary
+from .atomic import temporary_folder as temporary_folder
 from .atomic import write_atomically as write_atomically
 from .exports import export_energy_csv as export_energy_csv
 from .exports import export_ply as export_ply
 from .exports import export_vtu as export_vtu
+from .results import FORMAT_VERSION as FORMAT_VERSION
 from .results import load_arrays as load_arrays
 from .results import save_arrays as save_arrays
-from .temporary import remove_temporary as remove_temporary
-from .temporary import temporary_folder as temporary_folder

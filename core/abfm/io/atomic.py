@@ -1,17 +1,34 @@
-"""Replace a file as a whole or not at all."""
+"""Replace a file as a whole or not at all; temporary files and folders that do not stay: not after
+an error, nor a signal, nor for long after a kill.
+
+Each is locked while it is in use, and the system takes the lock back when a process ends, however
+that happens. So one that is not locked is surely abandoned, and the next to write in the same
+folder removes it, if it is of the same machine: locks of other machines may not be seen. Python's
+own `tempfile` leaves what a killed process had for ever, and libraries that write atomically do.
+"""
 
 import os
+import platform
+import secrets
 import shutil
 import stat
+import sys
+import time
+import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from abfm.errors import ResultError
-from abfm.io.temporary import temporary_file
-from abfm.reading.door import SPECIAL
 
-_NO_FILES = SPECIAL | {stat.S_IFDIR: "a folder"}
+if sys.platform != "win32":
+    import fcntl
+
+_PREFIX = f".abfm-{zlib.crc32(platform.node().encode()):08x}-"
+# bytes; a longer one is nobody's format, and names must not get longer than systems take
+_LONGEST_SUFFIX = 20
+_DAY = 86400.0  # seconds
+_in_use: set[Path] = set()
 
 
 @contextmanager
@@ -30,7 +47,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
         If the operating system refuses to write, or the path is that of a folder, a device or a
         pipe.
     """
-    try:
+    with _refused(path):
         target = _target(path)
         with temporary_file(target.parent, target.suffix) as temporary:
             yield temporary
@@ -39,9 +56,12 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
             if target.exists():
                 shutil.copymode(target, temporary)
             temporary.replace(target)
-            _flush_folder(target.parent)
-    except OSError as error:
-        raise _refusal(path, error) from error
+            if os.name == "posix":  # the rename outlives a power cut; Windows needs no such call
+                descriptor = os.open(target.parent, os.O_RDONLY)
+                try:
+                    os.fsync(descriptor)
+                finally:
+                    os.close(descriptor)
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
@@ -52,18 +72,29 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     ResultError
         As there, and if there is a file that may not be written.
     """
-    try:
+    with _refused(path):
         target = _target(path)
         with temporary_file(target.parent, target.suffix):
             pass
         if target.exists() and not os.access(target, os.W_OK):
             raise PermissionError(None, "no permission to replace it")
+
+
+@contextmanager
+def _refused(path: str | os.PathLike[str]) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
-        raise _refusal(path, error) from error
+        reason = f"{error.strerror or error}; choose a place that exists, is writable"
+        raise ResultError(f"cannot write {path}: {reason} and has space left") from error
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
     """Return the file that a path means; OSError if it has no place for one."""
+    from abfm.reading.door import (
+        SPECIAL,
+    )  # with NumPy, before which the command line needs the rest
+
     try:
         target = Path(os.path.realpath(path))
         kind = stat.S_IFMT(target.stat().st_mode)
@@ -71,23 +102,99 @@ def _target(path: str | os.PathLike[str]) -> Path:
         return target
     except ValueError:
         raise OSError(None, "its name has a zero byte") from None
-    if kind in _NO_FILES:
-        raise OSError(None, f"it is {_NO_FILES[kind]}, no place for a file")
+    no_files = SPECIAL | {stat.S_IFDIR: "a folder"}
+    if kind in no_files:
+        raise OSError(None, f"it is {no_files[kind]}, no place for a file")
     return target
 
 
-def _refusal(path: str | os.PathLike[str], error: OSError) -> ResultError:
-    reason = error.strerror or str(error)
-    return ResultError(
-        f"cannot write {path}: {reason}; choose a place that exists, is writable and has space left"
-    )
-
-
-def _flush_folder(folder: Path) -> None:
-    """Make a rename in the folder outlive a power cut; Windows has no such call and needs none."""
-    if os.name == "posix":
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
+@contextmanager
+def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> Iterator[Path]:
+    """Make an empty file with a name of its own in a folder; it is removed at the end, unless it
+    was renamed. OSError if it cannot be made.
+    """
+    _remove_abandoned(folder)
+    end = suffix if len(os.fsencode(suffix)) <= _LONGEST_SUFFIX else ""
+    path = folder / f"{_PREFIX}{secrets.token_hex(6)}{end}"
+    _in_use.add(path)  # before it is there: a signal may come in between
+    descriptor = -1
+    try:
+        descriptor = _made(path, is_folder)
+        yield path
+    finally:
+        _remove(path)
+        if descriptor >= 0:
             os.close(descriptor)
+        _in_use.discard(path)
+
+
+@contextmanager
+def temporary_folder(folder: Path) -> Iterator[Path]:
+    """Make a folder of the user's own in a folder; it is removed at the end with all that is in it.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    with temporary_file(folder, is_folder=True) as path:
+        yield path
+
+
+def remove_temporary() -> None:
+    """Remove all that this process has in use: for one that ends at once."""
+    for path in list(_in_use):
+        _remove(path)
+
+
+def _made(path: Path, is_folder: bool) -> int:
+    """Make a file or a folder and return it open, with a lock on it; -1 on Windows, which renames
+    no file that is open.
+    """
+    while True:
+        if is_folder:
+            path.mkdir(0o700)
+        if sys.platform == "win32":
+            if not is_folder:
+                path.touch(exist_ok=False)
+            return -1
+        new = os.O_RDONLY if is_folder else os.O_RDWR | os.O_CREAT | os.O_EXCL
+        descriptor = os.open(path, new, 0o666)
+        with suppress(OSError):  # a file system without locks, where nobody gets one
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        if os.fstat(descriptor).st_nlink:
+            return descriptor
+        os.close(descriptor)  # it was taken for abandoned, and removed, just before it was locked
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or a folder if that can be; errors on the way must not hide what went wrong
+    before.
+    """
+    with suppress(OSError):
+        if stat.S_ISDIR(os.lstat(path).st_mode):
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink()
+
+
+def _remove_abandoned(folder: Path) -> None:
+    with suppress(OSError), os.scandir(folder) as entries:
+        for name in [entry.name for entry in entries if entry.name.startswith(_PREFIX)]:
+            with suppress(OSError):
+                _remove_if_abandoned(folder / name)
+
+
+def _remove_if_abandoned(path: Path) -> None:
+    if sys.platform == "win32":  # which removes no file that is open
+        if time.time() - path.stat().st_mtime > _DAY:
+            _remove(path)
+        return
+    mode = os.O_RDONLY if stat.S_ISDIR(os.lstat(path).st_mode) else os.O_RDWR
+    descriptor = os.open(path, mode | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.fstat(descriptor), os.lstat(path)):
+            _remove(path)
+    finally:
+        os.close(descriptor)

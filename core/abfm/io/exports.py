@@ -52,14 +52,10 @@ def export_ply(
         *(f"property double {name}" for name in face),
         "end_header\n",
     ]
-    corners = {
-        "count": np.full(len(mesh.faces), 3, dtype="u1"),
-        "vertex_indices": mesh.faces.astype("<i4"),
-    }
+    count, corners = np.full(len(mesh.faces), 3, dtype="u1"), mesh.faces.astype("<i4")
+    body = _records(vertex) + _records({"count": count, "vertex_indices": corners} | face)
     with write_atomically(path) as temporary:
-        temporary.write_bytes(
-            "\n".join(header).encode("ascii") + _records(vertex) + _records(corners | face)
-        )
+        temporary.write_bytes("\n".join(header).encode("ascii") + body)
 
 
 def export_vtu(
@@ -126,7 +122,7 @@ def export_energy_csv(
         writer = csv.writer(file)
         writer.writerow(["iteration", "stage", "total", "regularity", "mismatch"])
         writer.writerows(
-            [iteration, stage, *energies] for iteration, (stage, energies) in enumerate(rows)
+            [number, stage, *energies] for number, (stage, energies) in enumerate(rows)
         )
 
 
@@ -144,12 +140,9 @@ def _columns(
                 f"data {name!r} has shape {values.shape}; expected ({count},) or ({count}, C)"
             )
         split = np.ascontiguousarray(values.reshape(count, -1).T)
-        if values.ndim == 1:
-            named: dict[str, Any] = {name: split[0]}
-        elif vectors and len(split) == 3:
-            named = {name: tuple(split)}
-        else:
-            named = {f"{name}_{k}": column for k, column in enumerate(split)}
+        named: dict[str, Any] = {f"{name}_{k}": column for k, column in enumerate(split)}
+        if values.ndim == 1 or (vectors and len(split) == 3):
+            named = {name: split[0] if values.ndim == 1 else tuple(split)}
         for new in named:
             if not _NAME.fullmatch(new) or new in columns or new in taken:
                 raise ResultError(
@@ -162,7 +155,5 @@ def _columns(
 
 def _records(columns: Mapping[str, NDArray[Any]]) -> bytes:
     """Return columns (n,) or (n, k) row by row, packed, little endian."""
-    dtype = [
-        (name, column.dtype.newbyteorder("<"), column.shape[1:]) for name, column in columns.items()
-    ]
-    return np.rec.fromarrays(list(columns.values()), dtype).tobytes()
+    little = [(name, x.dtype.newbyteorder("<"), x.shape[1:]) for name, x in columns.items()]
+    return np.rec.fromarrays(list(columns.values()), little).tobytes()

@@ -1,28 +1,27 @@
-"""Result files: one ``.npz`` of plain arrays, no pickles, checked whole when written and when
-read.
+"""Result files, one ``.npz`` of plain arrays, no pickles; and what projects share with them: arrays
+in a zip, checked whole when written, and each when it is asked for.
 """
 
+import io
 import json
+import math
 import os
 import zipfile
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import ResultError, brief, one_line
-from abfm.io.arrays import (
-    FORMAT_VERSION,
-    Entry,
-    check_arrays,
-    check_version,
-    open_archive,
-    write_arrays,
-)
 from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
+from abfm.reading import LARGEST as LARGEST_MEMBER
+from abfm.reading import array_from, most_inflated, open_plain
 
+FORMAT_VERSION = 1
+"""Of result files and of projects."""
 MEND = "match again and save, or take another copy of the file"
 LARGEST = 1e154
 """Of functions and, in lengths of the mesh, of fields: squares of more overflow, so no match was
@@ -30,6 +29,67 @@ made of them.
 """
 # vertices of the mesh file that no face uses: maps to its vertices have a line for each
 _MOST_DROPPED = 10_000_000
+_MOST_TOLD, _LONGEST_TEXT = 400, 10_000  # characters
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that can be read in bounded steps
+_KINDS: dict[str, tuple[str, Any]] = {
+    "real": ("fiu", np.float64),
+    "integer": ("iu", np.int64),
+    "boolean": ("b", np.bool_),
+    "text": ("U", np.str_),
+}
+
+Path = str | os.PathLike[str]
+Arrays = Mapping[str, NDArray[Any]]
+
+
+class Entry(NamedTuple):
+    """An array of a file: its kind, its shape, in which a word stands for a size that all arrays
+    agree on, and the bounds of its values.
+    """
+
+    kind: str
+    shape: tuple[str | int, ...]
+    required: bool = True
+    may_be_empty: bool = False
+    low: float = -math.inf
+    high: float = math.inf
+
+    def check(self, name: str, array: NDArray[Any], sizes: dict[str, int]) -> NDArray[Any]:
+        """Return an array in its own type; ``sizes`` holds what the arrays before it have fixed,
+        and learns from this one.
+        """
+        kinds, dtype = _KINDS[self.kind]
+        if array.dtype.kind not in kinds:
+            raise ValueError(f"{name} has type {array.dtype}; expected {self.kind} values")
+        known = tuple(sizes.get(str(size), size) for size in self.shape)
+        agrees = array.ndim == len(known) and all(
+            isinstance(size, str) or size == given
+            for size, given in zip(known, array.shape, strict=True)
+        )
+        if not agrees or (array.size == 0 and not self.may_be_empty):
+            expected = ", ".join(map(str, known))
+            raise ValueError(f"{name} has shape {array.shape}; expected ({expected})")
+        named = zip(self.shape, array.shape, strict=True)
+        sizes |= {word: given for word, given in named if isinstance(word, str)}
+        if array.size:
+            self._check_values(name, array)
+        return array.astype(dtype, order="C", copy=False)
+
+    def _check_values(self, name: str, array: NDArray[Any]) -> None:
+        if self.kind == "text":
+            if not all(len(text) <= _LONGEST_TEXT and text.isprintable() for text in array.flat):
+                limit = f"more than {_LONGEST_TEXT} characters, or some that cannot be shown"
+                raise ValueError(f"{name} has {limit}")
+            return
+        if self.kind == "real" and not np.isfinite(array).all():
+            raise ValueError(f"{name} has values that are not finite")
+        for value in (array.min(), array.max()):
+            if not self.low <= value <= self.high:
+                bounds = f"{self.low:g} to {self.high:g}"
+                raise ValueError(f"{name} has the value {value:g}; expected {bounds}")
+        if self.kind == "integer" and array.max() > np.iinfo(np.int64).max:
+            raise ValueError(f"{name} has values beyond those of 64 bits with a sign")
+
 
 MESH_ENTRIES = {
     "vertices": Entry("real", ("V", 3)),
@@ -61,7 +121,6 @@ _MATCH = {
     "remedies": Entry("text", (), required=False),
 }
 MATCH_ENTRIES = _FUNCTIONS | _MATCH | _DATA
-ENTRIES = MESH_ENTRIES | MATCH_ENTRIES
 
 
 class Kind(NamedTuple):
@@ -71,12 +130,126 @@ class Kind(NamedTuple):
     entries: Mapping[str, Entry]
 
 
-RESULT, PROBLEM = Kind("result file", ENTRIES), Kind("problem file", PROBLEM_ENTRIES)
+RESULT = Kind("result file", MESH_ENTRIES | MATCH_ENTRIES)
+PROBLEM = Kind("problem file", PROBLEM_ENTRIES)
 
 
-def save_arrays(
-    path: str | os.PathLike[str], arrays: Mapping[str, Any], kind: Kind = RESULT
-) -> None:
+class Archive(Mapping[str, NDArray[Any]]):
+    """A zip open for reading: its arrays by name, each read when it is asked for.
+
+    All that is read of it together has no more bytes than it can hold, also where members overlap
+    or are compressed.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._zip = zipfile.ZipFile(file)
+        self._left = most_inflated(file.seek(0, io.SEEK_END))
+        names = self._zip.namelist()
+        self._names = {name.removesuffix(".npy") for name in names if name.endswith(".npy")}
+        self.packed = [member.filename for member in self._zip.infolist() if member.compress_type]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self._names:
+            raise KeyError(f"it lacks {name}")
+        try:
+            return array_from(self.read(f"{name}.npy"))
+        except ValueError as error:
+            raise ValueError(f"{name}: {one_line(error)}") from error
+
+    def read(self, name: str, most: int = LARGEST_MEMBER) -> bytes:
+        """Return the bytes of a member, so many at most.
+
+        ValueError, BadZipFile, or anything else that damage makes of the zip's reader, if there is
+        none, or it is damaged, too large, or with what was read before more than the zip can hold.
+        """
+        member = self._zip.getinfo(name)
+        if member.file_size > most:
+            raise ValueError(f"{name} has {member.file_size} bytes; expected at most {most}")
+        self._left -= member.file_size
+        if self._left < 0:
+            raise ValueError(
+                f"its members up to {name} have more bytes than a zip of this size can hold"
+            )
+        if member.compress_type not in _METHODS:
+            raise ValueError(f"{name} is compressed by a method other than deflate")
+        with self._zip.open(member) as file:
+            return file.read(member.file_size + 1)
+
+
+@contextmanager
+def open_archive(path: Path, what: str, cure: str) -> Iterator[Archive]:
+    """Open a zip to read from; ResultError for all that goes wrong while it is open, in one line:
+    the path, what the file should be, and what to do.
+    """
+    try:
+        with open_plain(path) as file:
+            yield Archive(file)
+    except ResultError as error:
+        raise ResultError(f"{one_line(path)}: {one_line(error, _MOST_TOLD)}") from error
+    except OSError as error:
+        reason = f"{one_line(error)}; check the path and its permissions"
+        raise ResultError(f"cannot read {one_line(path)}: {reason}") from error
+    # damage makes anything of the readers of zips, of JSON and of what they hold
+    except Exception as error:
+        told = one_line(error, _MOST_TOLD)
+        raise ResultError(
+            f"{one_line(path)}: no {what} of abfm, or damaged or cut short ({told}); {cure}"
+        ) from error
+
+
+def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
+    """Refuse a format newer than this version reads (ResultError), or that is no version
+    (ValueError).
+    """
+    if type(version) is not int or version < 1:
+        raise ValueError(
+            f"format_version is {brief(version)}; expected a number from 1 to {newest}"
+        )
+    if version > newest:
+        raise ResultError(
+            f"written in format {version}, and this abfm reads up to {newest}; upgrade abfm"
+        )
+
+
+def write_arrays(archive: zipfile.ZipFile, arrays: Arrays) -> None:
+    """Add a member ``name.npy`` for each; the same arrays give the same bytes."""
+    for name, array in arrays.items():
+        with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as file:
+            np.save(file, array, allow_pickle=False)
+
+
+def check_arrays(
+    arrays: Mapping[str, Any], entries: Mapping[str, Entry], prefix: str = "", **sizes: int
+) -> dict[str, NDArray[Any]]:
+    """Return the arrays that are listed, as float64, int64, bool or unicode; ValueError if one is
+    missing, or has the wrong kind, the wrong shape or values that are not finite.
+
+    Their names begin with ``prefix``, which the entries and the answer have not; ``sizes`` are
+    known before.
+    """
+    places = {name: f"{prefix}{name}" for name in entries}
+    missing = [
+        place for name, place in places.items() if entries[name].required and place not in arrays
+    ]
+    if missing:
+        raise ValueError(f"it lacks {', '.join(missing)}")
+    return {
+        name: entries[name].check(place, np.asarray(arrays[place]), sizes)
+        for name, place in places.items()
+        if place in arrays
+    }
+
+
+def save_arrays(path: Path, arrays: Mapping[str, Any], kind: Kind = RESULT) -> None:
     """Write a file with the arrays of its kind and ``format_version``.
 
     The same arrays give the same bytes.
@@ -93,16 +266,15 @@ def save_arrays(
             f"{', '.join(kind.entries)}"
         )
     try:
-        checked = _checked(arrays, kind.entries)
+        checked = _checked(arrays, kind)
     except ValueError as error:
-        raise ResultError(
-            f"{one_line(path)} not written: {one_line(error, 400)}; {MEND}"
-        ) from error
+        told = f"{one_line(path)} not written: {one_line(error, _MOST_TOLD)}; {MEND}"
+        raise ResultError(told) from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         write_arrays(archive, {"format_version": np.array(FORMAT_VERSION), **checked})
 
 
-def load_arrays(path: str | os.PathLike[str], kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
+def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
     """Read such a file: the arrays of its kind, with the shapes and kinds given there.
 
     Arrays that this version does not know are left out. Reals come as float64, integers as int64,
@@ -117,11 +289,11 @@ def load_arrays(path: str | os.PathLike[str], kind: Kind = RESULT) -> dict[str, 
     with open_archive(path, kind.name, MEND) as archive:
         version = archive.get("format_version")
         check_version(version.item() if version is not None and version.ndim == 0 else version)
-        return _checked(archive, kind.entries)
+        return _checked(archive, kind)
 
 
-def _checked(arrays: Mapping[str, Any], entries: Mapping[str, Entry]) -> dict[str, NDArray[Any]]:
-    checked = check_arrays(arrays, entries)
+def _checked(arrays: Mapping[str, Any], kind: Kind) -> dict[str, NDArray[Any]]:
+    checked = check_arrays(arrays, kind.entries)
     _check_indices(checked)
     _check_parameters(str(checked["parameters"]))
     return checked
@@ -132,14 +304,9 @@ def mesh_arrays(mesh: TriangleMesh) -> dict[str, Any]:
     return {name: getattr(mesh, name) for name in MESH_ENTRIES}
 
 
-def mesh_of(arrays: Mapping[str, NDArray[Any]]) -> TriangleMesh:
-    """Return the mesh that `mesh_arrays` was given: its vertices keep the numbers that they have in
-    the mesh file.
-
-    Raises
-    ------
-    ValueError
-        If an index is out of range, or the mesh needs repairs.
+def mesh_of(arrays: Arrays) -> TriangleMesh:
+    """Return the mesh that `mesh_arrays` was given, whose vertices keep their numbers in the mesh
+    file; ValueError if an index is out of range, or the mesh needs repairs.
     """
     _check_indices(arrays)
     ids, faces, count = arrays["vertex_ids"], arrays["faces"], int(arrays["file_vertex_count"])
@@ -151,23 +318,16 @@ def mesh_of(arrays: Mapping[str, NDArray[Any]]) -> TriangleMesh:
     return mesh
 
 
-def _check_indices(arrays: Mapping[str, NDArray[Any]]) -> None:
-    for name, limit in (
-        ("faces", len(arrays["vertices"])),
-        ("vertex_ids", int(arrays["file_vertex_count"])),
-    ):
+def _check_indices(arrays: Arrays) -> None:
+    count = len(arrays["vertices"])
+    for name, limit in (("faces", count), ("vertex_ids", int(arrays["file_vertex_count"]))):
         if arrays[name].min() < 0 or arrays[name].max() >= limit:
             raise ValueError(f"{name} has an index outside 0 to {limit - 1}")
     if (np.diff(arrays["vertex_ids"]) <= 0).any():
         raise ValueError("vertex_ids do not ascend")
-    unused = np.count_nonzero(
-        np.bincount(arrays["faces"].ravel(), minlength=len(arrays["vertices"])) == 0
-    )
+    unused = np.count_nonzero(np.bincount(arrays["faces"].ravel(), minlength=count) == 0)
     if unused:
-        raise ValueError(
-            f"the mesh needs repairs: {unused} of its {len(arrays['vertices'])} vertices are in "
-            "no face"
-        )
+        raise ValueError(f"the mesh needs repairs: {unused} of its {count} vertices are in no face")
 
 
 def _check_parameters(text: str) -> None:
@@ -176,9 +336,7 @@ def _check_parameters(text: str) -> None:
         parameters = json.loads(text, parse_int=float)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"parameters are not JSON: {error}") from error
-    if not isinstance(parameters, dict) or any(
-        isinstance(value, dict) for value in parameters.values()
-    ):
+    if not isinstance(parameters, dict) or dict in map(type, parameters.values()):
         raise ValueError("parameters are not one flat JSON object")
     tau = parameters.get("tau")
     if not isinstance(tau, float) or not np.isfinite(tau):

@@ -1,7 +1,6 @@
 """The process of a `worker.Worker`."""
 
-from abfm.workers.process import Requests
-from abfm.workers.server import Server
+from abfm.workers.worker import Server
 
 if __name__ == "__main__":
-    Server(Requests()).run()
+    Server().run()

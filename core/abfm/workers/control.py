@@ -1,7 +1,5 @@
-"""Pause, resume and cancel work from another thread.
-
-Whoever starts work says ``with controlled(control)``; work that takes long calls `checkpoint` on
-its way.
+"""Pause, resume and cancel work from another thread: whoever starts it says ``with
+controlled(control)``; work that takes long calls `checkpoint` on its way.
 """
 
 from __future__ import annotations
@@ -10,7 +8,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import NamedTuple
 
 
 class CancelledError(Exception):
@@ -89,18 +86,15 @@ class Control:
             raise CancelledError
 
 
-class _Listening(NamedTuple):
-    control: Control
-    heeds: Callable[[], bool]
-
-
-_listening: ContextVar[_Listening | None] = ContextVar("what this thread listens to", default=None)
+_listening: ContextVar[tuple[Control, Callable[[], bool]] | None] = ContextVar(
+    "what this thread listens to, and whether it heeds it", default=None
+)
 
 
 @contextmanager
 def controlled(control: Control, heeds: Callable[[], bool] = lambda: True) -> Iterator[None]:
     """Let the checkpoints of this thread wait for a control, whenever the work ``heeds`` it."""
-    before = _listening.set(_Listening(control, heeds))
+    before = _listening.set((control, heeds))
     try:
         yield
     finally:
@@ -110,11 +104,12 @@ def controlled(control: Control, heeds: Callable[[], bool] = lambda: True) -> It
 def present_control() -> Control | None:
     """Return what this thread's checkpoints wait for."""
     listening = _listening.get()
-    return listening.control if listening else None
+    return listening[0] if listening else None
 
 
 def checkpoint() -> None:
     """Return when this thread's work may go on; raise `CancelledError` if it must not."""
-    listening = _listening.get()
-    if listening and listening.heeds():
-        listening.control.wait()
+    if listening := _listening.get():
+        control, heeds = listening
+        if heeds():
+            control.wait()

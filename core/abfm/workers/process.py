@@ -28,9 +28,7 @@ class ProcessEndedError(Exception):
 
 class OwnProcess:
     """Runs ``python -m module``, which serves `Requests`, until it is closed or nothing refers to
-    it any more.
-
-    Not by `multiprocessing`, whose new processes run the user's script again.
+    it any more. Not by `multiprocessing`, whose new processes run the user's script again.
     """
 
     def __init__(self, module: str) -> None:
@@ -54,27 +52,20 @@ class OwnProcess:
             received = answers
             self._read = lambda buffer: answers.recv_into(buffer, 0, socket.MSG_WAITALL)
         self._receiving = threading.RLock()
-        self._end = weakref.finalize(self, _end, self._process, received, self._receiving)
+        self.close = weakref.finalize(self, _end, self._process, received, self._receiving)
+        """End the process at once; also while another thread waits for it."""
         _running.add(self._process)
 
     @property
     def pid(self) -> int:
-        """The process's number."""
         return self._process.pid
 
     @property
     def has_ended(self) -> bool:
-        """Whether the process is no more."""
         return self._process.poll() is not None
 
     def send(self, message: object) -> None:
-        """Send one message.
-
-        Raises
-        ------
-        ProcessEndedError
-            If nobody is there to read it.
-        """
+        """Send one message; ProcessEndedError if nobody is there to read it."""
         assert self._process.stdin is not None
         try:
             _send(self._process.stdin, message)
@@ -82,22 +73,12 @@ class OwnProcess:
             raise ProcessEndedError from error
 
     def receive(self) -> Any:
-        """Wait, while other threads go on, for one message.
-
-        Raises
-        ------
-        ProcessEndedError
-            If none will come.
-        """
+        """Wait, while other threads go on, for one message; ProcessEndedError if none will come."""
         try:
             with self._receiving:
                 return _receive(self._read)
         except (OSError, ValueError, EOFError, pickle.UnpicklingError) as error:
             raise ProcessEndedError from error
-
-    def close(self) -> None:
-        """End the process at once; also while another thread waits for it."""
-        self._end()
 
 
 def end_all() -> None:

@@ -26,18 +26,8 @@ _NEVER_DONE = 0.99  # share of a step that takes longer than expected
 
 @dataclass(frozen=True)
 class Step:
-    """A piece of work that has begun.
-
-    Attributes
-    ----------
-    task : str
-        What is being done, in a few words.
-    expected : float or None
-        Seconds that all of it takes; None if nobody knows.
-    done : float or None
-        Share of it that is counted to be done, 0 to 1; None if it is not counted.
-    began : float
-        By `time.monotonic`.
+    """A piece of work that began at a time by `time.monotonic`: the seconds that all of it takes,
+    None if nobody knows, and the share that is counted to be done, None if it is not counted.
     """
 
     task: str
@@ -47,10 +37,8 @@ class Step:
 
     def share(self, now: float | None = None) -> float | None:
         """Share that is done at a time, 0 to 1, which never falls; None if unknown."""
-        if self.done is not None:
+        if self.done is not None or self.expected is None:
             return self.done
-        if self.expected is None:
-            return None
         return min(self._elapsed(now) / self.expected, _NEVER_DONE)
 
     def seconds_left(self, now: float | None = None) -> float | None:
@@ -83,25 +71,19 @@ class Step:
 
 def rounded(seconds: float) -> str:
     """A time as one says it: ``8 s``, ``20 s``, ``3 min``."""
-    if seconds < 10:
-        return f"{max(round(seconds), 1)} s"
-    if seconds < 55:
-        return f"{5 * round(seconds / 5)} s"
-    return f"{max(round(seconds / 60), 1)} min"
+    if seconds >= 55:
+        return f"{max(round(seconds / 60), 1)} min"
+    return f"{max(round(seconds), 1) if seconds < 10 else 5 * round(seconds / 5)} s"
 
 
 def said(what: str, step: Step | None) -> str:
-    """Return what goes on, with the step that it is at if that is known:
-    ``opening: reading .off, about 5 s left``.
-    """
+    """Return what goes on, with the step that it is at if that is known."""
     return f"{what}: {step.words()}" if step else what
 
 
 Tell = Callable[[Step | None], None]
 _tell: ContextVar[Tell | None] = ContextVar("who is told", default=None)
-_outer: ContextVar[Step | None] = ContextVar(
-    "the step that the present one is a part of", default=None
-)
+_outer: ContextVar[Step | None] = ContextVar("the step around the present one", default=None)
 # seconds for a unit of work, and of how much it was measured here
 _rates: dict[str, tuple[float, float]] = {
     # for a vertex, on a machine with two cores, as all of these
@@ -136,14 +118,8 @@ def step(
     """Tell of a step while it goes on; what it gives is called with the share that is done, where
     that is counted.
 
-    Parameters
-    ----------
-    task : str
-        What is being done; `about`, such as its size, is added when it is told.
-    work : float, optional
-        How much that is, in a unit of the task's own: seconds go with it.
-    since : float, optional
-        When it began, by `time.monotonic`, if not now.
+    To the task, `about`, such as its size, is added when it is told; `work` is how much that is, in
+    a unit of the task's own, and `since` when it began, by `time.monotonic`, if not now.
     """
     known = _rates.get(task)
     expected = known[0] * work if known and work else None
@@ -153,7 +129,7 @@ def step(
     def done(share: float) -> None:
         nonlocal now
         if math.isfinite(share):
-            now = Step(now.task, now.expected, min(max(share, now.done or 0.0), 1.0), now.began)
+            now = replace(now, done=min(max(share, now.done or 0.0), 1.0))
             tell(now)
 
     inner = _outer.set(now)

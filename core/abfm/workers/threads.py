@@ -33,16 +33,21 @@ class DaemonThreads(Executor):
     ) -> Future[Result]:
         """Run a function in a thread; RuntimeError where the machine has no more of them."""
         future = Future[Result]()
-        job = partial(_run, future, partial(function, *given, **named))
+
+        def job() -> None:
+            if future.set_running_or_notify_cancel():
+                try:
+                    future.set_result(function(*given, **named))
+                except BaseException as error:  # also what is no Exception: the thread goes on
+                    future.set_exception(error)
+
         with self._condition:
             if self._idle > len(self._waiting):
                 self._waiting.append(job)
                 self._condition.notify()
             else:
-                thread = threading.Thread(
-                    target=self._work, args=([job],), name=self._name, daemon=True
-                )
-                thread.start()
+                work = partial(self._work, [job])
+                threading.Thread(target=work, name=self._name, daemon=True).start()
         return future
 
     def _work(self, jobs: list[_Job]) -> None:
@@ -54,11 +59,3 @@ class DaemonThreads(Executor):
                 self._idle -= 1
                 if self._waiting:
                     jobs.append(self._waiting.popleft())
-
-
-def _run(future: Future[Result], function: Callable[[], Result]) -> None:
-    if future.set_running_or_notify_cancel():
-        try:
-            future.set_result(function())
-        except BaseException as error:  # also what is no Exception: the thread goes on
-            future.set_exception(error)

@@ -7,18 +7,23 @@ while it draws: what runs in another process gets all of its time, and can be en
 from __future__ import annotations
 
 import itertools
+import os
 import threading
+import traceback
 import weakref
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext, suppress
+from contextvars import ContextVar
+from functools import partial
+from queue import Empty, SimpleQueue
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from abfm.errors import AbfmError
-from abfm.workers.control import Control, present_control
-from abfm.workers.messages import Answer, Order, Request, pack
-from abfm.workers.process import OwnProcess, ProcessEndedError
-from abfm.workers.progress import tell
+from abfm.workers.control import CancelledError, Control, controlled, present_control
+from abfm.workers.messages import Answer, Kind, Order, Request, pack
+from abfm.workers.process import OwnProcess, ProcessEndedError, Requests
+from abfm.workers.progress import tell, telling
 
 State = TypeVar("State")
 Result = TypeVar("Result")
@@ -26,6 +31,9 @@ Other = TypeVar("Other")
 Given = ParamSpec("Given")
 
 MODULE = "abfm.workers"
+# seconds for which reports wait for one another: each message costs the work the time of its own
+_TOGETHER = 0.02
+_report: ContextVar[Callable[[object], None]] = ContextVar("who is told of work on its way")
 
 
 class WorkerEndedError(AbfmError):
@@ -47,8 +55,13 @@ class Call(Generic[Result]):
         and ``on_report`` gets the reports. What is not waited for to its end is cancelled.
         """
         control, is_over = present_control(), False
+
+        def order(control: Control) -> None:
+            order = Order(self.number, control.paused, control.cancelled, control.brief)
+            self._connection.send_soon(order)
+
         try:
-            with control.watched(self._order) if control else nullcontext():
+            with control.watched(order) if control else nullcontext():
                 while True:
                     _, kind, parcel = self._connection.answer(self)
                     is_over = kind in ("value", "error")
@@ -74,14 +87,8 @@ class Call(Generic[Result]):
         *given: Given.args,
         **_: Given.kwargs,
     ) -> Call[Other]:
-        """Call another function in the same process at once, whatever it computes; not for long
-        ones.
-        """
+        """Call another, short function in the same process at once, whatever it computes."""
         return self._connection.call(function, given, True)
-
-    def _order(self, control: Control) -> None:
-        order = Order(self.number, control.paused, control.cancelled, control.brief)
-        self._connection.send_soon(order)
 
 
 def stateless() -> None:
@@ -139,7 +146,7 @@ class Worker(Generic[State]):
         with self._lock:
             self._closed = True
             if self._connection is not None:
-                self._connection.close()
+                self._connection.process.close()
 
 
 class _Connection:
@@ -204,10 +211,6 @@ class _Connection:
                     self._hand_out(answers or [])
                     self._arrived.notify_all()
 
-    def close(self) -> None:
-        """End the process at once."""
-        self.process.close()
-
     def _send(self, message: object) -> None:
         with suppress(ProcessEndedError):  # which is told when the answer does not come
             self.process.send(message)
@@ -230,3 +233,104 @@ class _Connection:
                 waits = is_step and number > answer.number and not call.is_aside
                 if waits or number == answer.number:
                     call.answers.append(answer)
+
+
+def report(content: object) -> None:
+    """Tell who waits for the present call something on its way."""
+    _report.get()(content)
+
+
+class Server:
+    """The process: one thread computes, one answers, this one listens, until nobody is there any
+    more, or no memory; the first message makes the state that all others are about.
+    """
+
+    def __init__(self) -> None:
+        self._requests = Requests()
+        self._state: Any = None
+        self._named: dict[str, Any] = {}  # of the latest request that had any
+        self._controls: dict[int, Control] = {}
+        self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._unsent: SimpleQueue[Answer] = SimpleQueue()
+        self._urgent = threading.Event()
+
+    def run(self) -> None:
+        """Take messages until nobody sends any, then end the process, whatever it computes."""
+        for work in (self._compute, self._send):
+            threading.Thread(target=_to_the_end, args=(work,), daemon=True).start()
+        _to_the_end(self._listen)
+
+    def _listen(self) -> None:
+        self._state = next(iter(self._requests), tuple)()
+        for message in self._requests:
+            match message:
+                case Order(number, paused, cancelled, brief):
+                    # of one that is over nothing is known
+                    control = self._controls.get(number, Control())
+                    control.cancel(brief) if cancelled else control.hold(paused)
+                case Request(number, parcel, aside):
+                    given, named = parcel.unpack(self._named)
+                    self._named = named or self._named
+                    self._controls[number] = Control()
+                    call = partial(self._call, number, named, *given)
+                    call() if aside else self._calls.put(call)
+
+    def _compute(self) -> None:
+        while True:
+            self._calls.get()()
+
+    def _call(
+        self,
+        number: int,
+        known: Mapping[str, Any],
+        function: Callable[..., Any],
+        given: tuple[Any, ...],
+    ) -> None:
+        def answer(kind: Kind, value: object) -> None:
+            self._unsent.put(Answer(number, kind, pack(value, known)[0]))
+            if kind != "report":
+                self._urgent.set()
+
+        reporting = _report.set(partial(answer, "report"))
+        try:
+            with telling(partial(answer, "step")), controlled(self._controls[number]):
+                value = function(self._state, *given)
+            answer("value", value)
+        except BaseException as error:  # also what is no Exception: else nobody would be answered
+            answer("error", _as_sent(error))
+        finally:
+            _report.reset(reporting)
+            del self._controls[number]
+
+    def _send(self) -> None:
+        """Send what is there all at once: a window that draws takes in few messages a second,
+        and none waits for it.
+        """
+        while True:
+            answers = [self._unsent.get()]
+            if answers[0].kind == "report":
+                self._urgent.wait(_TOGETHER)
+            self._urgent.clear()
+            with suppress(Empty):
+                while True:
+                    answers.append(self._unsent.get_nowait())
+            self._requests.answer(answers)
+
+
+def _to_the_end(work: Callable[[], None]) -> None:
+    """Work, and then end the process."""
+    try:
+        with suppress(BrokenPipeError):
+            work()
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(0)
+
+
+def _as_sent(error: BaseException) -> BaseException:
+    """Return an error without what it holds on to; a bug as what can surely be sent."""
+    if isinstance(error, AbfmError | MemoryError | CancelledError):
+        return error.with_traceback(None)
+    traceback.print_exception(error)
+    return RuntimeError(f"{type(error).__name__}: {error}")

@@ -16,7 +16,7 @@ import pytest
 
 from abfm import ResultError
 from abfm.io import check_writable, remove_temporary, temporary_folder, write_atomically
-from abfm.io.temporary import temporary_file
+from abfm.io.atomic import temporary_file
 
 
 def written(path: Path, text: str = "new") -> None:
@@ -122,7 +122,7 @@ def test_a_full_disk_leaves_the_old_file_whole(tmp_path):
 KILLED = """
 import os, sys
 from pathlib import Path
-from abfm.io.temporary import temporary_file, temporary_folder
+from abfm.io.atomic import temporary_file, temporary_folder
 place = Path(sys.argv[1])
 with temporary_file(place, ".npz") as file, temporary_folder(place) as folder:
     (folder / "frame").touch()

@@ -14,7 +14,7 @@ import pytest
 
 from abfm import Match, Parameters, ResultError, load_match, match
 from abfm.io import load_arrays
-from abfm.io.arrays import open_archive
+from abfm.io.results import open_archive
 from tests.core.reading.hostile import (
     bomb,
     load_or_refuse,

@@ -10,7 +10,7 @@ from typing import Any
 from abfm import FunctionError, TriangleMesh
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
-from abfm.workers.server import report
+from abfm.workers.worker import report
 
 
 class Notes:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from abfm.io.temporary import temporary_file
+from abfm.io.atomic import temporary_file
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Document, Surface
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
