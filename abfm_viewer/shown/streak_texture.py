@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.numerics.kernels import kernel
-from abfm.streaks.texels import FloatImage
+from abfm.streaks.line_integral import FloatImage
 from abfm.streaks.texture_atlas import TextureAtlas
 from abfm.types import FloatArray, IndexArray
 from abfm_viewer.appearance.colormaps import ColorRange, linear_table

@@ -48,7 +48,7 @@ CODES = [
     "import abfm.matching.match, abfm.matching.result",
     "from abfm import match, matching",
     "import abfm.functions, abfm.flow.advection",
-    "import abfm.flow.flow_lines, abfm.calculus.helmholtz_hodge, abfm.baselines.linear_blend",
+    "import abfm.flow.flow_lines, abfm.calculus.eigenbasis, abfm.baselines.linear_blend",
 ]
 _PUBLIC_NAMES = f"""
 import importlib, inspect, json, os

@@ -1,9 +1,6 @@
 from .channels import channels as channels
-from .commuting_fields import commuting_fields as commuting_fields
-from .commuting_fields import relative_bracket as relative_bracket
 from .eigenbasis import eigenbasis as eigenbasis
 from .geodesics import geodesic_distance as geodesic_distance
-from .helmholtz_hodge import helmholtz_hodge as helmholtz_hodge
 from .operators import averaging as averaging
 from .operators import cotangent_laplacian as cotangent_laplacian
 from .operators import curl as curl
@@ -17,9 +14,12 @@ from .operators import gradient as gradient
 from .operators import hodge_laplacian as hodge_laplacian
 from .operators import l2_norm as l2_norm
 from .operators import vertex_areas as vertex_areas
+from .vector_fields import commuting_fields as commuting_fields
 from .vector_fields import directional_derivative as directional_derivative
+from .vector_fields import helmholtz_hodge as helmholtz_hodge
 from .vector_fields import lie_bracket as lie_bracket
 from .vector_fields import lie_bracket_of as lie_bracket_of
 from .vector_fields import pushforward as pushforward
+from .vector_fields import relative_bracket as relative_bracket
 from .vector_fields import to_ambient as to_ambient
 from .vector_fields import to_frame as to_frame

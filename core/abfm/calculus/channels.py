@@ -1,12 +1,14 @@
-"""Functions as the solver keeps them: one row per channel."""
+"""Functions on vertices: as the solver keeps them, one row per channel, and filled in."""
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from abfm.errors import FunctionError
 from abfm.mesh import TriangleMesh
+from abfm.numerics.cholesky import factor
 from abfm.numerics.real_numbers import real_numbers
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 
 _LITTLE = 0.01  # of the values, as their range
 
@@ -36,11 +38,27 @@ def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
 
 
 def constant_part(f: FloatArray) -> float:
-    """Return the middle of the values of a function (V,) that varies little around it; of others 0.
-
-    What is computed to a fraction of the largest value, as a series that is cut off, is then left
-    with what varies.
+    """Return the middle of values (V,) that vary little around it, of others 0: without it, what is
+    computed to a fraction of the largest value is left with what varies.
     """
     low, high = float(f.min()), float(f.max())
     middle = low / 2 + high / 2
     return middle if high - low < _LITTLE * abs(middle) else 0.0
+
+
+def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:
+    """Keep the known values; every other vertex becomes the mean of its neighbours, (V,).
+
+    The harmonic extension on the mesh's graph: it never leaves the range of the known values, of
+    which there must be one.
+    """
+    if known.all():
+        return values
+    i, j = mesh.edges.T
+    ends, size = (np.r_[i, j], np.r_[j, i]), len(values)
+    adjacency = sparse.csr_array((np.ones(2 * len(i)), ends), shape=(size, size))
+    laplacian = sparse.csr_array(sparse.diags_array(adjacency.sum(axis=1)) - adjacency)
+    rows = laplacian[~known]
+    filled = values.copy()
+    filled[~known] = factor(rows[:, ~known])(-(rows[:, known] @ values[known]))
+    return filled

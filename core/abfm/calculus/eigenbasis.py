@@ -1,11 +1,13 @@
 """Eigenfunctions of the Laplace-Beltrami operator."""
 
+from typing import Any
+
 import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
-from abfm.errors import FunctionError, brief
+from abfm.errors import AbfmError, FunctionError, brief
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.cholesky import factor
 from abfm.numerics.real_numbers import is_whole_number
@@ -58,38 +60,33 @@ def _block(mesh: TriangleMesh, size: int) -> tuple[FloatArray, FloatArray]:
         values, vectors = (np.asarray(array, dtype=np.float64) for array in found)
     else:
         with step("computing eigenfunctions", count * size, f": {size}"):
-            values, vectors = _shift_invert(operator, size, shift=1 / mesh.length_scale**2)
+            shift = 1 / mesh.length_scale**2
+            solve = factor(sparse.csr_array(operator + shift * sparse.eye_array(count)))
+            inverse = LinearOperator((count, count), matvec=solve, dtype=np.float64)
+            values, vectors = lanczos(
+                operator, size, FunctionError, "eigenfunctions", sigma=-shift, OPinv=inverse
+            )
     order = np.argsort(values, kind="stable")
     functions = vectors[:, order] / root_mass[:, None]
-    functions *= _signs(functions, vertex_areas(mesh))
+    skewness, sizes = vertex_areas(mesh) @ functions**3, np.abs(functions)
+    first_large = np.argmax(sizes >= 0.5 * sizes.max(axis=0), axis=0)
+    fallback = functions[first_large, np.arange(functions.shape[1])]
+    is_skew = np.abs(skewness) > 1e-6 * (vertex_areas(mesh) @ sizes**3)
+    functions *= np.sign(np.where(is_skew, skewness, fallback))
     values = np.maximum(values[order], 0)
     values.flags.writeable = functions.flags.writeable = False
     return values, functions
 
 
-def _shift_invert(
-    operator: sparse.csr_array, size: int, shift: float
+def lanczos(
+    operator: Any, count: int, error: type[AbfmError], what: str, **options: Any
 ) -> tuple[FloatArray, FloatArray]:
-    """Run Lanczos on ``(operator + shift)^-1`` from a fixed start vector."""
-    count = operator.shape[0]
-    inverse = LinearOperator(
-        (count, count),
-        matvec=factor(sparse.csr_array(operator + shift * sparse.eye_array(count))),
-        dtype=np.float64,
-    )
-    start = np.sin(np.arange(1.0, count + 1))
+    """Return pairs as `eigsh`, from a fixed start vector, or raise the error by name."""
+    start = np.sin(np.arange(1.0, operator.shape[0] + 1))
     try:
-        values, vectors = eigsh(operator, k=size, sigma=-shift, OPinv=inverse, v0=start, rng=0)
-    except ArpackError as error:
-        raise FunctionError(
-            f"eigenfunctions: no convergence on this mesh ({error}); remesh its thin faces"
-        ) from error
-    return values, vectors
-
-
-def _signs(functions: FloatArray, areas: FloatArray) -> FloatArray:
-    skewness = areas @ functions**3
-    size = np.abs(functions)
-    first_large = np.argmax(size >= 0.5 * size.max(axis=0), axis=0)
-    fallback = functions[first_large, np.arange(functions.shape[1])]
-    return np.sign(np.where(np.abs(skewness) > 1e-6 * (areas @ size**3), skewness, fallback))
+        values, vectors = eigsh(operator, k=count, v0=start, rng=0, **options)
+    except ArpackError as problem:
+        raise error(
+            f"{what}: no convergence on this mesh ({problem}); remesh its thin faces"
+        ) from problem
+    return np.asarray(values), np.asarray(vectors)

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from abfm.calculus import face_kernels
-from abfm.calculus.face_kernels import FaceShapes
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.types import BoolArray, FloatArray, IntArray
+from abfm.numerics.kernels import kernel
+from abfm.types import BoolArray, FloatArray, IndexArray, IntArray
 
 Matrix = sparse.csr_array
 
@@ -24,13 +23,30 @@ Matrix = sparse.csr_array
 THINNEST = 1e-5
 
 
+class FaceShapes(NamedTuple):
+    """Shapes of faces."""
+
+    normals: FloatArray  # (F, 3), of length 1
+    areas: FloatArray  # (F,)
+    frames: FloatArray  # (F, 2, 3), the first axis along the first edge
+    gradients: FloatArray  # (F, 3, 2), of the hat functions of the corners
+
+
+class NormShapes(NamedTuple):
+    """Areas and gradients of the hat functions, for a norm of fields."""
+
+    areas: FloatArray  # (F,)
+    edge_areas: FloatArray  # (E,)
+    vertex_areas: FloatArray  # (V,)
+    gradients: FloatArray  # (F, 3, 2)
+
+
 @per_mesh
 def _shapes(mesh: TriangleMesh) -> FaceShapes:
     count = len(mesh.faces)
-    found = FaceShapes(
-        np.empty((count, 3)), np.empty(count), np.empty((count, 2, 3)), np.empty((count, 3, 2))
-    )
-    face_kernels.shapes(mesh.vertices, mesh.faces, found)
+    sizes = (count, 3), count, (count, 2, 3), (count, 3, 2)
+    found = FaceShapes(*(np.empty(size) for size in sizes))
+    shapes(mesh.vertices, mesh.faces, found)
     return found
 
 
@@ -44,35 +60,6 @@ def face_areas(mesh: TriangleMesh) -> FloatArray:
     return _shapes(mesh).areas
 
 
-@per_mesh
-def vertex_areas(mesh: TriangleMesh) -> FloatArray:
-    """Return vertex areas ``A_V``: a third of the adjacent faces' area, (V,). The diagonal of
-    ``G_V``.
-    """
-    return _gather(mesh.faces, face_areas(mesh) / 3, len(mesh.vertices))
-
-
-@per_mesh
-def edge_lengths(mesh: TriangleMesh) -> FloatArray:
-    """Return lengths of the edges, (E,)."""
-    return np.asarray(
-        np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1)
-    )
-
-
-@per_mesh
-def edge_areas(mesh: TriangleMesh) -> FloatArray:
-    """Return edge areas, a third of the adjacent faces', (E,): the exact Crouzeix-Raviart mass."""
-    return _gather(mesh.face_edges, face_areas(mesh) / 3, len(mesh.edges))
-
-
-def _gather(owners: IntArray, values: FloatArray, count: int) -> FloatArray:
-    """Sum a value per face over the three owners (F, 3) of each face, (count,)."""
-    return np.asarray(
-        np.bincount(owners.ravel(), np.repeat(values, 3), minlength=count), dtype=np.float64
-    )
-
-
 def face_frames(mesh: TriangleMesh) -> FloatArray:
     """Return right-handed orthonormal frames, (F, 2, 3), the first axis from corner 0 to 1."""
     return _shapes(mesh).frames
@@ -83,15 +70,29 @@ def hat_gradients(mesh: TriangleMesh) -> FloatArray:
     return _shapes(mesh).gradients
 
 
-class NormShapes(NamedTuple):
-    """Areas (F,), of edges (E,) and of vertices (V,), and gradients of the hat functions
-    (F, 3, 2).
-    """
+@per_mesh
+def vertex_areas(mesh: TriangleMesh) -> FloatArray:
+    """Return ``A_V``, the diagonal of ``G_V``: a third of the adjacent faces' area, (V,)."""
+    return _thirds(mesh.faces, face_areas(mesh), len(mesh.vertices))
 
-    areas: FloatArray
-    edge_areas: FloatArray
-    vertex_areas: FloatArray
-    gradients: FloatArray
+
+@per_mesh
+def edge_areas(mesh: TriangleMesh) -> FloatArray:
+    """Return edge areas, a third of the adjacent faces', (E,): the exact Crouzeix-Raviart mass."""
+    return _thirds(mesh.face_edges, face_areas(mesh), len(mesh.edges))
+
+
+def _thirds(owners: IntArray, areas: FloatArray, count: int) -> FloatArray:
+    """Give a third of each face's area to each of its three owners (F, 3), (count,)."""
+    found = np.bincount(owners.ravel(), np.repeat(areas / 3, 3), minlength=count)
+    return np.asarray(found, dtype=np.float64)
+
+
+@per_mesh
+def edge_lengths(mesh: TriangleMesh) -> FloatArray:
+    """Return lengths of the edges, (E,)."""
+    first, second = mesh.vertices[mesh.edges.T]
+    return np.asarray(np.linalg.norm(first - second, axis=1))
 
 
 @per_mesh
@@ -103,34 +104,26 @@ def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
     every bit is the mesh's own. The squares of thinner ones would be lost in the rounding of the
     matrices made of them, which then are not definite.
     """
-    areas, gradients = face_areas(mesh), hat_gradients(mesh)
+    areas, gradients = face_areas(mesh).copy(), hat_gradients(mesh).copy()
     steepest = (gradients**2).sum(axis=2).max(axis=1)  # one over the square of the height
     thickness = 1 / (2 * areas * steepest)
     thin = np.flatnonzero(thickness < THINNEST)
-    if not len(thin):
-        return NormShapes(areas, edge_areas(mesh), vertex_areas(mesh), gradients)
     stretch, some = THINNEST / thickness[thin], gradients[thin]
     corner = (some**2).sum(axis=2).argmax(axis=1)
     across = some[np.arange(len(thin)), corner] / np.sqrt(steepest[thin])[:, None]
     components = np.einsum("fck,fk->fc", some, across) * (1 - 1 / stretch)[:, None]
-    areas, gradients = areas.copy(), gradients.copy()
     areas[thin] *= stretch
     gradients[thin] -= components[:, :, None] * across[:, None, :]
-    return NormShapes(
-        areas,
-        _gather(mesh.face_edges, areas / 3, len(mesh.edges)),
-        _gather(mesh.faces, areas / 3, len(mesh.vertices)),
-        gradients,
-    )
+    of_edges = _thirds(mesh.face_edges, areas, len(mesh.edges))
+    return NormShapes(areas, of_edges, _thirds(mesh.faces, areas, len(mesh.vertices)), gradients)
 
 
 def _face_operator(mesh: TriangleMesh, values: FloatArray, columns: IntArray, width: int) -> Matrix:
     """Return the matrix with ``values[f, c, k]`` in row ``2 f + k``, column ``columns[f, c]``."""
-    rows = np.broadcast_to(
-        2 * np.arange(len(mesh.faces))[:, None, None] + np.arange(2), values.shape
-    )
+    height = 2 * len(mesh.faces)
+    rows = np.broadcast_to(np.arange(height).reshape(-1, 1, 2), values.shape)
     entries = (rows.ravel(), np.broadcast_to(columns[..., None], values.shape).ravel())
-    return Matrix((values.ravel(), entries), shape=(2 * len(mesh.faces), width))
+    return Matrix((values.ravel(), entries), shape=(height, width))
 
 
 @per_mesh
@@ -142,9 +135,7 @@ def gradient(mesh: TriangleMesh) -> Matrix:
 @per_mesh
 def edge_gradient(mesh: TriangleMesh) -> Matrix:
     """Return the broken gradient of edge (Crouzeix-Raviart) functions, ``psi_e = 1 - 2
-    phi_opposite``, (2F, E).
-
-    No boundary condition.
+    phi_opposite``, (2F, E). No boundary condition.
     """
     return _face_operator(mesh, -2 * hat_gradients(mesh), mesh.face_edges, len(mesh.edges))
 
@@ -165,16 +156,12 @@ def field_mass(mesh: TriangleMesh) -> Matrix:
 @per_mesh
 def averaging(mesh: TriangleMesh) -> Matrix:
     """Return ``I_V^F`` from faces to vertices, (V, F): ``A_F(j) / (3 A_V(i))`` where vertex i
-    belongs to face j.
-
-    Keeps constants and the integral. No boundary condition.
+    belongs to face j. Keeps constants and the integral. No boundary condition.
     """
-    count = len(mesh.faces)
-    weights = np.repeat(face_areas(mesh) / 3, 3) / vertex_areas(mesh)[mesh.faces.ravel()]
-    return Matrix(
-        (weights, (mesh.faces.ravel(), np.repeat(np.arange(count), 3))),
-        shape=(len(mesh.vertices), count),
-    )
+    count, corners = len(mesh.faces), mesh.faces.ravel()
+    weights = np.repeat(face_areas(mesh) / 3, 3) / vertex_areas(mesh)[corners]
+    entries = weights, (corners, np.repeat(np.arange(count), 3))
+    return Matrix(entries, shape=(len(mesh.vertices), count))
 
 
 @per_mesh
@@ -201,23 +188,20 @@ def curl(mesh: TriangleMesh) -> Matrix:
 @per_mesh
 def cotangent_laplacian(mesh: TriangleMesh) -> Matrix:
     """Return the stiffness matrix ``grad^T G_F grad`` (cotangent weights), (V, V), positive
-    semidefinite.
-
-    The Laplace-Beltrami operator of the paper is ``-G_V^-1`` times it. Natural (Neumann) boundary
+    semidefinite: ``-G_V`` times the paper's Laplace-Beltrami operator. Natural (Neumann) boundary
     condition.
     """
     return stiffness(hat_gradients(mesh), face_areas(mesh), mesh.faces, len(mesh.vertices))
 
 
 def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, count: int) -> Matrix:
-    """Return ``sum_f w_f <grad phi_a, grad phi_b>`` of the hat functions with gradients (F, 3, 2),
-    for weights (F,).
+    """Return ``sum_f w_f <grad phi_a, grad phi_b>`` of the hat functions with gradients (F, 3, 2).
 
     Row and column of a corner are its owner (F, 3): its vertex, or, for a quarter of the form on
     edge functions, the edge opposite to it.
     """
     entries = np.empty((len(owners), 3, 3))
-    face_kernels.stiffnesses(gradients, weights, entries)
+    stiffnesses(gradients, weights, entries)
     small = owners.astype(np.int32)
     rows, columns = np.repeat(small, 3, axis=1), np.tile(small, (1, 3))
     return Matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count))
@@ -225,8 +209,8 @@ def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, coun
 
 @per_mesh
 def hodge_gradients(mesh: TriangleMesh) -> tuple[Matrix, Matrix]:
-    """Return ``(A, B)``: gradients whose ranges are the curl-free and the divergence-free fields of
-    the mixed Hodge form.
+    """Return ``(A, B)``, whose ranges are the curl-free and the divergence-free fields of the mixed
+    Hodge form.
 
     ``A`` (2F, E) is the broken gradient of edge functions, ``B`` (2F, V') the rotated gradient of
     the functions on the V' vertices off the boundary. Then ``A^T G_F B = 0`` to rounding, and
@@ -255,9 +239,7 @@ def hodge_laplacian(mesh: TriangleMesh) -> Matrix:
 
 def vector_norm_matrix(mesh: TriangleMesh, alpha: float) -> Matrix:
     """Return ``G_F D_alpha`` with ``D_alpha = id + alpha Delta_H``, (2F, 2F), symmetric positive
-    definite (section 3).
-
-    Boundary condition of `hodge_laplacian`: ``v . n = 0`` and ``curl v = 0``.
+    definite (section 3). Boundary condition of `hodge_laplacian`.
     """
     return Matrix(field_mass(mesh) + alpha * hodge_laplacian(mesh))
 
@@ -266,15 +248,10 @@ def function_norm_matrix(
     mesh: TriangleMesh, beta: float, weight: ArrayLike | None = None
 ) -> Matrix:
     """Return ``G_V C_beta`` with ``C_beta = id - beta Delta_LB``, (V, V), symmetric positive
-    (semi)definite (section 3).
+    (semi)definite (section 3). Natural (Neumann) boundary condition.
 
-    Natural (Neumann) boundary condition.
-
-    Parameters
-    ----------
-    weight : (V,) array, optional
-        Non-negative weight ``w`` of the mismatch: ``int w (f^2 + beta |grad f|^2)``. A face has the
-        least weight of its corners, so that values where ``w`` is zero do not matter at all.
+    A non-negative weight ``w`` (V,) of the mismatch makes it ``int w (f^2 + beta |grad f|^2)``; a
+    face has the least weight of its corners, so that values where ``w`` is zero do not matter.
     """
     areas, face_weight = vertex_areas(mesh), face_areas(mesh)
     if weight is not None:
@@ -290,3 +267,39 @@ def l2_norm(mesh: TriangleMesh, f: FloatArray, mask: FloatArray | BoolArray | No
     """Return ``||f||`` in L2 on the surface, all channels of ``f`` (V,) or (V, C) together."""
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     return float(np.sqrt((areas * (f.T**2)).sum()))
+
+
+@kernel
+def shapes(vertices: FloatArray, faces: IndexArray, found: FaceShapes) -> None:
+    """Compute the shapes of faces (F, 3)."""
+    normals, areas, frames, gradients = found
+    for f in range(faces.shape[0]):
+        a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
+        x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        u, v, w = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        i, j, k = y * w - z * v, z * u - x * w, x * v - y * u
+        twice = np.sqrt(i * i + j * j + k * k)
+        base = np.sqrt(x * x + y * y + z * z)
+        normals[f, 0], normals[f, 1], normals[f, 2] = i / twice, j / twice, k / twice
+        areas[f] = 0.5 * twice
+        n, e = normals[f], frames[f]
+        e[0, 0], e[0, 1], e[0, 2] = x / base, y / base, z / base
+        e[1, 0] = n[1] * e[0, 2] - n[2] * e[0, 1]
+        e[1, 1] = n[2] * e[0, 0] - n[0] * e[0, 2]
+        e[1, 2] = n[0] * e[0, 1] - n[1] * e[0, 0]
+        along = u * e[0, 0] + v * e[0, 1] + w * e[0, 2]
+        height = u * e[1, 0] + v * e[1, 1] + w * e[1, 2]
+        g = gradients[f]
+        g[0, 0], g[0, 1] = -height / twice, (along - base) / twice
+        g[1, 0], g[1, 1] = height / twice, -along / twice
+        g[2, 0], g[2, 1] = 0.0, base / twice
+
+
+@kernel
+def stiffnesses(gradients: FloatArray, weights: FloatArray, out: FloatArray) -> None:
+    """Compute weighted products of the gradients of each face's three hat functions, (F, 3, 3)."""
+    for f in range(weights.size):
+        g = gradients[f]
+        for a in range(3):
+            for b in range(3):
+                out[f, a, b] = weights[f] * (g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1])

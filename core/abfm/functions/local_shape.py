@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import igl
 import numpy as np
 
-from abfm.calculus.extension import extend
+from abfm.calculus.channels import extend
 from abfm.calculus.operators import cotangent_laplacian, face_areas, face_normals
 from abfm.errors import FunctionError
 from abfm.functions.family import Family, choice, parameter

@@ -7,20 +7,31 @@ made continuous, and the noise belongs to places in space, so that streaks know 
 texture's pieces nor of the mesh's.
 """
 
+import math
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.operators import face_areas
 from abfm.calculus.vector_fields import check_field, to_ambient, to_frame
 from abfm.errors import ParameterError, one_line
-from abfm.flow.continuous_flow import SmoothFlow, smooth_flow
+from abfm.flow.continuous_flow import (
+    Face,
+    SmoothFlow,
+    Walker,
+    midpoint,
+    smooth_flow,
+    vector_at,
+    walk_straight,
+)
 from abfm.mesh import TriangleMesh
+from abfm.numerics.kernels import kernel
 from abfm.numerics.real_numbers import real_numbers
-from abfm.streaks import streamlines
-from abfm.streaks.texels import Canvas, FloatImage, fill_gaps, fill_margins
 from abfm.streaks.texture_atlas import TextureAtlas, texture_atlas
-from abfm.types import FloatArray
+from abfm.types import FloatArray, IndexArray
 
+FloatImage = NDArray[np.float32]
 GREY = 0.5
 _STEP = 1.5  # of a walk, in grains
 _STRIDE = 1.2  # between places where noise is read and texels are served, in texels; at most
@@ -31,6 +42,11 @@ _CALM = 1e-9  # of the largest speed: below, there is no direction
 _SLOWER = 0.98  # part of the area that is slower than where the contrast is full, if it fades
 _LEAST_TEXELS = 1.5  # in a grain
 _SAMPLE = 7  # every so many texels tell the contrast
+_ROUNDING = 1e-9
+# steps, beyond those convolved, by which a streamline grows, and how often at most
+_CHUNK, _CHUNKS = 4, 12
+_NEW = 255  # of texels that no streamline has met
+_WORTH = 8  # it grows while one in so many texels is new
 _TILT = np.linalg.qr(np.array([[3.0, 1.0, 2.0], [-1.0, 4.0, 1.0], [1.0, -2.0, 5.0]]))[0]
 _SHIFT = np.array([0.317, 0.541, 0.733])  # so that no plane of a mesh is one between cells of noise
 
@@ -46,21 +62,17 @@ def line_integral_convolution(
     fade: bool = False,
     phase: ArrayLike | None = None,
 ) -> tuple[TextureAtlas, FloatImage]:
-    """Return a grey texture with streaks along a field.
+    """Return a grey texture of ``size`` texels a side with streaks along a field.
 
     Parameters
     ----------
     velocity : (F, 3) array
         Tangent vectors; only their directions matter, unless the contrast is to fade. A normal part
         is dropped.
-    size : int
-        Texels along a side of the texture.
     length : float
         How far noise is smeared, in units of the square root of the area.
     width : float
         Of the streaks, in the same units, but at least about two texels.
-    seed : int
-        Of the noise.
     fade : bool
         Whether the contrast is proportional to the speed of the continuous field: none where it is
         zero, and full from the speed on that is exceeded on a fiftieth of the area.
@@ -97,45 +109,36 @@ def line_integral_convolution(
     speeds = np.linalg.norm(field, axis=1)
     images = np.zeros((phases.size, size * size), dtype=np.float32)
     if speeds.any():
-        owners = atlas.texel_faces.ravel()
-        # of texels; some are finer
-        spacing = mesh.length_scale / float(np.sqrt((owners >= 0).sum()))
-        grain = max(width * mesh.length_scale, _LEAST_TEXELS * spacing)
-        flow = smooth_flow(mesh, field, grain)
+        owners, scale = atlas.texel_faces.ravel(), mesh.length_scale
+        spacing = scale / float(np.sqrt((owners >= 0).sum()))  # of texels; some are finer
+        grain = max(width * scale, _LEAST_TEXELS * spacing)
+        flow, areas = smooth_flow(mesh, field, grain), face_areas(mesh) / grain**2
         places = mesh.vertices @ _TILT / grain + _SHIFT
-        areas = face_areas(mesh) / grain**2
-        canvas = Canvas(
-            places, mesh.faces, areas, flow.neighbours, atlas.corners, owners, atlas.size
-        )
-        charts = _charts(places[mesh.faces], atlas.corners, flow)
-        weights = _kernels(
-            length * mesh.length_scale / (_STEP * grain), None if phase is None else phases.ravel()
+        canvas = Canvas(places, mesh.faces, areas, flow.neighbours, atlas.corners, owners, size)
+        # places in space and texture as ``a + b x + c y`` of those in frames
+        corners = np.concatenate([places[mesh.faces], atlas.corners], axis=2)
+        slopes = np.einsum("fiq,fik->fqk", corners, flow.gradients)
+        charts = np.concatenate([corners[:, 0, :, None], slopes], axis=2)
+        weights = _window(
+            length * scale / (_STEP * grain), None if phase is None else phases.ravel()
         )
         parts = max(int(np.ceil(_STEP * grain / (_STRIDE * spacing))), _LEAST_PARTS)
         calm, done = _CALM * float(speeds.max()), np.zeros(len(owners), dtype=bool)
-        lines = streamlines.Streamlines(flow, canvas, charts, _STEP, parts, calm, int(seed) % 2**63)
-        streamlines.convolve(lines, weights, done, images)
+        lines = Streamlines(flow, canvas, charts, _STEP, parts, calm, int(seed) % 2**63)
+        convolve(lines, weights, done, images)
         fill_gaps(canvas, done, images)
         dark, bright = np.percentile(images[0, done][::_SAMPLE], _CONTRAST)
         fill_margins(canvas, done, images)
-        streamlines.sharpen(1 / max(bright - dark, 1e-12), images)
+        sharpen(1 / max(bright - dark, 1e-12), images)
         if fade:
             fast = np.quantile(speeds, _SLOWER, weights=areas, method="inverted_cdf")
-            streamlines.dim(canvas, flow, 1 / float(fast), images)
+            dim(canvas, flow, 1 / float(fast), images)
     images = images.reshape(*phases.shape, size, size)
     images += np.float32(GREY)
     return atlas, images
 
 
-def _charts(places: FloatArray, texels: FloatArray, flow: SmoothFlow) -> FloatArray:
-    """Return places in space and texture as ``a + b x + c y`` of those in frames, (F, 5, 3)."""
-    corners = np.concatenate([places, texels], axis=2)
-    return np.concatenate(
-        [corners[:, 0, :, None], np.einsum("fiq,fik->fqk", corners, flow.gradients)], axis=2
-    )
-
-
-def _kernels(steps: float, phases: FloatArray | None) -> FloatArray:
+def _window(steps: float, phases: FloatArray | None) -> FloatArray:
     """Return weights (P, K) along a streamline, of equal norm: Hann's window, or Hann's ripples
     that move under it.
 
@@ -147,3 +150,400 @@ def _kernels(steps: float, phases: FloatArray | None) -> FloatArray:
     if phases is not None:
         weights = weights * (1 + np.cos(_RIPPLES * along + 2 * np.pi * phases[:, None]))
     return np.asarray(weights / np.linalg.norm(weights, axis=1, keepdims=True))
+
+
+class Canvas(NamedTuple):
+    """A mesh and its texture."""
+
+    vertices: FloatArray  # (V, 3), in units of the texel length
+    faces: IndexArray  # (F, 3)
+    areas: FloatArray  # (F,)
+    # (F, 3), slot 3 f + k across the edge opposite each corner, -1 on the boundary
+    neighbours: IndexArray
+    corners: FloatArray  # (F, 3, 2), where the corners of each face lie, column and row in texels
+    owners: IndexArray  # (texels,), face of each texel, row by row, or -1
+    size: int  # texels in a row
+
+
+class Streamlines(NamedTuple):
+    """A field to walk along in equal steps, and the texture in which texels are met."""
+
+    flow: SmoothFlow
+    canvas: Canvas
+    # (F, 5, 3), where a place (x, y) of a face is, as ``a + b x + c y``: three coordinates in
+    # space, column and row in texels
+    charts: FloatArray
+    step: float
+    parts: int  # of a step, in which it is walked, and texels are served
+    calm: float  # speed up to which there is no direction
+    seed: int  # of the noise
+
+
+class Track(NamedTuple):
+    """What was met ahead and back from the middle of the arrays, in ``n`` steps of ``m`` parts."""
+
+    noise: FloatArray  # (2 n,), on average over each step
+    texels: IndexArray  # (2 n m + 1,), after each part of a step; -1 behind the end
+    misses: IndexArray  # (2 n m + 1,) of uint8, how far from their centres: squared, from 1 to 201
+    place: FloatArray  # (3,), where in space a walk is,
+    onward: FloatArray  # (3,), and the last part of a step, by which noise goes on behind its end
+
+
+@kernel
+def direction(flow: SmoothFlow, walker: Walker, step: float, calm: float) -> Walker:
+    """Turn a walker's way into its next step by the midpoint rule, backwards where ``step`` is
+    negative; zero where the field is calm or turns against the way before.
+    """
+    f, x, y, before_x, before_y = walker
+    u, v = vector_at(flow, f, x, y)
+    speed = math.copysign(math.sqrt(u * u + v * v), step)
+    if abs(speed) <= calm or (before_x * u + before_y * v) * speed < 0.0:
+        return Walker(f, x, y, 0.0, 0.0)
+    length = abs(step) / speed
+    first = Walker(f, x, y, u * length, v * length)
+    g, _, _, r, s = midpoint(flow, first, 1.0, False)
+    speed = math.sqrt(r * r + s * s)
+    if g < 0 or speed <= calm:
+        return first
+    length = step / speed
+    if (first.u * r + first.v * s) * length <= 0.0:
+        return Walker(f, x, y, 0.0, 0.0)
+    return Walker(f, x, y, r * length, s * length)
+
+
+@kernel
+def follow(
+    lines: Streamlines, walker: Walker, ahead: int, steps: tuple[int, int], track: Track
+) -> Walker:
+    """Go on with a walk from a step to another, ``ahead`` 1 or back -1, and keep its track.
+
+    Where the walk ends, at a boundary or where the field has no direction, the noise goes straight
+    on in space, so that there is as much of it everywhere.
+    """
+    flow, charts, size, parts = lines.flow, lines.charts, lines.canvas.size, lines.parts
+    place, step, calm = track.place, ahead * lines.step, lines.calm
+    middle = track.noise.size // 2
+    for j in range(steps[0], steps[1]):
+        if walker.face >= 0:
+            f, x, y, u, v = direction(flow, walker, step, calm)
+            u, v = u / parts, v / parts
+            if u == 0.0 and v == 0.0:
+                walker = Walker(-1, x, y, u, v)
+            else:
+                walker = Walker(f, x, y, u, v)
+                for k in range(3):
+                    track.onward[k] = u * charts[f, k, 1] + v * charts[f, k, 2]
+        at = (middle + ahead * j) * parts
+        total = 0.0
+        for _ in range(parts):
+            at += ahead
+            if walker.face >= 0:
+                walker = walk_straight(flow, walker)
+            if walker.face >= 0:
+                f, x, y, _, _ = walker
+                column = charts[f, 3, 0] + x * charts[f, 3, 1] + y * charts[f, 3, 2]
+                row = charts[f, 4, 0] + x * charts[f, 4, 1] + y * charts[f, 4, 2]
+                track.texels[at] = size * int(row) + int(column)
+                off = (column - int(column) - 0.5) ** 2 + (row - int(row) - 0.5) ** 2
+                track.misses[at] = np.uint8(1.0 + 400.0 * off)
+                put(charts, f, x, y, place)
+            else:
+                track.texels[at] = -1
+                for k in range(3):
+                    place[k] += track.onward[k]
+            total += hashed(place, lines.seed)
+        track.noise[middle + j if ahead > 0 else middle - 1 - j] = total / parts
+    return walker
+
+
+@kernel
+def hashed(place: FloatArray, seed: int) -> float:
+    """Return the random number from -1 to 1 that belongs to the cell of a place (3,)."""
+    h = (np.uint64(seed) + np.uint64(1)) * np.uint64(0xD1B54A32D192ED03)
+    h ^= h >> np.uint64(32)
+    for k in range(3):
+        h = (h ^ np.uint64(math.floor(place[k]))) * np.uint64(0x9E3779B97F4A7C15)
+        h ^= h >> np.uint64(29)
+    h *= np.uint64(0xBF58476D1CE4E5B9)
+    return float(np.int64(h)) * 2.0**-63
+
+
+@kernel
+def put(charts: FloatArray, f: Face, x: float, y: float, place: FloatArray) -> None:
+    """Set ``place`` (3,) to where a place of a face is in space."""
+    for k in range(3):
+        place[k] = charts[f, k, 0] + x * charts[f, k, 1] + y * charts[f, k, 2]
+
+
+@kernel
+def texel_place(canvas: Canvas, flow: SmoothFlow, texel: int, b: FloatArray) -> tuple[float, float]:
+    """Return a texel's centre in the frame of its face; its weights are written into ``b`` (3,)."""
+    f = canvas.owners[texel]
+    weigh_texel(canvas, texel, b)
+    g = flow.gradients
+    area = g[f, 1, 0] * g[f, 2, 1] - g[f, 1, 1] * g[f, 2, 0]
+    x, y = b[1] * g[f, 2, 1] - b[2] * g[f, 1, 1], b[2] * g[f, 1, 0] - b[1] * g[f, 2, 0]
+    return x / area, y / area
+
+
+@kernel
+def smeared(weights: FloatArray, picture: int, noise: FloatArray, start: int) -> float:
+    """Return the product of a row of weights and the noise from a start, in four lanes."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    count = weights.shape[1]
+    whole = (count // 4) * 4
+    for k in range(0, whole, 4):
+        a += weights[picture, k] * noise[start + k]
+        b += weights[picture, k + 1] * noise[start + k + 1]
+        c += weights[picture, k + 2] * noise[start + k + 2]
+        d += weights[picture, k + 3] * noise[start + k + 3]
+    for k in range(whole, count):
+        a += weights[picture, k] * noise[start + k]
+    return a + b + c + d
+
+
+@kernel
+def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: FloatImage) -> None:
+    """Convolve noise along streamlines, with ``weights`` (P, K), into ``images`` (P, texels).
+
+    Fills the texels whose centre is in their face, marked in ``done`` (texels,). Each streamline
+    serves the texels that it meets, as far as enough of them are new, unless another one came
+    nearer to their centres. No streamline is worth its time where texels on both sides are known.
+    """
+    half = weights.shape[1] // 2
+    most = half + _CHUNK * _CHUNKS
+    middle, nodes = most * lines.parts, 2 * most * lines.parts + 1
+    texels, misses = np.empty(nodes, dtype=np.int64), np.empty(nodes, dtype=np.uint8)
+    track = Track(np.empty(2 * most), texels, misses, np.empty(3), np.empty(3))
+    values, reach = np.empty((weights.shape[0], 2 * most + 1)), np.empty(2, dtype=np.int64)
+    nearest = np.empty(done.size, dtype=np.uint8)
+    mark_new(lines, nearest, done)
+    b = np.empty(3)
+    for texel in range(done.size):
+        if nearest[texel] != _NEW or between_known(lines.canvas, nearest, texel):
+            continue
+        f = lines.canvas.owners[texel]
+        x, y = texel_place(lines.canvas, lines.flow, texel, b)
+        u, v = vector_at(lines.flow, f, x, y)
+        if u * u + v * v <= lines.calm * lines.calm:
+            nearest[texel], done[texel] = 0, True
+            continue
+        track.texels[middle], track.misses[middle] = texel, 1
+        for side in range(2):
+            put(lines.charts, f, x, y, track.place)
+            start = Walker(np.int64(f), x, y, 0.0, 0.0)
+            reach[side] = grow(lines, start, 1 - 2 * side, (half, most), (track, nearest))
+        for i in range(most - reach[1], most + reach[0] + 1):
+            for picture in range(weights.shape[0]):
+                values[picture, i] = smeared(weights, picture, track.noise, i - half)
+        first, last = middle - reach[1] * lines.parts, middle + reach[0] * lines.parts
+        serve((first, last, lines.parts), track, nearest, values, images)
+    for texel in range(done.size):
+        done[texel] = done[texel] or 0 < nearest[texel] < _NEW
+
+
+@kernel
+def mark_new(lines: Streamlines, nearest: IndexArray, done: IndexArray) -> None:
+    """Mark texels whose centre is in their face as new, or as done where there is no field."""
+    b = np.empty(3)
+    for texel in range(done.size):
+        f = lines.canvas.owners[texel]
+        inside = f >= 0 and weigh_texel(lines.canvas, texel, b)
+        done[texel] = inside and not lines.flow.vectors[f].any()
+        nearest[texel] = _NEW if inside and not done[texel] else 0
+
+
+@kernel
+def grow(
+    lines: Streamlines,
+    walker: Walker,
+    ahead: int,
+    lengths: tuple[int, int],
+    met: tuple[Track, IndexArray],
+) -> int:
+    """Walk to one side, half the window and as many steps more as find enough new texels, which are
+    returned; all within ``lengths``.
+    """
+    half, most = lengths
+    track, nearest = met
+    known, steps = 0, _CHUNK
+    while known < half + steps:
+        walker = follow(lines, walker, ahead, (known, half + steps), track)
+        known = half + steps
+        middle, new = (track.noise.size // 2) * lines.parts, 0
+        for part in range((steps - _CHUNK) * lines.parts + 1, steps * lines.parts + 1):
+            texel = track.texels[middle + ahead * part]
+            if texel >= 0 and nearest[texel] == _NEW:
+                new += 1
+        if known < most and _WORTH * new >= _CHUNK * lines.parts:
+            steps += _CHUNK
+    return steps
+
+
+@kernel
+def serve(
+    nodes: tuple[int, int, int],
+    track: Track,
+    nearest: IndexArray,
+    values: FloatArray,
+    images: FloatImage,
+) -> None:
+    """Give a track's texels, from first to last node, their values where it came nearest."""
+    first, last, parts = nodes
+    for i in range(first, last + 1):
+        target = track.texels[i]
+        if target < 0 or track.misses[i] >= nearest[target]:
+            continue
+        nearest[target] = track.misses[i]
+        before, share = i // parts, (i % parts) / parts
+        after = before + (1 if share > 0.0 else 0)
+        for picture in range(values.shape[0]):
+            low, high = values[picture, before], values[picture, after]
+            images[picture, target] = (1.0 - share) * low + share * high
+
+
+@kernel
+def sharpen(factor: float, images: FloatImage) -> None:
+    """Map values (P, texels), after a factor, along half a wave of the sine, and clip them."""
+    for picture in range(images.shape[0]):
+        for texel in range(images.shape[1]):
+            share = min(max(images[picture, texel] * factor, -0.5), 0.5)
+            images[picture, texel] = 0.5 * math.sin(math.pi * share)
+
+
+@kernel
+def dim(canvas: Canvas, flow: SmoothFlow, factor: float, images: FloatImage) -> None:
+    """Multiply the texels of ``images`` (P, texels) by a factor times the speed, at most 1."""
+    b = np.empty(3)
+    for texel in range(canvas.owners.size):
+        f = canvas.owners[texel]
+        if f >= 0:
+            x, y = texel_place(canvas, flow, texel, b)
+            u, v = vector_at(flow, f, x, y)
+            share = min(factor * math.sqrt(u * u + v * v), 1.0)
+            for picture in range(images.shape[0]):
+                images[picture, texel] *= share
+
+
+@kernel
+def weigh_texel(canvas: Canvas, texel: int, b: FloatArray) -> bool:
+    """Compute barycentric weights of a texel's centre in its face; says whether it is inside."""
+    f = canvas.owners[texel]
+    corners = canvas.corners[f]
+    u0, u1 = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
+    v0, v1 = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
+    p0, p1 = texel % canvas.size + 0.5 - corners[0, 0], texel // canvas.size + 0.5 - corners[0, 1]
+    area = u0 * v1 - u1 * v0
+    b[1] = (p0 * v1 - p1 * v0) / area
+    b[2] = (u0 * p1 - u1 * p0) / area
+    b[0] = 1.0 - b[1] - b[2]
+    inside: bool = min(b[0], b[1], b[2]) >= -_ROUNDING
+    return inside
+
+
+@kernel
+def between_known(canvas: Canvas, nearest: IndexArray, texel: int) -> bool:
+    """Say whether two opposite neighbours are of the same face and known: 1 to 254."""
+    for away in (1, canvas.size):
+        count = 0
+        for other in (texel - away, texel + away):
+            if (
+                0 <= other < nearest.size
+                and canvas.owners[other] == canvas.owners[texel]
+                and 0 < nearest[other] < 255
+            ):
+                count += 1
+        if count == 2:
+            return True
+    return False
+
+
+@kernel
+def clip(b: FloatArray) -> None:
+    """Move weights into the triangle."""
+    total = 0.0
+    for i in range(3):
+        b[i] = max(b[i], 0.0)
+        total += b[i]
+    for i in range(3):
+        b[i] /= total
+
+
+@kernel
+def unfold(canvas: Canvas, f: int, b: FloatArray) -> int:
+    """Rewrite weights of a place around face ``f`` for that behind an edge; returns which, or ``f``
+    where nothing lies behind it.
+    """
+    c = 0
+    for i in range(1, 3):
+        if b[i] < b[c]:
+            c = i
+    slot = canvas.neighbours[f, c]
+    if b[c] >= 0.0 or slot < 0:
+        clip(b)
+        return f
+    i, j, k = canvas.faces[f, (c + 1) % 3], canvas.faces[f, (c + 2) % 3], canvas.faces[f, c]
+    g: int = slot // 3
+    o = canvas.faces[g, slot % 3]
+    ee, ek, eo = 0.0, 0.0, 0.0
+    for x in range(3):
+        start = canvas.vertices[i, x]
+        edge = canvas.vertices[j, x] - start
+        ee += edge * edge
+        ek += edge * (canvas.vertices[k, x] - start)
+        eo += edge * (canvas.vertices[o, x] - start)
+    depth = -b[c] * canvas.areas[f] / canvas.areas[g]
+    along = b[(c + 2) % 3] + b[c] * ek / ee - depth * eo / ee
+    b[slot % 3] = depth
+    b[(slot + 1) % 3] = along
+    b[(slot + 2) % 3] = 1.0 - depth - along
+    clip(b)
+    return g
+
+
+@kernel
+def fill_gaps(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
+    """Give texels inside triangles that are not ``done`` the mean of their neighbours."""
+    b = np.empty(3)
+    for texel in range(done.size):
+        if canvas.owners[texel] < 0 or done[texel] or not weigh_texel(canvas, texel, b):
+            continue
+        known = [
+            other
+            for other in (texel - 1, texel + 1, texel - canvas.size, texel + canvas.size)
+            if 0 <= other < done.size
+            and canvas.owners[other] == canvas.owners[texel]
+            and done[other]
+        ]
+        for other in known:
+            for picture in range(images.shape[0]):
+                images[picture, texel] += images[picture, other] / len(known)
+        done[texel] = True
+
+
+@kernel
+def fill_margins(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
+    """Give texels around each triangle what lies behind its edge, from those ``done``."""
+    b = np.empty(3)
+    for texel in range(done.size):
+        if canvas.owners[texel] < 0 or done[texel]:
+            continue
+        weigh_texel(canvas, texel, b)
+        g = unfold(canvas, canvas.owners[texel], b)
+        x, y = -0.5, -0.5
+        for i in range(3):
+            x += b[i] * canvas.corners[g, i, 0]
+            y += b[i] * canvas.corners[g, i, 1]
+        column, row = math.floor(x), math.floor(y)
+        total = 0.0
+        for corner in range(4):
+            i, j = column + corner % 2, row + corner // 2
+            other = j * canvas.size + i
+            if i < canvas.size and other < done.size and canvas.owners[other] == g and done[other]:
+                weight = max(1.0 - abs(x - i), _ROUNDING) * max(1.0 - abs(y - j), _ROUNDING)
+                total += weight
+                for picture in range(images.shape[0]):
+                    images[picture, texel] += weight * images[picture, other]
+        if total > 0.0:
+            for picture in range(images.shape[0]):
+                images[picture, texel] /= total

@@ -10,8 +10,8 @@ from abfm.calculus.channels import channels
 from abfm.calculus.operators import edge_lengths
 from abfm.errors import ParameterError
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.streaks import texels
-from abfm.types import FloatArray, IntArray
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray, IntArray
 
 LARGEST_SIZE = 16384
 """Texels along a side that graphics cards take."""
@@ -42,14 +42,7 @@ class TextureAtlas:
         return self.corners.reshape(-1, 2) / self.size
 
     def affine(self, h: ArrayLike) -> FloatArray:
-        """Return a vertex function (V,) in texels' coordinates: ``a + b x + c y`` in each face, (F,
-        3).
-
-        Raises
-        ------
-        FunctionError
-            If ``h`` does not fit the mesh.
-        """
+        """Return a vertex function (V,) as ``a + b x + c y`` in texels, for each face, (F, 3)."""
         h0, h1, h2 = channels(self.mesh, h, "h")[0][self.mesh.faces].T
         origin, first, second = np.moveaxis(self.corners, 1, 0)
         u, v = first - origin, second - origin
@@ -61,17 +54,13 @@ class TextureAtlas:
 
 
 def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
-    """Lay out the triangles of a mesh in a square texture (made once per mesh and size).
+    """Lay out the triangles of a mesh in a square texture of ``size`` texels a side, up to 16384;
+    about 2 texels per face are the least, 100 show detail. Made once per mesh and size.
 
     Each triangle becomes a right triangle: the longest edge the hypotenuse, the legs as long in
     texels as the other two edges in units of ``texel_length``, but at least one texel. Two of like
     size share a rectangle, and all texels that linear filtering reads for a triangle are its own,
     so that no seams show.
-
-    Parameters
-    ----------
-    size : int
-        Texels along a side, up to 16384. About 2 texels per face are the least, 100 show detail.
 
     Raises
     ------
@@ -94,7 +83,10 @@ def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
 
 @per_mesh
 def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
-    order, legs = _legs(mesh)
+    # first the corner opposite the longest edge, then the farther and the nearer of the others
+    edges = edge_lengths(mesh)[mesh.face_edges]
+    by_edge = np.argsort(edges, axis=1, kind="stable")
+    order, legs = by_edge[:, [2, 0, 1]], np.take_along_axis(edges, by_edge[:, [1, 0]], axis=1)
     area = float((legs[:, 0] * legs[:, 1]).sum()) / 2
     fine, coarse = np.sqrt(area) / size, float(legs.max())
     for _ in range(_ROUNDS):
@@ -105,35 +97,22 @@ def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
     owners = np.full(2 * len(sides), -1)
     owners[:count] = sequence
     faces = np.full((size, size), -1, dtype=np.int32)
-    texels.halve_rectangles(corners, sides[:, 0], sides[:, 1], owners.reshape(-1, 2), faces)
+    halve_rectangles(corners, sides, owners.reshape(-1, 2), faces)
 
     aspect = sides[:, ::-1] / sides
     lengths = sides - 1 - _MARGIN - (1 + _MARGIN) / aspect
     roots = np.stack([corners + _MARGIN, corners + sides - _MARGIN], axis=1).reshape(-1, 2)[:count]
     steps = np.stack([lengths, -lengths], axis=1).reshape(-1, 2)[:count]
-    ends = steps[:, None] * np.eye(2)
+    legs_of = np.concatenate([np.zeros((count, 1, 2)), steps[:, None] * np.eye(2)], axis=1)
     places = np.empty((count, 3, 2))
-    rows = sequence[:, None]
-    places[rows, order[sequence]] = roots[:, None] + np.concatenate(
-        [np.zeros((count, 1, 2)), ends], axis=1
-    )
+    places[sequence[:, None], order[sequence]] = roots[:, None] + legs_of
     return TextureAtlas(mesh, size, coarse, places, faces)
 
 
-def _legs(mesh: TriangleMesh) -> tuple[IntArray, FloatArray]:
-    """Return corners of each face (F, 3), first the one opposite the longest edge, then the farther
-    and the nearer of the others; and how far from the first these are, (F, 2).
-    """
-    edges = edge_lengths(mesh)[mesh.face_edges]
-    by_edge = np.argsort(edges, axis=1, kind="stable")
-    return by_edge[:, [2, 0, 1]], np.take_along_axis(edges, by_edge[:, [1, 0]], axis=1)
-
-
 def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArray]:
-    """Pair triangles with legs (F, 2) in texels, the longer first, and set their rectangles into a
-    square texture.
+    """Pair triangles with legs (F, 2) in texels, the longer first, and set their rectangles.
 
-    Returns whether all have room; the faces, two after two; and width and height (n, 2) and lower
+    Returns whether all have room; the faces, two after two; and widths and heights (n, 2) and lower
     left corners (n, 2) of the rectangles.
     """
     lost = 1 + _MARGIN
@@ -145,5 +124,33 @@ def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArr
     padded = np.concatenate([sides[sequence], np.zeros((len(sides) % 2, 2), dtype=np.int16)])
     rectangles = padded.reshape(-1, 2, 2).max(axis=1).astype(np.int64)
     corners = np.empty_like(rectangles)
-    fits = texels.set_on_shelves(rectangles[:, 0].copy(), rectangles[:, 1].copy(), size, corners)
-    return bool(fits), sequence, rectangles, corners
+    return set_on_shelves(rectangles, size, corners), sequence, rectangles, corners
+
+
+@kernel
+def set_on_shelves(sides: IndexArray, size: int, corners: IndexArray) -> bool:
+    """Set rectangles of descending height on shelves of a square; says whether they have room."""
+    x, y, shelf = 0, 0, 0
+    for i in range(sides.shape[0]):
+        width, height = sides[i, 0], sides[i, 1]
+        if x + width > size:
+            x, y, shelf = 0, y + shelf, 0
+        shelf = max(shelf, height)
+        if width > size or y + shelf > size:
+            return False
+        corners[i, 0], corners[i, 1] = x, y
+        x += width
+    return True
+
+
+@kernel
+def halve_rectangles(
+    corners: IndexArray, sides: IndexArray, owners: IndexArray, texels: IndexArray
+) -> None:
+    """Give the texels of rectangles to two owners (n, 2), below and above the falling diagonal."""
+    for i in range(sides.shape[0]):
+        w, h = sides[i, 0], sides[i, 1]
+        for row in range(h):
+            for column in range(w):
+                above = (2 * column + 1) * h + (2 * row + 1) * w > 2 * w * h
+                texels[corners[i, 1] + row, corners[i, 0] + column] = owners[i, 1 if above else 0]

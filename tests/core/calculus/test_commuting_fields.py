@@ -6,8 +6,14 @@ from scipy import linalg
 from scipy.spatial.transform import Rotation
 
 from abfm.calculus import operators as op
-from abfm.calculus.commuting_fields import commuting_fields, relative_bracket
-from abfm.calculus.vector_fields import lie_bracket, lie_bracket_of, to_ambient, to_frame
+from abfm.calculus.vector_fields import (
+    commuting_fields,
+    lie_bracket,
+    lie_bracket_of,
+    relative_bracket,
+    to_ambient,
+    to_frame,
+)
 from abfm.errors import ParameterError
 from tests.core import torus_calculus as exact
 from tests.core.fields import rotation_field, tangent, wavy_field

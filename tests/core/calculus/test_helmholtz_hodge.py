@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from abfm.calculus import operators as op
-from abfm.calculus.helmholtz_hodge import helmholtz_hodge
-from abfm.calculus.vector_fields import to_frame
+from abfm.calculus.vector_fields import helmholtz_hodge, to_frame
 from abfm.errors import ParameterError
 from abfm.mesh import TriangleMesh
 from tests.core import torus_calculus as exact

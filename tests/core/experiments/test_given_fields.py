@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.calculus import operators as op
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.calculus.helmholtz_hodge import helmholtz_hodge
 from abfm.calculus.vector_fields import (
     directional_derivative,
+    helmholtz_hodge,
     lie_bracket_of,
     to_ambient,
     to_frame,

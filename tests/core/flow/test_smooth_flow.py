@@ -11,7 +11,7 @@ from abfm.flow.continuous_flow import SmoothFlow, Walker, smooth_flow, walk_stra
 from abfm.flow.flow_lines import flow_lines
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
-from abfm.streaks.streamlines import direction
+from abfm.streaks.line_integral import direction
 from abfm.types import FloatArray
 from tests.core.fields import rotation_field, wavy_field
 from tests.shapes import icosphere, open_cylinder, square, torus

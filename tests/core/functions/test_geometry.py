@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
-from abfm.calculus.extension import extend
+from abfm.calculus.channels import extend
 from abfm.calculus.geodesics import geodesic_distance
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import FunctionError

@@ -14,8 +14,7 @@ from abfm.errors import ParameterError
 from abfm.flow.flow_lines import flow_lines
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
-from abfm.streaks.line_integral import line_integral_convolution
-from abfm.streaks.texels import FloatImage
+from abfm.streaks.line_integral import FloatImage, line_integral_convolution
 from abfm.streaks.texture_atlas import TextureAtlas
 from abfm.types import FloatArray
 from tests.core.fields import rotation_field, tangent, wavy_field

@@ -10,9 +10,8 @@ import pytest
 
 import abfm
 from abfm import AbfmError, Parameters
-from abfm.calculus.commuting_fields import commuting_fields, relative_bracket
 from abfm.calculus.operators import gradient
-from abfm.calculus.vector_fields import pushforward, to_ambient
+from abfm.calculus.vector_fields import commuting_fields, pushforward, relative_bracket, to_ambient
 from abfm_viewer.appearance.colormaps import color_range, linear_table
 from abfm_viewer.shown import field_quantities
 from abfm_viewer.shown.field_quantities import carried_gradient

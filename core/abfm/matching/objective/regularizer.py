@@ -17,16 +17,16 @@ from copy import copy
 import numpy as np
 from scipy import sparse
 
-from abfm.calculus import face_kernels
-from abfm.calculus.face_kernels import FaceSlopes
-from abfm.calculus.operators import (
-    Matrix,
-    mollified_shapes,
-    stiffness,
-)
+from abfm.calculus.operators import Matrix, mollified_shapes, stiffness
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import Solve, factor
-from abfm.types import FloatArray, IntArray
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray, IntArray
+
+# Gradients (F, 3, 2) of the corners' hat functions, edges opposite to corners (F, 3), and vertices
+# (F, 3). Edge functions have -2 times the gradient of the corner opposite; gradients of vertex
+# functions are turned by a right angle, so that the two are orthogonal.
+Slopes = tuple[FloatArray, IndexArray, IndexArray]
 
 # mass over stiffness of an edge or a vertex, from which on a factorisation is surely definite
 _LEAST_SHARE = 1e-13
@@ -50,7 +50,7 @@ class Regularizer:
         shapes = mollified_shapes(mesh)
         self._areas, self._gradients = shapes.areas, shapes.gradients
         self._edges, self._vertices = mesh.face_edges, mesh.faces
-        self._slopes = FaceSlopes(self._gradients, self._edges, self._vertices)
+        self._slopes = self._gradients, self._edges, self._vertices
         self._inner = ~mesh.is_boundary_vertex
         self._masses = (
             self._definite(shapes.edge_areas, self._edges, 4),
@@ -132,14 +132,14 @@ class Regularizer:
     def _products(self, momentum: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``A^T m`` (E,) and ``B^T m`` (V,), also on the boundary."""
         of_edges, of_vertices = (np.zeros(len(masses)) for masses in self._masses)
-        face_kernels.add_products(self._slopes, momentum, of_edges, of_vertices)
+        add_products(self._slopes, momentum, of_edges, of_vertices)
         return of_edges, of_vertices
 
     def _add_gradients(
         self, on_edges: FloatArray, on_vertices: FloatArray, factors: FloatArray, field: FloatArray
     ) -> None:
         """Add ``A a + B b`` to a field (F, 2), times a factor for each face."""
-        face_kernels.add_gradients(self._slopes, on_edges, on_vertices, factors, field)
+        add_gradients(self._slopes, on_edges, on_vertices, factors, field)
 
 
 def regularizer(mesh: TriangleMesh, alpha: float, order: int = 1) -> Regularizer:
@@ -150,3 +150,37 @@ def regularizer(mesh: TriangleMesh, alpha: float, order: int = 1) -> Regularizer
     if latest is None or latest.alpha != alpha:
         latest = mesh.cache["regularizer"] = Regularizer(mesh, alpha, order)
     return latest if latest.order == order else latest.of_order(order)
+
+
+@kernel
+def add_products(
+    slopes: Slopes, v: FloatArray, of_edges: FloatArray, of_vertices: FloatArray
+) -> None:
+    """Add to edges and vertices the products of a field (F, 2) with their functions' gradients."""
+    gradients, edges, vertices = slopes
+    for f in range(edges.shape[0]):
+        for c in range(3):
+            x, y = gradients[f, c, 0], gradients[f, c, 1]
+            of_edges[edges[f, c]] -= 2.0 * (x * v[f, 0] + y * v[f, 1])
+            of_vertices[vertices[f, c]] += x * v[f, 1] - y * v[f, 0]
+
+
+@kernel
+def add_gradients(
+    slopes: Slopes,
+    on_edges: FloatArray,
+    on_vertices: FloatArray,
+    factors: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Add to a field (F, 2) gradients of functions on edges and vertices, times factors (F,)."""
+    gradients, edges, vertices = slopes
+    for f in range(edges.shape[0]):
+        first, second = 0.0, 0.0
+        for c in range(3):
+            x, y = gradients[f, c, 0], gradients[f, c, 1]
+            edge, vertex = -2.0 * on_edges[edges[f, c]], on_vertices[vertices[f, c]]
+            first += edge * x - vertex * y
+            second += edge * y + vertex * x
+        out[f, 0] += factors[f] * first
+        out[f, 1] += factors[f] * second
