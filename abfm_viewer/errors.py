@@ -1,17 +1,14 @@
 """What can go wrong in the viewer besides bad input."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from typing import Any
+
+import lazy_loader
 
 from abfm.errors import AbfmError
 
-_OF_THE_APP = {
-    "av": "PyAV",
-    "matplotlib": "Matplotlib",
-    "PIL": "Pillow",
-    "platformdirs": "platformdirs",
-    "polyscope": "polyscope",
-}
+_OF_THE_APP = {"av": "PyAV", "matplotlib": "Matplotlib", "PIL": "Pillow"}
+_OF_THE_APP |= {name: name for name in ("platformdirs", "polyscope")}
 
 
 class DrawingError(AbfmError):
@@ -24,21 +21,26 @@ class DriverError(AbfmError):
     """
 
 
-@contextmanager
-def app_installed() -> Iterator[None]:
-    """Tell in one line what to install where a package that only the app needs is missing.
+def app_room(
+    name: str, file: str
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return a room's `__getattr__`, `__dir__` and `__all__`: the names of its stub are loaded when
+    they are first used.
 
-    Raises
-    ------
-    DrawingError
-        In place of a `ModuleNotFoundError` for one of them.
+    Where a package that only the app needs is missing, that is a `DrawingError`, which says in one
+    line what to install.
     """
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        missing = _OF_THE_APP.get((error.name or "").partition(".")[0])
-        if missing is None:
-            raise
-        raise DrawingError(
-            f"the window and its pictures need {missing}; type: pip install 'abfm[app]'"
-        ) from None
+    load, names, every = lazy_loader.attach_stub(name, file)
+
+    def get(attribute: str) -> Any:
+        try:
+            return load(attribute)
+        except ModuleNotFoundError as error:
+            missing = _OF_THE_APP.get((error.name or "").partition(".")[0])
+            if missing is None:
+                raise
+            raise DrawingError(
+                f"the window and its pictures need {missing}; type: pip install 'abfm[app]'"
+            ) from None
+
+    return get, names, every

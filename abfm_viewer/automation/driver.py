@@ -6,20 +6,24 @@ so what works here works by hand. Labels are exactly what the user reads on the 
 
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Self
 
+import numpy as np
+
 from abfm import TriangleMesh
-from abfm_viewer.automation import aim
+from abfm.types import FloatArray
 from abfm_viewer.automation.input_events import InputEvents, Place
 from abfm_viewer.automation.widget_search import WidgetSearch, middle
-from abfm_viewer.document.document import SIDES
+from abfm_viewer.document.document import SIDES, Front, Look, triple
 from abfm_viewer.errors import DriverError as DriverError
 from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
+from abfm_viewer.scene.scene import Hit
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import KINDS, Widget, WidgetKind
 from abfm_viewer.window.open_window import open_window
@@ -29,6 +33,9 @@ _SECONDS_TO_OPEN = 120.0
 _BEYOND = 10.0  # pixels
 _FRAMES_TO_A_TOOLTIP = 30
 _GRAB_PADDING = 2.0  # pixels, ImGui's own
+_ZOOMS = (1.0, 4.0)  # at which to look for a vertex
+_REACH = 12.0  # pixels from a vertex within which it is found where nothing is drawn
+_SHIFT = ("shift",)
 
 
 class Driver:
@@ -87,9 +94,10 @@ class Driver:
             folder = Path(self._closing.enter_context(tempfile.TemporaryDirectory()))
         try:
             self.window = open_window(self._mesh, self._backend, self._size, folder)
-            self._closing.callback(self._close)
+            self._closing.callback(self.input.let_go)
+            self._closing.callback(self.window.close)
             if self._backend == "openGL_mock":
-                self.window.scene.pick = partial(aim.nearest_vertex, self.window)
+                self.window.scene.pick = self._nearest_vertex
             self.session = self.window.session
             self.search = WidgetSearch(self.window, self.input)
             self.wait(lambda s: all(s.values(side) is not None for side in SIDES), _SECONDS_TO_OPEN)
@@ -100,12 +108,6 @@ class Driver:
 
     def __exit__(self, *error: object) -> None:
         self._closing.close()
-
-    def _close(self) -> None:
-        try:
-            self.window.close()
-        finally:
-            self.input.let_go()
 
     # Frames
 
@@ -168,11 +170,11 @@ class Driver:
         section, group, menu or dialog, where it is there twice. Raises DriverError, as all that
         takes a label, if there is no such widget, it is grey, or the label ambiguous.
         """
-        self._click(self.search.find(label, within, _CLICKABLE))
+        self._click(label, within, _CLICKABLE)
 
     def double_click(self, label: str, within: str = "") -> None:
         """Click twice, quickly."""
-        self._click(self.search.find(label, within, _CLICKABLE), count=2)
+        self._click(label, within, _CLICKABLE, count=2)
 
     def hover(self, label: str, within: str = "") -> None:
         """Hold the mouse over a widget until its tooltip is there."""
@@ -182,11 +184,11 @@ class Driver:
     def menu(self, *labels: str) -> None:
         """Open menus and click on the last label: `menu("View", "Layout", "column")`."""
         for within, label in pairwise(("", *labels)):
-            self._click(self.search.find(label, within, ("menu", "item")))
+            self._click(label, within, ("menu", "item"))
 
     def type(self, label: str, text: str, within: str = "", enter: bool = True) -> None:
         """Replace the text of a box, and press Enter unless told not to."""
-        self._click(self.search.find(label, within, ("box",)))
+        self._click(label, within, ("box",))
         self.input.key("ctrl+a")
         self.input.write(text) if text else self.input.key("backspace")
         if enter:
@@ -211,29 +213,33 @@ class Driver:
 
     def choose(self, label: str, choice: str, within: str = "") -> None:
         """Choose one of a combo's words."""
-        combo = self.search.find(label, within, ("combo",))
-        self._click(combo)
-        self._click(self.search.find(choice, combo.name or combo.label, ("choice",)))
+        combo = self._click(label, within, ("combo",))
+        self._click(choice, combo.name or combo.label, ("choice",))
 
     def check(self, label: str, on: bool = True, within: str = "") -> None:
         """Tick a checkbox, or take the tick away."""
         widget = self.search.find(label, within, ("checkbox",))
         if (widget.text == "on") != on:
-            self._click(widget)
+            self._click_on(widget)
 
     def key(self, chord: str) -> None:
         """Press a key: "space", "ctrl+z", "f1", "a", ...; DriverError if there is no such key."""
         self.input.key(chord)
 
-    def _click(self, widget: Widget, count: int = 1) -> None:
+    def _click(
+        self, label: str, within: str, kinds: Sequence[WidgetKind], count: int = 1
+    ) -> Widget:
+        widget = self.search.find(label, within, kinds)
+        self._click_on(widget, count)
+        return widget
+
+    def _click_on(self, widget: Widget, count: int = 1) -> None:
         self.search.point_at(widget, _handle)
         self.input.click(count)
 
     # Surfaces
 
-    def pick(
-        self, vertex: int, surface: str = "source", modifiers: Sequence[str] = ("shift",)
-    ) -> None:
+    def pick(self, vertex: int, surface: str = "source", modifiers: Sequence[str] = _SHIFT) -> None:
         """Click on a vertex, numbered as in the mesh file; with Shift, as by default, this moves
         the active Gaussian.
 
@@ -243,37 +249,95 @@ class Driver:
         self.drag_on_surface([vertex], surface, modifiers)
 
     def drag_on_surface(
-        self,
-        vertices: Sequence[int],
-        surface: str = "source",
-        modifiers: Sequence[str] = ("shift",),
+        self, vertices: Sequence[int], surface: str = "source", modifiers: Sequence[str] = _SHIFT
     ) -> None:
         """Press the mouse on the first vertex, as `pick` does, and drag it over the others."""
-        with aim.aimed(self.window, vertices, surface) as places:
-            self._hold_and_do(modifiers, lambda: self.input.drag(*places))
+        with self._aimed(vertices, surface, modifiers) as places:
+            self.input.drag(*places)
 
     def wheel(
-        self,
-        turns: float,
-        vertex: int,
-        surface: str = "source",
-        modifiers: Sequence[str] = ("shift",),
+        self, turns: float, vertex: int, surface: str = "source", modifiers: Sequence[str] = _SHIFT
     ) -> None:
         """Turn the wheel over a vertex; with Shift, as by default, this widens a Gaussian."""
-
-        def turn() -> None:
+        with self._aimed([vertex], surface, modifiers) as places:
             self.input.move(*places[0])
             self.input.wheel(turns)
 
-        with aim.aimed(self.window, [vertex], surface) as places:
-            self._hold_and_do(modifiers, turn)
+    def place(self, vertex: int, surface: str) -> Place:
+        """Return where a vertex, numbered as in the mesh file, is in the window."""
+        x, y, _ = self.window.scene.projected(surface, self._position(vertex, surface))[0]
+        return float(x), float(y)
 
-    def _hold_and_do(self, modifiers: Sequence[str], act: Callable[[], None]) -> None:
-        for modifier in modifiers:
-            self.input.hold(modifier, True)
-        act()
-        for modifier in modifiers:
-            self.input.hold(modifier, False)
+    @contextmanager
+    def _aimed(
+        self, vertices: Sequence[int], surface: str, modifiers: Sequence[str]
+    ) -> Iterator[list[Place]]:
+        """Give the places of vertices, the first one turned to the front for the block if need be,
+        in which modifiers are held.
+        """
+        self.window.tick()
+        before = self.session.view.look
+        turned = self._turn_to(vertices[0], surface)
+        try:
+            places = [self.place(vertex, surface) for vertex in vertices]
+            with self.input.holding(modifiers):
+                yield places
+        finally:
+            if turned:
+                self._look(before)
+        self.window.tick()
+
+    def _turn_to(self, vertex: int, surface: str) -> bool:
+        """Turn the surfaces so that a vertex can be clicked on; whether that was needed."""
+        if self._sees(vertex, surface):
+            return False
+        mesh, before = self.session.surface(surface).mesh, self.session.view.look
+        target = triple(self._position(vertex, surface))
+        for direction in _directions(mesh, mesh.local_vertex(vertex)):
+            axis = np.eye(3)[1] if abs(direction[1]) < 0.9 else np.eye(3)[2]
+            up = axis - (axis @ direction) * direction
+            up /= np.linalg.norm(up)
+            for zoom in _ZOOMS:
+                self._look(Look(Front(triple(direction), triple(up)), zoom, target))
+                self.window.tick()
+                if self._sees(vertex, surface):
+                    return True
+        self._look(before)
+        raise DriverError(
+            f"vertex {vertex} of the {surface} is hidden from all sides: pick another"
+        )
+
+    def _look(self, look: Look | None) -> None:
+        self.session.editor.amend(view=replace(self.session.view, look=look))
+
+    def _position(self, vertex: int, surface: str) -> FloatArray:
+        shown, mesh = self.window.scene.shown, self.session.surface(surface).mesh
+        if surface not in shown:
+            raise DriverError(f"there is no surface {surface!r}; surfaces are {', '.join(shown)}")
+        position: FloatArray = mesh.vertices[mesh.local_vertex(vertex)]
+        return position
+
+    def _sees(self, vertex: int, surface: str) -> bool:
+        x, y = self.place(vertex, surface)
+        left, top, right, bottom = self.window.scene.view.slots[surface].rect
+        if not (left < x < right and top < y < bottom):
+            return False
+        hit = self.window.scene.pick((x, y))
+        local = self.session.surface(surface).mesh.local_vertex(vertex)
+        return hit is not None and (hit.surface, hit.vertex) == (surface, local)
+
+    def _nearest_vertex(self, position: Place) -> Hit | None:
+        """Return the vertex drawn nearest to a place: for backends that draw nothing to pick."""
+        scene, hits = self.window.scene, []
+        for surface in scene.shown:
+            mesh = self.session.surface(surface).mesh
+            x, y, depth = scene.projected(surface, mesh.vertices).T
+            distances = np.hypot(x - position[0], y - position[1])
+            near = np.flatnonzero((distances <= max(distances.min(), 1)) & (distances < _REACH))
+            if len(near):
+                vertex = near[np.argmin(depth[near])]
+                hits.append((distances[vertex], scene.nearest(surface, mesh.vertices[vertex])))
+        return min(hits, key=lambda hit: hit[0])[1] if hits else None
 
 
 def _handle(widget: Widget) -> Place:
@@ -286,7 +350,19 @@ def _handle(widget: Widget) -> Place:
 
 def _on_slider(widget: Widget, value: float) -> Place:
     """Return where on a slider a value is; ImGui leaves half the grab free at both ends."""
-    share = widget.ends.share_of(value)
     left, _, right, _ = widget.rect
     inset = widget.grab / 2 + _GRAB_PADDING
-    return left + inset + share * (right - left - 2 * inset), middle(widget)[1]
+    along = widget.ends.share_of(value) * (right - left - 2 * inset)
+    return left + inset + along, middle(widget)[1]
+
+
+def _directions(mesh: TriangleMesh, vertex: int) -> FloatArray:
+    """Return unit vectors to look from at a vertex: its normal first, and others around it."""
+    corners = mesh.vertices[mesh.faces[(mesh.faces == vertex).any(axis=1)]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
+    normal /= max(float(np.linalg.norm(normal)), 1e-300)
+    around = np.random.default_rng(0).normal(size=(24, 3))
+    tilted = normal + 0.8 * around / np.linalg.norm(around, axis=1)[:, None]
+    directions = np.concatenate([normal[None], tilted])
+    facing: FloatArray = directions / np.linalg.norm(directions, axis=1)[:, None]
+    return facing

@@ -1,6 +1,7 @@
 """A mouse and a keyboard for programs: ImGui's input events, with a frame drawn after each."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 
 import polyscope.imgui as imgui
@@ -78,6 +79,14 @@ class InputEvents:
             imgui.GetIO().AddKeyEvent(key, down)
         self._frames(1)
 
+    @contextmanager
+    def holding(self, modifiers: Sequence[str]) -> Iterator[None]:
+        for modifier in modifiers:
+            self.hold(modifier, True)
+        yield
+        for modifier in modifiers:
+            self.hold(modifier, False)
+
     def key(self, chord: str) -> None:
         """Press and release a key such as "space", "ctrl+z" or "a"; DriverError if none is."""
         *modifiers, name = chord.lower().split("+")
@@ -89,20 +98,15 @@ class InputEvents:
             raise DriverError(
                 f"there is no key {chord!r}; keys are such as space, ctrl+z, left, enter, f1, a"
             ) from None
-        for modifier in held:
-            self.hold(modifier, True)
-        imgui.GetIO().AddKeyEvent(code, True)
-        self._frames(1)
-        imgui.GetIO().AddKeyEvent(code, False)
-        for modifier in held:
-            self.hold(modifier, False)
+        with self.holding(held):
+            imgui.GetIO().AddKeyEvent(code, True)
+            self._frames(1)
+            imgui.GetIO().AddKeyEvent(code, False)
         self._frames(2)
 
     def let_go(self) -> None:
         """Release everything, which also takes the keyboard from boxes and closes menus, and move
-        the mouse away.
-
-        To be called when nothing is drawn any more that a click could hit.
+        the mouse away: when nothing is drawn any more that a click could hit.
         """
         for button in range(3):
             imgui.GetIO().AddMouseButtonEvent(button, False)

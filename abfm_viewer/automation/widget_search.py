@@ -45,16 +45,24 @@ class WidgetSearch:
         """Move the mouse to a place of a widget, which may move as things above it change."""
         for _ in range(_MOST_CHASES):
             self._input.move(*place(widget))
-            again = self._again(widget)
-            if again is None or again.rect == widget.rect:
+            before, widget = widget, self._again(widget) or widget
+            if widget.rect == before.rect:
                 return
-            widget = again
 
-    def drawn(
-        self, label: str, within: str = "", kinds: Sequence[WidgetKind] | None = None
-    ) -> Widget | None:
-        """Return a label's widget in the latest frame; DriverError if several are enabled."""
-        usable = self._candidates(label, within, kinds)
+    def _named(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget | None:
+        """Return a label's widget in the latest frame; DriverError if several are enabled.
+
+        It means no tab, as the button Match is none, nor what is grey, if there is anything else.
+        """
+        found = [
+            widget
+            for widget in self._drawn()
+            if widget.is_called(label)
+            and (not kinds or widget.kind in kinds)
+            and (not within or widget.is_within(within))
+        ]
+        found = [widget for widget in found if widget.kind != "tab"] or found
+        usable = [widget for widget in found if widget.enabled] or found
         if not usable:
             return None
         if len({widget.section for widget in usable}) > 1:
@@ -66,20 +74,6 @@ class WidgetSearch:
         sections = ", ".join(map(repr, dict.fromkeys(widget.section for widget in usable)))
         raise DriverError(f"{label!r} is there {len(usable)} times, in {sections}: {hint}")
 
-    def _candidates(
-        self, label: str, within: str, kinds: Sequence[WidgetKind] | None
-    ) -> list[Widget]:
-        """Return what a label may mean: no tab, as the button Match is none, nor what is grey, if
-        there is anything else.
-        """
-        found = [widget for widget in self._drawn() if widget.is_called(label)]
-        if kinds:
-            found = [widget for widget in found if widget.kind in kinds]
-        if within:
-            found = [widget for widget in found if widget.is_within(within)]
-        found = [widget for widget in found if widget.kind != "tab"] or found
-        return [widget for widget in found if widget.enabled] or found
-
     def _drawn(self, kind: WidgetKind | None = None) -> list[Widget]:
         """Return the widgets, or those of a kind, in the latest frame."""
         widgets = self._window.ui.widgets
@@ -88,7 +82,7 @@ class WidgetSearch:
     def _sought(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget:
         seen: dict[str, None] = {}  # labels, in their order
         for _ in chain([None], self._frames_of_a_dialog(), self._openings(within, kinds)):
-            if (widget := self.drawn(label, within, kinds)) is not None:
+            if (widget := self._named(label, within, kinds)) is not None:
                 return widget
             for widget in self._drawn():
                 seen |= dict.fromkeys(filter(None, (widget.label, widget.name)))
@@ -118,16 +112,16 @@ class WidgetSearch:
         for menu in self._drawn("menu"):
             if menu.section or not menu.enabled:
                 continue
-            self._open(menu)
+            self._press(menu)
             yield
             for submenu in self._drawn("menu"):
                 if submenu.section == menu.label:
-                    self._open(submenu)
+                    self._press(submenu)
                     yield
             self._input.key("esc")
             self._input.key("esc")
 
-    def _open(self, widget: Widget) -> None:
+    def _press(self, widget: Widget) -> None:
         self._input.move(*middle(widget))
         self._input.click()
 
@@ -148,12 +142,12 @@ class WidgetSearch:
         tabs = [tab for tab in self._drawn("tab") if tab.enabled]
         for tab in sorted(tabs, key=lambda tab: tab.label != within):
             if tab.text == "closed":
-                self._open(tab)
+                self._press(tab)
                 yield
                 yield from self._open_sections(within, set())
         for tab in tabs:
             if tab.text == "open":
-                self._open(tab)
+                self._press(tab)
 
     def _toggle(self, section: Widget) -> None:
         self.point_at(self._scrolled_to(section), partial(middle, share=0.2))
@@ -166,9 +160,10 @@ class WidgetSearch:
         """Return the widget after the part of the window that it is in was scrolled to show it."""
         for turn in range(_MOST_TURNS):
             left, top, right, bottom = widget.area
-            beyond = max(top - widget.rect[1], 0.0) or min(bottom - widget.rect[3], 0.0)
-            fits = widget.rect[3] - widget.rect[1] <= bottom - top
-            if beyond == 0 or (not fits and top <= middle(widget)[1] <= bottom):
+            _, upper, _, lower = widget.rect
+            beyond = max(top - upper, 0.0) or min(bottom - lower, 0.0)
+            is_higher = lower - upper > bottom - top
+            if beyond == 0 or (is_higher and top <= middle(widget)[1] <= bottom):
                 return widget
             self._input.move(left + 0.02 * (right - left), (top + bottom) / 2)
             turns = max(abs(beyond) / _PIXELS_PER_TURN, 0.3)

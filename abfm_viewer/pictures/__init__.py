@@ -1,14 +1,5 @@
 """Pictures off the screen: of documents, sheets, movies, figures."""
 
-from typing import Any
+from abfm_viewer.errors import app_room
 
-import lazy_loader
-
-from abfm_viewer.errors import app_installed
-
-_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-
-
-def __getattr__(name: str) -> Any:
-    with app_installed():
-        return _load(name)
+__getattr__, __dir__, __all__ = app_room(__name__, __file__)

@@ -1,17 +1,24 @@
-"""Pictures of any size off the screen: every pixel is the mean of several samples."""
+"""Pictures of any size off the screen, every pixel the mean of several samples, and what is written
+on them.
+"""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 from abfm.types import FloatArray
+from abfm_viewer.appearance.colormaps import table
+from abfm_viewer.appearance.theme import Color
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.scene import opengl
+from abfm_viewer.scene.annotations import Line, Part, Pen, Strip, Text
 from abfm_viewer.scene.opengl import ps
 
 Pixels = NDArray[np.uint8]
+Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 # samples along a side of a pixel, and the most of them in a picture
 _MOST_SAMPLES = {4: 40e6, 3: 80e6, 2: 140e6}
@@ -83,3 +90,44 @@ def _without_black(colors: Pixels, alpha: Pixels) -> Pixels:
 
 def _mapped(luminance: FloatArray) -> FloatArray:
     return luminance * (1 + luminance / _WHITE**2) / (1 + luminance)
+
+
+def letter(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font) -> None:
+    """Write texts and draw colour bars, as they were laid out for a pen of a font."""
+    for part in parts:
+        if isinstance(part, Text):
+            _write(picture, part, pen, font)
+        elif isinstance(part, Line):
+            width = max(round(part.width), 1)
+            ImageDraw.Draw(picture).line(part.points, fill=rgb(part.color), width=width)
+        else:
+            _color(picture, part)
+
+
+def _color(picture: Image.Image, strip: Strip) -> None:
+    left, top, right, bottom = map(round, strip.rect)
+    length, across = (bottom - top, right - left) if strip.upright else (right - left, bottom - top)
+    row = np.round(255 * table(strip.colormap, max(length, 2))).astype(np.uint8)
+    colors = Image.fromarray(np.tile(row, (across, 1, 1)))
+    if strip.upright:
+        colors = colors.transpose(Image.Transpose.ROTATE_90)
+    picture.paste(colors, (left, top))
+
+
+def _write(picture: Image.Image, text: Text, pen: Pen, font: Font) -> None:
+    """Write a text on a layer of its colour, so that its edges fade to nothing else."""
+    left, top, color = round(text.left), round(text.top), rgb(text.color)
+    size = round(pen.width(text.text)) + 2, round(pen.line) + 2
+    layer = Image.new("RGBA", size, (*color, 0))
+    ImageDraw.Draw(layer).text((0, 0), text.text, fill=(*color, 255), font=font, anchor="la")
+    if picture.mode == "RGBA":
+        hidden = min(max(-left, 0), layer.width), min(max(-top, 0), layer.height)
+        picture.alpha_composite(layer, (max(left, 0), max(top, 0)), hidden)
+    else:
+        picture.paste(layer, (left, top), layer)
+
+
+def rgb(color: Color) -> tuple[int, int, int]:
+    """A colour of the theme as pictures have it, without alpha."""
+    red, green, blue, _ = (round(255 * channel) for channel in color)
+    return red, green, blue

@@ -1,15 +1,12 @@
-"""Pictures of a document as its window shows it, drawn off the screen: any size, any time, frame by
-frame.
+"""Pictures of a document as its window shows it, off the screen: of any size, at any time.
 
-Nothing is blended or waited for: everything is computed when it is drawn. A process draws either
-windows or these.
+Everything is computed when it is drawn. A process draws either windows or these.
 """
 
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from PIL import Image, ImageFont
@@ -18,8 +15,7 @@ from abfm import AbfmError, FunctionError, ParameterError
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.document.document import EXTRAPOLATION, Document
-from abfm_viewer.pictures.canvas import Pixels, canvas, drawn
-from abfm_viewer.pictures.lettering import letter
+from abfm_viewer.pictures.canvas import Pixels, canvas, drawn, letter
 from abfm_viewer.scene.annotations import Pen, bar_room, laid_out, name_height
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
@@ -68,6 +64,7 @@ class DocumentRenderer:
                 f"size is {size[0]}x{size[1]}; expected 16 to {LARGEST} pixels along each side"
             )
         self._document, self._known, self._size, self._options = document, known, size, options
+        self._rect: Rect = (0.0, 0.0, float(size[0]), float(size[1]))
         self._color_bar = options.color_bar and document.view.color_bar
         height = max(_SMALLEST_TEXT, min(size) * _TEXT)
         self._font = ImageFont.load_default(height)
@@ -76,39 +73,29 @@ class DocumentRenderer:
 
     def __enter__(self) -> Self:
         with ExitStack() as opened:
-            self._start(opened)
+            opened.enter_context(canvas(*self._size))
+            surface = self._document.surface()
+            self._session = session = Session(surface.mesh, surface.name, at_once=True)
+            opened.callback(session.close)
+            self._shown = Shown(session)
+            opened.callback(self._shown.close)
+            session.restore(self._document, self._known, None)
+            session.update()
+            if problem := session.functions.problem(session.document):
+                raise FunctionError(problem)
+            self._scene = Scene(self._shown, self._options.turns)
+            self._scene.name_height = name_height(self._pen) if self._options.labels else 0.0
+            self._scene.room_below = bar_room(self._pen, self._size[1]) if self._color_bar else 0.0
+            self._scene.update(self._rect)
             self._open = opened.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._open.__exit__(kind, error, trace)
-
-    def _start(self, opened: ExitStack) -> None:
-        opened.enter_context(canvas(*self._size))
-        surface = self._document.surface()
-        self._session = session = Session(surface.mesh, surface.name, at_once=True)
-        opened.callback(session.close)
-        self._shown = Shown(session)
-        opened.callback(self._shown.close)
-        session.restore(self._document, self._known, None)
-        session.update()
-        if problem := session.functions.problem(session.document):
-            raise FunctionError(problem)
-        self._scene = Scene(self._shown, self._options.turns)
-        self._scene.name_height = name_height(self._pen) if self._options.labels else 0.0
-        self._scene.room_below = bar_room(self._pen, self._size[1]) if self._color_bar else 0.0
-        self._scene.update(self._rect)
+    def __exit__(self, *error: Any) -> None:
+        self._open.__exit__(*error)
 
     def picture(self, time: float, degrees: float = 0.0, phase: float = 0.0) -> Image.Image:
-        """The document at a time, its surfaces turned by an angle: RGB, or RGBA if it is
-        transparent.
-
-        Streaks that move are drawn at a phase of their way, from 0 to 1.
+        """The document at a time, its surfaces turned by an angle and streaks that move at a phase
+        of their way, 0 to 1: RGB, or RGBA if it is transparent.
 
         Raises
         ------
@@ -118,8 +105,7 @@ class DocumentRenderer:
         self._go_to(time)
         self._session.player.phase = phase
         self._scene.update(self._rect)
-        problem = self._shown.flow.problem or self._shown.quantities.error
-        if problem:
+        if problem := self._shown.flow.problem or self._shown.quantities.error:
             raise AbfmError(f"no picture of time {time:g}: {problem}")
         self._scene.turn(degrees)
         picture = Image.fromarray(drawn(self._options.transparent))
@@ -137,7 +123,7 @@ class DocumentRenderer:
         last, for turning surfaces and streaks, when the movie is repeated.
         """
         if self._document.view.error:
-            self._scene.painter.largest_error = max(self._error(start), self._error(end))
+            self._scene.painter.largest_error = max(map(self._error, (start, end)))
         for number in range(count):
             share = number / max(count - 1, 1)
             turned, phase = turntable * number / count, cycles * number / count % 1
@@ -158,7 +144,3 @@ class DocumentRenderer:
         self._go_to(time)
         target, advected = self._session.values("target"), self._shown.flow.advected()
         return 0.0 if target is None or advected is None else float(np.abs(target - advected).max())
-
-    @property
-    def _rect(self) -> Rect:
-        return (0.0, 0.0, float(self._size[0]), float(self._size[1]))

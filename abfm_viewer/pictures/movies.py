@@ -3,16 +3,16 @@
 import math
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Literal
 
 import av
 import numpy as np
 from av.codec.codec import UnknownCodecError
+from av.container import OutputContainer
 from av.filter import Graph
 from av.video.reformatter import ColorRange, Colorspace
+from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
 from abfm import ResultError
@@ -68,14 +68,11 @@ def write_movie(
             rate = Fraction(fps).limit_denominator(1001)
             write(temporary, _checked(frames, count, on_frame), rate, count)
         except av.FFmpegError as error:
-            reason = error.strerror or error
-            raise ResultError(
-                f"cannot write {path}: {reason}; choose another place or a smaller size"
-            ) from error
+            reason = f"{error.strerror or error}; choose another place or a smaller size"
+            raise ResultError(f"cannot write {path}: {reason}") from error
         except UnknownCodecError as error:
-            raise ResultError(
-                f"cannot write {path}: FFmpeg here has no {error}; install av by pip"
-            ) from error
+            reason = f"FFmpeg here has no {error}; install av by pip"
+            raise ResultError(f"cannot write {path}: {reason}") from error
 
 
 def _checked(
@@ -96,22 +93,6 @@ def _checked(
         raise ResultError(f"the movie got {number} frames; expected {count}")
 
 
-@dataclass(frozen=True)
-class _Format:
-    """How a file holds frames, as FFmpeg names it."""
-
-    container: str
-    codec: Literal["libx264", "ffv1", "gif"]
-    pixels: str
-    codec_options: dict[str, str] | None = None
-    container_options: dict[str, str] | None = None
-
-
-_MP4 = _Format("mp4", "libx264", "yuv420p", _H264, {"movflags": "faststart"})
-_LOSSLESS = _Format("matroska", "ffv1", "bgr0")
-_GIF = _Format("gif", "gif", "pal8", {})
-
-
 def _write_mp4(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) -> None:
     pictures = (
         _picture(frame[: len(frame) // 2 * 2, : frame.shape[1] // 2 * 2]).reformat(
@@ -119,7 +100,8 @@ def _write_mp4(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) 
         )
         for frame in frames
     )
-    _encode(path, pictures, rate, _MP4)
+    with av.open(str(path), "w", "mp4", options={"movflags": "faststart"}) as file:
+        _encode(file, file.add_stream("libx264", rate, options=_H264), rate, "yuv420p", pictures)
 
 
 def _write_gif(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) -> None:
@@ -129,26 +111,32 @@ def _write_gif(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) 
     )
     with temporary_folder(Path(tempfile.gettempdir())) as folder:
         waiting = folder / "frames.mkv"
-        _encode(waiting, map(_picture, frames), rate, _LOSSLESS)
+        with av.open(str(waiting), "w", "matroska") as file:
+            _encode(file, file.add_stream("ffv1", rate), rate, "bgr0", map(_picture, frames))
         pictures = _in_palette(waiting, _palette(waiting))
         delay = {"final_delay": str(ticks - ticks_before)}
-        _encode(path, pictures, rate, replace(_GIF, container_options=delay))
+        with av.open(str(path), "w", "gif", options=delay) as file:
+            _encode(file, file.add_stream("gif", rate, options={}), rate, "pal8", pictures)
 
 
 def _picture(frame: Frame) -> av.VideoFrame:
     return av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), "rgb24")
 
 
-def _encode(path: Path, pictures: Iterable[av.VideoFrame], rate: Fraction, to: _Format) -> None:
-    with av.open(str(path), "w", to.container, options=to.container_options) as file:
-        stream = file.add_stream(to.codec, rate, options=to.codec_options)
-        stream.pix_fmt = to.pixels
-        for number, picture in enumerate(pictures):
-            if number == 0:
-                stream.width, stream.height = picture.width, picture.height
-            picture.pts, picture.time_base = number, 1 / rate
-            file.mux(stream.encode(picture))
-        file.mux(stream.encode())
+def _encode(
+    file: OutputContainer,
+    stream: VideoStream,
+    rate: Fraction,
+    pixels: str,
+    pictures: Iterable[av.VideoFrame],
+) -> None:
+    stream.pix_fmt = pixels
+    for number, picture in enumerate(pictures):
+        if number == 0:
+            stream.width, stream.height = picture.width, picture.height
+        picture.pts, picture.time_base = number, 1 / rate
+        file.mux(stream.encode(picture))
+    file.mux(stream.encode())
 
 
 def _palette(movie: Path) -> av.VideoFrame:

@@ -23,7 +23,7 @@ from abfm_viewer.cli.solving import Outcome
 from abfm_viewer.document import verdict_words
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.project import load_project, save_project
-from abfm_viewer.pictures.sheets.match_picture import DEFAULT_WIDTH
+from abfm_viewer.pictures.sheets import DEFAULT_WIDTH
 from abfm_viewer.session.session_files import document_of_result
 from tests.processes import argv
 from tests.viewer.sessions import EGG

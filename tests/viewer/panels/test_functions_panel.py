@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from abfm_viewer.automation import aim
 from abfm_viewer.document.document import Channel
 from abfm_viewer.document.gaussians import gaussians
 from abfm_viewer.session import active_gaussian
@@ -342,7 +341,7 @@ def test_a_click_places_a_point_and_a_drag_does_not(gui):
 
 def test_a_double_click_which_shows_the_surface_large_places_one_point(gui):
     gui.session.editor.set_view("tool", tool="flow line")
-    gui.input.move(*aim.place(gui.window, front(gui), "advected"))
+    gui.input.move(*gui.place(front(gui), "advected"))
     gui.input.click(2)
     assert len(gui.session.document.lines) == 1
     assert gui.window.scene.shown == ("advected",)

@@ -10,7 +10,7 @@ from abfm import TriangleMesh
 from abfm_viewer.automation.driver import Driver
 from abfm_viewer.document.document import Channel, Document, Surface
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
-from abfm_viewer.pictures.sheets.match_picture import match_picture
+from abfm_viewer.pictures.sheets import match_picture
 from abfm_viewer.scene.surfaces import Viewport
 from tests.shapes import ellipsoid
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abfm_viewer.pictures.sheets.layout import LABEL, MARGIN, TALLEST_PANEL, WIDEST, laid_out
+from abfm_viewer.pictures.sheets import LABEL, MARGIN, TALLEST_PANEL, WIDEST, laid_out
 
 ASPECTS = st.lists(st.lists(st.floats(0.45, 3.8), min_size=1, max_size=8), min_size=1, max_size=5)
 

@@ -16,10 +16,9 @@ from abfm.io.sheets import Panel, Sheet, Values
 from abfm_viewer.appearance.colormaps import color_range, table
 from abfm_viewer.appearance.theme import LIGHT
 from abfm_viewer.document.verdict_words import headline
-from abfm_viewer.pictures.lettering import rgb
-from abfm_viewer.pictures.sheets.match_picture import DEFAULT_WIDTH, grid, match_picture
-from abfm_viewer.pictures.sheets.panel_pictures import cameras, panel_pictures
-from abfm_viewer.pictures.sheets.sheet_picture import sheet_picture
+from abfm_viewer.pictures.canvas import rgb
+from abfm_viewer.pictures.panels import cameras, panel_pictures
+from abfm_viewer.pictures.sheets import DEFAULT_WIDTH, grid, match_picture, sheet_picture
 from tests.shapes import icosphere
 
 WHITE, BLUE, BLACK, RED = (
@@ -150,7 +149,7 @@ def test_the_label_at_tau_says_how_well_it_matches_in_the_colour_that_means_it(
         drawn.append(sheet)
         return sheet_picture(sheet, *rest)
 
-    monkeypatch.setattr("abfm_viewer.pictures.sheets.match_picture.sheet_picture", kept)
+    monkeypatch.setattr("abfm_viewer.pictures.sheets.sheet_picture", kept)
     judged = replace(match, verdict=replace(match.verdict, kind=kind), stop_reason="converged")
     pixels = np.asarray(match_picture(judged, [1.0], (900, 400)))
     labels = [panel.label for panel in drawn[0].rows[0]]

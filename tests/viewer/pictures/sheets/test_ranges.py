@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
-from abfm_viewer.pictures.sheets.figure_picture import figure_picture
-from abfm_viewer.pictures.sheets.ranges import CLAMPED, captions, color_ranges
-from abfm_viewer.pictures.sheets.sheet_picture import wrapped
+from abfm_viewer.pictures.panels import CLAMPED, captions, color_ranges
+from abfm_viewer.pictures.sheets import figure_picture, wrapped
 from tests.shapes import icosphere, square
 
 SPHERE = icosphere(2)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
-from abfm_viewer.pictures.sheets.figure_picture import figure_picture
-from abfm_viewer.pictures.sheets.panel_pictures import POINT_COLORS, cameras, panel_pictures
-from abfm_viewer.pictures.sheets.plot_pictures import CURVE_COLORS, plot_picture
-from abfm_viewer.pictures.sheets.ranges import color_ranges
+from abfm_viewer.pictures.panels import POINT_COLORS, cameras, color_ranges, panel_pictures
+from abfm_viewer.pictures.plots import CURVE_COLORS, plot_picture
+from abfm_viewer.pictures.sheets import figure_picture
 from tests.shapes import ellipsoid, icosphere
 
 SPHERE = icosphere(3)

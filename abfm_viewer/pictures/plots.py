@@ -1,4 +1,4 @@
-"""Pictures of a figure's plots, and the font of its sheets, by matplotlib."""
+"""Plots of a sheet, and the font of figures, by matplotlib."""
 
 import io
 import math
@@ -15,17 +15,11 @@ from abfm.io.sheets import Plot
 
 CURVE_COLORS = ("#111111", "#2455c3", "#c62828", "#1b7a43", "#b26a00", "#6b3fa0")
 _FAINT = "#8a909c"  # the colour of all faint curves, which differ in style
-_STYLES: tuple[str | tuple[int, tuple[int, ...]], ...] = (
-    "--",
-    ":",
-    "-.",
-    (0, (8, 3)),
-    (0, (5, 2, 1, 2, 1, 2)),
-)
+_STYLES = ("--", ":", "-.", (0, (8, 3)), (0, (5, 2, 1, 2, 1, 2)))
 _DPI = 100
 
 
-def font(pixels: float) -> ImageFont.FreeTypeFont:
+def plot_font(pixels: float) -> ImageFont.FreeTypeFont:
     """The font of plots in another size: it has the paper's Greek letters."""
     return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), pixels)
 
@@ -53,15 +47,14 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
     axes.margins(x=0)
     axes.spines[["top", "right"]].set_visible(False)
     if len(plot.curves) > 1:
-        legend = axes.legend(fontsize=0.9 * points, frameon=False)
+        small = {"fontsize": 0.9 * points, "frameon": False}
+        legend = axes.legend(**small)
         figure.draw_without_rendering()
         if _covers_curves(legend, axes):
             beside = max(int(0.9 * size[0] / legend.get_window_extent().width), 1)
             columns = math.ceil(len(plot.curves) / math.ceil(len(plot.curves) / beside))
             legend.remove()
-            figure.legend(
-                fontsize=0.9 * points, frameon=False, loc="outside upper center", ncols=columns
-            )
+            figure.legend(loc="outside upper center", ncols=columns, **small)
     figure.draw_without_rendering()
     title = axes.yaxis.label.get_window_extent()
     room = 2 * min((title.y0 + title.y1) / 2, size[1] - (title.y0 + title.y1) / 2)

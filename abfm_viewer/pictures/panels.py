@@ -1,0 +1,177 @@
+"""Panels of a sheet: the ranges of their colours, their cameras and their pictures."""
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+
+import numpy as np
+from PIL import Image
+
+from abfm.io.sheets import Checker, Coordinates, Panel, Sheet, Streaks, Values
+from abfm.mesh import TriangleMesh
+from abfm.streaks.line_integral import line_integral_convolution
+from abfm.types import FloatArray
+from abfm_viewer.appearance.colormaps import ColorRange, color_range, place_colors
+from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.document.document import Front
+from abfm_viewer.pictures.canvas import canvas, drawn
+from abfm_viewer.scene import opengl, overlays
+from abfm_viewer.scene.camera import Camera, fitted, look
+from abfm_viewer.scene.ribbons import course_through, line_ribbons
+from abfm_viewer.scene.surfaces import register, show
+from abfm_viewer.shown.paint import Paint, PaintKind
+from abfm_viewer.shown.streak_texture import streak_texture
+
+_FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees: so narrow that shapes are hardly distorted
+_INK = (0.1, 0.1, 0.12)
+# of marked points, in linear light
+POINT_COLORS = (
+    (1.0, 0.45, 0.0),
+    (0.45, 0.1, 0.75),
+    (0.0, 0.5, 0.25),
+    (0.85, 0.0, 0.45),
+    (0.0, 0.4, 0.8),
+)
+_ARROWS = 0.12, 0.3  # length and density
+_POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
+_TEXELS = 2048
+_SQUARE = 0.5  # of a checkerboard, in its coordinates
+CLAMPED = 0.1
+"""How far values may lie beyond the colours, as a share of their range, before a sheet says so:
+advection overshoots by a few per cent even where it is right, which nobody sees in a colour.
+"""
+
+
+def cameras(
+    sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)
+) -> dict[TriangleMesh, Camera]:
+    """Return a camera for each mesh, that shows what the sources and targets on it have to show, in
+    its own aspect or the least or greatest one of `aspects`.
+    """
+    fronts: dict[TriangleMesh, Front] = {}
+    for panel in _panels(sheet):
+        if fronts and sheet.one_view:
+            fronts.setdefault(panel.mesh, next(iter(fronts.values())))
+        elif panel.mesh not in fronts:
+            ends = [one for one in _panels(sheet) if one.frame in ("source", "target")]
+            functions = [_function(one)[1] for one in ends if one.mesh is panel.mesh]
+            count = len(panel.mesh.vertices)
+            remarkable = [f for f in functions if f is not None and len(f) == count]
+            seen = sheet.seen if not fronts and sheet.seen else remarkable
+            fronts[panel.mesh] = best_front(panel.mesh, *seen, up=sheet.up)
+    found = {}
+    for mesh, front in fronts.items():
+        free = fitted(mesh.vertices, front, None, _FIELD_OF_VIEW, _MARGIN)
+        aspect = min(max(free.aspect, aspects[0]), aspects[1])
+        found[mesh] = fitted(mesh.vertices, front, aspect, _FIELD_OF_VIEW, _MARGIN)
+    return found
+
+
+def panel_pictures(
+    sheet: Sheet,
+    sizes: Sequence[tuple[int, int]],
+    ranges: Mapping[str, ColorRange],
+    views: Mapping[TriangleMesh, Camera],
+) -> list[Image.Image]:
+    """Draw all panels of a sheet, in sizes (width, height) in pixels, on a transparent ground."""
+    pictures: dict[int, Image.Image] = {}
+    for size in dict.fromkeys(sizes):  # the canvas is made once for each size
+        with canvas(*size):
+            for number, panel in enumerate(_panels(sheet)):
+                if sizes[number] == size:
+                    _show(panel, ranges, views[panel.mesh])
+                    pictures[number] = Image.fromarray(drawn(transparent=True))
+    return [pictures[number] for number in range(len(sizes))]
+
+
+def _show(panel: Panel, ranges: Mapping[str, ColorRange], view: Camera) -> None:
+    mesh = panel.mesh
+    opengl.clear()
+    look(view, mesh)
+    surface = register("surface", mesh)
+    show(surface, mesh, _paint(panel, ranges), square=_SQUARE)
+    if panel.arrows is not None:
+        overlays.draw_arrows("arrows", mesh, panel.arrows, _ARROWS, _INK)
+    if panel.lines:
+        courses = [course_through(mesh, line) for line in panel.lines]
+        overlays.draw_ribbons("lines", mesh, line_ribbons(courses, _LINE), _INK)
+    marked = zip(() if panel.points is None else panel.points, cycle(POINT_COLORS))
+    for number, (point, color) in enumerate(marked):
+        overlays.draw_points(f"point {number}", mesh, point[None], color, _POINT)
+
+
+def _paint(panel: Panel, ranges: Mapping[str, ColorRange]) -> Paint:
+    mesh, paint, label = panel.mesh, panel.paint, panel.label
+    if isinstance(paint, Values):
+        on_vertices = len(paint.values) == len(mesh.vertices)
+        kind: PaintKind = "vertex values" if on_vertices else "face values"
+        return Paint(kind, paint.values, label, ranges[paint.bar])
+    if isinstance(paint, Coordinates):
+        return Paint("colors", place_colors(mesh.vertices, paint.positions), label)
+    if isinstance(paint, Checker):
+        return Paint("checker", paint.coordinates, label)
+    atlas, image = line_integral_convolution(mesh, paint.velocity, size=_TEXELS)
+    colors = streak_texture(atlas, image, paint.values, ranges.get(paint.bar))
+    return Paint("texture", colors, label, corners=atlas.corner_coordinates)
+
+
+def _panels(sheet: Sheet) -> list[Panel]:
+    return [cell for row in sheet.rows for cell in row if isinstance(cell, Panel)]
+
+
+def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
+    """Return the range of each colour bar, by its title, in the order in which they are first used.
+
+    It is that of the sources and targets, where there are some: what overshoots them has the colour
+    of the bar's end, and `captions` says how far it goes.
+    """
+    every: dict[str, list[FloatArray]] = defaultdict(list)
+    ends: dict[str, list[FloatArray]] = defaultdict(list)
+    for panel in _panels(sheet):
+        bar, values = _function(panel)
+        if values is not None:
+            every[bar].append(values)
+            if panel.frame in ("source", "target"):
+                ends[bar].append(values)
+    return {bar: color_range(*(ends[bar] or functions)) for bar, functions in every.items()}
+
+
+def captions(sheet: Sheet) -> list[str]:
+    """Return the sheet's notes, and how far each panel goes of which colours hide more than
+    `CLAMPED`; colours of places are clamped to the mesh's bounding box.
+    """
+    ranges, said = color_ranges(sheet), list(sheet.notes)
+    for panel in _panels(sheet):
+        bar, values = _function(panel)
+        if values is not None:
+            colors, low, high = ranges[bar], float(values.min()), float(values.max())
+            if max(colors.low - low, high - colors.high) > CLAMPED * (colors.high - colors.low):
+                of_bar = "" if bar in ("function", panel.label) else f" ({bar})"
+                said.append(
+                    f"Beyond the colours: '{panel.label}'{of_bar} goes from {low:,.4g} to "
+                    f"{high:,.4g}, the colours from {colors.low:,.4g} to {colors.high:,.4g}."
+                )
+        elif isinstance(panel.paint, Coordinates):
+            beyond = _outside(panel.mesh.vertices, panel.paint.positions)
+            if beyond > CLAMPED:
+                said.append(
+                    f"Beyond the colours: the places of '{panel.label}' lie up to {beyond:,.3g} "
+                    "times the bounding box's extent outside it."
+                )
+    return said
+
+
+def _function(panel: Panel) -> tuple[str, FloatArray | None]:
+    """Return the colour bar's title and the values of a panel; None where it has none."""
+    paint = panel.paint
+    return (paint.bar, paint.values) if isinstance(paint, Values | Streaks) else ("", None)
+
+
+def _outside(vertices: FloatArray, positions: FloatArray) -> float:
+    """Return how far places (V, 3) lie outside the vertices' bounding box, over its extent in that
+    direction; one in which it is flat counts as a hundredth of its largest extent wide.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    extent = np.maximum(high - low, 0.01 * (high - low).max())
+    return float((np.maximum(low - positions, positions - high) / extent).max())
