@@ -81,14 +81,12 @@ class Latest(Generic[Value]):
 
     @property
     def busy(self) -> bool:
-        """Whether what was asked for last is still to come."""
         with self._condition:
             runs = self._running is not None and same(self._running, self._wanted)
             return runs or self._job is not None
 
     @property
     def is_at_work(self) -> bool:
-        """Whether a job is under way, wanted or not."""
         with self._condition:
             return self._running is not None
 
@@ -119,7 +117,6 @@ class Latest(Generic[Value]):
             return self.value if found is None and is_fit else found
 
     def retire(self) -> None:
-        """Compute nothing more; a job under way is not waited for."""
         with self._condition:
             self.retired, self._job = True, None
 
@@ -173,19 +170,16 @@ class Jobs:
         self._all: list[Latest[Any]] = []
 
     def latest(self) -> Latest[Any]:
-        """Return another one."""
         self._all = [one for one in self._all if not one.retired]
         self._all.append(Latest(self.at_once))
         return self._all[-1]
 
     @property
     def error(self) -> str:
-        """What could not be computed, in one line; empty if all could."""
         return next((one.error for one in self._all if one.error), "")
 
     @property
     def step(self) -> Step | None:
-        """What one of them does, if one tells."""
         return next((one.step for one in self._all if one.busy and one.step), None)
 
     @property

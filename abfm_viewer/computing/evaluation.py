@@ -61,17 +61,11 @@ class Functions:
         self._waits = False  # whether what was asked for last was not there
 
     @property
-    def pid(self) -> int | None:
-        """The number of its process; None without one."""
-        return self._worker.pid if self._worker else None
-
-    @property
     def busy(self) -> bool:
         return self._waits and self._latest.busy
 
     @property
     def step(self) -> Step | None:
-        """What is being done for what was asked for, if it tells."""
         return self._latest.step if self.busy else None
 
     def at_rest(self, is_kept: Callable[[str], bool]) -> Functions:
@@ -83,7 +77,6 @@ class Functions:
         return others
 
     def defaults(self) -> tuple[str, str]:
-        """Return specs of the functions that the mesh begins with."""
         return self._compute(default_functions)
 
     def ask(self, specs: tuple[str, ...]) -> Evaluated | None:
@@ -147,7 +140,6 @@ class Functions:
         return found
 
     def _compute(self, function: Callable[..., Result], *given: object) -> Result:
-        """Call a function of the mesh, in the process if there is one."""
         if self._worker is None:
             return function(self.mesh, *given)
         return self._worker.call(_apart, function, self.mesh, *given).result()

@@ -29,7 +29,6 @@ def give_back() -> None:
 
 
 def _c_library(name: str, *given: int) -> None:
-    """Call a function of the C library where that is Linux' and has it."""
     library = ctypes.CDLL(None) if sys.platform == "linux" else None
     if hasattr(library, name):
         getattr(library, name)(*given)

@@ -51,14 +51,12 @@ class Look:
 
     @property
     def velocity(self) -> FloatArray:
-        """The fields (N, F, 3)."""
         if self.field is None:
             self.field, self.picture = self.fetch()
         return self.field
 
     @property
     def advected(self) -> FloatArray:
-        """The source carried to tau, (V, C)."""
         if self.picture is None:
             self.field, self.picture = self.fetch()
         return self.picture
@@ -71,7 +69,6 @@ class Matching:
         self._recent: dict[int, tuple[abfm.Iteration, ...]] = {}
 
     def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
-        """Make the coarser meshes on which a match begins."""
         with factoring_apart():
             abfm.matching.prepare(mesh, parameters)
 
@@ -133,11 +130,6 @@ class MatchApart:
             return self._spare.pop()
         return Worker(Matching, _ENDED)
 
-    @property
-    def pid(self) -> int | None:
-        """The process's number; None before it starts."""
-        return self._worker.pid
-
     def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
         """Let it make the coarser meshes; a match that comes meanwhile begins after that."""
         self._worker.call(Matching.prepare, mesh, parameters)
@@ -174,8 +166,3 @@ class MatchApart:
             self._worker.close()
         else:
             self._spare.append(self._worker)
-
-
-def is_pictured(iteration: abfm.Iteration) -> bool:
-    """Tell whether an iterate came with its picture."""
-    return isinstance(iteration.look, Look) and iteration.look.picture is not None

@@ -23,7 +23,7 @@ from abfm.workers.progress import Step, telling
 from abfm_viewer.computing.background import THREADS, Memo, error_line
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.freed_memory import give_back
-from abfm_viewer.computing.match_apart import MatchApart, is_pictured
+from abfm_viewer.computing.match_apart import Look, MatchApart
 from abfm_viewer.document.document import SIDES, Channel, Run
 
 FIRST = 2.0
@@ -49,7 +49,6 @@ class ProblemSpec:
     mask: str
 
     def problem(self, functions: Functions) -> abfm.Problem:
-        """Evaluate the functions; FunctionError as they raise it."""
         source, target = (
             np.stack([functions.evaluate(channel.spec(side)) for channel in self.channels], axis=1)
             for side in SIDES
@@ -98,7 +97,6 @@ class Course:
         self._next = clock.perf_counter() + self._wait
 
     def begin(self, problem: ProblemSpec) -> None:
-        """Let what comes belong to another solve."""
         self.newest, self._problem = None, problem
         if self._rows:
             self._restarts.append(len(self._rows))
@@ -110,7 +108,6 @@ class Course:
 
     @property
     def seconds_each(self) -> float | None:
-        """How long an iteration takes at present; None before there are two."""
         times = list(self._recent)
         return (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else None
 
@@ -148,49 +145,26 @@ class Course:
 
 
 class Solver:
-    """At most one run: a problem, and those that take its place on the way.
-
-    Attributes
-    ----------
-    follow : bool
-        Whether a change of the problem during a run restarts it from the current field.
-    warm : bool
-        Whether a new run starts from the current field instead of zero.
-    reason : str
-        Why the last run ended; an error in one line if it failed.
-    problem : ProblemSpec or None
-        The newest one given.
-    snapshot, step : Snapshot or None, Step or None
-        Of the run, `step` where that is not another iteration; may be read at any time.
-    started : int
-        How many runs there were.
-    """
+    """At most one run: a problem, and those that take its place on the way."""
 
     def __init__(self) -> None:
-        self.follow = True
-        self.warm = False
+        self.follow = True  # whether a change of the problem during a run restarts it
+        self.warm = False  # whether a new run starts from the current field instead of zero
         self.state = State.IDLE
-        self.reason = ""
-        self.problem: ProblemSpec | None = None
-        self.snapshot: Snapshot | None = None
-        self.step: Step | None = None
-        self.started = 0
+        self.reason = ""  # why the last run ended; an error in one line if it failed
+        self.problem: ProblemSpec | None = None  # the newest one given
+        self.snapshot: Snapshot | None = None  # may be read at any time, as the next one
+        self.step: Step | None = None  # what is done where that is not another iteration
+        self.started = 0  # how many runs there were
         self._course = Course()
         self._apart = MatchApart()
         self._lock = threading.Lock()
 
-    @property
-    def pid(self) -> int | None:
-        """The number of the process that matches; None before it starts."""
-        return self._apart.pid
-
     def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
-        """Make the coarser meshes ahead, on which a run of this mesh begins."""
         self._apart.prepare(mesh, parameters)
 
     @property
     def running(self) -> bool:
-        """Whether a run has begun and not ended; also while it is paused."""
         return self.state in (State.RUNNING, State.PAUSED, State.ENDING)
 
     @property
@@ -204,7 +178,6 @@ class Solver:
 
     @property
     def finished(self) -> bool:
-        """Whether there was a run and it ended, well or not."""
         return self.state in (State.ENDED, State.FAILED)
 
     @property
@@ -213,20 +186,17 @@ class Solver:
 
     @property
     def run(self) -> Run | None:
-        """The energies of the run so far."""
         if not self.running or self.snapshot is None or self.problem is None:
             return None
         return self._course.run(self.snapshot.iteration.mismatch, self.problem.parameters)
 
     @property
     def seconds_each(self) -> float | None:
-        """How long an iteration takes at present; None if unknown."""
         return None if self.paused else self._course.seconds_each
 
     def start(
         self, problem: ProblemSpec, functions: Functions, field: FloatArray | None = None
     ) -> None:
-        """Begin a run, from a field (N, F, 3) if there is one."""
         self.state, self.reason, self.snapshot, self.step = State.RUNNING, "", None, None
         self.started += 1
         self.problem = problem
@@ -353,7 +323,6 @@ class Solver:
         give_back()
 
     def _take(self) -> ProblemSpec | None:
-        """The problem to solve now, with a control of its own."""
         with self._lock:
             problem, self._next = self._next, None
             self._control = abfm.Control()
@@ -388,9 +357,10 @@ class Solver:
     def _post(self, problem: ProblemSpec, now: abfm.Iteration) -> None:
         self._under_way.set()
         self._course.add(now)
-        before = self.snapshot
-        is_first = before is None or before.problem is not problem
-        shown = now if is_pictured(now) or is_first or before is None else before.shown
+        shown, before = now, self.snapshot
+        if before is not None and before.problem is problem:
+            is_pictured = isinstance(now.look, Look) and now.look.picture is not None
+            shown = now if is_pictured else before.shown
         self.snapshot = Snapshot(problem, now, shown)
         self._since_restart += 1
         self._course.fetch(self.snapshot)

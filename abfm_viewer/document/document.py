@@ -47,7 +47,6 @@ NEAREST, FARTHEST = 200.0, 0.2
 
 
 def triple(values: FloatArray) -> Triple:
-    """A vector (3,) as documents hold it: immutable."""
     x, y, z = map(float, values)
     return x, y, z
 
@@ -61,11 +60,9 @@ class Channel:
     weight: float = 1.0
 
     def spec(self, side: Side) -> str:
-        """The spec of one side."""
         return self.source if side == "source" else self.target
 
     def changed(self, side: Side, spec: str) -> Channel:
-        """The channel with another spec of one side."""
         return replace(self, source=spec) if side == "source" else replace(self, target=spec)
 
 
@@ -92,11 +89,10 @@ class Front:
 
 @dataclass(frozen=True)
 class Look:
-    """How every surface is seen in its slot.
+    """How every surface is seen in its slot; a zoom of 1 fits it from every side.
 
-    A zoom of 1 fits it into the slot from every side; the target (3,), in the mesh's units, is in
-    the slot's middle and stays there when the surface turns. Without one it is the middle of what
-    the view's front shows.
+    The target (3,), in the mesh's units, by default the middle of what the view's front shows, is
+    in the slot's middle and stays there when the surface turns.
     """
 
     front: Front
@@ -106,11 +102,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Surface:
-    """A mesh, and the name of the file that it came from.
-
-    The `front` is None until it is chosen, for the mesh or its functions; it is how a surface is
-    seen, and makes it no other one.
-    """
+    """A mesh and the name of its file; the `front`, None until chosen, makes it no other one."""
 
     mesh: TriangleMesh
     name: str
@@ -159,7 +151,6 @@ class View:
 
     @property
     def surfaces(self) -> tuple[str, ...]:
-        """All that could be shown, hidden or not, in their order."""
         wanted = (self.blend, self.transport, self.error)
         extra = compress(("linear blend", "optimal transport", "error"), wanted)
         if self.layout == "advected only":
@@ -174,11 +165,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """The energy of one run: what the plot of the energy shows of it.
-
-    The vertices of each row's mesh, which may be coarser than the document's, and its reach, (n,),
-    are empty where they are not known.
-    """
+    """The energy of one run; vertices of each row's mesh and reaches (n,) are empty if unknown."""
 
     energies: FloatArray  # (n, 3): total, regularity and mismatch
     stages: IntArray  # (n,)
@@ -191,7 +178,6 @@ class Run:
 
     @property
     def has_course(self) -> bool:
-        """Return whether meshes and reaches are known."""
         return len(self.vertices) > 0
 
 
@@ -220,42 +206,32 @@ class Document:
 
     @property
     def active(self) -> Channel | None:
-        """The active channel; None while there are no channels."""
         return self.channels[self.channel] if self.channels else None
 
     @property
     def name(self) -> str:
-        """The name of what it shows."""
         return self.surface().name
 
     def surface(self, slot: str = "advected") -> Surface:
-        """The surface that a slot shows, on which a side's functions are.
-
-        There is one surface, which all show.
-        """
+        """The surface that a slot shows, on which a side's functions are: all show the only one."""
         return self.surfaces[0]
 
     def facing(self, front: Front) -> Document:
-        """The same with another front."""
         return replace(self, surfaces=(replace(self.surface(), front=front),))
 
     def function(self, side: Side, channel: Channel | None = None) -> Function:
-        """A side of a channel, by default of the active one, which there must be."""
         channel = channel or self.channels[self.channel]
         return Function(self.surface(side), channel.spec(side))
 
     @property
     def mask_function(self) -> Function:
-        """The mask, with an empty spec if there is none."""
         return Function(self.surface("target"), self.mask)
 
     @property
     def functions(self) -> tuple[Function, ...]:
-        """All functions, each once."""
         found = [self.function(side, channel) for channel in self.channels for side in SIDES]
         return tuple(dict.fromkeys([*found, self.mask_function] if self.mask else found))
 
     @property
     def end(self) -> float:
-        """The end of the time bar."""
         return EXTRAPOLATION * self.parameters.tau

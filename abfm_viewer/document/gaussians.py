@@ -6,6 +6,7 @@ Counted are the terms of a sum, also of one that is composed with a vertex map.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +18,6 @@ _WIDTH = 0.1
 
 
 def gaussians(spec: str) -> list[functions.Gaussian]:
-    """Find the Gaussians among a function's terms; `FunctionError` if the text is no spec."""
     return [term for term in _terms(functions.parse(spec)) if isinstance(term, functions.Gaussian)]
 
 
@@ -33,41 +33,33 @@ def changed(spec: str, bump: int, **values: Any) -> str:
     """
     if values.get("vertex") is not None:
         values |= {"x": None, "y": None, "z": None}
-    return _with_bump(spec, bump, [replace(gaussians(spec)[bump], **values)])
+    return _with_bump(spec, bump, replace(gaussians(spec)[bump], **values))
 
 
 def added(spec: str, mesh: TriangleMesh) -> str:
-    """The spec with one more Gaussian at the end, as wide as the last and as far as possible from
-    all of them.
+    """The spec with one more Gaussian, as wide as the last and as far as possible from all.
 
     One at a vertex that the mesh has not is a `FunctionError`.
     """
-    tree = functions.parse(spec)
-    return _put(tree, (*_terms(tree), _farthest(gaussians(spec), mesh)))
+    return _with_bump(spec, None, _farthest(gaussians(spec), mesh))
 
 
 def landmark(specs: Iterable[str], mesh: TriangleMesh) -> str:
-    """The spec of a Gaussian as far as possible from all those of other functions, and as wide as
-    the last.
+    """The spec of a Gaussian as wide as the last of others, and as far as possible from all.
 
     As source and target of a channel it says what stays in its place while the others move.
     Gaussians at vertices that the mesh has not do not count.
     """
-    return str(
-        _farthest([one for spec in specs for one in gaussians(spec) if _is_on(one, mesh)], mesh)
-    )
-
-
-def _is_on(gaussian: functions.Gaussian, mesh: TriangleMesh) -> bool:
-    try:
-        gaussian.sources(mesh)
-    except FunctionError:
-        return False
-    return True
+    known = []
+    for spec in specs:
+        for one in gaussians(spec):
+            with suppress(FunctionError):
+                centre(one, mesh)
+                known.append(one)
+    return str(_farthest(known, mesh))
 
 
 def _farthest(known: Sequence[functions.Gaussian], mesh: TriangleMesh) -> functions.Gaussian:
-    """A Gaussian as wide as the last one of some, and as far as possible from all of them."""
     width = known[-1].width if known else _WIDTH
     centres = np.concatenate([one.sources(mesh) for one in known]) if known else np.array([0])
     away = [np.linalg.norm(mesh.vertices - mesh.vertices[centre], axis=1) for centre in centres]
@@ -77,7 +69,7 @@ def _farthest(known: Sequence[functions.Gaussian], mesh: TriangleMesh) -> functi
 
 def removed(spec: str, bump: int) -> str:
     """The spec without one Gaussian, unless nothing would be left."""
-    return _with_bump(spec, bump, []) if len(_terms(functions.parse(spec))) > 1 else spec
+    return _with_bump(spec, bump) if len(_terms(functions.parse(spec))) > 1 else spec
 
 
 def centre(gaussian: functions.Gaussian, mesh: TriangleMesh) -> int:
@@ -90,16 +82,12 @@ def _terms(tree: functions.Spec) -> tuple[functions.Spec, ...]:
     return inner.terms if isinstance(inner, functions.Sum) else (inner,)
 
 
-def _with_bump(spec: str, bump: int, by: Sequence[functions.Spec]) -> str:
-    """The spec with other terms in the place of one Gaussian."""
+def _with_bump(spec: str, bump: int | None, *by: functions.Spec) -> str:
+    """The spec with other terms in the place of one Gaussian, or at the end."""
     tree = functions.parse(spec)
     terms = list(_terms(tree))
     places = [i for i, term in enumerate(terms) if isinstance(term, functions.Gaussian)]
-    terms[places[bump] : places[bump] + 1] = by
-    return _put(tree, tuple(terms))
-
-
-def _put(tree: functions.Spec, terms: tuple[functions.Spec, ...]) -> str:
-    """The text of a sum of terms, inside the vertex map that the tree has."""
-    inner = functions.Sum(terms) if len(terms) > 1 else terms[0]
+    place = len(terms) if bump is None else places[bump]
+    terms[place : place + 1] = by
+    inner = functions.Sum(tuple(terms)) if len(terms) > 1 else terms[0]
     return str(replace(tree, function=inner) if isinstance(tree, functions.Permuted) else inner)

@@ -1,6 +1,7 @@
 """Undo and redo: states of the document with the name of what the user did to get there."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,8 +13,7 @@ LARGEST = 500_000_000
 """Bytes of the meshes and results to which undo leads, besides those of the latest step."""
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
+class Step(NamedTuple):
     """A state that was left, what was done then, and what may still be merged into it."""
 
     document: Document
@@ -36,72 +36,56 @@ class History:
     def __init__(self, document: Document) -> None:
         self.document = document
         self.moves = 0
-        self._past: list[Step] = []
-        self._future: list[Step] = []
+        self.past: list[Step] = []
+        self.future: list[Step] = []
 
     @property
     def documents(self) -> list[Document]:
-        """The present state, and all that undo and redo lead to."""
-        return [self.document, *(step.document for step in (*self._past, *self._future))]
+        return [self.document, *(step.document for step in (*self.past, *self.future))]
 
     @property
     def undo_label(self) -> str:
-        """Say what undo would take back; nothing if nothing."""
-        return self._past[-1].label if self._past else ""
+        return self.past[-1].label if self.past else ""
 
     @property
     def redo_label(self) -> str:
-        """Say what redo would do again; nothing if nothing."""
-        return self._future[-1].label if self._future else ""
-
-    @property
-    def undo_to(self) -> Document | None:
-        """The state that undo would return to; None if there is none."""
-        return self._past[-1].document if self._past else None
-
-    @property
-    def redo_to(self) -> Document | None:
-        """The state that redo would return to; None if there is none."""
-        return self._future[-1].document if self._future else None
+        return self.future[-1].label if self.future else ""
 
     def change(self, document: Document, label: str, merge: str = "") -> None:
-        """Go on to another state."""
-        if not (merge and self._past and self._past[-1].merge == merge):
+        if not (merge and self.past and self.past[-1].merge == merge):
             looks = _look_differs(self.document, document)
-            self._past.append(Step(self.document, label, merge, looks))
-            del self._past[: -self._kept_steps()]
-        self._future.clear()
+            self.past.append(Step(self.document, label, merge, looks))
+            del self.past[: -self._kept_steps()]
+        self.future.clear()
         self.document = document
         self.moves += 1
 
     def seal(self) -> None:
         """Let the next change be a step of its own, whatever its merge key."""
-        if self._past:
-            self._past[-1] = replace(self._past[-1], merge="")
+        if self.past:
+            self.past[-1] = self.past[-1]._replace(merge="")
 
     def undo(self) -> None:
-        """Go back one step, if there is one."""
-        self._move(self._past, self._future)
+        self._move(self.past, self.future)
 
     def redo(self) -> None:
-        """Go forward one step, if there is one."""
-        self._move(self._future, self._past)
+        self._move(self.future, self.past)
 
     def _kept_steps(self) -> int:
         """Count the steps to take back: always the latest, others as far as there is room."""
         counted, room = set(_large_parts(self.document)), LARGEST
-        for count, step in enumerate(reversed(self._past)):
+        for count, step in enumerate(reversed(self.past)):
             parts = _large_parts(step.document)
             room -= sum(parts[key] for key in parts.keys() - counted)
             counted |= parts.keys()
             if count == LONGEST or (count and room < 0):
                 return count
-        return len(self._past)
+        return len(self.past)
 
     def _move(self, taken: list[Step], left: list[Step]) -> None:
         if taken:
             step, now = taken.pop(), self.document
-            left.append(replace(step, document=now, merge=""))
+            left.append(step._replace(document=now, merge=""))
             self.document = step.document
             if not step.looks and _look_differs(now, step.document):
                 seen = replace(step.document.view, look=now.view.look, large=now.view.large)

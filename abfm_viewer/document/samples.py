@@ -1,8 +1,9 @@
 """What the app brings along: meshes, and the paper's figures."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from abfm.parameters import FIGURES, TITLES
+from abfm_viewer.document.verdict_words import capital
 
 MESHES = {
     "human_A.off": "A human, coarse",
@@ -14,8 +15,7 @@ MESHES = {
 """The bundled meshes, and a few words for each."""
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """A mesh, or a figure (0 for none), by its name in the menu."""
 
     name: str
@@ -23,10 +23,5 @@ class Sample:
     figure: int = 0
 
 
-def _figure(figure: int) -> Sample:
-    title = TITLES[figure]
-    return Sample(f"Figure {figure}", f"{title[:1].upper()}{title[1:]}", figure)
-
-
 SAMPLES = tuple(Sample(name, about) for name, about in MESHES.items())
-FIGURE_SAMPLES = tuple(map(_figure, FIGURES))
+FIGURE_SAMPLES = tuple(Sample(f"Figure {n}", capital(TITLES[n]), n) for n in FIGURES)

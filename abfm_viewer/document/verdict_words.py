@@ -37,7 +37,6 @@ def capital(text: str) -> str:
 
 
 def sentence(text: str) -> str:
-    """The same with a full stop."""
     return f"{capital(text)}."
 
 
@@ -80,19 +79,16 @@ def headline(match: abfm.Match) -> str:
 
 
 def tone(match: abfm.Match) -> Tone:
-    """Return good for matched, failure for not reached or impossible, ink for the rest."""
     if match.stop_reason in _OTHERWISE or match.verdict.kind == "nearly":
         return "ink"
     return "good" if match.verdict.kind == "matched" else "failure"
 
 
 def is_broken_off(match: abfm.Match) -> bool:
-    """Return whether it was ended before its end, with a field to go on from."""
     return match.stop_reason in ("cancelled", "out of memory")
 
 
 def why(match: abfm.Match) -> str:
-    """Say why it stopped there, in a line."""
     if match.stop_reason in _OTHERWISE:
         return _OTHERWISE[match.stop_reason]
     ended = _ENDED.get(match.stop_reason, match.stop_reason)
@@ -100,7 +96,6 @@ def why(match: abfm.Match) -> str:
 
 
 def advice(match: abfm.Match) -> str:
-    """Say what to try, in a line; nothing where nothing is needed."""
     return "" if match.stop_reason == "given" else match.verdict.advice
 
 

@@ -10,7 +10,6 @@ _NONE = "the {} has no Gaussian to {}: choose the family gaussian in the tab Fun
 
 
 def active_gaussian(session: Session, side: Side) -> int | None:
-    """Return which Gaussian of the active channel's side it is; None if there are none."""
     if session.active is None:
         return None
     count = len(gaussians.gaussians(session.active.spec(side)))
@@ -19,7 +18,6 @@ def active_gaussian(session: Session, side: Side) -> int | None:
 
 
 def why_fixed(session: Session, side: Side) -> str:
-    """Say why the mouse cannot move it, and what to do; nothing if it can."""
     if session.active is None:
         return f"the {side} is still being chosen"
     if active_gaussian(session, side) is None:

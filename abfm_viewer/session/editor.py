@@ -38,8 +38,6 @@ class Editor:
         """Go on to other values without a step of undo: what the user did not do."""
         self.history.document = replace(self.document, **values)
 
-    # Channels
-
     def set_spec(self, side: Side, spec: str, merge: str = "", bump: int | None = None) -> None:
         """Give the active channel another source or target, and make that side active.
 
@@ -106,7 +104,6 @@ class Editor:
     def select(
         self, channel: int | None = None, side: Side | None = None, bump: int | None = None
     ) -> None:
-        """Make a channel, side or Gaussian the active one."""
         wanted = {"channel": channel, "side": side, "bump": bump}
         values = {name: value for name, value in wanted.items() if value is not None}
         if side is not None and side != self.document.side and bump is None:
@@ -124,12 +121,9 @@ class Editor:
         self._put(label, *before, channel, channel=self.document.channel + len(before), bump=0)
 
     def _put(self, label: str, *by: Channel, merge: str = "", **values: Any) -> None:
-        """Put channels in the place of the active one."""
         channels, place = self.document.channels, self.document.channel
         channels = (*channels[:place], *by, *channels[place + 1 :])
         self.change(label, merge, channels=channels, **values)
-
-    # Parameters, mask, view, time
 
     def set_parameter(self, merge: str = "", label: str = "", **values: Any) -> None:
         """Change parameters by name, or none (ParameterError) if a value is refused.
@@ -147,7 +141,6 @@ class Editor:
             self.change(label, merge, parameters=parameters, time=time)
 
     def reset_parameters(self) -> None:
-        """Set all parameters as they are at first."""
         self.set_parameter(label="reset the parameters", **Parameters().to_dict())
 
     def set_mask(self, spec: str) -> None:
@@ -172,5 +165,4 @@ class Editor:
             self.change("move in time", merge="time", time=time)
 
     def add_point(self, kind: Literal["lines", "points"], point: Point) -> None:
-        """Start a flow line ("lines") or follow a point ("points")."""
         self.change("place a point", "", **{kind: (*getattr(self.document, kind), point)})

@@ -34,8 +34,6 @@ PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), outputs.WRITTEN
 
 @dataclass(frozen=True)
 class PictureSettings:
-    """A picture's size in pixels, and what it has besides the surfaces."""
-
     width: int = 1920
     height: int = 1080
     transparent: bool = False
@@ -75,7 +73,6 @@ class Exporter:
 
     @property
     def step(self) -> Step:
-        """Return what is being written, and how far it is."""
         return Step(self._task, done=self.progress or None, began=self._began)
 
     @property
@@ -83,7 +80,6 @@ class Exporter:
         return self._work is not None and not self._work.done()
 
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
-        """Draw the document as the window shows it."""
         words = ["--transparent"] if self.picture.transparent else []
         self._start(path, PICTURES, partial(self._render, path, document, known, words))
 
@@ -95,7 +91,6 @@ class Exporter:
         self._start(path, MOVIES, partial(self._render, path, document, known, words))
 
     def save_result(self, path: Path, match: abfm.Match) -> None:
-        """Write a result in the format of the file's suffix."""
         self._start(path, DATA, partial(outputs.write, path, match))
 
     def cancel(self) -> None:

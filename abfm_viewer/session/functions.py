@@ -36,7 +36,6 @@ class DocumentFunctions:
         self._answer = False
 
     def of(self, mesh: TriangleMesh) -> Functions:
-        """Functions of one mesh."""
         if mesh not in self._by_mesh:
             self._by_mesh[mesh] = Functions(mesh, at_once=self._at_once)
         return self._by_mesh[mesh]
@@ -73,12 +72,10 @@ class DocumentFunctions:
         return None if isinstance(found, str) else found
 
     def error(self, function: Function) -> str:
-        """Say why a function has no values; nothing if it has some or will have."""
         found = self._found(function)
         return found if isinstance(found, str) else ""
 
     def problem(self, document: Document) -> str:
-        """Name a function that cannot be evaluated, and why; nothing where all can, or may."""
         errors = ((one.spec, self.error(one)) for one in document.functions)
         return next((f"{spec}: {error}" for spec, error in errors if error), "")
 
@@ -116,7 +113,6 @@ class DocumentFunctions:
         return self._is_outdated.get((result, problem, *values), compare)
 
     def _differs(self, result: abfm.Match, document: Document) -> bool:
-        """Return whether it was found for other parameters or functions, as far as known."""
         channels = document.channels
         weights = [channel.weight for channel in channels]
         if result.parameters != document.parameters or weights != result.weights.tolist():
@@ -133,14 +129,12 @@ class DocumentFunctions:
         )
 
     def step(self, document: Document) -> Step | None:
-        """Return what is being done for the document's functions, if that is told."""
         if not document.channels:
             return self._defaults.step
         steps = (self.of(surface.mesh).step for surface in document.surfaces)
         return next((step for step in steps if step), None)
 
     def busy(self, document: Document) -> str:
-        """Say in two words what is being done for them; nothing if nothing is."""
         if not document.channels and not self._defaults.error:
             return "choosing functions"
         is_busy = any(self.of(surface.mesh).busy for surface in document.surfaces)
@@ -166,7 +160,6 @@ class DocumentFunctions:
             functions.let_go()
 
     def close(self) -> None:
-        """End all threads and processes."""
         for functions in self._by_mesh.values():
             functions.retire()
 

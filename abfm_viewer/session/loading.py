@@ -31,12 +31,12 @@ class Load:
     started: float = field(default_factory=time.perf_counter, init=False)
 
     @property
+    def key(self) -> object:
+        return self.source or self
+
+    @property
     def elapsed(self) -> float:
-        """Seconds since it began."""
         return time.perf_counter() - self.started
-
-
-Reader = Latest[Callable[[], None]]
 
 
 class Loading:
@@ -48,11 +48,14 @@ class Loading:
     """
 
     def __init__(self, jobs: Jobs, notices: Notices) -> None:
+        self.now: Load | None = None
         self._jobs = jobs
         self._notices = notices
-        self._reader: Reader | None = None
-        self._given_up: list[tuple[Load, Reader]] = []
-        self.now: Load | None = None
+        self._readers: dict[object, Latest[Callable[[], None]]] = {}  # by what they read
+
+    @property
+    def _reader(self) -> Latest[Callable[[], None]] | None:
+        return self._readers[self.now.key] if self.now else None
 
     @property
     def replacing(self) -> str:
@@ -61,37 +64,31 @@ class Loading:
 
     @property
     def step(self) -> Step | None:
-        """Return what is being done for it, if it tells."""
         return self._reader.step if self._reader else None
 
     def begin(self, load: Load) -> None:
-        """Read something instead of what is being read."""
         self._notices.say(f"{load.what} ...")
         self._give_up()
-        for begun, reader in self._given_up:
-            if reader.is_at_work and begun.source is not None and begun.source == load.source:
-                self._reader = reader
-                break
-        else:
-            self._reader = self._jobs.latest()
-            self._reader.ask(load.source or load, load.read)
-        self._given_up = [one for one in self._given_up if one[1] is not self._reader]
+        reader = self._readers.get(load.key)
+        if reader is None or not reader.is_at_work:
+            reader = self._readers[load.key] = self._jobs.latest()
+            reader.ask(load.key, load.read)
         self.now = load
 
     def cancel(self) -> None:
-        """Go on without what is being read."""
         if self.now is not None:
             self._notices.say(f"{self.now.what} was cancelled")
             self._give_up()
 
     def update(self) -> None:
         """Show what was read: call once per frame."""
-        self._given_up = [one for one in self._given_up if one[1].is_at_work]
         load, reader = self.now, self._reader
+        self._readers = {
+            key: each for key, each in self._readers.items() if each is reader or each.is_at_work
+        }
         if load is None or reader is None or reader.busy:
             return
-        self.now = self._reader = None
-        reader.retire()
+        self._give_up()
         problem = reader.error
         if reader.value is not None:
             self._notices.clear()
@@ -104,7 +101,6 @@ class Loading:
             self._notices.say(problem, True, OPENING, load.remedies)
 
     def _give_up(self) -> None:
-        if self.now is not None and self._reader is not None:
+        if self._reader is not None:
             self._reader.retire()
-            self._given_up.append((self.now, self._reader))
-        self.now = self._reader = None
+        self.now = None

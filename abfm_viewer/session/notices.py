@@ -14,8 +14,6 @@ WaysOut = Mapping[str, Callable[[], None]]
 
 
 class Notice(NamedTuple):
-    """The latest thing that was told."""
-
     text: str
     is_error: bool = False
 
@@ -69,7 +67,6 @@ class Notices:
         self._said = time.perf_counter(), self._moves()
 
     def offered(self, card: Card) -> WaysOut:
-        """The remedies of a card, but not those that a newer one offers, too."""
         newer = takewhile(lambda one: one is not card, self.cards)
         taken = [remedy for one in newer for remedy in one.remedies.items()]
         return {label: do for label, do in card.remedies.items() if (label, do) not in taken}
@@ -87,7 +84,6 @@ class Notices:
                 self.dismiss(card)
 
     def clear(self) -> None:
-        """Take the notice away; cards stay."""
         self.latest = Notice("")
 
     def update(self) -> None:

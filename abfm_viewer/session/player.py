@@ -35,7 +35,6 @@ class Player:
         self.playing, self._starting, self._to_tau = True, False, True
 
     def move_streaks(self, seconds: float) -> None:
-        """Move the phase of streaks on, whether the time plays or not."""
         self.phase = (self.phase + min(seconds, _LONGEST_FRAME) / SECONDS_PER_CYCLE) % 1
 
     def advance(self, time: float, seconds: float, tau: float, end: float) -> float:

@@ -27,7 +27,6 @@ class Saves:
 
     @property
     def path(self) -> Path | None:
-        """The project file that Save writes; None before there is one."""
         origin = self.origin(self._editor.document)
         return origin.path if origin else None
 
@@ -39,7 +38,6 @@ class Saves:
 
     @property
     def unsaved(self) -> bool:
-        """Return whether something of the present document is in no file."""
         return self._differs(self._editor.document)
 
     @property
@@ -55,7 +53,6 @@ class Saves:
         return tuple(found)
 
     def has_new_result(self, document: Document) -> bool:
-        """Return whether a document has a result that is in no file."""
         saved, _ = self._of(document)
         return document.result is not None and (not saved or document.result is not saved.result)
 
@@ -93,7 +90,6 @@ class Saves:
             self.found(document)
 
     def found(self, document: Document) -> None:
-        """Remember a document with a result that is in no file."""
         self._left[document.identity] = document
 
     def forget_all_but(self, identities: Collection[Identity]) -> None:
@@ -102,13 +98,11 @@ class Saves:
             del self._saved[identity]
 
     def reset(self) -> None:
-        """Forget all but the present document's project file."""
         origin = self.origin(self._editor.document)
         self._saved, self._left = {}, {}
         self.mark(self._editor.document, origin)
 
     def _differs(self, document: Document) -> bool:
-        """Return whether something of a document is in no file."""
         if (saved := self._of(document)[0]) is None:
             return True
         changed = any(getattr(document, name) != getattr(saved, name) for name in _CONTENT)

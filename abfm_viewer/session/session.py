@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import abfm
 from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
-from abfm.workers.progress import Step, said
+from abfm.workers import progress
+from abfm.workers.progress import said
 from abfm_viewer.computing.background import Jobs, Latest, same
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.solver import ProblemSpec, Snapshot, Solver
 from abfm_viewer.document.document import Channel, Document, Identity, Side, Surface, View
-from abfm_viewer.document.history import History
+from abfm_viewer.document.history import History, Step
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.session.editor import Editor
 from abfm_viewer.session.functions import DocumentFunctions
@@ -60,19 +61,15 @@ class Session:
         self._needed: tuple[object, ...] = ()
         self._last_update = clock.perf_counter()
 
-    # The document
-
     @property
     def document(self) -> Document:
         return self.editor.document
 
     def surface(self, slot: str = "advected") -> Surface:
-        """The surface that a slot shows, on which a side's functions are."""
         return self.document.surface(slot)
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Channels; none while the default functions of a new mesh are being found."""
         return self.document.channels
 
     @property
@@ -96,22 +93,21 @@ class Session:
         return self.document.time
 
     def set_time(self, time: float) -> None:
-        """Show another time of the time bar; what plays stops."""
         self.player.playing = False
         self.editor.set_time(time)
 
     def undo(self) -> None:
         """Take back the last step, but no run that is under way; what plays stops."""
-        self._step(self.editor.history.undo, self.editor.history.undo_to)
+        self._step(self.editor.history.undo, self.editor.history.past)
 
     def redo(self) -> None:
         """Do again what was taken back, but end no run that is under way; what plays stops."""
-        self._step(self.editor.history.redo, self.editor.history.redo_to)
+        self._step(self.editor.history.redo, self.editor.history.future)
 
-    def _step(self, go: Callable[[], None], to: Document | None) -> None:
+    def _step(self, go: Callable[[], None], to: list[Step]) -> None:
         self.player.playing = False
         before = self.document
-        if to is not None and to.identity is not before.identity:
+        if to and to[-1].document.identity is not before.identity:
             if self.solver.running:
                 text = f"that would leave {before.name}, which is being matched"
                 self.notices.say(f"{text}: cancel the run first", True, RUN)
@@ -152,14 +148,10 @@ class Session:
         self.editor.history = History(self.document)
         self.saves.reset()
 
-    # Functions
-
     def functions_of(self, document: Document) -> Functions:
-        """Values of functions on the surface of a document of the history."""
         return self.functions.of(document.surface().mesh)
 
     def values(self, side: Side) -> FloatArray | None:
-        """The active channel's source or target (V,); None before it is known, or if it is not."""
         return self.functions.values(self.document.function(side)) if self.active else None
 
     def error(self, of: Side | Literal["mask"]) -> str:
@@ -177,31 +169,24 @@ class Session:
         return said(busy, self.step) if busy else ""
 
     @property
-    def step(self) -> Step | None:
-        """Return what is being done for its functions, if that is told."""
+    def step(self) -> progress.Step | None:
         return self.functions.step(self.document)
-
-    # Matches
 
     @property
     def problem(self) -> ProblemSpec:
-        """Return what Match would solve now."""
         mesh = self.surface().mesh
         return ProblemSpec(mesh, self.channels, self.parameters, self.document.mask)
 
     @property
     def obstacle(self) -> str:
-        """Say why a match cannot start now; nothing if it can."""
         return self.functions.obstacle(self.document)
 
     @property
     def outdated(self) -> bool:
-        """Return whether the result belongs to another problem than the document now says."""
         return self.functions.outdated(self.document)
 
     @property
     def snapshot(self) -> Snapshot | None:
-        """The newest iterate of a run of this document; None before there is one."""
         return self.solver.snapshot if self._is_of_run else None
 
     @property
@@ -259,8 +244,6 @@ class Session:
             self._flow_seen = None
             self.editor.set_view("show the flow after matches", flow_after_match=True)
 
-    # The frame
-
     def update(self) -> None:
         """Take in what happened since the last frame: call once per frame, before drawing."""
         now = clock.perf_counter()
@@ -312,7 +295,6 @@ class Session:
             self.notices.say(f"no default functions: {problem}", is_error=True)
 
     def _collect(self) -> None:
-        """Take in what a run that has ended leaves."""
         if (ended := self.solver.collect()) is None:
             return
         match, run, _ = ended
@@ -337,7 +319,6 @@ class Session:
             self.notices.say(f"the solver stopped: {self.solver.reason}", True, RUN, again)
 
     def _show(self, match: abfm.Match, outcome: dict[str, Any]) -> None:
-        """Take a result into the document, and show its flow, played once."""
         view = None
         if not (self.solver.failed or self.at_once or self.dragging):
             view = self._view_of_flow(match)
@@ -367,7 +348,6 @@ class Session:
         return replace(view, streaks=streaks, arrows=not streaks)
 
     def close(self) -> None:
-        """End all threads and processes; what is under way is not waited for long."""
         self.solver.close()
         self.functions.close()
         self._jobs.close()

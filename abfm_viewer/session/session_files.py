@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, wait
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -59,7 +59,6 @@ def _origin(path: Path) -> Origin | None:
 
 
 def read_document(path: Path) -> Opened:
-    """Read a project file, or make a document that shows the result in a file."""
     if path.name.lower().endswith(PROJECT):
         return load_project(path)
     return document_of_result(abfm.load_match(path), path)
@@ -88,15 +87,6 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
     return document, known
 
 
-@dataclass
-class _Writing:
-    future: Future[Origin]
-    document: Document
-    path: Path
-    left: Document | None
-    then: list[Do]
-
-
 class SessionFiles:
     """Opens and saves a session's files, and keeps recent ones in `state`.
 
@@ -109,14 +99,14 @@ class SessionFiles:
         self._session = session
         self._state = state
         self._ask = ask
-        self._writing: list[_Writing] = []
+        # files being written: what to do when one is, and what to do after that
+        self._writing: list[tuple[Future[Origin], Do, list[Do]]] = []
         self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self.waiting: Load | None = None
         self.ways_out: dict[str, Do] = {}
 
     @property
     def sample(self) -> str:
-        """Return which sample the document is, by its name in the menu; empty if none."""
         document = self._session.document
         name = document.name if document.name in MESH_SAMPLES else ""
         return self._samples.get(document.identity, name)
@@ -140,7 +130,6 @@ class SessionFiles:
         self._load(Load(what, partial(read, path), remedies=remedies, source=source))
 
     def open_first(self, paths: list[Path]) -> None:
-        """Open the first of several files that were dropped on the window."""
         self.open(paths[0])
         if len(paths) > 1:
             text = f"opening {paths[0].name}, the first of {len(paths)} files ..."
@@ -179,21 +168,19 @@ class SessionFiles:
         self._ask("End the run?", text, answers)
 
     def end_run(self, what: str, then: Do) -> None:
-        """End the run that is under way, and do something when its best field is there."""
         self._session.solver.cancel()
         self.waiting = Load(what, lambda: then)
 
     def stop_waiting(self) -> None:
-        """Do nothing when the run has ended; it ends all the same, with its best field."""
         self.waiting = None
 
     def save(self, path: Path, then: Do | None = None, document: Document | None = None) -> None:
         """Write the project, or another document, in the background; then do something."""
-        document = document or self._session.document
-        functions = self._session.functions_of(document)
-        left = self._session.saves.left(document)
-        before = [one.future for one in self._writing]
-        self._session.notices.say(f"saving {path.name} ...")
+        session, notices = self._session, self._session.notices
+        document = document or session.document
+        functions, left = session.functions_of(document), session.saves.left(document)
+        before, actions = [future for future, *_ in self._writing], [then] if then else []
+        notices.say(f"saving {path.name} ...")
 
         def write() -> Origin:
             wait(before)
@@ -201,38 +188,37 @@ class SessionFiles:
             return Origin.of(path)
 
         future = THREADS.submit(write)
-        self._writing.append(_Writing(future, document, path, left, [then] if then else []))
+
+        def go_on() -> None:
+            for action in actions:
+                action()
+
+        def end() -> None:
+            if error := future.exception():
+                remedies = self._offered(OTHER_NAME, partial(self.save, path, go_on, document))
+                notices.say(f"not saved: {error_line(error)}", True, SAVING, remedies)
+                return
+            notices.mend(SAVING)
+            session.saves.mark(document, future.result(), left)
+            notices.say(f"saved {path}")
+            self._remember(path)
+            go_on()
+
+        self._writing.append((future, end, actions))
 
     def when_saved(self, then: Do) -> None:
-        """Do something when the file that is being written is."""
-        self._writing[-1].then.append(then)
+        self._writing[-1][2].append(then)
 
     def update(self) -> None:
         """Take in which files were written, and that a run has ended: call once per frame."""
         if self.waiting is not None and not self._session.solver.running:
             waiting, self.waiting = self.waiting, None
             waiting.read()()
-        notices = self._session.notices
-        while self._writing and self._writing[0].future.done():
-            done = self._writing.pop(0)
-
-            def then(done: _Writing = done) -> None:
-                for do in done.then:
-                    do()
-
-            if error := done.future.exception():
-                again = partial(self.save, done.path, then, done.document)
-                remedies = self._offered(OTHER_NAME, again)
-                notices.say(f"not saved: {error_line(error)}", True, SAVING, remedies)
-                continue
-            notices.mend(SAVING)
-            self._session.saves.mark(done.document, done.future.result(), done.left)
-            notices.say(f"saved {done.path}")
-            self._remember(done.path)
-            then()
+        while self._writing and self._writing[0][0].done():
+            _, end, _ = self._writing.pop(0)
+            end()
 
     def recent(self) -> list[Path]:
-        """Files that were opened or saved, the latest first."""
         return self._state.recent() if self._state else []
 
     def forget_recent(self) -> None:
@@ -244,8 +230,7 @@ class SessionFiles:
             self._state.add_recent(path)
 
     def close(self) -> None:
-        """Finish writing."""
-        wait([one.future for one in self._writing])
+        wait([future for future, *_ in self._writing])
 
     def _read_mesh(self, path: Path) -> Do:
         try:
@@ -281,7 +266,6 @@ class SessionFiles:
         return partial(self._show, path, restore)
 
     def _offered(self, label: str, again: Do | None = None) -> dict[str, Do]:
-        """Trying again, and a way out that the window has."""
         first = {"Try again": again} if again else {}
         return first | ({label: self.ways_out[label]} if label in self.ways_out else {})
 

@@ -2,8 +2,6 @@
 found, though it matches in a process that may be killed.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import threading
@@ -15,11 +13,11 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm import AbfmError, Parameters
+from abfm import AbfmError
 from abfm.workers import worker as worker_module
 from abfm_viewer.computing import solver as solver_module
 from abfm_viewer.computing.evaluation import Functions
-from abfm_viewer.computing.match_apart import MatchApart, is_pictured
+from abfm_viewer.computing.match_apart import MatchApart
 from abfm_viewer.computing.solver import ProblemSpec, Solver, State
 from abfm_viewer.document.document import Channel
 from tests.shapes import icosphere, tetrahedron
@@ -48,23 +46,27 @@ def running(solver, functions):
     return solver
 
 
-def rows(solver: Solver) -> int:
+def rows(solver):
     return len(solver.run.stages) if solver.run else 0
 
 
-def ended(solver: Solver):
+def ended(solver):
     """The result and the run that a solver leaves, which ends of itself."""
     solver.wait(60)
     result, run, _ = solver.collect()
     return result, run
 
 
-def kill(solver: Solver) -> None:
-    os.kill(solver.pid, signal.SIGKILL)
+def kill(solver):
+    os.kill(process_of(solver).pid, signal.SIGKILL)
 
 
-def same_run(solver: Solver, mesh: abfm.TriangleMesh, parameters: Parameters) -> None:
-    """Checks that a match of a mesh is that of `abfm.match`, bit for bit."""
+def process_of(solver):
+    return solver._apart._worker._connection.process
+
+
+def same_run(solver, mesh, parameters):
+    """Check that a match of a mesh is that of `abfm.match`, bit for bit."""
     functions = Functions(mesh)
     solver.start(ProblemSpec(mesh, (PAIR,), parameters, ""), functions)
     solver.wait(60)
@@ -73,39 +75,29 @@ def same_run(solver: Solver, mesh: abfm.TriangleMesh, parameters: Parameters) ->
     source, target = functions.evaluate(PAIR.source), functions.evaluate(PAIR.target)
     expected = abfm.match(mesh, source[:, None], target[:, None], parameters)
     functions.retire()
-    assert (solver.running, solver.state) == (False, State.ENDED)
+    assert (solver.running, solver.state, run.restarts) == (False, State.ENDED, ())
     assert result.mesh is mesh
     for name in ("velocity", "advected", "energy_history", "stages"):
         np.testing.assert_array_equal(getattr(result, name), getattr(expected, name))
     np.testing.assert_array_equal(run.energies, expected.energy_history)
     np.testing.assert_array_equal(run.stages, expected.stages)
     assert (result.verdict, result.stop_reason) == (expected.verdict, expected.stop_reason)
-    assert run.restarts == ()
     assert newest == len(run.energies) - 1
 
 
-def carries(match: abfm.Match | abfm.Iteration, functions: Functions) -> None:
-    """Checks that a field carries the source to what it says."""
-    carried = abfm.Flow(SPHERE, match.velocity, ENDLESS.tau).push(
-        functions.evaluate(PAIR.source), ENDLESS.tau
-    )
+def carries(match, functions):
+    """Check that a field carries the source to what it says."""
+    flow = abfm.Flow(SPHERE, match.velocity, ENDLESS.tau)
+    carried = flow.push(functions.evaluate(PAIR.source), ENDLESS.tau)
     np.testing.assert_allclose(carried, match.advected[:, 0], atol=1e-5)
-
-
-# What a run finds
 
 
 def test_it_finds_what_match_finds_also_on_another_mesh_prepared_or_not(solver):
     same_run(solver, SPHERE, QUICK)
     mesh = icosphere(2)
+    solver.prepare(mesh, None)  # what fails while meshes are made ahead stops no match
     solver.prepare(mesh, replace(QUICK, levels=2))
     same_run(solver, mesh, replace(QUICK, levels=2))
-
-
-def test_what_fails_while_meshes_are_made_ahead_stops_no_match(solver):
-    mesh = icosphere(2)
-    solver.prepare(mesh, None)
-    same_run(solver, mesh, QUICK)
 
 
 def test_a_run_that_waits_for_coarser_meshes_tells_of_them(solver, functions):
@@ -159,21 +151,15 @@ def test_a_start_that_is_too_fast_is_replaced_by_none(solver, functions):
     wild[:, :, 0] = 1e6
     solver.start(problem(), functions, wild)
     first, run = ended(solver)
-    assert not solver.failed
-    assert run.energies[0, 1] == 0
+    assert (solver.failed, run.energies[0, 1]) == (False, 0)
     solver.start(problem(), functions, first.start_for(replace(QUICK, tau=1e-20)))
     second, _ = ended(solver)
     assert not solver.failed
     np.testing.assert_array_equal(second.velocity, first.velocity)
 
 
-# What is told of it meanwhile
-
-
 def test_before_any_run_nothing_is_finished(solver):
-    assert not solver.running
-    assert not solver.paused
-    assert not solver.finished
+    assert (solver.running, solver.paused, solver.finished) == (False, False, False)
     assert (solver.snapshot, solver.run, solver.collect()) == (None, None, None)
     solver.cancel()  # nothing to cancel, pause or resume
     solver.pause()
@@ -189,42 +175,33 @@ def test_the_run_is_the_same_object_until_there_is_more_of_it(running):
     assert running.run is not before
 
 
-def test_the_fields_of_an_iterate_come_when_they_are_asked_for(running, functions):
+def test_the_fields_of_an_iterate_come_when_they_are_asked_for_and_are_known_for_a_while(
+    running, functions
+):
     running.pause()
     shown = running.snapshot.shown
+    again = replace(shown, look=replace(shown.look, picture=None))
     carries(shown, functions)
-    running.cancel()
-    ended(running)
-    running.start(problem(), functions)
-    ended(running)
-    assert shown.velocity is shown.velocity  # kept once it was there
-
-
-def test_the_fields_of_a_run_that_is_over_are_not_known_any_more(running, functions):
-    shown = running.snapshot.shown
     running.cancel()
     ended(running)
     for _ in range(2):
         running.start(problem(), functions)
         ended(running)
+    assert shown.velocity is shown.velocity  # kept once it was there
     with pytest.raises(AbfmError, match="not known any more"):
-        _ = shown.velocity
+        _ = again.velocity
 
 
 def test_some_iterates_come_with_a_picture_and_these_are_shown(running):
     until(lambda: running.snapshot.shown.iteration > 0)
-    assert is_pictured(running.snapshot.shown)
-    until(lambda: not is_pictured(running.snapshot.iteration))
+    assert running.snapshot.shown.look.picture is not None
+    until(lambda: running.snapshot.iteration.look.picture is None)
     assert running.snapshot.shown.iteration <= running.snapshot.iteration.iteration
-
-
-# Pausing and cancelling
 
 
 def test_a_paused_run_stands_still_goes_on_and_ends_with_the_best_field_when_cancelled(running):
     running.pause()
-    assert running.paused
-    assert running.running
+    assert (running.paused, running.running) == (True, True)
     time.sleep(0.3)  # the evaluation under way ends
     count = rows(running)
     time.sleep(0.2)
@@ -256,9 +233,6 @@ def test_a_run_that_is_cancelled_while_it_starts_ends_after_its_first_evaluation
     result, run = ended(solver)
     assert result.stop_reason == "cancelled"
     assert len(run.stages) >= 1
-
-
-# A problem that changes
 
 
 def test_a_run_follows_another_problem_from_the_field_that_was_there(running):
@@ -293,18 +267,18 @@ def test_restarts_in_a_row_leave_each_problem_some_iterations(running):
     assert np.diff(restarts).min() >= 3
 
 
-def test_another_alpha_waits_until_the_mouse_lets_go(running):
+def test_another_alpha_waits_until_the_mouse_lets_go_and_any_change_for_who_does_not_follow(
+    running,
+):
     changed = problem(replace(ENDLESS, alpha=0.5))
     running.follow_problem(changed, dragging=True)
     assert running.problem.parameters.alpha == ENDLESS.alpha
-    running.follow_problem(changed, dragging=False)
-    assert running.problem is changed
-
-
-def test_a_run_that_does_not_follow_stays_as_it_is(running):
     running.follow = False
     running.follow_problem(problem(replace(ENDLESS, beta=1e-3)), dragging=False)
     assert running.problem.parameters == ENDLESS
+    running.follow = True
+    running.follow_problem(changed, dragging=False)
+    assert running.problem is changed
 
 
 @pytest.mark.parametrize("follow", [True, False])
@@ -359,9 +333,6 @@ def test_a_restart_that_cannot_be_solved_keeps_the_result_so_far(running):
     assert result.stop_reason == "cancelled"
 
 
-# A process that is killed
-
-
 def test_a_process_that_is_killed_fails_its_run_and_the_next_run_has_another(running):
     shown = running.snapshot.shown
     kill(running)
@@ -381,7 +352,6 @@ def test_what_was_asked_for_of_a_killed_run_is_kept_but_not_for_another_run(runn
     np.testing.assert_array_equal(result.velocity, found.velocity)
     assert len(run.stages) >= len(found.energy_history)
     running.start(problem(ENDLESS), functions)
-    until(lambda: running.pid)
     kill(running)
     result, _ = ended(running)
     assert result is None  # that of an earlier run is not this one's
@@ -393,13 +363,13 @@ def test_a_killed_process_leaves_the_field_that_came_over_early_though_nobody_as
     monkeypatch.setattr(solver_module, "FIRST", 0.2)
     solver.start(problem(ENDLESS), functions)
     until(lambda: solver._course.newest)
-    kept = solver._course.newest
+    course, kept = solver._course, solver._course.newest
     kill(solver)
     result, run = ended(solver)
     assert solver.failed
     assert "\n" not in solver.reason
     assert result.velocity.any()
-    if solver._course.newest is kept:  # else another one came just before
+    if course.newest is kept:  # else another one came just before
         np.testing.assert_array_equal(result.velocity, kept.iteration.velocity)
     carries(result, functions)
     assert len(run.stages) > kept.iteration.iteration
@@ -431,7 +401,7 @@ def test_a_process_that_does_not_start_fails_the_run(functions, monkeypatch):
 
 
 def test_closing_ends_a_match_and_its_process_at_once(running):
-    process = running._apart._worker._connection.process
+    process = process_of(running)
     running.close(seconds=0)
     assert process.has_ended
     wait([running._working], 10)
@@ -443,7 +413,7 @@ def test_a_process_that_is_idle_is_left_to_the_next_solver(functions):
     for _ in range(2):
         solver = Solver()
         same_run(solver, SPHERE, QUICK)
-        pids.append(solver.pid)
+        pids.append(process_of(solver).pid)
         solver.close()
         Solver().close()  # which has had none
     assert pids[0] == pids[1]

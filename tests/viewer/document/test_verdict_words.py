@@ -1,7 +1,5 @@
 """What a match came to, in words."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace
@@ -16,18 +14,8 @@ from abfm import StopReason
 from abfm.matching import Remedy, Verdict
 from abfm.matching.judging.verdict import Kind
 from abfm_viewer.cli.solving import Outcome
-from abfm_viewer.document.verdict_words import (
-    advice,
-    advice_in_options,
-    changes,
-    counted,
-    headline,
-    numbers,
-    place,
-    share,
-    tone,
-    why,
-)
+from abfm_viewer.document import verdict_words
+from abfm_viewer.document.verdict_words import headline, numbers, place, tone, why
 from tests.viewer.sessions import SPHERE
 
 KINDS = get_args(Kind)  # the better ones first
@@ -41,30 +29,17 @@ def iterations():
 
 @pytest.fixture(scope="module")
 def found(iterations):
-    match = abfm.match(
-        SPHERE,
-        SPHERE.vertices[:, 0],
-        SPHERE.vertices[:, 1],
-        abfm.Parameters(iterations=12, levels=2, reach=0.5),
-        on_iteration=iterations.append,
-    )
+    x, y, _ = SPHERE.vertices.T
+    parameters = abfm.Parameters(iterations=12, levels=2, reach=0.5)
+    match = abfm.match(SPHERE, x, y, parameters, on_iteration=iterations.append)
     verdict = Verdict("matched", "the mismatch fell from 1 to 0.012", "")
-    return replace(
-        match,
-        mismatch=0.0123,
-        verified_mismatch=0.03,
-        folded=0.001,
-        stop_reason="converged",
-        verdict=verdict,
-    )
+    known = {"mismatch": 0.0123, "verified_mismatch": 0.03, "folded": 0.001}
+    return replace(match, **known, stop_reason="converged", verdict=verdict)
 
 
 def judged(match, kind, **known):
-    return replace(
-        match,
-        verdict=Verdict(kind, "the mismatch fell from 1 to 0.5: the cause", "advice"),
-        **known,
-    )
+    verdict = Verdict(kind, "the mismatch fell from 1 to 0.5: the cause", "advice")
+    return replace(match, verdict=verdict, **known)
 
 
 @pytest.mark.parametrize(
@@ -95,9 +70,6 @@ def test_the_headline_says_how_well_by_what_is_confirmed_and_has_a_colour(found,
 @settings(deadline=None)
 @given(pairs=st.lists(st.tuples(MISMATCH, MISMATCH | st.just(math.nan)), min_size=2, max_size=2))
 def test_a_smaller_share_never_has_a_worse_word_nor_a_worse_exit_status(found, pairs):
-    """Whatever mismatch and mismatch by flow lines two matches have, each with the kind that the
-    judge gives it.
-    """
     matches = []
     for mismatch, verified in pairs:
         one = replace(found, mismatch=mismatch, verified_mismatch=verified)
@@ -120,9 +92,7 @@ def test_a_share_is_only_told_with_the_word_that_goes_with_it(found, mismatch, v
 
 
 def shown_share(match):
-    """The share in a match's headline, in percent; of all that it can be where it says so in
-    words.
-    """
+    """The share in a match's headline, in percent; endless where it says so in words."""
     words = headline(match)
     if words.endswith("gained"):
         return math.inf
@@ -131,25 +101,17 @@ def shown_share(match):
 
 def test_percents_have_as_many_digits_as_one_reads():
     values = [1e-5, 1e-4, 0.00094, 0.0096, 0.0149, 0.0996, 0.995]
-    assert [share(value) for value in values] == [
-        "less than 0.01%",
-        "0.01%",
-        "0.09%",
-        "1%",
-        "1%",
-        "10%",
-        "100%",
-    ]
+    said = ["less than 0.01%", "0.01%", "0.09%", "1%", "1%", "10%", "100%"]
+    assert [verdict_words.share(value) for value in values] == said
 
 
 def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
     assert why(judged(found, "not reached")) == "the cause"
-    ended = replace(found, stop_reason=StopReason.NO_PROGRESS)
-    assert why(ended) == "it stopped where going on gained little"
-    assert (
-        why(replace(found, stop_reason="iteration limit"))
-        == "it stopped after the 12 iterations it was given"
-    )
+    for reason, told in (
+        (StopReason.NO_PROGRESS, "it stopped where going on gained little"),
+        ("iteration limit", "it stopped after the 12 iterations it was given"),
+    ):
+        assert why(replace(found, stop_reason=reason)) == told
 
 
 def test_what_is_not_known_is_left_out(found):
@@ -163,20 +125,15 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
         Remedy("Reach further", "a larger reach", {"reach": 0.6, "levels": 0}),
         Remedy("Continue", "go on", {}, True),
     )
-    match = replace(
-        found, verdict=Verdict("not reached", "why", "a larger reach; or go on", remedies)
-    )
-    assert (
-        advice_in_options(match, "m.npz")
-        == "reach further (--reach 0.6 --levels 0), or continue (--start m.npz)"
-    )
-    assert (
-        changes(remedies[0])
-        == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
-    )
-    assert changes(remedies[1]) == "Go on.\nStarts a run from the present field."
-    assert advice_in_options(judged(found, "impossible"), "m.npz") == "advice"
-    assert advice(replace(match, stop_reason="given")) == ""
+    verdict = Verdict("not reached", "why", "a larger reach; or go on", remedies)
+    match = replace(found, verdict=verdict)
+    told = "reach further (--reach 0.6 --levels 0), or continue (--start m.npz)"
+    assert verdict_words.advice_in_options(match, "m.npz") == told
+    assert verdict_words.advice_in_options(judged(found, "impossible"), "m.npz") == "advice"
+    assert verdict_words.advice(replace(match, stop_reason="given")) == ""
+    first, second = map(verdict_words.changes, remedies)
+    assert first == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
+    assert second == "Go on.\nStarts a run from the present field."
 
 
 @pytest.mark.parametrize(
@@ -195,9 +152,9 @@ def test_a_place_names_mesh_stage_and_reach(found, iterations):
     assert place(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"
 
 
-def test_one_is_no_plural():
-    assert [counted(number, "iteration") for number in (0, 1, 2)] == [
-        "0 iterations",
-        "1 iteration",
-        "2 iterations",
-    ]
+def test_sentences_begin_with_a_capital_and_one_is_no_plural():
+    counts = [verdict_words.counted(number, "iteration") for number in (0, 1, 2)]
+    assert counts == ["0 iterations", "1 iteration", "2 iterations"]
+    assert verdict_words.capital("opening Bear.OFF") == "Opening Bear.OFF"
+    assert verdict_words.sentence("the target is ||g|| = 0") == "The target is ||g|| = 0."
+    assert verdict_words.capital("") == ""

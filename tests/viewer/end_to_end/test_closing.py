@@ -106,7 +106,7 @@ def test_a_killed_process_leaves_a_card_to_go_on_with(gui):
             gui.session.solver.snapshot, gui.session.functions_of(gui.session.document)
         )
         kept = gui.session.solver._course.newest.iteration.velocity
-        os.kill(gui.session.solver.pid, signal.SIGKILL)
+        os.kill(gui.session.solver._apart._worker.pid, signal.SIGKILL)
         gui.wait(lambda s: s.solver.failed)
         assert (gui.session.result.velocity == kept).all()
         assert "match again" in gui.session.notices.cards[0].text

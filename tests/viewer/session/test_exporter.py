@@ -1,7 +1,5 @@
 """Exports beside the running app: the process that draws, its progress, and its end."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 
@@ -11,7 +9,7 @@ import pytest
 
 import abfm
 from abfm.numerics.factoring_apart import is_factored_apart
-from abfm_viewer.document.document import Channel, Document, Surface
+from abfm_viewer.document.document import SIDES, Channel, Document, Surface
 from abfm_viewer.files import outputs
 from abfm_viewer.session.exporter import Exporter, MovieSettings, PictureSettings
 from tests.shapes import icosphere
@@ -23,27 +21,21 @@ CHANNEL = Channel("gaussian:x=1,y=0,z=0,width=0.2", "gaussian:x=0,y=1,z=0,width=
 def document():
     """A short match on a sphere, with tau = 3."""
     mesh = icosphere(2)
-    f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in ("source", "target"))
+    f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in SIDES)
     match = abfm.match(mesh, f, g, abfm.Parameters(tau=3, iterations=3))
-    return Document(
-        (Surface(mesh, "sphere"),), (CHANNEL,), parameters=match.parameters, result=match, time=3.0
-    )
-
-
-class Told(list):
-    """What an exporter said at its end."""
-
-    def __call__(self, text, is_error):
-        self.append((text, is_error))
+    known = {"parameters": match.parameters, "result": match, "time": 3.0}
+    return Document((Surface(mesh, "sphere"),), (CHANNEL,), **known)
 
 
 @pytest.fixture
 def exporter(tmp_path, monkeypatch):
-    """One with small settings whose temporary files can be seen."""
+    """One with small settings whose temporary files can be seen, and what it said at its end."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(temporary))
-    exporter = Exporter(Told())
+    said = []
+    exporter = Exporter(lambda *words: said.append(words))
+    exporter.said = said
     exporter.picture = PictureSettings(320, 240)
     exporter.movie = MovieSettings(seconds=0.5, fps=10, start=0, end=2, turntable=90)
     yield exporter
@@ -59,16 +51,7 @@ def out(tmp_path):
     return folder
 
 
-def test_a_rate_that_the_format_has_not_is_refused_in_the_panels_words(exporter, document, out):
-    exporter.movie = replace(exporter.movie, fps=60)
-    exporter.save_movie(out / "a.gif", document, dict)
-    exporter.wait()
-    assert exporter._say == [("fps is 60; a .gif file takes at most 50", True)]
-    assert list(out.iterdir()) == []
-
-
-def test_a_movie_tells_how_far_it_is(exporter, document, out):
-    """Its last time is 2 tau, whatever tau is."""
+def test_a_movie_tells_how_far_it_is_and_ends_at_its_time_whatever_tau_is(exporter, document, out):
     exporter.picture = replace(exporter.picture, transparent=True)
     exporter.save_movie(out / "a.mp4", document, dict)
     seen, left = set(), []
@@ -76,11 +59,8 @@ def test_a_movie_tells_how_far_it_is(exporter, document, out):
         seen.add(exporter.progress)
         left.append(exporter.step.seconds_left())
         time.sleep(0.002)
-    assert (exporter.message, exporter.failed, exporter.progress) == (
-        f"saved {out / 'a.mp4'}",
-        False,
-        1.0,
-    )
+    assert (exporter.message, exporter.failed) == (f"saved {out / 'a.mp4'}", False)
+    assert exporter.progress == 1.0
     assert 0.0 in seen
     assert len(seen) > 2
     assert left[0] is None
@@ -116,26 +96,30 @@ def test_what_goes_wrong_in_the_process_is_told(exporter, document, out):
     assert list(out.iterdir()) == []
 
 
-def test_a_file_that_cannot_be_written_is_refused_before_anything_is_drawn(
+def test_what_cannot_be_written_is_refused_before_anything_is_drawn(
     exporter, document, out, monkeypatch
 ):
     monkeypatch.setattr("subprocess.Popen", None)
-    exporter.save_picture(out / "none" / "a.png", document, dict)
+    for save, name, told in (
+        (exporter.save_picture, "none/a.png", "there is no folder"),
+        (exporter.save_movie, "a.avi", "must end in .mp4, .gif"),
+    ):
+        save(out / name, document, dict)
+        exporter.wait()
+        assert exporter.failed
+        assert told in exporter.message
+    exporter.movie = replace(exporter.movie, fps=60)
+    exporter.save_movie(out / "a.gif", document, dict)
     exporter.wait()
-    assert exporter.failed
-    assert "there is no folder" in exporter.message
-    exporter.save_movie(out / "a.avi", document, dict)
-    exporter.wait()
-    assert "must end in .mp4, .gif" in exporter.message
+    assert exporter.said[-1] == ("fps is 60; a .gif file takes at most 50", True)
+    assert list(out.iterdir()) == []
 
 
 def test_large_systems_are_factored_apart_in_the_thread_of_an_export(
     exporter, document, out, monkeypatch
 ):
     asked = []
-    monkeypatch.setattr(
-        outputs, "write", lambda path, match: asked.append(is_factored_apart(10**9))
-    )
+    monkeypatch.setattr(outputs, "write", lambda *_: asked.append(is_factored_apart(10**9)))
     exporter.save_result(out / "a.npz", document.result)
     exporter.wait()
     assert asked == [True]

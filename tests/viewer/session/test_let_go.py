@@ -1,7 +1,5 @@
 """What a session lets go: of meshes that were left only what undo and unsaved work need stays."""
 
-from __future__ import annotations
-
 import gc
 import threading
 import weakref
@@ -9,7 +7,7 @@ import weakref
 import numpy as np
 import pytest
 
-from abfm import Parameters, TriangleMesh
+from abfm import Parameters
 from abfm_viewer.computing import evaluation
 from abfm_viewer.document import history
 from abfm_viewer.document.document import Channel
@@ -21,36 +19,46 @@ from tests.shapes import icosphere
 from tests.viewer.sessions import PAIR, end_run, matched, opened, solving, until
 
 PAIRS = Channel("coordinate:x", "coordinate:y")
-VERY_QUICK = Parameters(iterations=2)
+
+
+def ready(session):
+    until(lambda: not session.obstacle, session)
 
 
 @pytest.fixture
 def session():
     session = Session(icosphere(1), "first")
-    session.editor.amend(channels=(PAIRS,), parameters=VERY_QUICK)
-    until(lambda: not session.obstacle, session)
+    session.editor.amend(channels=(PAIRS,), parameters=Parameters(iterations=2))
+    ready(session)
     yield session
     session.close()
 
 
-def show(session: Session, mesh: TriangleMesh, name: str) -> None:
-    """Open a mesh with functions, and wait until they are evaluated."""
-    session.set_mesh(mesh, name)
-    session.editor.amend(channels=(PAIRS,))
-    session.update()
-    until(lambda: not session.obstacle, session)
+def show(session, *names):
+    """Open meshes with functions, and wait until these are evaluated."""
+    for name in names:
+        session.set_mesh(icosphere(1), name)
+        session.editor.amend(channels=(PAIRS,))
+        session.update()
+        ready(session)
 
 
-def threads() -> list[str]:
+def undo(session, steps):
+    for _ in range(steps):
+        session.undo()
+        session.update()
+    ready(session)
+
+
+def threads():
     return sorted(thread.name for thread in threading.enumerate())
 
 
 def test_meshes_that_were_left_have_no_threads_and_are_there_after_undo(session):
     first, values = session.surface().mesh, session.values("source")
-    show(session, icosphere(1), "second")
+    show(session, "second")
     most = len(threads()) + 1  # one more may have been needed at a time
-    for number in range(30):
-        show(session, icosphere(1), f"mesh {number}")
+    show(session, *(f"mesh {number}" for number in range(30)))
     until(lambda: len(threads()) <= most, session)
     for _ in range(31):
         session.undo()
@@ -59,7 +67,7 @@ def test_meshes_that_were_left_have_no_threads_and_are_there_after_undo(session)
     assert session.values("source") is values  # what is shown of it is there at once
     assert session.outdated is False
     session.editor.set_spec("source", "coordinate:z")  # and what is not is evaluated
-    until(lambda: not session.obstacle, session)
+    ready(session)
     np.testing.assert_array_equal(session.values("source"), first.vertices[:, 2])
     until(lambda: len(threads()) <= most, session)
 
@@ -67,15 +75,10 @@ def test_meshes_that_were_left_have_no_threads_and_are_there_after_undo(session)
 def test_what_was_computed_from_a_mesh_goes_when_it_is_left_and_comes_again(session):
     first = matched(session).surface().mesh
     assert first.cache
-    for name in ("second", "third"):
-        show(session, icosphere(1), name)
+    show(session, "second", "third")
     assert not first.cache
-    session.undo()
-    session.undo()
-    session.undo()  # the match
-    until(lambda: not session.obstacle, session)
-    found = matched(session).result
-    assert found.mesh is first
+    undo(session, 3)  # the match, too
+    assert matched(session).result.mesh is first
     assert first.cache
 
 
@@ -85,11 +88,9 @@ def test_meshes_out_of_reach_are_gone_and_so_is_what_was_saved_of_them(
     monkeypatch.setattr(history, "LONGEST", 5)
     seen = weakref.WeakSet()
     for number in range(12):
-        mesh = icosphere(1)
-        seen.add(mesh)
-        show(session, mesh, f"mesh {number}")
+        show(session, f"mesh {number}")
+        seen.add(session.surface().mesh)
         session.saves.mark(session.document, Origin.of(tmp_path / f"{number}.abfm"))
-        del mesh
     gc.collect()
     assert len(seen) <= 5 + 2  # undo's, the present one, and what was computed last
 
@@ -97,16 +98,14 @@ def test_meshes_out_of_reach_are_gone_and_so_is_what_was_saved_of_them(
 def test_unsaved_work_stays_though_undo_leads_there_no_more(session, monkeypatch):
     monkeypatch.setattr(history, "LONGEST", 2)
     found = matched(session).result
-    for number in range(5):
-        show(session, icosphere(1), f"mesh {number}")
+    show(session, *(f"mesh {number}" for number in range(5)))
     assert found in [left.result for left in session.saves.unsaved_documents]
 
 
 def test_results_of_undo_take_a_bounded_amount_of_memory(session, monkeypatch):
-    matched(session)
-    size = sum(
-        array.nbytes for array in vars(session.result).values() if isinstance(array, np.ndarray)
-    )
+    held = vars(matched(session).result).values()
+    size = sum(array.nbytes for array in held if isinstance(array, np.ndarray))
+    del held
     monkeypatch.setattr(history, "LARGEST", 10 * size)
     before, seen = threads(), weakref.WeakSet()
     for number in range(30):
@@ -140,8 +139,7 @@ def test_one_step_can_be_taken_back_however_large_it_is(session, monkeypatch):
 def test_only_the_mesh_at_work_has_a_process_that_evaluates(session, monkeypatch):
     monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0)
     before = children()
-    for number in range(3):
-        show(session, icosphere(1), f"mesh {number}")
+    show(session, *(f"mesh {number}" for number in range(3)))
     until(lambda: len(children() - before) == 1, session)
 
 
@@ -160,23 +158,19 @@ def test_a_run_that_ends_after_its_mesh_was_left_keeps_its_functions():
 
 
 def test_values_from_files_stay_with_a_mesh_that_was_left(session, tmp_path):
-    first, path = session.surface().mesh, tmp_path / "values.npy"
-    np.save(path, np.linspace(0, 1, len(first.vertices)))
-    session.editor.set_spec("source", f"file:{path}")
-    until(lambda: not session.obstacle, session)
-    session.editor.set_spec("source", "coordinate:z")
-    until(lambda: not session.obstacle, session)
-    show(session, icosphere(1), "second")
+    values, path = np.linspace(0, 1, len(session.surface().mesh.vertices)), tmp_path / "values.npy"
+    np.save(path, values)
+    for spec in (f"file:{path}", "coordinate:z"):
+        session.editor.set_spec("source", spec)
+        ready(session)
+    show(session, "second")
     path.unlink()
-    session.undo()
-    session.undo()
-    until(lambda: not session.obstacle, session)
-    np.testing.assert_allclose(session.values("source"), np.linspace(0, 1, len(first.vertices)))
+    undo(session, 2)
+    np.testing.assert_allclose(session.values("source"), values)
 
 
 def test_a_desk_forgets_which_sample_a_mesh_was(desk, tmp_path):
-    path = tmp_path / "small.off"
-    mesh = icosphere(1)
+    path, mesh = tmp_path / "small.off", icosphere(1)
     path.write_text(off_text(mesh.vertices, mesh.faces))
     for _ in range(3):
         desk.open(path)
@@ -184,10 +178,3 @@ def test_a_desk_forgets_which_sample_a_mesh_was(desk, tmp_path):
         desk.settle()
     gc.collect()
     assert len(desk.files._samples) <= 2
-
-
-def test_messages_that_nobody_reads_do_not_pile_up(session):
-    for number in range(1000):
-        session.notices.say(f"problem {number}", is_error=True)
-    assert len(session.notices.cards) <= 50
-    assert session.notices.cards[0].text == "problem 999"

@@ -1,9 +1,6 @@
 """Reading in the background: given up, taken up again, and one thing in another's place."""
 
-from __future__ import annotations
-
 import threading
-from collections.abc import Callable
 
 import pytest
 
@@ -16,16 +13,16 @@ from tests.viewer.sessions import until
 class Slow:
     """A read that takes as long as the test likes, and counts how often it began and was shown."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.begun = self.shown = 0
         self.may_go_on = threading.Event()
 
-    def __call__(self) -> Callable[[], None]:
+    def __call__(self):
         self.begun += 1
         assert self.may_go_on.wait(30)
         return self.show
 
-    def show(self) -> None:
+    def show(self):
         self.shown += 1
 
 
@@ -45,19 +42,24 @@ def quick():
 
 
 @pytest.fixture
-def loading():
+def jobs():
     jobs = Jobs()
-    yield Loading(jobs, Notices(lambda: 0))
+    yield jobs
     jobs.close()
 
 
-def begin(loading: Loading, read: Slow, source: object = None, waits: bool = True) -> None:
+@pytest.fixture
+def loading(jobs):
+    return Loading(jobs, Notices(lambda: 0))
+
+
+def begin(loading, read, source=None, waits=True):
     before = read.begun
     loading.begin(Load("reading", read, source=source))
     until(lambda: not waits or read.begun > before)
 
 
-def finish(loading: Loading) -> None:
+def finish(loading):
     """Wait until what is being read has been shown."""
     until(lambda: loading.update() or loading.now is None)
 
@@ -79,11 +81,10 @@ def test_the_same_again_is_read_once(loading, slow):
         loading.cancel()
         begin(loading, slow, "a file", waits=False)
     slow.may_go_on.set()
-    finish(loading)
-    assert (slow.begun, slow.shown) == (1, 1)
-    begin(loading, slow, "a file")  # that is over: it is read anew
-    finish(loading)
-    assert (slow.begun, slow.shown) == (2, 2)
+    for count in (1, 2):  # what is over is read anew
+        finish(loading)
+        assert (slow.begun, slow.shown) == (count, count)
+        begin(loading, slow, "a file")
 
 
 def test_another_source_waits_for_nothing(loading, slow, quick):
@@ -107,9 +108,7 @@ def test_one_that_is_given_up_before_it_begins_is_not_waited_for(loading, slow):
     assert slow.shown == 1
 
 
-def test_closing_does_not_wait_for_what_was_given_up(slow):
-    jobs = Jobs()
-    loading = Loading(jobs, Notices(lambda: 0))
+def test_closing_does_not_wait_for_what_was_given_up(jobs, loading, slow):
     begin(loading, slow)
     reader = loading._reader
     loading.cancel()

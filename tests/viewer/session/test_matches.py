@@ -1,0 +1,307 @@
+"""A session's runs: begun, followed, failed; remedies, and what is shown of a match that ended."""
+
+import time
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from abfm import Parameters
+from abfm.matching import Remedy
+from abfm_viewer.computing.match_apart import MatchApart
+from abfm_viewer.document.document import Channel, Document, Surface, View
+from abfm_viewer.files.origin import Origin
+from abfm_viewer.session.session import Session
+from tests.shapes import torus
+from tests.viewer.sessions import ENDLESS, PAIR, SPHERE, end_run, matched, opened, solving, until
+
+TORUS = torus(24, 12)
+FAR = Channel("gaussian:x=0,y=0,z=1,width=0.12", "gaussian:x=0,y=0.5,z=-0.87,width=0.12")
+BLIND = Parameters(reach=0.0, iterations=40)
+
+
+def finish(session):
+    until(lambda: session.solver.finished, session)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """For which meshes and numbers of levels coarser meshes were made."""
+    asked = []
+    monkeypatch.setattr(
+        MatchApart, "prepare", lambda _, mesh, parameters: asked.append((mesh, parameters.levels))
+    )
+    return asked
+
+
+def test_coarse_meshes_are_made_ahead_once_for_a_mesh_and_a_number_of_levels(asked):
+    session = opened()
+    until(lambda: asked, session)
+    for changes in ({"sigma": 0.1}, {"levels": 2}):
+        session.editor.set_parameter(**changes)
+        until(lambda: not session._coarse_meshes.busy)
+        for _ in range(3):
+            session.update()
+            until(lambda: not session._coarse_meshes.busy)
+    assert asked == [(SPHERE, 0), (SPHERE, 2)]
+    session.close()
+
+
+def test_pictures_off_the_screen_need_no_coarse_meshes(asked):
+    session = Session(SPHERE, "sphere", at_once=True)
+    session.restore(Document((Surface(SPHERE, "sphere"),), channels=(PAIR,)), {}, None)
+    session.update()
+    assert not session.obstacle
+    session.update()
+    assert asked == []
+    session.close()
+
+
+def test_a_warm_start_goes_on_with_another_number_of_fields_and_another_tau(session):
+    session.editor.set_parameter(method="linearised", segments=3)
+    linearised = matched(session).result.mismatch
+    session.editor.set_parameter(method="nonlinear", tau=3.0)
+    assert session.parameters.segments == 1
+    session.solver.warm = True
+    matched(session)
+    assert session.document.runs[-1].energies[0, 1] > 0
+    assert session.result.mismatch < linearised
+
+
+def test_a_change_during_a_run_restarts_it_warm_and_match_does_nothing(endless):
+    solving(endless, 20)
+    started = endless.solver.started
+    endless.match()
+    assert endless.solver.started == started
+    endless.editor.set_parameter(beta=1e-4)
+    until(lambda: endless.solver.run.restarts, endless)
+    until(lambda: len(endless.solver.run.stages) > endless.solver.run.restarts[0] + 3, endless)
+    end_run(endless)
+    [run] = endless.document.runs
+    assert run.energies[run.restarts[0], 1] > 0
+    assert endless.result.parameters.beta == 1e-4
+    assert not endless.outdated
+
+
+def test_alpha_is_followed_when_the_mouse_lets_go_and_a_gaussian_while_it_is_dragged(endless):
+    solving(endless)
+    endless.dragging = True
+    for alpha in (0.1, 0.2, 0.4):
+        endless.editor.set_parameter("alpha", alpha=alpha)
+        endless.update()
+    assert endless.solver.problem.parameters.alpha == ENDLESS.alpha
+    endless.dragging = False
+    endless.update()
+    assert endless.solver.problem.parameters.alpha == 0.4
+    endless.dragging = True
+    for number in range(60):
+        endless.editor.set_spec("target", f"gaussian:x={number / 100},y=1,z=0,width=0.15", "drag")
+        endless.update()
+        time.sleep(0.01)
+    assert len(endless.solver.run.restarts) > 1
+    endless.dragging = False
+    until(lambda: endless.solver.snapshot.problem == endless.problem, endless)
+    endless.editor.history.seal()
+    endless.undo()
+    assert endless.active == PAIR  # one step
+
+
+def test_the_result_for_a_mesh_that_was_replaced_is_dropped(endless):
+    solving(endless)
+    endless.set_mesh(TORUS, "torus")
+    until(lambda: not endless.solver.running, endless)
+    until(lambda: not endless.obstacle, endless)
+    assert (endless.result, endless.document.runs, endless.solver.finished) == (None, (), False)
+    endless.undo()
+    endless.update()
+    assert endless.surface().mesh is SPHERE
+    assert endless.result is None
+
+
+def test_undo_does_not_leave_a_mesh_that_is_being_matched(session):
+    session.set_mesh(TORUS, "torus")
+    session.editor.set_parameter(**ENDLESS.to_dict())
+    until(lambda: not session.obstacle, session)
+    solving(session)
+    session.undo()
+    session.undo()
+    assert session.surface().mesh is TORUS
+    assert "cancel the run first" in session.notices.latest.text
+    end_run(session)
+    assert session.notices.cards == ()
+    found = session.result
+    for _ in range(2):
+        session.undo()
+    assert session.surface().mesh is SPHERE
+    assert session.saves.unsaved_documents[-1].result is found
+
+
+def test_a_run_that_fails_leaves_its_best_field(endless, monkeypatch):
+    endless.editor.amend(parameters=replace(ENDLESS, levels=1))
+    solving(endless)
+    monkeypatch.setattr(endless.solver, "_yield_to_next", lambda: 1 / 0)
+    finish(endless)
+    assert endless.solver.failed
+    assert "ZeroDivisionError" in endless.notices.cards[0].text
+    result = endless.result
+    assert result.velocity.any()
+    np.testing.assert_allclose(result.advected, result.advect(result.parameters.tau), atol=1e-6)
+    assert len(result.energy_history) == len(result.stages) > 1
+    monkeypatch.undo()
+    assert list(endless.notices.cards[0].remedies) == ["Continue", "Match again"]
+    endless.notices.cards[0].remedies["Continue"]()
+    assert endless.solver.running
+    assert endless.notices.cards == ()
+
+
+@pytest.fixture
+def missed():
+    """A session whose match has not reached its target."""
+    session = matched(opened(BLIND, FAR))
+    yield session
+    session.close()
+
+
+def test_the_first_remedy_of_a_far_pair_comes_closer_and_is_one_step_of_undo(missed):
+    before, result = missed.document, missed.result
+    assert result.verdict.kind == "not reached"
+    first = result.verdict.remedies[0]
+    missed.remedy(first)
+    assert missed.solver.running
+    assert missed.parameters == replace(BLIND, **first.parameters)
+    finish(missed)
+    assert missed.result is not result
+    assert missed.result.verdict.kind in ("matched", "nearly")
+    assert missed.editor.history.undo_label == "reach further"
+    missed.undo()
+    assert missed.result is result
+    assert missed.parameters == before.parameters
+    missed.redo()
+    assert missed.result.parameters.reach == 1
+    assert not missed.outdated
+
+
+def test_what_goes_on_starts_from_the_present_field_and_during_a_run_nothing_is_changed(missed):
+    history, remedy = missed.result.energy_history, missed.result.verdict.remedies[0]
+    assert not missed.solver.warm
+    missed.remedy(Remedy("Continue", "go on", {}, True))
+    finish(missed)
+    assert missed.result.energy_history[0, 0] == pytest.approx(history[-1, 0], rel=0.1)
+    assert history[:, 0].max() > 2 * history[-1, 0]
+    assert missed.editor.history.undo_label == "match"
+    missed.editor.amend(parameters=ENDLESS)
+    missed.match()
+    missed.remedy(remedy)
+    assert missed.parameters == ENDLESS
+    end_run(missed)
+    assert missed.editor.history.undo_label == "match"  # no part of a step before it
+
+
+def test_a_result_is_a_step_of_its_own_if_the_user_did_something_since(missed):
+    missed.remedy(missed.result.verdict.remedies[0])
+    missed.editor.set_view("change the layout", layout="column")
+    finish(missed)
+    assert missed.editor.history.undo_label == "match"
+
+
+@pytest.fixture
+def flowing(session):
+    """One that shows its flow after a match."""
+    session.switch_flow_after_match()
+    return session
+
+
+def shows_flow(session):
+    return session.view.arrows or session.view.streaks
+
+
+def test_the_flow_is_shown_and_played_once_from_0_to_tau(flowing):
+    flowing.player.repeat, flowing.player.speed = "loop", 4.0
+    before = flowing.editor.history.undo_label
+    matched(flowing)
+    assert (flowing.player.playing, flowing.time) == (True, 0)
+    assert flowing.view.arrows != flowing.view.streaks
+    times = []
+    until(lambda: times.append(flowing.time) or not flowing.player.playing, flowing)
+    assert flowing.time == flowing.parameters.tau
+    assert times == sorted(times)
+    assert flowing.editor.history.undo_label == "match"
+    flowing.undo()
+    assert (flowing.editor.history.undo_label, flowing.result) == (before, None)
+    assert not shows_flow(flowing)
+
+
+def test_it_waits_for_what_it_would_show_and_saved_work_stays_saved(flowing, tmp_path):
+    flowing.player.held = True
+    matched(flowing)
+    flowing.saves.mark(flowing.document, Origin.of(tmp_path / "a.abfm"))
+    flowing.update()
+    assert flowing.time == 0
+    flowing.player.held, flowing.player.speed = False, 4.0
+    until(lambda: flowing.time > 0, flowing)
+    until(lambda: not flowing.player.playing, flowing)
+    assert not flowing.saves.unsaved
+
+
+@pytest.mark.parametrize("touch", ["time", "play", "undo", "match", "switch"])
+def test_what_the_user_does_stops_it(flowing, touch):
+    matched(flowing)
+    do = {
+        "time": lambda: flowing.set_time(0.5),
+        "play": flowing.player.toggle,
+        "undo": flowing.undo,
+        "match": flowing.match,
+        "switch": flowing.switch_flow_after_match,
+    }
+    do[touch]()
+    assert not flowing.player.playing
+
+
+def test_a_cancelled_run_shows_what_it_has(endless):
+    endless.switch_flow_after_match()
+    end_run(solving(endless))
+    assert endless.result.stop_reason == "cancelled"
+    assert endless.player.playing
+
+
+def test_a_flow_that_is_switched_off_is_not_played(session):
+    matched(session)
+    assert (session.player.playing, session.time) == (False, session.parameters.tau)
+    assert not shows_flow(session)
+
+
+@pytest.fixture
+def ball():
+    """A session whose view may be given anew, and told of a match."""
+    session = Session(SPHERE, "ball")
+
+    def view_of_flow(velocity=1.0, **view):
+        session.editor.amend(view=View(**view))
+        match = SimpleNamespace(mesh=SPHERE, velocity=np.full((1, len(SPHERE.faces), 3), velocity))
+        return session._view_of_flow(match)
+
+    session.view_of_flow = view_of_flow
+    yield session
+    session.close()
+
+
+@pytest.mark.parametrize("quickly", [False, True])
+def test_streaks_on_small_meshes_where_drawing_is_quick(ball, quickly):
+    ball.draws_quickly = quickly
+    view = ball.view_of_flow()
+    assert (view.arrows, view.streaks) == (not quickly, quickly)
+
+
+def test_what_the_user_hid_stays_hidden_and_what_he_chose_stays_chosen(ball):
+    assert ball.view_of_flow(velocity=0.0) is None  # no flow to see
+    assert ball.view_of_flow(flow_after_match=False) is None
+    for chosen in ({"streaks": True}, {"coloring": "speed"}):
+        assert ball.view_of_flow(**chosen) is ball.view
+        ball._flow_seen = None
+    assert ball.view_of_flow().arrows
+    assert ball.view_of_flow(arrows=True) is ball.view
+    assert ball.view_of_flow() is ball.view
+    for _ in range(2):
+        ball.switch_flow_after_match()
+    assert ball.view_of_flow().arrows

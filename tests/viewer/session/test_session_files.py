@@ -1,0 +1,258 @@
+"""Opening and saving through a session: nothing is lost unasked, what is in no file is known, and
+no run is ended by opening something.
+"""
+
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+
+from abfm import MeshError, Parameters, load_match, match
+from abfm_viewer.document.document import Channel
+from abfm_viewer.session import session_files
+from abfm_viewer.session.session_files import open_session
+from abfm_viewer.window.figure_document import figure_document
+from tests.mesh_writers import off_text
+from tests.shapes import icosphere
+from tests.viewer.sessions import ENDLESS, QUICK, matched, solving
+
+
+@pytest.fixture
+def small(tmp_path):
+    """A mesh file."""
+    path, mesh = tmp_path / "small.off", icosphere(1)
+    path.write_text(off_text(mesh.vertices, mesh.faces))
+    return path
+
+
+@pytest.fixture
+def solved(desk):
+    """A desk with a result that is in no file."""
+    desk.session.editor.amend(parameters=QUICK)
+    matched(desk.session)
+    return desk
+
+
+def save(desk, path, **words):
+    desk.files.save(path, **words)
+    desk.settle()
+
+
+def names(desk):
+    """Of the documents that would be lost."""
+    return [document.name for document in desk.session.saves.unsaved_documents]
+
+
+def results(desk):
+    return [document.result for document in desk.session.saves.unsaved_documents]
+
+
+def test_a_result_opens_with_its_functions_and_is_not_outdated(desk, tmp_path):
+    session = desk.session
+    f = np.stack([session.values("source"), session.values("target")], axis=1)
+    mesh, mask, back = session.surface().mesh, np.linspace(0.5, 1, len(f)), f[:, ::-1].copy()
+    found = match(mesh, f, back, Parameters(iterations=2), mask=mask, weights=[1, 3])
+    found.save(tmp_path / "two words.npz")
+    desk.open(tmp_path / "two words.npz")
+    assert [channel.weight for channel in session.channels] == [1, 3]
+    assert np.array_equal(session.values("source"), f[:, 0])
+    assert np.array_equal(session.result.velocity, found.velocity)
+    assert (session.outdated, session.saves.unsaved) == (False, False)
+    assert session.time == found.parameters.tau
+    save(desk, tmp_path / "result.abfm")
+    (tmp_path / "two words.npz").unlink()
+    desk.open(tmp_path / "result.abfm")
+    assert np.array_equal(session.values("target"), f[:, 1])
+    assert not session.outdated
+    desk.settle()
+
+
+def test_save_goes_to_the_file_of_the_document_that_undo_came_back_to(desk, tmp_path):
+    session = desk.session
+    session.editor.set_parameter(alpha=3)
+    for name in ("first", "second"):
+        save(desk, tmp_path / f"{name}.abfm")
+    desk.open(tmp_path / "first.abfm")
+    assert session.saves.path == tmp_path / "first.abfm"
+    session.undo()
+    assert session.saves.path == tmp_path / "second.abfm"
+    assert not session.saves.unsaved
+    session.redo()
+    assert session.saves.path == tmp_path / "first.abfm"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("notes.txt", b"", "expected a file that ends in .obj, .off"),
+        ("broken.off", b"OFF 3", "broken.off"),
+        ("broken.abfm", b"PK", "broken.abfm"),
+        ("broken.npz", b"PK", "broken.npz"),
+        ("missing.off", None, "there is no such file"),
+        ("missing.abfm", None, "No such file"),
+    ],
+)
+def test_what_cannot_be_opened_is_one_line_and_changes_nothing(desk, tmp_path, name, content, told):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    was = desk.session.document
+    desk.open(tmp_path / name)
+    assert desk.session.notices.latest.is_error
+    assert told in desk.session.notices.latest.text
+    assert desk.session.document is was
+    assert desk.state.recent() == []
+
+
+def test_saves_are_written_in_order_and_each_is_told(desk, tmp_path, monkeypatch):
+    usual, done = session_files.save_project, []
+
+    def write(path, *words):
+        time.sleep(0.1 if path.stem == "a" else 0)
+        usual(path, *words)
+        done.append(f"written {path.stem}")
+
+    monkeypatch.setattr(session_files, "save_project", write)
+    for name in "abc":
+        desk.files.save(tmp_path / f"{name}.abfm", then=lambda name=name: done.append(name))
+    desk.files.when_saved(lambda: done.append("end"))
+    assert desk.files.saving
+    desk.settle()
+    assert [one for one in done if len(one) == 1] == ["a", "b", "c"]
+    assert [one for one in done if "written" in one] == [f"written {name}" for name in "abc"]
+    assert done[-1] == "end"
+    assert sorted(path.name for path in tmp_path.glob("*.abfm")) == ["a.abfm", "b.abfm", "c.abfm"]
+
+
+def test_changes_made_while_saving_stay_unsaved(desk, tmp_path):
+    desk.session.editor.set_parameter(alpha=3)
+    desk.files.save(tmp_path / "a.abfm")
+    desk.session.editor.set_parameter(alpha=4)
+    desk.settle()
+    assert desk.session.saves.unsaved
+    desk.session.undo()
+    assert not desk.session.saves.unsaved
+
+
+def test_a_session_begins_with_any_kind_of_file_and_nothing_to_undo(desk, tmp_path):
+    f, g, few = (
+        desk.session.values("source"),
+        desk.session.values("target"),
+        Parameters(iterations=3),
+    )
+    found = match(desk.session.surface().mesh, f, g, few)
+    found.save(tmp_path / "m.npz")
+    channels = (Channel("coordinate:x", "coordinate:y"),)
+    desk.session.editor.change("solve", result=found, channels=channels)
+    save(desk, tmp_path / "p.abfm")
+    for name in ("m.npz", "p.abfm"):
+        session = open_session(tmp_path / name)
+        assert np.array_equal(session.result.velocity, load_match(tmp_path / "m.npz").velocity)
+        assert (session.editor.history.undo_label, session.saves.unsaved) == ("", False)
+        assert (session.saves.path is None) == (name == "m.npz")
+        session.close()
+    with pytest.raises(MeshError):
+        open_session(tmp_path / "missing.off")
+
+
+def test_a_result_that_was_left_is_unsaved_until_it_is_saved(solved, small, tmp_path):
+    session, found = solved.session, solved.session.result
+    solved.open(small)
+    assert not session.saves.unsaved
+    [left] = session.saves.unsaved_documents
+    assert left.result is found
+    assert session.saves.has_new_result(left)
+    save(solved, tmp_path / "left.abfm", document=left)
+    assert session.saves.unsaved_documents == ()
+    session.undo()
+    assert session.result is found
+    assert session.saves.path == tmp_path / "left.abfm"
+    assert not session.saves.unsaved
+
+
+def test_changes_that_were_left_are_unsaved_too_in_the_order_of_what_was_left(desk, small):
+    desk.session.editor.set_parameter(alpha=3)
+    desk.open(small)
+    for step in range(300):  # more than undo goes back
+        desk.session.editor.set_parameter(alpha=4 + step / 100)
+    assert names(desk) == ["small.off", "sphere.off"]
+    desk.open(small)
+    assert names(desk) == ["sphere.off", "small.off"]
+
+
+def test_what_undo_and_redo_leave_is_unsaved(desk, small):
+    desk.open(small)
+    desk.session.editor.set_parameter(alpha=3)
+    for _ in range(2):
+        desk.session.undo()
+    assert names(desk) == []  # the change was taken back, too
+    for _ in range(2):
+        desk.session.redo()
+    assert names(desk) == ["small.off"]
+    matched(desk.session)
+    for _ in range(3):
+        desk.session.undo()
+    assert desk.session.document.name == "sphere.off"
+    assert names(desk) == ["small.off"]
+    assert results(desk)[0] is not None
+
+
+def test_a_result_that_was_taken_back_is_unsaved_until_another_state_is_saved(solved, tmp_path):
+    session, found = solved.session, solved.session.result
+    session.undo()
+    session.editor.amend(parameters=Parameters())
+    assert not session.saves.unsaved
+    assert results(solved) == [found]
+    save(solved, tmp_path / "chosen.abfm")
+    assert session.saves.unsaved_documents == ()
+
+
+def test_a_later_result_is_not_settled_by_a_save_that_began_before_it(solved, small, tmp_path):
+    solved.files.save(tmp_path / "a.abfm")
+    later = matched(solved.session).result
+    solved.settle()
+    solved.open(small)
+    assert results(solved) == [later]
+
+
+@pytest.mark.parametrize("what", ["mesh", "figure", "drop"])
+def test_opening_during_a_run_asks_but_not_for_what_is_refused(desk, small, tmp_path, what):
+    session = desk.session
+    session.editor.amend(parameters=ENDLESS)
+    solving(session)
+    desk.files.open(tmp_path / "song.mp3")
+    assert desk.questions == []
+    opening = {
+        "mesh": lambda: desk.files.open(small),
+        "figure": lambda: desk.files.open_made("figure 1", partial(figure_document, 1)),
+        "drop": lambda: desk.files.open_first([small]),
+    }[what]
+    opening()
+    [(title, text, answers)] = desk.questions
+    assert title == "End the run?"
+    assert "sphere.off is being matched" in text
+    assert answers["Go back"] is None
+    for _ in range(10):
+        desk.update()
+    assert session.solver.running
+    assert session.loading.now is None
+    answers["End the run"]()
+    desk.wait(lambda: session.document.name != "sphere.off")
+    assert [result is not None for result in results(desk)] == [True]
+    session.undo()
+    assert session.result.velocity.any()
+
+
+def test_a_run_does_not_start_while_its_mesh_is_about_to_be_replaced(desk, small):
+    session = desk.session
+    desk.files.open(small)
+    assert session.loading.replacing == "opening small.off"
+    session.match()
+    assert not session.solver.running
+    assert "opening small.off" in session.notices.latest.text
+    session.loading.cancel()
+    assert session.loading.replacing == ""
+    desk.settle()
+    assert session.document.name == "sphere.off"
+    desk.open(small)
+    assert session.document.name == "small.off"
