@@ -6,20 +6,78 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from abfm_viewer.dialogs.file_choice import FileChoice
-from abfm_viewer.dialogs.file_dialog import Answer, FileDialog
-from abfm_viewer.dialogs.folder import shown
-from abfm_viewer.dialogs.message import Line, Message, Question
+import polyscope.imgui as imgui
+
+from abfm_viewer.dialogs.file_dialog import Answer, FileChoice, FileDialog, shown
+from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
-OnPath = Callable[[Path], None]
+Line = str | tuple[str, str]
+"""A paragraph, or a row of two columns."""
+_MESSAGE_WIDTH, _QUESTION_WIDTH = 520, 460
+_FIRST_COLUMN = 0.34
 
 
 @dataclass(frozen=True)
-class _Open:
-    dialog: Question | FileDialog | Message
-    answered: Callable[[Any], None]
-    """Called with what drawing it gave, unless that was nothing."""
+class Message:
+    """Lines under a title, and a text that can be copied instead of them."""
+
+    title: str
+    lines: Sequence[Line]
+    copied: str = ""
+
+    def draw(self, ui: Ui) -> bool:
+        """Draw the lines; whether they were closed in this frame."""
+        with dialog(ui, self.title, _MESSAGE_WIDTH):
+            height = imgui.GetIO().DisplaySize[1] * 0.92 - 4 * imgui.GetFrameHeightWithSpacing()
+            with child(ui, "lines", height, border=False, shrinks=True):
+                for line in self.lines:
+                    self._draw_line(ui, line)
+            if self.copied:
+                if ui.button("Copy", "All lines as text, to the clipboard.", width=ui.px(110)):
+                    imgui.SetClipboardText(self.copied)
+                ui.beside()
+            closed = ui.button("Close", "Esc", primary=True, width=ui.px(110))
+            keys = (imgui.ImGuiKey_Enter, imgui.ImGuiKey_Escape)
+            return closed or any(imgui.IsKeyPressed(key, False) for key in keys)
+
+    def _draw_line(self, ui: Ui, line: Line) -> None:
+        if isinstance(line, str):
+            ui.note(line, "ink")
+        elif line[1]:
+            width = imgui.GetContentRegionAvail()[0]
+            ui.note(line[0], "muted")
+            imgui.SameLine(_FIRST_COLUMN * width)
+            ui.note(line[1], "ink")
+        else:
+            ui.heading(line[0])
+
+
+@dataclass(frozen=True)
+class Question:
+    """A text and the labels of its answers: Enter takes the first one, Esc the last."""
+
+    title: str
+    text: str
+    answers: Sequence[str]
+
+    def draw(self, ui: Ui) -> str | None:
+        """Draw the question; the answer that was chosen in this frame."""
+        with dialog(ui, self.title, _QUESTION_WIDTH):
+            ui.note(self.text, "ink")
+            imgui.Dummy((0, ui.px(4)))
+            chosen = None
+            width = max(map(ui.text_width, self.answers)) + ui.px(32)
+            for number, answer in enumerate(self.answers):
+                if number:
+                    ui.beside()
+                if ui.button(answer, primary=number == 0, width=width):
+                    chosen = answer
+            if imgui.IsKeyPressed(imgui.ImGuiKey_Enter, False):
+                chosen = self.answers[0]
+            elif imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
+                chosen = self.answers[-1]
+        return chosen
 
 
 class Dialogs:
@@ -30,7 +88,8 @@ class Dialogs:
 
     def __init__(self) -> None:
         self.folder = Path()
-        self._open: list[_Open] = []
+        # each with what to call with an answer that drawing it gave
+        self._open: list[tuple[Question | FileDialog | Message, Callable[[Any], None]]] = []
 
     @property
     def is_open(self) -> bool:
@@ -38,15 +97,18 @@ class Dialogs:
 
     def is_asking(self, title: str) -> bool:
         """Return whether a question of this title is to be answered."""
-        questions = [one.dialog for one in self._open if isinstance(one.dialog, Question)]
-        return title in [question.title for question in questions]
+        return any(isinstance(one, Question) and one.title == title for one, _ in self._open)
 
-    def open(self, title: str, suffixes: tuple[str, ...], on_path: OnPath) -> None:
+    def open(self, title: str, suffixes: tuple[str, ...], on_path: Callable[[Path], None]) -> None:
         """Let the user choose a file that exists."""
         self._choose(title, FileChoice(self._begin(), suffixes), on_path)
 
     def save(
-        self, title: str, suffixes: tuple[str, ...], default_name: str, on_path: OnPath
+        self,
+        title: str,
+        suffixes: tuple[str, ...],
+        default_name: str,
+        on_path: Callable[[Path], None],
     ) -> None:
         """Let the user name a file to write; one that exists is replaced only after a question."""
         choice = FileChoice(self._begin(), suffixes, saving=True, name=default_name)
@@ -60,26 +122,26 @@ class Dialogs:
             if (act := buttons[label]) is not None:
                 act()
 
-        self._open.append(_Open(Question(title, text, tuple(buttons)), answered))
+        self._open.append((Question(title, text, tuple(buttons)), answered))
 
     def show(self, title: str, lines: Sequence[Line], copied: str = "") -> None:
         """Show paragraphs, and rows of two columns; a row with an empty second column is a heading.
 
         With a text to be `copied` there is a button for that.
         """
-        self._open.append(_Open(Message(title, lines, copied), lambda _: self._close()))
+        self._open.append((Message(title, lines, copied), lambda _: self._close()))
 
     def draw(self, ui: Ui) -> None:
         if not self._open:
             return
-        front = self._open[-1]
+        front, answered = self._open[-1]
         try:
-            answer = front.dialog.draw(ui)
+            answer = front.draw(ui)
         except Exception:  # a dialog that cannot be drawn must not hold the window
             self._close()
             raise
         if answer:
-            front.answered(answer)
+            answered(answer)
 
     def _begin(self) -> Path:
         """Return the last folder, if it is still there."""
@@ -88,7 +150,7 @@ class Dialogs:
         except OSError:
             return Path.home()
 
-    def _choose(self, title: str, choice: FileChoice, on_path: OnPath) -> None:
+    def _choose(self, title: str, choice: FileChoice, on_path: Callable[[Path], None]) -> None:
         def answered(answer: Answer) -> None:
             if (path := answer.path) is None:
                 self._close()
@@ -104,9 +166,9 @@ class Dialogs:
             self._close()
             on_path(path)
 
-        self._open.append(_Open(FileDialog(title, choice), answered))
+        self._open.append((FileDialog(title, choice), answered))
 
     def _close(self) -> None:
-        dialog = self._open.pop().dialog
-        if isinstance(dialog, FileDialog):
-            dialog.choice.close()
+        closed, _ = self._open.pop()
+        if isinstance(closed, FileDialog):
+            closed.choice.close()

@@ -1,17 +1,191 @@
-"""The file dialog: a path to type, a list to click, and a name when saving."""
+"""The file dialog: a path to type, a list to click, a name when saving, and what they lead to."""
 
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.dialogs.file_choice import FileChoice
-from abfm_viewer.dialogs.folder import Entry, Listing, shown
+from abfm_viewer.computing.background import Latest
 from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
+MOST = 10_000
+"""Entries of a folder that are listed."""
 _WIDTH, _HEIGHT = 640, 480
 _ROWS_AROUND = 200  # rows above and below the visible ones that are drawn too
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A folder or file."""
+
+    name: str
+    is_folder: bool
+
+    @property
+    def label(self) -> str:
+        """The name as it is shown; a folder's ends in a slash."""
+        return shown(self.name) + "/" * self.is_folder
+
+
+@dataclass(frozen=True)
+class Listing:
+    """A folder's entries, folders first; and why that is not everything, or nothing."""
+
+    entries: tuple[Entry, ...] = ()
+    note: str = ""
+    error: str = ""
+
+    @property
+    def names(self) -> list[str]:
+        return [entry.name for entry in self.entries]
+
+
+def read_folder(folder: Path, suffixes: tuple[str, ...]) -> Listing:
+    """List a folder without hidden files; the reason instead if it cannot be read."""
+    found = []
+    try:
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                is_folder = _is_folder(entry)
+                is_shown = is_folder or has_suffix(entry.name, suffixes)
+                if is_shown and not entry.name.startswith("."):
+                    found.append(Entry(entry.name, is_folder))
+    except OSError as error:
+        return Listing(error=f"{folder} cannot be read: {error.strerror or error}")
+    found.sort(key=lambda entry: (not entry.is_folder, entry.name.casefold(), entry.name))
+    note = f"the first {MOST:,} of {len(found):,}: type the name of another one"
+    return Listing(tuple(found[:MOST]), note if len(found) > MOST else "")
+
+
+def has_suffix(name: str, suffixes: tuple[str, ...]) -> bool:
+    """Return whether a file's name ends in one of the suffixes, in capitals or not."""
+    return not suffixes or name.lower().endswith(suffixes)
+
+
+def shown(path: str | Path) -> str:
+    """Return a path that can be drawn: bytes that are no text become question marks."""
+    return os.fsencode(path).decode("utf-8", "replace")
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
+
+
+@dataclass(eq=False)
+class FileChoice:
+    """A folder, of whose entries one is `selected`, and why the last step was refused.
+
+    A file for `saving` need not exist: its `name` is typed, and gets the first of the suffixes if
+    it has none of them.
+    """
+
+    folder: Path
+    suffixes: tuple[str, ...]
+    saving: bool = False
+    name: str = ""
+    selected: str = field(default="", init=False)
+    error: str = field(default="", init=False)
+    _reads: int = field(default=0, init=False)
+    _listing: Latest[Listing] = field(default_factory=Latest, init=False)
+
+    def listing(self) -> Listing | None:
+        """Return the folder's entries; None while they are read, which may take long."""
+        folder, suffixes = self.folder, self.suffixes
+        return self._listing.ask((self._reads, folder), lambda: read_folder(folder, suffixes))
+
+    def go(self, folder: Path) -> None:
+        """Show another folder, or the same one anew."""
+        self.folder, self.selected, self.error = folder, "", ""
+        self._reads += 1
+
+    def go_up(self) -> None:
+        """Show the folder that this one is in, with this one marked."""
+        below = self.folder
+        self.go(below.parent)
+        self.selected = below.name
+
+    def select(self, entry: Entry) -> None:
+        """Mark an entry; a file to save over gives its name."""
+        self.selected, self.error = entry.name, ""
+        if self.saving and not entry.is_folder:
+            self.name = entry.name
+
+    def move_selection(self, step: int) -> None:
+        """Mark the entry before or after the marked one; the first one if none is."""
+        if (listing := self.listing()) is not None and (names := listing.names):
+            place = names.index(self.selected) + step if self.selected in names else 0
+            self.select(listing.entries[min(max(place, 0), len(names) - 1)])
+
+    def go_or_take(self, typed: str) -> Path | None:
+        """Follow a path from the shown folder: go to a folder, take a file, or refuse."""
+        try:
+            path = (self.folder / Path(typed.strip()).expanduser()).resolve()
+            if path.is_dir():
+                self.go(path)
+            elif self.saving and path.parent.is_dir():
+                self.go(path.parent)
+                self.name = path.name
+            else:
+                return self._taken(path)
+        except (OSError, RuntimeError, ValueError) as error:
+            self.error = f"{typed}: {_reason(error)}"
+        return None
+
+    def confirm(self) -> Path | None:
+        """Take the typed or marked file, or go to the marked folder."""
+        if self.saving and self.name.strip():
+            return self._named()
+        return self.go_or_take(self.selected) if self.selected else None
+
+    @property
+    def ready(self) -> bool:
+        return bool(self.selected or (self.saving and self.name.strip()))
+
+    @property
+    def final_name(self) -> str:
+        """The typed name with its suffix."""
+        name = self.name.strip()
+        return name if not name or has_suffix(name, self.suffixes) else name + self.suffixes[0]
+
+    def close(self) -> None:
+        self._listing.close()
+
+    def _taken(self, path: Path) -> Path | None:
+        if not path.exists():
+            listed = self._listing.value
+            vanished = listed is not None and path.name in listed.names
+            self.go(self.folder)
+            self.error = f"{path.name} is no longer there" if vanished else f"there is no {path}"
+        elif not has_suffix(path.name, self.suffixes):
+            self.error = f"{path.name}: expected a file that ends in {', '.join(self.suffixes)}"
+        else:
+            return path
+        return None
+
+    def _named(self) -> Path | None:
+        try:
+            path = self.folder / Path(self.final_name).expanduser()
+            if path.name.startswith("."):
+                name = self.name.strip()
+                self.error = f"{name}: begin the name with no dot, which hides files"
+            elif path.is_dir():
+                self.error = f"{path.name} is a folder: choose another name"
+            elif not path.parent.is_dir():
+                self.error = f"there is no folder {path.parent}"
+            else:
+                return path
+        except (OSError, RuntimeError, ValueError) as error:
+            self.error = f"{self.name}: {_reason(error)}"
+        return None
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 @dataclass
@@ -48,7 +222,8 @@ class FileDialog:
             given_up = ui.button("Cancel", "Esc", width=ui.px(110))
             if not typing:
                 given_up = given_up or imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False)
-                pressed = pressed or _enter_pressed()
+                keys = (imgui.ImGuiKey_Enter, imgui.ImGuiKey_KeypadEnter)
+                pressed = pressed or any(imgui.IsKeyPressed(key, False) for key in keys)
             if not imgui.GetIO().WantTextInput:
                 self._move_by_keys()
             if given_up:
@@ -87,7 +262,7 @@ class FileDialog:
         entries = listing.entries
         self._scroll(listing, row)
         first = max(0, int(imgui.GetScrollY() / row) - _ROWS_AROUND)
-        last = min(len(entries), first + int(imgui.GetWindowHeight() / row) + 2 * _ROWS_AROUND)
+        last = first + int(imgui.GetWindowHeight() / row) + 2 * _ROWS_AROUND
         top = imgui.GetCursorPosY()
         imgui.SetCursorPosY(top + first * row)
         taken = None
@@ -144,15 +319,10 @@ class FileDialog:
 
     def _scroll(self, listing: Listing, row: float) -> None:
         """Bring the entry that the keyboard marked into sight."""
-        names = [entry.name for entry in listing.entries] if self._scroll_to else []
+        names = listing.names if self._scroll_to else []
         if self._scroll_to in names:
             top, first = names.index(self._scroll_to) * row, imgui.GetScrollY()
             height = imgui.GetWindowHeight()
             if not first <= top <= first + height - 2 * row:
                 imgui.SetScrollY(max(top - height / 2, 0))
         self._scroll_to = ""
-
-
-def _enter_pressed() -> bool:
-    keys = (imgui.ImGuiKey_Enter, imgui.ImGuiKey_KeypadEnter)
-    return any(imgui.IsKeyPressed(key, False) for key in keys)

@@ -22,8 +22,7 @@ import numpy as np
 import abfm
 from abfm import Parameters, ResultError, TriangleMesh
 from abfm.errors import brief, one_line
-from abfm.io import write_atomically
-from abfm.io import results
+from abfm.io import results, write_atomically
 from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, Entry, check_arrays, mesh_of
 from abfm.reading import from_json
 from abfm.types import FloatArray

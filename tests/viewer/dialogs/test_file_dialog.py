@@ -14,9 +14,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from abfm_viewer.dialogs import file_choice
-from abfm_viewer.dialogs.file_choice import FileChoice
-from abfm_viewer.dialogs.folder import MOST, Entry, read_folder, shown
+from abfm_viewer.dialogs import file_dialog
+from abfm_viewer.dialogs.file_dialog import MOST, Entry, FileChoice, read_folder, shown
 
 MESHES = (".off", ".obj")
 
@@ -209,7 +208,7 @@ def test_a_slow_folder_does_not_hold_the_window(folder, monkeypatch):
         assert may_answer.wait(30)
         return read_folder(*words)
 
-    monkeypatch.setattr(file_choice, "read_folder", slow)
+    monkeypatch.setattr(file_dialog, "read_folder", slow)
     choice = FileChoice(folder, MESHES)
     assert choice.listing() is None
     assert asked.wait(30)

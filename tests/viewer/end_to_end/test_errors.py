@@ -114,7 +114,7 @@ def test_a_session_that_fails(gui, monkeypatch):
 
 def test_a_dialog_that_fails_is_closed(gui, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr("abfm_viewer.dialogs.message.Message.draw", fail)
+        patch.setattr("abfm_viewer.dialogs.dialogs.Message.draw", fail)
         gui.menu("Help", "About")
         gui.frames(2)
         assert not gui.window.dialogs.is_open

@@ -16,8 +16,8 @@ import pytest
 
 from abfm_viewer import app
 from abfm_viewer.automation.driver import Driver
-from abfm_viewer.dialogs import file_choice
-from abfm_viewer.dialogs.folder import Entry, Listing
+from abfm_viewer.dialogs import file_dialog
+from abfm_viewer.dialogs.file_dialog import Entry, Listing
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session import Session
@@ -137,7 +137,7 @@ def test_ten_thousand_files_do_not_slow_the_window_down(gui, monkeypatch):
     lines = []
     for count in (1_000, 10_000):
         listing = Listing(tuple(Entry(f"{number:05}.off", False) for number in range(count)))
-        monkeypatch.setattr(file_choice, "read_folder", partial(lambda found, *_: found, listing))
+        monkeypatch.setattr(file_dialog, "read_folder", partial(lambda found, *_: found, listing))
         gui.key("ctrl+o")
         gui.wait(lambda s: "00000.off" in gui.labels(), 10)
         assert len(gui.window.ui.widgets) < 700
