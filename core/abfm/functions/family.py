@@ -43,9 +43,7 @@ class Slider(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """One of the ways to describe a function of a family: in words, by an example, and with some
-    parameters.
-    """
+    """A way to describe a function of a family: in words, by an example, with some parameters."""
 
     summary: str
     example: str
@@ -83,8 +81,7 @@ def parameter(kind: Kind, summary: str, *, default: Any = MISSING, **more: Any) 
 class Family(Spec):
     """A family of functions: subclasses are frozen dataclasses with fields by :func:`parameter`.
 
-    Values may be given as text: they are read and checked on construction, which raises
-    FunctionError.
+    Values may be text: they are read and checked on construction, which raises FunctionError.
     """
 
     family: ClassVar[str]

@@ -28,8 +28,6 @@ _SYMMETRIC = ".sym.vts"
 class ValuesFile(Family):
     """Values from a .npy, .csv, .txt or .gii(.gz) file, in its own unit: one per vertex, as the
     mesh file counts.
-
-    See :func:`read_table` for the formats.
     """
 
     family = "file"
@@ -51,10 +49,8 @@ class ValuesFile(Family):
 class Permuted(Family):
     """Another function composed with a vertex map: ``result[i] = f[map[i]]``, in the unit of f.
 
-    The map is ``mirror`` or ``rotation``, the symmetry of this kind that the mesh is found to have
-    (see :func:`abfm.maps.detect_symmetry`; the rotation by 180 degrees), or a file (see
-    :func:`read_vertex_map`): one vertex number per vertex of the mesh file, counted from 0 or 1, or
-    pairs of vertices. It need not be a permutation: any map of the vertices will do.
+    Any map of the vertices will do: ``mirror`` or ``rotation`` (by 180 degrees), the symmetry that
+    :func:`abfm.maps.detect_symmetry` finds, or a file for :func:`read_vertex_map`.
     """
 
     family = "permuted"
@@ -96,17 +92,11 @@ def read_column(path: str, column: str | None = None) -> FloatArray:
 
 
 def read_table(path: str) -> tuple[list[str], FloatArray]:
-    """Read the names of the columns, if there are any, and the numbers, (n, c).
+    """Read the names of the columns, if any, and the numbers, (n, c), or raise a FunctionError.
 
     .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers
     separated by commas, semicolons, tabs or blanks, with or without a line of names on top; empty
-    lines and lines starting with ``#`` are skipped. .gii is GIFTI, whose data arrays are the
-    columns.
-
-    Raises
-    ------
-    FunctionError
-        If the file cannot be read or is no table of numbers.
+    lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are the columns.
     """
     suffix = next((suffix for suffix in _SUFFIXES if path.lower().endswith(suffix)), None)
     if suffix is None:
@@ -202,13 +192,8 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
 
     Numbers count the vertices of the mesh file, from 0 or from 1, whichever all of them fit. If
     both fit: whichever makes the map a permutation; failing that .vts files count from 1, and
-    others from 0, as meshes do.
-
-    Raises
-    ------
-    FunctionError
-        If the file cannot be read, has the wrong length, numbers that fit neither way or, in pairs
-        of .txt or .csv, both ways, or two partners for a vertex.
+    others from 0, as meshes do. A FunctionError tells what else there is, as are pairs of .txt or
+    .csv that fit both ways, or two partners of a vertex.
     """
     table = read_table(path)[1]
     template = Path(path[: -len(_SYMMETRIC)] + ".vts").expanduser()

@@ -32,14 +32,9 @@ class Curvature(Family):
     """Gaussian curvature (1/length^2), or mean curvature (1/length, positive where the surface
     bulges outward).
 
-    See :func:`gaussian_curvature` and :func:`mean_curvature`. Both formulas hold off the boundary
-    only: a boundary vertex gets the mean of its neighbours. Where the surface is flat up to the
-    rounding of its coordinates they are 0.
-
-    References
-    ----------
-    Meyer, Desbrun, Schröder, Barr: Discrete Differential-Geometry Operators for Triangulated
-    2-Manifolds, 2003.
+    The formulas [Meyer, Desbrun, Schröder, Barr: Discrete Differential-Geometry Operators for
+    Triangulated 2-Manifolds, 2003] hold off the boundary only: a boundary vertex gets the mean of
+    its neighbours. Where the surface is flat up to the rounding of its coordinates they are 0.
     """
 
     family = "curvature"
@@ -58,11 +53,10 @@ class Curvature(Family):
 
 
 def gaussian_curvature(mesh: TriangleMesh) -> FloatArray:
-    """Compute the angle defect over mixed area (Meyer et al., equation 9), (V,), in 1/length^2.
+    """Compute the angle defect over mixed area (equation 9), (V,), in 1/length^2.
 
     Meaningless on a boundary. Moving an end of an edge of length ``a`` by the rounding ``r`` of the
-    coordinates turns the edge by ``r / a``: a defect is 0 if it is no larger than what this makes
-    of the angles at its vertex.
+    coordinates turns the edge by ``r / a``: what this makes of the angles at a vertex counts as 0.
     """
     inverse = 1 / _opposite_edge_lengths(mesh)
     around = np.roll(inverse, 1, axis=1) + np.roll(inverse, -1, axis=1)
@@ -72,12 +66,11 @@ def gaussian_curvature(mesh: TriangleMesh) -> FloatArray:
 
 
 def mean_curvature(mesh: TriangleMesh) -> FloatArray:
-    """Compute half the Laplacian of the coordinates (Meyer et al., equation 8) along the vertex
-    normal, (V,), in 1/length.
+    """Compute half the Laplacian of the coordinates (equation 8) along the vertex normal, (V,).
 
-    Positive on a sphere with outward normals; meaningless on a boundary. A face adds to the
-    Laplacian half the edge opposite to the vertex, turned by a right angle: the rounding ``r`` of
-    the coordinates moves the edge by ``r`` and turns the face by ``r`` over its least height. A sum
+    In 1/length, positive on a sphere with outward normals; meaningless on a boundary. A face adds
+    half the edge opposite to the vertex, turned by a right angle: the rounding ``r`` of the
+    coordinates moves the edge by ``r`` and turns the face by ``r`` over its least height, and a sum
     that is no larger than this is 0.
     """
     sizes = _opposite_edge_lengths(mesh)
@@ -110,25 +103,24 @@ def _without_noise(values: FloatArray, noise: FloatArray) -> FloatArray:
 
 
 def mixed_areas(mesh: TriangleMesh) -> FloatArray:
-    """Compute the Voronoi area of each vertex, or half or a quarter of a face that is obtuse, (V,).
+    """Compute the Voronoi area of each vertex (section 3.3), or half or a quarter of obtuse faces.
 
-    Meyer et al., section 3.3. With a third of the adjacent faces instead, curvature stays 15% wrong
-    at the 12 odd vertices of an icosphere.
+    With a third of the adjacent faces, curvature stays 15% wrong at odd vertices of an icosphere.
     """
     voronoi = igl.massmatrix(mesh.vertices, mesh.faces, igl.MASSMATRIX_TYPE_VORONOI)
     return np.asarray(voronoi.diagonal())
 
 
 def vertex_normals(mesh: TriangleMesh) -> FloatArray:
-    """Compute unit normals at the vertices, (V, 3): along the area-weighted sum of the faces'
-    normals, 0 where that is 0.
-    """
+    """Compute unit normals at the vertices, (V, 3): of the sum of the faces' area vectors, or 0."""
     weighted = face_areas(mesh)[:, None] * face_normals(mesh)
-    sums = [_at_vertices(mesh, np.repeat(w, 3)) for w in weighted.T]
-    normals = np.stack(sums, axis=1)
-    return np.asarray(
-        normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
-    )
+    sums = np.stack([_at_vertices(mesh, np.repeat(w, 3)) for w in weighted.T], axis=1)
+    return _unit(sums)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(lengths, np.finfo(float).tiny))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,37 +128,25 @@ class ShapeDiameter(Family):
     """Thickness of the body under each vertex (shape diameter function), in the mesh's units of
     length.
 
-    See :func:`shape_diameter`. Needs a surface with an inside, its faces oriented outward.
+    The mean length of rays sent inward, as published [Shapira, Shamir, Cohen-Or: Consistent Mesh
+    Partitioning and Skeletonisation Using the Shape Diameter Function, 2008, section 3]: 30 rays in
+    a cone of 120 degrees about the inward normal; hits on a face whose normal is within 90 degrees
+    of the vertex's are dropped; of the rest, the lengths within one standard deviation of their
+    median are averaged with weights inverse to the angle from the axis. Here the rays are a fixed
+    spiral, even in solid angle and turned to the longest edge at the vertex, or to each of several
+    that are equally long, so the result is reproducible and moves with the mesh. Vertices from
+    which no ray counts take the mean of their neighbours. Not smoothed, no logarithm. On a sphere
+    of radius R it is 1.72 R. Needs a surface with an inside, its faces oriented outward.
     """
 
     family = "shape-diameter"
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
-        return shape_diameter(mesh)
+        return _shape_diameter(mesh)
 
 
 @per_mesh
-def shape_diameter(mesh: TriangleMesh) -> FloatArray:
-    """Compute the mean length of rays sent inward in a cone, (V,), in the mesh's units.
-
-    As published: 30 rays in a cone of 120 degrees about the inward normal; hits on a face whose
-    normal is within 90 degrees of the vertex's are dropped; of the rest, the lengths within one
-    standard deviation of their median are averaged with weights inverse to the angle from the axis.
-    Here the rays are a fixed spiral, even in solid angle and turned to the longest edge at the
-    vertex, or to each of several that are equally long, so the result is reproducible and moves
-    with the mesh. Vertices from which no ray counts take the mean of their neighbours. Not
-    smoothed, no logarithm. On a sphere of radius R it is 1.72 R.
-
-    Raises
-    ------
-    FunctionError
-        If no ray from any vertex counts, as on a flat sheet.
-
-    References
-    ----------
-    Shapira, Shamir, Cohen-Or: Consistent Mesh Partitioning and Skeletonisation Using the Shape
-    Diameter Function, The Visual Computer 24, 2008, section 3.
-    """
+def _shape_diameter(mesh: TriangleMesh) -> FloatArray:
     normals, unit = vertex_normals(mesh), mesh.length_scale / _SIDE
     origins, frames = _frames(mesh, normals)
     angles, cone = _cone()
@@ -207,10 +187,9 @@ def _cone() -> tuple[FloatArray, FloatArray]:
 
 
 def _frames(mesh: TriangleMesh, normals: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the vertices (n,), in order, with orthonormal frames (n, 3, 3): first axis along an
-    edge, last axis inward.
+    """Return the vertices (n,), in order, with frames (n, 3, 3) for each of their longest edges.
 
-    Every vertex has one for its longest edge, or for each of those that are equally long.
+    They are orthonormal, with the first axis along the edge, and the last one inward.
     """
     one, other = mesh.edges.T
     owners, ends = np.r_[one, other], np.r_[other, one]
@@ -221,8 +200,7 @@ def _frames(mesh: TriangleMesh, normals: FloatArray) -> tuple[IntArray, FloatArr
     kept = kept[np.argsort(owners[kept], kind="stable")]
     owners, along = owners[kept], along[kept]
     inward = -normals[owners]
-    second = np.cross(inward, along)
-    second /= np.maximum(np.linalg.norm(second, axis=1, keepdims=True), np.finfo(float).tiny)
+    second = _unit(np.cross(inward, along))
     return owners, np.stack([np.cross(second, inward), second, inward], axis=1)
 
 

@@ -80,10 +80,8 @@ class AroundPoints(Family):
 
 @dataclass(frozen=True, kw_only=True)
 class Geodesic(AroundPoints):
-    """Geodesic distance to a vertex, or to the nearest of several, in the mesh's units of length.
-
-    Heat method [Crane, Weischedel, Wardetzky 2013] on the tufted intrinsic Delaunay triangulation
-    [Sharp, Crane 2020]; see :func:`geodesic_distance`.
+    """Geodesic distance to a vertex, or to the nearest of several, in the mesh's units of length;
+    see :func:`abfm.calculus.geodesic_distance`.
     """
 
     family = "geodesic"
@@ -98,8 +96,7 @@ class Gaussian(AroundPoints):
     """Gaussian bump ``height exp(-d^2 / (2 width^2))`` of the distance d to a vertex.
 
     d is a length divided by the square root of the surface's area, so a width means the same on
-    every mesh. It is geodesic (:func:`~abfm.calculus.geodesic_distance`) or the straight-line
-    distance through space.
+    every mesh: geodesic (:func:`~abfm.calculus.geodesic_distance`) or straight through space.
     """
 
     family = "gaussian"

@@ -17,9 +17,8 @@ class Eigenfunction(Family):
     """Eigenfunction of the Laplace-Beltrami operator: 0 is the constant, higher ones oscillate
     faster.
 
-    Scaled to max |f| = 1, sign as in :func:`eigenbasis`; no unit, and the same on a scaled or moved
-    mesh. Within an eigenspace of several dimensions (on a sphere, say) which function is returned
-    is arbitrary but reproducible.
+    Scaled to max |f| = 1, sign as in :func:`eigenbasis`; no unit. Within an eigenspace of several
+    dimensions (on a sphere, say) which function is returned is arbitrary but reproducible.
     """
 
     family = "eigenfunction"
@@ -37,6 +36,10 @@ class Eigenfunction(Family):
         return f / largest
 
 
+def _pairs(mesh: TriangleMesh, most: int) -> tuple[FloatArray, FloatArray]:
+    return eigenbasis(mesh.normalized(), min(most, len(mesh.vertices)))
+
+
 def _eigenpairs() -> Any:
     summary = "how many terms the sum has: more are sharper and take longer"
     return parameter(COUNT, summary, default=128, slider=Slider(1, 256))
@@ -49,16 +52,10 @@ class HeatKernelSignature(Family):
     .. math:: \frac{\sum_k e^{-\lambda_k t} \phi_k(x)^2}{\sum_k e^{-\lambda_k t}}
 
     with the eigenpairs of the surface scaled to unit area: the heat kernel divided by its trace, as
-    its authors compare points. It has no unit, integrates to 1 over the unit-area surface, and does
-    not change when the mesh is scaled or bent without stretching. ``time`` is in units of area;
-    heat spreads over about ``sqrt(time)`` times sqrt(area). The paper uses 300 eigenpairs and times
-    between ``4 ln 10 / lambda_300`` and ``4 ln 10 / lambda_2``; the default of 128 is accurate for
-    times above about 0.006, and ten times faster than 300. At most the number of vertices is used.
-
-    References
-    ----------
-    Sun, Ovsjanikov, Guibas: A Concise and Provably Informative Multi-Scale Signature Based on Heat
-    Diffusion, SGP 2009.
+    its authors [Sun, Ovsjanikov, Guibas, SGP 2009] compare points. It has no unit and integrates to
+    1 over the unit-area surface. Heat spreads over about ``sqrt(time)`` times sqrt(area). The paper
+    uses 300 eigenpairs and times between ``4 ln 10 / lambda_300`` and ``4 ln 10 / lambda_2``; the
+    default of 128 is accurate for times above about 0.006, and ten times faster than 300.
     """
 
     family = "hks"
@@ -68,7 +65,7 @@ class HeatKernelSignature(Family):
     eigenpairs: int = _eigenpairs()
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
-        values, functions = eigenbasis(mesh.normalized(), min(self.eigenpairs, len(mesh.vertices)))
+        values, functions = _pairs(mesh, self.eigenpairs)
         weights = np.exp(-values * self.time)
         return np.asarray(functions**2 @ (weights / weights.sum()))
 
@@ -80,17 +77,12 @@ class WaveKernelSignature(Family):
     .. math:: \frac{\sum_k \phi_k(x)^2 g_k}{\sum_k g_k}, \quad g_k = \exp\frac{-(e - \log
     \lambda_k)^2}{2 \sigma^2}
 
-    over the positive eigenvalues of the surface scaled to unit area. ``energy`` is the paper's e,
-    the logarithm of an eigenvalue: small energies see the whole shape, large ones details (by
-    Weyl's law the k-th is near ``log(4 pi k)``). ``width`` is the paper's sigma, by default its
-    ``7 (e_max - e_min) / 100`` with the logarithms of the first and last eigenvalue used. No unit;
-    does not change when the mesh is scaled or bent without stretching. The paper uses 300
-    eigenpairs; here the constant counts as the first. At most the number of vertices is used.
-
-    References
-    ----------
-    Aubry, Schlickewei, Cremers: The Wave Kernel Signature: A Quantum Mechanical Approach to Shape
-    Analysis, ICCV Workshops 2011.
+    [Aubry, Schlickewei, Cremers, ICCV Workshops 2011] over the positive eigenvalues of the surface
+    scaled to unit area; no unit. ``energy`` is the paper's e, the logarithm of an eigenvalue: small
+    energies see the whole shape, large ones details (by Weyl's law the k-th is near
+    ``log(4 pi k)``). ``width`` is the paper's sigma, by default its ``7 (e_max - e_min) / 100``
+    with the logarithms of the first and last eigenvalue used. The paper uses 300 eigenpairs; here
+    the constant counts as the first.
     """
 
     family = "wks"
@@ -113,7 +105,7 @@ class WaveKernelSignature(Family):
             )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
-        values, functions = eigenbasis(mesh.normalized(), min(self.eigenpairs, len(mesh.vertices)))
+        values, functions = _pairs(mesh, self.eigenpairs)
         energies = np.log(values[1:])
         # all energies may be equal
         width = self.width or max(0.07 * (energies[-1] - energies[0]), 1e-3)

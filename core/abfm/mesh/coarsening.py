@@ -81,31 +81,24 @@ def _closed(mesh: TriangleMesh) -> tuple[IntArray, IntArray, IntArray]:
 
 
 class _Surface(NamedTuple):
-    """Positions of the vertices (V, 3); by slots (3 F,) the vertex of each corner, the other slot
-    and the number of each edge, with -1 as the vertices of faces that are gone; and the vertices
-    (V,) whose edges do not collapse.
-    """
-
-    points: FloatArray
+    points: FloatArray  # of the vertices, (V, 3)
+    # by slots (3 F,): the vertex of each corner, -1 in faces that are gone, the other slot and the
+    # number of each edge
     faces: IndexArray
     twins: IndexArray
     edges: IndexArray
-    fixed: IndexArray
+    fixed: IndexArray  # (V,) whether edges at a vertex do not collapse
 
 
 class _Places(NamedTuple):
-    """A slot of every edge (E,), and a corner at every vertex (V,)."""
-
-    slot_of: IndexArray
-    corner_of: IndexArray
+    slot_of: IndexArray  # of every edge, (E,)
+    corner_of: IndexArray  # at every vertex, (V,)
 
 
 class _Queue(NamedTuple):
-    """A heap of edges (E,), their places in it, and their keys: squared lengths or infinite."""
-
-    heap: IndexArray
-    place: IndexArray
-    keys: FloatArray
+    heap: IndexArray  # of edges, (E,)
+    place: IndexArray  # of each edge in it
+    keys: FloatArray  # squared lengths of edges, or infinite
 
 
 @kernel
@@ -162,10 +155,8 @@ def _next(slot: int) -> int:
 
 @kernel
 def _fill(star: IndexArray, twins: IndexArray, first: int) -> int:
-    """Put the corners around the vertex of the first into ``star``; return how many they are.
-
-    (A generator would read better, but numba cannot compile what calls one from its cache.)
-    """
+    """Put the corners around the vertex of the first into ``star``; return how many they are."""
+    # a generator would read better, but numba cannot compile what calls one from its cache
     count, corner = 0, first
     while count == 0 or corner != first:
         star[count] = corner

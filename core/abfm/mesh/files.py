@@ -47,17 +47,15 @@ READERS: dict[str, Callable[[Path], FileContents]] = {
 def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> TriangleMesh:
     """Read a triangle mesh from a file: obj, off, ply, stl, glb, gltf or gii.
 
-    Vertices keep the file's order and count, unused ones included in the count; only STL and glTF,
-    which repeat vertices, are merged by position, with a message. Polygons are split into
-    triangles.
+    Vertices keep the file's order and count, unused ones included; only STL and glTF, which repeat
+    vertices, are merged by position, with a message. Polygons are split into triangles.
 
     Parameters
     ----------
     path : path
         The ending of its name says the format.
     largest_component : bool
-        Of several components keep the one with the largest area, with a message, instead of
-        refusing the mesh.
+        Of several components keep the one with the largest area instead of refusing the mesh.
 
     Returns
     -------
@@ -67,8 +65,7 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
     Raises
     ------
     MeshError
-        If there is no such file, it cannot be read, or its mesh cannot be used; one line that
-        begins with the file's name.
+        One line that begins with the file's name: why it cannot be read, or its mesh be used.
     """
     file, name = Path(path), one_line(path, _LONGEST_NAME)
     ending = next((ending for ending in READERS if file.name.lower().endswith(ending)), None)

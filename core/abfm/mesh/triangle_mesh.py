@@ -54,10 +54,8 @@ class TriangleMesh:
 
     Parameters
     ----------
-    vertices : (V, 3) array of float
-        Copied.
-    faces : (F, 3) array of int
-        Vertices of each triangle, counted from 0. Copied.
+    vertices, faces : (V, 3) array of float, (F, 3) array of int
+        Corners of triangles count vertices from 0. Copied.
     largest_component : bool
         Of several components keep the one with the largest area, with a message, instead of
         refusing the mesh.
@@ -183,16 +181,14 @@ class TriangleMesh:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the surface has no boundary."""
         return not self.is_boundary_edge.any()
 
     @cached_property
     def is_inside_out(self) -> bool:
         """Whether it encloses space, all of it or nearly, and its faces look inward.
 
-        Its normals then point, on the whole, to the middle. The more they agree on a direction, as
-        those of a dish do, the more clearly they must: what is flat or shaped like a saddle has no
-        inner side.
+        Normals then point to the middle, on the whole; the more clearly, the more they agree on a
+        direction, as a dish's do: what is flat or shaped like a saddle has no inner side.
         """
         a, b, c = np.moveaxis(self.vertices[self.faces], 1, 0)
         normals, middles = np.cross(b - a, c - a), (a + b + c) / 3
@@ -225,12 +221,8 @@ class TriangleMesh:
         return int(2 * pieces - self.boundary_loop_count - characteristic) // 2
 
     def local_vertex(self, index: int) -> int:
-        """Return the row in ``vertices`` of the vertex that the file calls ``index``, from 0.
-
-        Raises
-        ------
-        FunctionError
-            If the file has no such vertex, or it was dropped.
+        """Return the row of the vertex that the file calls ``index``, from 0, or raise a
+        FunctionError.
         """
         if not 0 <= index < self.file_vertex_count:
             raise FunctionError(
@@ -245,12 +237,8 @@ class TriangleMesh:
         return position
 
     def restrict(self, values: NDArray[Entry]) -> NDArray[Entry]:
-        """Return the rows of the kept vertices (V, ...) of (file_vertex_count, ...) or (V, ...).
-
-        Raises
-        ------
-        FunctionError
-            If ``values`` has neither length.
+        """Return the rows of the kept vertices (V, ...) of (file_vertex_count, ...) or (V, ...),
+        or raise a FunctionError.
         """
         if len(values) == self.file_vertex_count:
             return values[self.vertex_ids]

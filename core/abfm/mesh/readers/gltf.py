@@ -81,9 +81,7 @@ def _boundary_length(contents: FileContents) -> int:
 
 
 class _Document:
-    """The JSON and the buffers of a file: what one names in the other is looked at before it is
-    used, and refused by a ValueError.
-    """
+    """The JSON and the buffers of a file; what they name is looked at before it is used."""
 
     def __init__(self, path: Path) -> None:
         data = read_bytes(path)
@@ -97,9 +95,7 @@ class _Document:
         self._buffers: dict[Path | int, bytes] = {}
 
     def placements(self) -> Iterator[tuple[int, FloatArray]]:
-        """Return mesh and transformation (4, 4) of every node of the scene that has a mesh:
-        parents first, last children first.
-        """
+        """Return mesh and transformation (4, 4) of every node that has a mesh, parents first."""
         seen: set[int] = set()
         left = [(root, np.eye(4)) for root in self._roots()]
         while left:
@@ -127,15 +123,13 @@ class _Document:
 
     def parts(self, mesh: int) -> Iterator[Part]:
         """Return the vertices and faces of the primitives of a mesh that have triangles."""
-        primitives = []
         for entry in _of(self._entry("meshes", mesh), "primitives", list, []):
             if not isinstance(entry, dict):
                 raise ValueError(f"mesh {mesh} has a primitive that is no JSON object")
             positions = _of(_of(entry, "attributes", dict, {}), "POSITION", int, None)
-            if positions is not None:  # others show nothing
-                indices, mode = _of(entry, "indices", int, None), _of(entry, "mode", int, TRIANGLES)
-                primitives.append((positions, indices, mode))
-        for positions, indices, mode in primitives:
+            if positions is None:  # which shows nothing
+                continue
+            indices, mode = _of(entry, "indices", int, None), _of(entry, "mode", int, TRIANGLES)
             if mode not in (TRIANGLES, STRIP, FAN):
                 continue
             points = self._numbers(positions, "VEC3").astype(np.float64)

@@ -49,11 +49,8 @@ class _Element(NamedTuple):
     properties: list[_Property]
 
 
-class _Column(NamedTuple):
-    """The numbers of a property, list after list, and how many each list has."""
-
-    values: NDArray[Any]
-    counts: IntArray | None
+# the numbers of a property, list after list, and how many each list has
+_Column = tuple[NDArray[Any], IntArray | None]
 
 
 def read_ply(path: Path) -> FileContents:
@@ -74,26 +71,27 @@ def read_ply(path: Path) -> FileContents:
         wanted = {"vertex": ("x", "y", "z"), "face": _CORNERS}.get(element.name, ())
         found = body.take(element, wanted)
         if element.name == "vertex":
+            columns = []
             for name in "xyz":
-                if name not in found or found[name].counts is not None:
+                values, counts = found.get(name, (None, None))
+                if values is None or counts is not None:
                     raise ValueError(f"it has no property {name}")
-            vertices = np.stack([found[name].values.astype(np.float64) for name in "xyz"], axis=1)
+                columns.append(values.astype(np.float64))
+            vertices = np.stack(columns, axis=1)
         elif element.name == "face":
-            sizes, corners = _polygons(found)
+            corners, lengths = next(
+                (found[name] for name in _CORNERS if name in found), (sizes, None)
+            )
+            if lengths is None:
+                raise ValueError("its faces have no list property vertex_indices")
+            if corners.dtype.kind == "f":
+                raise ValueError(
+                    "its faces name vertices by numbers of type float: make them whole numbers"
+                )
+            sizes = lengths
     if sizes.size and sizes.min() < 3:
         raise few_corners(int(np.argmin(sizes)), int(sizes.min()))
     return split_polygons(vertices, sizes, corners)
-
-
-def _polygons(found: dict[str, _Column]) -> tuple[IntArray, IntArray]:
-    lists = next((found[name] for name in _CORNERS if name in found), None)
-    if lists is None or lists.counts is None:
-        raise ValueError("its faces have no list property vertex_indices")
-    if lists.values.dtype.kind == "f":
-        raise ValueError(
-            "its faces name vertices by numbers of type float: make them whole numbers"
-        )
-    return lists.counts, lists.values
 
 
 def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
@@ -148,13 +146,13 @@ class _Body:
             raise _cut_off(element)
         if any(p.length_code for p in element.properties):
             return self._walk(element, wanted)
-        found, place = {}, self._position
+        found: dict[str, _Column] = {}
+        place = self._position
         for p in element.properties:
             kind = self._kind(p.code)
             if p.name in wanted:
                 at = place if element.rows else 0
-                values = np.ndarray((element.rows,), kind, self._data, at, (step,))
-                found[p.name] = _Column(values, None)
+                found[p.name] = np.ndarray((element.rows,), kind, self._data, at, (step,)), None
             place += kind.itemsize
         self._position += element.rows * step
         return found
@@ -194,12 +192,12 @@ class _Body:
         except (IndexError, struct.error) as error:
             raise _cut_off(element) from error
         self._position = position
-        found = {}
+        found: dict[str, _Column] = {}
         for p in properties:
             if p.name in places:
                 starts, counts = (np.frombuffer(kept, np.int64) for kept in places[p.name])
                 values = self._runs(starts, counts, p.code)
-                found[p.name] = _Column(values, counts if p.length_code else None)
+                found[p.name] = values, counts if p.length_code else None
         return found
 
     def _lengths(self, code: str) -> Callable[[int], int]:
