@@ -1,9 +1,6 @@
 """Small meshes of each topology, and how functions, fields and meshes are compared and changed."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import sparse
 
 from abfm.assets import asset_path
@@ -16,7 +13,6 @@ from abfm.calculus.operators import (
     vertex_areas,
 )
 from abfm.mesh import TriangleMesh, load_mesh
-from abfm.types import FloatArray, IntArray
 from tests.shapes import ellipsoid, hemisphere, open_cylinder, square, tetrahedron, torus
 
 SURFACES = {
@@ -36,18 +32,18 @@ LOOPS = {"torus": 2, "genus two": 4, "cylinder": 1, "no inner vertices": 1}
 """Independent loops of each surface (first Betti number), 0 where not listed."""
 
 
-def random_function(mesh: TriangleMesh, seed: int = 0) -> FloatArray:
+def random_function(mesh, seed=0):
     """Return normally distributed values on the vertices, (V,)."""
     return np.random.default_rng(seed).normal(size=len(mesh.vertices))
 
 
-def edge_divergence(mesh: TriangleMesh) -> Matrix:
+def edge_divergence(mesh):
     """Return the divergence as an edge function, (E, 2F): the jump of the normal flux."""
     mass = sparse.diags_array(1 / edge_areas(mesh))
     return Matrix(-mass @ edge_gradient(mesh).T @ field_mass(mesh))
 
 
-def norm(mesh: TriangleMesh, values: FloatArray) -> float:
+def norm(mesh, values):
     """L2 norm of a function on vertices (V,), or of one or several values per face (F,) or (F,
     n).
     """
@@ -55,12 +51,12 @@ def norm(mesh: TriangleMesh, values: FloatArray) -> float:
     return float(np.sqrt((areas * (values.reshape(len(values), -1) ** 2).sum(axis=1)).sum()))
 
 
-def relative_error(mesh: TriangleMesh, values: FloatArray, exact: FloatArray) -> float:
+def relative_error(mesh, values, exact):
     """L2 norm of the difference over that of ``exact``."""
     return norm(mesh, values - exact) / norm(mesh, exact)
 
 
-def last_order(errors: ArrayLike) -> FloatArray:
+def last_order(errors):
     """Exponents p in ``error ~ edge length^p`` between the two finest meshes, where each halves
     the edges.
     """
@@ -68,12 +64,12 @@ def last_order(errors: ArrayLike) -> FloatArray:
     return np.asarray(np.log2(coarse / fine))
 
 
-def moved(mesh: TriangleMesh, rotation: FloatArray, scale: float = 1.0) -> TriangleMesh:
+def moved(mesh, rotation, scale=1.0):
     """The mesh turned by a rotation (3, 3), scaled, and moved away."""
     return TriangleMesh(scale * mesh.vertices @ rotation.T + [3.0, -1.0, 2.0], mesh.faces)
 
 
-def renumbered(mesh: TriangleMesh, seed: int) -> tuple[TriangleMesh, IntArray, IntArray]:
+def renumbered(mesh, seed):
     """The mesh with vertices and faces in another order and other first corners; the old number
     of each new one.
     """

@@ -9,7 +9,7 @@ MODULES = ["abfm.flow.flow", "abfm.matching.match", "abfm.matching.problem"]
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_show_what_they_say(name: str) -> None:
+def test_examples_show_what_they_say(name):
     found = doctest.testmod(import_module(name))
     assert found.attempted > 0
     assert found.failed == 0

@@ -1,7 +1,5 @@
 """What importing costs: names are there at once, what computes them comes when they are used."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import pkgutil
@@ -90,7 +88,7 @@ def test_every_public_name_is_listed_and_others_are_refused():
         exec("from abfm import macth")
 
 
-def test_importing_all_names_takes_those_of_no_other_modules() -> None:
+def test_importing_all_names_takes_those_of_no_other_modules():
     code = (
         "import io; from abfm import *; print(io.StringIO('text').read(), match is not None, "
         "'flow' in globals())"

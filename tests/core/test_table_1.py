@@ -1,7 +1,5 @@
 """Table 1."""
 
-from __future__ import annotations
-
 import pytest
 
 from abfm import Parameters

@@ -1,14 +1,9 @@
 """Where texels lie in their faces."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from abfm.streaks.texture_atlas import TextureAtlas
-from abfm.types import FloatArray, IntArray
 
-
-def texel_weights(atlas: TextureAtlas, rows: IntArray, columns: IntArray) -> FloatArray:
+def texel_weights(atlas, rows, columns):
     """Barycentric weights (n, 3) of the centres of texels that belong to a face; some are
     outside.
     """

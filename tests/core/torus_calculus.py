@@ -5,13 +5,10 @@ irregular vertices that every mesh of a sphere has. A field is given by its comp
 ``a d/du + b d/dv``, which have the Lie bracket ``[X, Y] = X(Y) - Y(X)`` componentwise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
 
-from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from tests.core.fields import tangent
 from tests.shapes import torus
@@ -20,7 +17,7 @@ MAJOR, MINOR = 1.0, 0.4
 Component = Callable[[FloatArray, FloatArray], FloatArray | float]
 
 
-def refined(levels: int, coarsest: int = 24) -> list[TriangleMesh]:
+def refined(levels, coarsest=24):
     """Tori of halving edge length."""
     return [
         torus(coarsest * 2**level, coarsest // 2 * 2**level, MAJOR, MINOR)
@@ -28,7 +25,7 @@ def refined(levels: int, coarsest: int = 24) -> list[TriangleMesh]:
     ]
 
 
-def angles(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+def angles(points):
     """``u`` and ``v`` of points (n, 3) near the torus."""
     return (
         np.arctan2(points[:, 1], points[:, 0]),
@@ -36,12 +33,12 @@ def angles(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def ring(v: FloatArray) -> FloatArray:
+def ring(v):
     """Distance from the z axis: the length of ``d/du``; that of ``d/dv`` is ``MINOR``."""
     return MAJOR + MINOR * np.cos(v)
 
 
-def vectors(points: FloatArray, a: Component, b: Component) -> FloatArray:
+def vectors(points, a, b):
     """``a d/du + b d/dv`` at points (n, 3), as vectors in space."""
     u, v = angles(points)
     along = (
@@ -51,6 +48,6 @@ def vectors(points: FloatArray, a: Component, b: Component) -> FloatArray:
     return along + around * (MINOR * b(u, v) * np.ones_like(u))[:, None]
 
 
-def face_field(mesh: TriangleMesh, a: Component, b: Component) -> FloatArray:
+def face_field(mesh, a, b):
     """``a d/du + b d/dv`` at face centres, (F, 3)."""
     return tangent(mesh, vectors(mesh.vertices[mesh.faces].mean(axis=1), a, b))

@@ -1,20 +1,9 @@
 """How derivatives and convergence are verified."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import numpy as np
-from numpy.typing import ArrayLike
-
-from abfm.types import FloatArray
 
 
-def taylor_order(
-    evaluate: Callable[[FloatArray], tuple[float, FloatArray]],
-    x: FloatArray,
-    direction: FloatArray,
-) -> float:
+def taylor_order(evaluate, x, direction):
     """Smallest observed order of ``|E(x + e d) - E(x) - e <g, d>|`` as ``e`` is halved three
     times from 1.
     """
@@ -25,6 +14,6 @@ def taylor_order(
     return float(observed_orders(lengths, remainders).min())
 
 
-def observed_orders(sizes: ArrayLike, errors: ArrayLike) -> FloatArray:
+def observed_orders(sizes, errors):
     """Exponents p in ``error ~ size^p`` between successive sizes."""
     return np.asarray(np.diff(np.log(errors)) / np.diff(np.log(sizes)))

@@ -1,7 +1,5 @@
 """Formulas: right values, and nothing but arithmetic."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -42,14 +40,14 @@ ATTACKS = (
 
 
 @pytest.mark.parametrize("formula", FORMULAS)
-def test_values(formula: str) -> None:
+def test_values(formula):
     assert_allclose(
         function(MESH, f"expression:{formula}"), FORMULAS[formula], rtol=1e-14, atol=1e-14
     )
 
 
 @pytest.mark.parametrize("formula", ATTACKS, ids=lambda formula: ascii(formula[:20]))
-def test_everything_else_is_refused(formula: str) -> None:
+def test_everything_else_is_refused(formula):
     before = MESH.vertices.copy()
     with pytest.raises(FunctionError) as error:
         function(MESH, f"expression:{formula}")
@@ -58,7 +56,7 @@ def test_everything_else_is_refused(formula: str) -> None:
     assert np.array_equal(MESH.vertices, before)
 
 
-def test_values_that_are_not_finite_are_counted_with_an_example() -> None:
+def test_values_that_are_not_finite_are_counted_with_an_example():
     shifted = TriangleMesh(MESH.vertices - MESH.vertices[5], MESH.faces)
     count = np.sum(shifted.vertices[:, 0] == 0)
     with pytest.raises(
@@ -70,7 +68,7 @@ def test_values_that_are_not_finite_are_counted_with_an_example() -> None:
 
 @settings(deadline=None)
 @given(st.text(alphabet="xyzsincoqrt0123456789.+-*/%()<>=!, e", max_size=40))
-def test_any_formula_gives_finite_values_or_function_error(formula: str) -> None:
+def test_any_formula_gives_finite_values_or_function_error(formula):
     try:
         f = function(MESH, f"expression:{formula}")
     except FunctionError:
@@ -88,7 +86,7 @@ def test_any_formula_gives_finite_values_or_function_error(formula: str) -> None
         ("sin(x, y=1)", "arguments of functions have no names"),
     ],
 )
-def test_what_is_wrong_is_told(formula: str, told: str) -> None:
+def test_what_is_wrong_is_told(formula, told):
     with pytest.raises(FunctionError, match=told):
         function(MESH, f"expression:{formula}")
 

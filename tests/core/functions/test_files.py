@@ -1,9 +1,5 @@
 """Values and vertex maps from files, counted as the mesh file counts."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import nibabel
 import numpy as np
 import pytest
@@ -16,7 +12,6 @@ from abfm.functions import function
 from abfm.functions.files import read_column
 from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
-from abfm.types import FloatArray
 from tests.shapes import ellipsoid, icosphere
 
 MESH = icosphere(1)
@@ -24,13 +19,13 @@ COUNT = len(MESH.vertices)
 VALUES = np.random.default_rng(5).standard_normal(COUNT)
 
 
-def with_unused_vertices() -> TriangleMesh:
+def with_unused_vertices():
     """MESH whose file had one more vertex in front and one behind number 9, used by no face."""
     vertices = np.insert(MESH.vertices, [0, 10], 0.0, axis=0)
     return TriangleMesh(vertices, np.where(MESH.faces < 10, MESH.faces + 1, MESH.faces + 2))
 
 
-def write_gifti(path: Path, columns: list[FloatArray]) -> None:
+def write_gifti(path, columns):
     arrays = [
         nibabel.gifti.GiftiDataArray(column.astype(np.float32), intent="NIFTI_INTENT_SHAPE")
         for column in columns
@@ -38,13 +33,13 @@ def write_gifti(path: Path, columns: list[FloatArray]) -> None:
     nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), path)
 
 
-def write_text(path: Path, header: str, delimiter: str, columns: list[FloatArray]) -> None:
+def write_text(path, header, delimiter, columns):
     np.savetxt(
         path, np.column_stack(columns), delimiter=delimiter, header=header, comments="", fmt="%.17g"
     )
 
 
-def test_one_column_from_every_format(tmp_path: Path) -> None:
+def test_one_column_from_every_format(tmp_path):
     np.save(tmp_path / "a.npy", VALUES)
     write_text(tmp_path / "a.txt", "", " ", [VALUES])
     write_text(tmp_path / "a.csv", "thickness", ",", [VALUES])
@@ -56,7 +51,7 @@ def test_one_column_from_every_format(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
-def test_columns_by_name_and_by_number(tmp_path: Path, delimiter: str) -> None:
+def test_columns_by_name_and_by_number(tmp_path, delimiter):
     path = tmp_path / "table, (1) + more.csv"
     write_text(path, delimiter.join(["index", '"depth"']), delimiter, [np.arange(COUNT), VALUES])
     for column in ("1", "depth" if delimiter != " " else '"""depth"""'):
@@ -69,7 +64,7 @@ def test_columns_by_name_and_by_number(tmp_path: Path, delimiter: str) -> None:
         function(MESH, f'file:"{path}",column=2')
 
 
-def test_columns_of_arrays_and_gifti(tmp_path: Path) -> None:
+def test_columns_of_arrays_and_gifti(tmp_path):
     np.save(tmp_path / "a.npy", np.column_stack([VALUES, 2 * VALUES]).astype(">f4"))
     write_gifti(tmp_path / "a.gii", [VALUES, 2 * VALUES])
     for name in ("a.npy", "a.gii"):
@@ -78,19 +73,19 @@ def test_columns_of_arrays_and_gifti(tmp_path: Path) -> None:
         )
 
 
-def test_a_line_of_another_length_is_named_without_advice_to_programmers(tmp_path: Path) -> None:
+def test_a_line_of_another_length_is_named_without_advice_to_programmers(tmp_path):
     (tmp_path / "a.csv").write_text("1,2\n3,4\n5,6,7\n")
     with pytest.raises(FunctionError, match=r"columns changed from 2 to 3 at row 3$"):
         function(MESH, f"file:{tmp_path / 'a.csv'},column=0")
 
 
-def test_comments_and_empty_lines_are_skipped(tmp_path: Path) -> None:
+def test_comments_and_empty_lines_are_skipped(tmp_path):
     lines = ["# made by hand", "", *map(repr, VALUES.tolist()), ""]
     (tmp_path / "a.txt").write_text("\r\n".join(lines))
     assert_array_equal(function(MESH, f"file:{tmp_path / 'a.txt'}"), VALUES)
 
 
-def test_files_count_as_the_mesh_file_does_after_repairs(tmp_path: Path) -> None:
+def test_files_count_as_the_mesh_file_does_after_repairs(tmp_path):
     mesh = with_unused_vertices()
     in_file = np.insert(VALUES, [0, 10], np.nan)
     np.save(tmp_path / "a.npy", in_file)
@@ -101,7 +96,7 @@ def test_files_count_as_the_mesh_file_does_after_repairs(tmp_path: Path) -> None
         function(mesh, f"file:{tmp_path / 'a.npy'}")
 
 
-def test_a_map_composes(tmp_path: Path) -> None:
+def test_a_map_composes(tmp_path):
     target = np.random.default_rng(0).integers(0, COUNT, COUNT)
     np.savetxt(tmp_path / "map.txt", target, fmt="%d")
     np.save(tmp_path / "map.npy", target)
@@ -111,7 +106,7 @@ def test_a_map_composes(tmp_path: Path) -> None:
         assert_array_equal(composed, (x + y * (z + 1))[target])
 
 
-def test_a_map_counts_as_the_mesh_file_does_after_repairs(tmp_path: Path) -> None:
+def test_a_map_counts_as_the_mesh_file_does_after_repairs(tmp_path):
     mesh = with_unused_vertices()
     target = np.random.default_rng(0).permutation(COUNT)
     in_file = np.full(COUNT + 2, -1)
@@ -127,7 +122,7 @@ def test_a_map_counts_as_the_mesh_file_does_after_repairs(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("bad", [-1, COUNT, 0.5, np.nan, np.inf, 1e300])
-def test_wrong_map_entries_are_counted_with_an_example(tmp_path: Path, bad: float) -> None:
+def test_wrong_map_entries_are_counted_with_an_example(tmp_path, bad):
     target = np.arange(COUNT, dtype=np.float64)
     target[[4, 6]] = bad
     np.save(tmp_path / "map.npy", target)
@@ -168,9 +163,7 @@ def test_wrong_map_entries_are_counted_with_an_example(tmp_path: Path, bad: floa
         ("a.xyz", b"1", "must end in .npy, .csv, .txt, .gii"),
     ],
 )
-def test_broken_files_are_refused_by_name(
-    tmp_path: Path, name: str, content: bytes, message: str
-) -> None:
+def test_broken_files_are_refused_by_name(tmp_path, name, content, message):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(FunctionError) as error:
         function(MESH, f"file:{tmp_path / name}")
@@ -183,9 +176,7 @@ def test_broken_files_are_refused_by_name(
     "path",
     ["missing.npy", "~no_such_user/a.npy", "x" * 300 + ".npy", "missing/a.txt", "missing.gii"],
 )
-def test_files_that_cannot_be_read_say_why(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str
-) -> None:
+def test_files_that_cannot_be_read_say_why(tmp_path, monkeypatch, path):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(FunctionError, match=r"cannot be read: \w"):
         function(MESH, f"file:{path}")
@@ -196,7 +187,7 @@ SWAP = detect_symmetry(MIRRORED, "mirror").vertex_map
 SWAP_VALUES = MIRRORED.vertices[SWAP, 0]
 
 
-def through(path: Path, mesh: TriangleMesh = MIRRORED) -> FloatArray:
+def through(path, mesh=MIRRORED):
     return function(mesh, f"permuted:{path}(coordinate:x)")
 
 
@@ -206,9 +197,7 @@ def through(path: Path, mesh: TriangleMesh = MIRRORED) -> FloatArray:
     first=st.sampled_from([0, 1]),
     suffix=st.sampled_from([".txt", ".npy", ".sym.vts"]),
 )
-def test_permutations_may_count_from_0_or_1(
-    tmp_path_factory, seed: int, first: int, suffix: str
-) -> None:
+def test_permutations_may_count_from_0_or_1(tmp_path_factory, seed, first, suffix):
     order = np.random.default_rng(seed).permutation(COUNT)
     path = tmp_path_factory.mktemp("maps") / f"map{suffix}"
     if suffix == ".npy":
@@ -218,7 +207,7 @@ def test_permutations_may_count_from_0_or_1(
     assert_array_equal(through(path, MESH), MESH.vertices[order, 0])
 
 
-def test_a_map_that_counts_from_1_after_repairs(tmp_path: Path) -> None:
+def test_a_map_that_counts_from_1_after_repairs(tmp_path):
     mesh = with_unused_vertices()
     target = np.random.default_rng(0).permutation(COUNT)
     in_file = np.full(COUNT + 2, -1)
@@ -227,7 +216,7 @@ def test_a_map_that_counts_from_1_after_repairs(tmp_path: Path) -> None:
     assert_array_equal(through(tmp_path / "map.txt", mesh), mesh.vertices[target, 0])
 
 
-def test_maps_that_fit_both_ways_count_from_0_as_meshes_do(tmp_path: Path) -> None:
+def test_maps_that_fit_both_ways_count_from_0_as_meshes_do(tmp_path):
     target = np.clip(np.arange(COUNT), 1, COUNT - 1)
     np.savetxt(tmp_path / "map.txt", target, fmt="%d")
     np.save(tmp_path / "map.npy", target)
@@ -235,7 +224,7 @@ def test_maps_that_fit_both_ways_count_from_0_as_meshes_do(tmp_path: Path) -> No
         assert_array_equal(through(tmp_path / name, MESH), MESH.vertices[target, 0])
 
 
-def test_pairs_that_fit_both_ways_are_refused_as_text(tmp_path: Path) -> None:
+def test_pairs_that_fit_both_ways_are_refused_as_text(tmp_path):
     pairs = np.arange(2, COUNT - COUNT % 2).reshape(-1, 2)
     np.savetxt(tmp_path / "pairs.txt", pairs, fmt="%d")
     np.save(tmp_path / "pairs.npy", pairs)
@@ -248,7 +237,7 @@ def test_pairs_that_fit_both_ways_are_refused_as_text(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("first", [0, 1])
 @pytest.mark.parametrize("name", ["pairs.sym.vts", "pairs.txt"])
-def test_pairs_are_swapped_and_other_vertices_stay(tmp_path: Path, name: str, first: int) -> None:
+def test_pairs_are_swapped_and_other_vertices_stay(tmp_path, name, first):
     pairs = [(i, j) for i, j in enumerate(SWAP) if i < j]
     assert len(pairs) < len(SWAP) / 2  # some lie on the plane
     assert 0 in np.ravel(pairs)
@@ -258,7 +247,7 @@ def test_pairs_are_swapped_and_other_vertices_stay(tmp_path: Path, name: str, fi
     assert_array_equal(through(tmp_path / name), SWAP_VALUES)
 
 
-def test_symmetries_by_way_of_a_template(tmp_path: Path) -> None:
+def test_symmetries_by_way_of_a_template(tmp_path):
     rng = np.random.default_rng(3)
     points = rng.permutation(len(SWAP))[: len(SWAP) * 3 // 4]
     np.savetxt(tmp_path / "a.vts", points + 1, fmt="%d")
@@ -282,21 +271,19 @@ def test_symmetries_by_way_of_a_template(tmp_path: Path) -> None:
         ([[0, 1], [5, 500]], r"1 of 4 entries are not numbers of vertices .* \(line 2 has 500\)"),
     ],
 )
-def test_pairs_that_are_no_map_are_refused(
-    tmp_path: Path, pairs: list[list[int]], message: str
-) -> None:
+def test_pairs_that_are_no_map_are_refused(tmp_path, pairs, message):
     np.savetxt(tmp_path / "pairs.txt", pairs, fmt="%d")
     with pytest.raises(FunctionError, match=message):
         through(tmp_path / "pairs.txt")
 
 
-def test_maps_with_more_columns_are_refused(tmp_path: Path) -> None:
+def test_maps_with_more_columns_are_refused(tmp_path):
     np.savetxt(tmp_path / "map.txt", np.zeros((COUNT, 3)), fmt="%d")
     with pytest.raises(FunctionError, match="has 3 columns"):
         through(tmp_path / "map.txt", MESH)
 
 
-def test_detected_symmetries_compose() -> None:
+def test_detected_symmetries_compose():
     x, y, z = MIRRORED.vertices.T
     assert_allclose(
         function(MIRRORED, "permuted:mirror(expression:x + 2*y + 3*z)"),
@@ -312,7 +299,7 @@ def test_detected_symmetries_compose() -> None:
     assert_array_equal(twice, function(MIRRORED, "gaussian:vertex=5"))
 
 
-def test_symmetries_that_are_not_there_are_refused() -> None:
+def test_symmetries_that_are_not_there_are_refused():
     x = MESH.vertices
     uneven = TriangleMesh(x * (1 + 0.3 * np.sin(3 * x[:, [1]] + x[:, [2, 0, 1]])), MESH.faces)
     with pytest.raises(
@@ -325,7 +312,7 @@ def test_symmetries_that_are_not_there_are_refused() -> None:
         function(MESH, "permuted:miror(coordinate:x)")
 
 
-def test_a_title_of_more_words_than_columns_names_none(tmp_path: Path) -> None:
+def test_a_title_of_more_words_than_columns_names_none(tmp_path):
     path = tmp_path / "v.csv"
     path.write_text("a,b,c\n1,2\n3,4\n")
     assert_allclose(read_column(str(path), "1"), [2, 4])

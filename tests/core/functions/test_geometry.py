@@ -1,8 +1,5 @@
 """Families that measure the shape, against surfaces where the answer is known."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,14 +15,13 @@ from abfm.errors import FunctionError
 from abfm.functions import function
 from abfm.functions.local_shape import gaussian_curvature, mean_curvature, mixed_areas
 from abfm.mesh import TriangleMesh, load_mesh
-from abfm.types import FloatArray
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, torus
 
 ASSETS = Path(__file__).parents[3] / "assets"
 
 
 @pytest.mark.parametrize(("subdivisions", "error"), [(3, 0.051), (4, 0.030), (5, 0.020)])
-def test_geodesic_distance_on_the_sphere(subdivisions: int, error: float) -> None:
+def test_geodesic_distance_on_the_sphere(subdivisions, error):
     mesh = icosphere(subdivisions, radius=3.0)
     d = function(mesh, "geodesic:vertex=7")
     exact = 3 * np.arccos(np.clip(mesh.vertices @ mesh.vertices[7] / 9, -1, 1))
@@ -33,7 +29,7 @@ def test_geodesic_distance_on_the_sphere(subdivisions: int, error: float) -> Non
     assert np.abs(d - exact).max() < 3 * error
 
 
-def test_geodesic_distance_on_an_uneven_mesh_is_near_the_shortest_paths() -> None:
+def test_geodesic_distance_on_an_uneven_mesh_is_near_the_shortest_paths():
     mesh = load_mesh(ASSETS / "human_A.off")
     targets = np.arange(20, len(mesh.vertices), 60)
     paths = potpourri3d.EdgeFlipGeodesicSolver(mesh.vertices, mesh.faces)
@@ -44,7 +40,7 @@ def test_geodesic_distance_on_an_uneven_mesh_is_near_the_shortest_paths() -> Non
     assert_allclose(geodesic_distance(mesh, [10])[targets], lengths, atol=0.04 * mesh.length_scale)
 
 
-def test_geodesic_distance_to_the_nearest_of_several_and_to_a_point() -> None:
+def test_geodesic_distance_to_the_nearest_of_several_and_to_a_point():
     mesh = icosphere(3)
     apart = [function(mesh, f"geodesic:vertex={vertex}") for vertex in (3, 50, 200)]
     assert_array_equal(function(mesh, "geodesic:vertex=3,50,200"), np.min(apart, axis=0))
@@ -52,7 +48,7 @@ def test_geodesic_distance_to_the_nearest_of_several_and_to_a_point() -> None:
     assert_array_equal(function(mesh, f"geodesic:x={x!s},y={y!s},z={z!s}"), apart[1])
 
 
-def test_vertices_for_distances_may_be_numbers_as_a_file_has_them() -> None:
+def test_vertices_for_distances_may_be_numbers_as_a_file_has_them():
     mesh = icosphere(1)
     assert_array_equal(
         geodesic_distance(mesh, np.array([3.0, 7.0])), geodesic_distance(mesh, [3, 7])
@@ -60,14 +56,14 @@ def test_vertices_for_distances_may_be_numbers_as_a_file_has_them() -> None:
 
 
 @pytest.mark.parametrize("source", [-1, 42, 3.5, np.nan])
-def test_what_is_no_vertex_has_no_distances(source: float) -> None:
+def test_what_is_no_vertex_has_no_distances(source):
     with pytest.raises(FunctionError, match=rf"sources are {source}; expected vertices 0 to 41"):
         geodesic_distance(icosphere(1), [3, source])
     with pytest.raises(FunctionError, match="sources are missing"):
         geodesic_distance(icosphere(1), [])
 
 
-def test_geodesic_distance_with_a_boundary_and_at_a_pinched_vertex() -> None:
+def test_geodesic_distance_with_a_boundary_and_at_a_pinched_vertex():
     flat = square(24)
     corner = function(flat, "geodesic:vertex=0")
     assert_allclose(corner, np.linalg.norm(flat.vertices - flat.vertices[0], axis=1), atol=0.05)
@@ -75,7 +71,7 @@ def test_geodesic_distance_with_a_boundary_and_at_a_pinched_vertex() -> None:
     assert np.ptp(function(pinched, f"geodesic:vertex={pinch}")) > 1
 
 
-def pinched_sphere() -> tuple[TriangleMesh, int]:
+def pinched_sphere():
     """Sphere whose poles are drawn to the centre and glued together, and the vertex where they
     meet.
     """
@@ -88,7 +84,7 @@ def pinched_sphere() -> tuple[TriangleMesh, int]:
     return mesh, int(np.flatnonzero(mesh.vertex_ids == north)[0])
 
 
-def test_vertices_count_as_the_file_does() -> None:
+def test_vertices_count_as_the_file_does():
     sphere = icosphere(2)
     repaired = TriangleMesh(
         np.insert(sphere.vertices, 4, 0.0, axis=0), sphere.faces + (sphere.faces >= 4)
@@ -100,7 +96,7 @@ def test_vertices_count_as_the_file_does() -> None:
         function(repaired, "gaussian:vertex=4")
 
 
-def test_gaussian_on_the_sphere() -> None:
+def test_gaussian_on_the_sphere():
     mesh = icosphere(5, radius=2.0)
     angle = np.arccos(np.clip(mesh.vertices @ mesh.vertices[0] / 4, -1, 1))
     d = angle / np.sqrt(4 * np.pi)  # fraction of sqrt(area), whatever the radius
@@ -112,7 +108,7 @@ def test_gaussian_on_the_sphere() -> None:
     )
 
 
-def test_euclidean_gaussian_is_exact() -> None:
+def test_euclidean_gaussian_is_exact():
     mesh = icosphere(3, radius=2.0)
     d = np.linalg.norm(mesh.vertices - mesh.vertices[3], axis=1) / mesh.length_scale
     assert_allclose(
@@ -123,13 +119,13 @@ def test_euclidean_gaussian_is_exact() -> None:
 
 
 @pytest.mark.parametrize("width", ["1e-300", "1e300", "5e-324"])
-def test_extreme_widths_stay_finite(width: str) -> None:
+def test_extreme_widths_stay_finite(width):
     f = function(icosphere(2), f"gaussian:vertex=3,width={width}")
     assert f[3] == 1
     assert f.min() >= 0
 
 
-def test_indicator_of_a_disc_has_the_cap_s_area() -> None:
+def test_indicator_of_a_disc_has_the_cap_s_area():
     mesh = icosphere(5)
     f = function(mesh, "indicator:vertex=11,radius=0.2")
     angle = 0.2 * np.sqrt(4 * np.pi)
@@ -137,7 +133,7 @@ def test_indicator_of_a_disc_has_the_cap_s_area() -> None:
     assert_allclose(vertex_areas(mesh) @ f, 2 * np.pi * (1 - np.cos(angle)), rtol=0.03)
 
 
-def test_indicator_of_half_spaces_and_slabs() -> None:
+def test_indicator_of_half_spaces_and_slabs():
     mesh = icosphere(3, radius=2.0)
     y = mesh.vertices[:, 1]
     assert_array_equal(function(mesh, "indicator:axis=y,above=0.2"), y > 0.2)
@@ -147,15 +143,13 @@ def test_indicator_of_half_spaces_and_slabs() -> None:
 
 
 @pytest.mark.parametrize(("curvature", "power"), [(gaussian_curvature, -2), (mean_curvature, -1)])
-def test_curvature_of_the_sphere_converges_with_order_2(
-    curvature: Callable[[TriangleMesh], FloatArray], power: int
-) -> None:
+def test_curvature_of_the_sphere_converges_with_order_2(curvature, power):
     errors = [np.abs(curvature(icosphere(s, radius=3.0)) - 3.0**power).max() for s in (3, 4)]
     assert errors[1] < 0.002 * 3.0**power
     assert np.log2(errors[0] / errors[1]) > 1.9
 
 
-def test_curvature_of_the_torus() -> None:
+def test_curvature_of_the_torus():
     mesh = torus(96, 48, R=1.0, r=0.4)
     v = np.tile(2 * np.pi * np.arange(48) / 48, 96)
     gaussian = np.cos(v) / (0.4 * (1 + 0.4 * np.cos(v)))
@@ -164,7 +158,7 @@ def test_curvature_of_the_torus() -> None:
     assert_allclose(function(mesh, "curvature:mean"), mean, atol=0.03)
 
 
-def test_curvature_at_a_boundary_is_carried_over_from_the_inside() -> None:
+def test_curvature_at_a_boundary_is_carried_over_from_the_inside():
     cylinder = open_cylinder(40, 10, radius=2.0)
     assert_allclose(function(cylinder, "curvature:mean"), 1 / 4, rtol=1e-3)
     assert_allclose(function(cylinder, "curvature:gaussian"), 0, atol=1e-10)
@@ -174,7 +168,7 @@ def test_curvature_at_a_boundary_is_carried_over_from_the_inside() -> None:
 
 
 @pytest.mark.parametrize("name", ["eight", "human_A", "fandisk"])
-def test_gaussian_curvature_and_mixed_areas_have_the_right_totals(name: str) -> None:
+def test_gaussian_curvature_and_mixed_areas_have_the_right_totals(name):
     mesh = load_mesh(ASSETS / f"{name}.off")
     areas = mixed_areas(mesh)
     assert_allclose(areas.sum(), mesh.length_scale**2, rtol=1e-12)
@@ -184,7 +178,7 @@ def test_gaussian_curvature_and_mixed_areas_have_the_right_totals(name: str) -> 
     )
 
 
-def cone_mean(length: Callable[[FloatArray], FloatArray], widest: float) -> float:
+def cone_mean(length, widest):
     """Robust mean of Shapira et al. where a ray at an angle has a known length and those beyond
     ``widest`` drop out.
     """
@@ -194,14 +188,14 @@ def cone_mean(length: Callable[[FloatArray], FloatArray], widest: float) -> floa
     return float(np.average(length(angles)[kept], weights=1 / angles[kept]))
 
 
-def test_shape_diameter_of_the_sphere() -> None:
+def test_shape_diameter_of_the_sphere():
     # beyond, normals are within 90 degrees
     exact = cone_mean(lambda angle: 2 * 3.0 * np.cos(angle), np.pi / 4)
     assert_allclose(exact / 3, 1.717, atol=1e-3)
     assert_allclose(function(icosphere(4, radius=3.0), "shape-diameter"), exact, rtol=0.02)
 
 
-def test_shape_diameter_of_a_plate() -> None:
+def test_shape_diameter_of_a_plate():
     box = trimesh.creation.box(extents=[4.0, 4.0, 0.2]).subdivide_to_size(0.3)
     box.merge_vertices()  # which older versions leave to the caller
     mesh = TriangleMesh(box.vertices, box.faces)
@@ -211,7 +205,7 @@ def test_shape_diameter_of_a_plate() -> None:
     assert_allclose(function(mesh, "shape-diameter")[middle], exact, rtol=1e-5)
 
 
-def test_shape_diameter_fills_in_what_sees_nothing_and_refuses_flat_sheets() -> None:
+def test_shape_diameter_fills_in_what_sees_nothing_and_refuses_flat_sheets():
     f = function(open_cylinder(30, 10, height=1.0), "shape-diameter")
     assert f.min() > 1
     assert f.max() < 3
@@ -221,7 +215,7 @@ def test_shape_diameter_fills_in_what_sees_nothing_and_refuses_flat_sheets() -> 
         function(square(4), "shape-diameter")
 
 
-def test_extension_keeps_known_values_and_averages_the_rest() -> None:
+def test_extension_keeps_known_values_and_averages_the_rest():
     mesh = icosphere(2)
     known = np.zeros(len(mesh.vertices), dtype=bool)
     known[[3, 77, 120]] = True

@@ -3,7 +3,6 @@ file is worth.
 """
 
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ MESH = icosphere(0)
 COUNT = len(MESH.vertices)
 
 
-def error_line(path: Path, form: str = "file:{}") -> str:
+def error_line(path, form="file:{}"):
     with pytest.raises(FunctionError) as caught:
         function(MESH, form.format(f'"{path}"'))
     message = str(caught.value)
@@ -32,7 +31,7 @@ def error_line(path: Path, form: str = "file:{}") -> str:
 
 @pytest.mark.parametrize("form", ["file:{}", "permuted:{}(coordinate:x)"])
 @pytest.mark.parametrize("suffix", [".npy", ".csv", ".txt", ".vts", ".sym.vts", ".gii", ".gii.gz"])
-def test_devices_pipes_and_folders_are_refused(tmp_path: Path, suffix: str, form: str) -> None:
+def test_devices_pipes_and_folders_are_refused(tmp_path, suffix, form):
     os.mkfifo(tmp_path / f"pipe{suffix}")
     (tmp_path / f"zero{suffix}").symlink_to("/dev/zero")
     (tmp_path / f"folder{suffix}").mkdir()
@@ -60,19 +59,19 @@ def test_devices_pipes_and_folders_are_refused(tmp_path: Path, suffix: str, form
         ("a.txt", b"1" * 100_000, "1 values were given"),
     ],
 )
-def test_what_is_wrong_fits_one_line(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+def test_what_is_wrong_fits_one_line(tmp_path, name, content, words):
     (tmp_path / name).write_bytes(content)
     assert words in error_line(tmp_path / name)
     assert error_line(tmp_path / name, "permuted:{}(coordinate:x)")
 
 
-def test_names_that_cannot_be_printed_are_told_in_one_line(tmp_path: Path) -> None:
+def test_names_that_cannot_be_printed_are_told_in_one_line(tmp_path):
     for name in ("a\nb.csv", "\x1b[31m.csv", "x" * 200 + ".csv"):
         (tmp_path / name).write_bytes(b"")
         assert "it is empty" in error_line(tmp_path / name)
 
 
-def test_columns_are_asked_for_in_one_line(tmp_path: Path) -> None:
+def test_columns_are_asked_for_in_one_line(tmp_path):
     (tmp_path / "a.csv").write_text(
         ",".join(f"name{number}" for number in range(5000)) + "\n" + ",".join(["1"] * 5000)
     )
@@ -80,7 +79,7 @@ def test_columns_are_asked_for_in_one_line(tmp_path: Path) -> None:
     assert "did you mean 'name12'" in error_line(tmp_path / "a.csv", "file:{},column=nome12")
 
 
-def test_likely_words_are_sought_among_few_and_short_ones() -> None:
+def test_likely_words_are_sought_among_few_and_short_ones():
     assert did_you_mean("sourc", ["x" * 1000, "source"]) == " (did you mean 'source'?)"
     assert did_you_mean("a" * 10_000, ["a" * 9999]) == ""
 
@@ -91,7 +90,7 @@ def test_likely_words_are_sought_among_few_and_short_ones() -> None:
     assert did_you_mean("wort", endless()) == " (did you mean 'word'?)"
 
 
-def check_outcomes(path: Path) -> None:
+def check_outcomes(path):
     """As values and as a map, the file gives finite values or one line that refuses it."""
     for form in ("file:{}", "permuted:{}(coordinate:x)"):
         try:
@@ -104,7 +103,7 @@ def check_outcomes(path: Path) -> None:
             assert np.isfinite(values).all()
 
 
-def test_one_wrong_byte_of_an_array_is_noticed_or_harmless(tmp_path: Path) -> None:
+def test_one_wrong_byte_of_an_array_is_noticed_or_harmless(tmp_path):
     path = tmp_path / "a.npy"
     np.save(path, np.arange(float(COUNT)))
     for changed in one_byte_changed(path.read_bytes(), 128):
@@ -120,13 +119,13 @@ def test_one_wrong_byte_of_an_array_is_noticed_or_harmless(tmp_path: Path) -> No
     | st.text("0123456789.,;\t\n\r\"'#+-eE naif\x00\x1b", max_size=60).map(str.encode),
     suffix=st.sampled_from([".csv", ".txt", ".npy", ".gii", ".gii.gz", ".sym.vts"]),
 )
-def test_any_bytes_are_values_or_refused(tmp_path: Path, content: bytes, suffix: str) -> None:
+def test_any_bytes_are_values_or_refused(tmp_path, content, suffix):
     path = tmp_path / f"a{suffix}"
     path.write_bytes(content)
     check_outcomes(path)
 
 
-def test_maps_to_meshes_of_files_with_many_more_vertices_need_no_room(tmp_path: Path) -> None:
+def test_maps_to_meshes_of_files_with_many_more_vertices_need_no_room(tmp_path):
     """The address space has room for few numbers per vertex of the file."""
     np.save(tmp_path / "map.npy", np.arange(COUNT)[::-1] + 7)
     code = (
@@ -146,7 +145,7 @@ def test_maps_to_meshes_of_files_with_many_more_vertices_need_no_room(tmp_path: 
     assert done.stderr == ""
 
 
-def test_a_mesh_may_come_with_the_numbers_of_its_vertices() -> None:
+def test_a_mesh_may_come_with_the_numbers_of_its_vertices():
     vertices = np.insert(MESH.vertices, 5, 9.0, axis=0)
     whole = TriangleMesh(vertices, MESH.faces + (MESH.faces >= 5))
     ids = np.delete(np.arange(COUNT + 1), 5)

@@ -121,13 +121,13 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("text", MEANINGS)
-def test_text_means_the_spec_and_the_spec_writes_text_that_means_the_same(text: str) -> None:
+def test_text_means_the_spec_and_the_spec_writes_text_that_means_the_same(text):
     assert parse(text) == MEANINGS[text]
     assert parse(str(MEANINGS[text])) == MEANINGS[text]
 
 
 @pytest.mark.parametrize("text", ERRORS)
-def test_errors_name_what_was_given_and_what_was_expected_in_one_line(text: str) -> None:
+def test_errors_name_what_was_given_and_what_was_expected_in_one_line(text):
     with pytest.raises(FunctionError) as error:
         parse(text)
     assert ERRORS[text] in str(error.value)
@@ -135,13 +135,13 @@ def test_errors_name_what_was_given_and_what_was_expected_in_one_line(text: str)
     assert len(str(error.value)) < 300
 
 
-def test_specs_made_in_python_are_checked_like_text() -> None:
+def test_specs_made_in_python_are_checked_like_text():
     with pytest.raises(FunctionError, match="width must be a number above 0"):
         Gaussian(vertex=(1,), width=-1.0)
     assert Gaussian(vertex=3, width="0.5") == Gaussian(vertex=(3,), width=0.5)
 
 
-def test_families_describe_themselves() -> None:
+def test_families_describe_themselves():
     described = {cls.family: cls for cls in families()}
     assert set(described) == {spec.family for spec in MEANINGS.values() if isinstance(spec, Family)}
     assert set(described) == {*TERMS, "permuted"}
@@ -157,7 +157,7 @@ def test_families_describe_themselves() -> None:
     assert described["eigenfunction"].positional == "index"
 
 
-def test_a_sum_adds_any_families() -> None:
+def test_a_sum_adds_any_families():
     mesh = icosphere(2)
     total = function(mesh, "coordinate:z + (expression:x*y) + eigenfunction:0")
     x, y, z = mesh.vertices.T
@@ -168,7 +168,7 @@ def test_a_sum_adds_any_families() -> None:
 @pytest.mark.parametrize(
     "text", ["coordinate:x", "eigenfunction:0", "expression:2", "curvature:mean", "shape-diameter"]
 )
-def test_results_are_new_writable_contiguous_arrays(text: str) -> None:
+def test_results_are_new_writable_contiguous_arrays(text):
     mesh = icosphere(1)
     f = function(mesh, parse(text))
     assert f.dtype == np.float64
@@ -230,7 +230,7 @@ specs = st.recursive(
 
 @settings(deadline=None)
 @given(specs)
-def test_any_spec_survives_its_text_form(spec: Spec) -> None:
+def test_any_spec_survives_its_text_form(spec):
     assert parse(str(spec)) == spec
 
 
@@ -239,7 +239,7 @@ def test_any_spec_survives_its_text_form(spec: Spec) -> None:
     st.text()
     | st.lists(st.sampled_from([*MEANINGS, "(", ")", "+", ",", "=", '"', "vertex=1"])).map("".join)
 )
-def test_any_text_parses_or_raises_function_error(text: str) -> None:
+def test_any_text_parses_or_raises_function_error(text):
     try:
         spec = parse(text)
     except FunctionError:

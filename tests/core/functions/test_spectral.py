@@ -1,7 +1,5 @@
 """Eigenfunctions and the signatures made of them, against spectra that are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -11,13 +9,12 @@ from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.errors import FunctionError
 from abfm.functions import function
 from abfm.mesh import TriangleMesh
-from abfm.types import FloatArray
 from tests.shapes import hemisphere, icosphere, square, tetrahedron, torus
 
 MODES = np.arange(12)  # of the interval [0, 1]: cos(pi n x)
 
 
-def test_eigenvalues_of_the_sphere_converge_to_l_l_plus_1_with_order_2() -> None:
+def test_eigenvalues_of_the_sphere_converge_to_l_l_plus_1_with_order_2():
     exact = np.repeat([0, 2, 6, 12], [1, 3, 5, 7])
     errors = [np.abs(eigenbasis(icosphere(s, radius=2.0), 16)[0] * 4 - exact).max() for s in (3, 4)]
     assert errors[1] < 0.1
@@ -27,7 +24,7 @@ def test_eigenvalues_of_the_sphere_converge_to_l_l_plus_1_with_order_2() -> None
 @pytest.mark.parametrize(
     "mesh", [icosphere(3), torus(30, 15), hemisphere(8), tetrahedron()], ids=str
 )
-def test_eigenbasis_solves_the_generalised_problem(mesh: TriangleMesh) -> None:
+def test_eigenbasis_solves_the_generalised_problem(mesh):
     k = min(40, len(mesh.vertices))
     values, functions = eigenbasis(mesh, k)
     mass = vertex_areas(mesh)
@@ -38,7 +35,7 @@ def test_eigenbasis_solves_the_generalised_problem(mesh: TriangleMesh) -> None:
     assert np.abs(residual).max() < 1e-9 * values[-1]
 
 
-def test_eigenfunctions_are_scaled_signed_and_start_with_the_constant() -> None:
+def test_eigenfunctions_are_scaled_signed_and_start_with_the_constant():
     mesh = TriangleMesh(square(20).vertices * [1.5, 1, 1], square(20).faces)
     assert_array_equal(function(mesh, "eigenfunction:0"), 1)
     f = function(mesh, "eigenfunction:1")
@@ -49,7 +46,7 @@ def test_eigenfunctions_are_scaled_signed_and_start_with_the_constant() -> None:
         assert vertex_areas(mesh) @ function(mesh, f"eigenfunction:{index}") ** 3 > -1e-6
 
 
-def test_the_sign_of_an_odd_eigenfunction_makes_the_first_large_vertex_positive() -> None:
+def test_the_sign_of_an_odd_eigenfunction_makes_the_first_large_vertex_positive():
     x, y = np.meshgrid(np.linspace(-1, 1, 15), np.linspace(-0.4, 0.4, 7), indexing="ij")
     corner = (np.arange(14)[:, None] * 7 + np.arange(6)).ravel()
     faces = np.concatenate(
@@ -64,7 +61,7 @@ def test_the_sign_of_an_odd_eigenfunction_makes_the_first_large_vertex_positive(
     )
 
 
-def test_results_do_not_depend_on_what_was_computed_before() -> None:
+def test_results_do_not_depend_on_what_was_computed_before():
     fresh, used = torus(24, 12), torus(24, 12)
     eigenbasis(used.normalized(), 60)
     eigenbasis(used.normalized(), 3)
@@ -75,7 +72,7 @@ def test_results_do_not_depend_on_what_was_computed_before() -> None:
     )
 
 
-def test_eigenbasis_is_read_only_and_bounded() -> None:
+def test_eigenbasis_is_read_only_and_bounded():
     mesh = icosphere(1)
     with pytest.raises(ValueError, match="read-only"):
         eigenbasis(mesh, 3)[1][0] = 0
@@ -87,22 +84,22 @@ def test_eigenbasis_is_read_only_and_bounded() -> None:
 
 
 @pytest.mark.parametrize("spec", ["hks:time=0.05", "hks", "wks:energy=3", "wks:energy=4"])
-def test_signatures_are_one_on_the_sphere(spec: str) -> None:
+def test_signatures_are_one_on_the_sphere(spec):
     assert_allclose(function(icosphere(4, radius=5.0), spec), 1, atol=0.02)
 
 
 @pytest.mark.parametrize("spec", ["hks", "wks", "wks:energy=-50", "wks:energy=50,width=0.01"])
-def test_signatures_integrate_to_one_over_the_unit_area_surface(spec: str) -> None:
+def test_signatures_integrate_to_one_over_the_unit_area_surface(spec):
     mesh = torus(30, 15, R=10.0, r=4.0)
     assert_allclose(vertex_areas(mesh.normalized()) @ function(mesh, spec), 1, rtol=1e-9)
 
 
-def squared_modes(x: FloatArray) -> FloatArray:
+def squared_modes(x):
     """Squares of the orthonormal eigenfunctions of [0, 1] with zero slope at the ends, (12, n)."""
     return np.where(MODES > 0, 2, 1)[:, None] * np.cos(np.pi * MODES[:, None] * x) ** 2
 
 
-def test_heat_kernel_signature_of_the_square() -> None:
+def test_heat_kernel_signature_of_the_square():
     mesh = square(40)
     weights = np.exp(-(np.pi**2) * MODES**2 * 0.02)
     x, y, _ = mesh.vertices.T
@@ -110,7 +107,7 @@ def test_heat_kernel_signature_of_the_square() -> None:
     assert_allclose(function(mesh, "hks:time=0.02"), exact, rtol=0.02)
 
 
-def test_wave_kernel_signature_of_the_square() -> None:
+def test_wave_kernel_signature_of_the_square():
     mesh = square(40)
     eigenvalues = np.pi**2 * (MODES[:, None] ** 2 + MODES**2)
     eigenvalues[0, 0] = np.nan
@@ -120,6 +117,6 @@ def test_wave_kernel_signature_of_the_square() -> None:
     assert_allclose(function(mesh, "wks:energy=4,width=0.3"), exact, rtol=0.05)
 
 
-def test_signatures_use_at_most_the_pairs_there_are() -> None:
+def test_signatures_use_at_most_the_pairs_there_are():
     for spec in ("hks:eigenpairs=1000", "wks:eigenpairs=1000"):
         assert_allclose(function(tetrahedron(), spec), 1, atol=1e-9)

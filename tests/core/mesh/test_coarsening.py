@@ -1,18 +1,16 @@
-"""Coarser meshes: of the same topology and side, near the surface, even, and none where there
-can be none.
-"""
-
-from __future__ import annotations
+"""Coarser meshes: of the same topology and side, near the surface, even; and finer ones, too."""
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import abfm
 from abfm.assets import asset_path
-from abfm.calculus.operators import face_areas, face_normals
+from abfm.calculus.operators import cotangent_laplacian, face_areas, face_normals
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
+from abfm.mesh.subdivision import interpolated, subdivided
 from tests.core.surfaces import SURFACES
 from tests.core.verification import observed_orders
 from tests.shapes import disc, hemisphere, icosphere, open_cylinder, square, torus
@@ -26,117 +24,123 @@ FINE = {
     "hemisphere": hemisphere(20),
     "cylinder": open_cylinder(40, 20),
 }
-
-
-@pytest.fixture(params=FINE)
-def fine(request: pytest.FixtureRequest) -> TriangleMesh:
-    return FINE[request.param]
+EACH_FINE = pytest.mark.parametrize("fine", FINE.values(), ids=FINE)
+EACH_SURFACE = pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES)
 
 
 @pytest.mark.parametrize("share", [0.6, 0.25, 0.12])
-def test_topology_stays_and_the_count_is_near_what_was_asked(
-    fine: TriangleMesh, share: float
-) -> None:
+@EACH_FINE
+def test_topology_stays_and_the_count_is_near_what_was_asked(fine, share):
     asked = int(share * len(fine.vertices))
     coarse = coarsened(fine, asked)
-    assert coarse is not None
     assert asked * 0.95 <= len(coarse.vertices) <= 1.2 * asked
-    assert coarse.euler_characteristic == fine.euler_characteristic
-    assert coarse.boundary_loop_count == fine.boundary_loop_count
-    assert coarse.genus == fine.genus
+    for name in ("euler_characteristic", "boundary_loop_count", "genus"):
+        assert getattr(coarse, name) == getattr(fine, name)
     assert coarse.messages == ()
 
 
-def test_it_lies_near_the_surface_and_looks_to_the_same_side(fine: TriangleMesh) -> None:
+@EACH_FINE
+def test_it_lies_near_the_surface_and_looks_to_the_same_side(fine):
     coarse = coarsened(fine, len(fine.vertices) // 4)
-    assert coarse is not None
     edge = fine.length_scale / np.sqrt(len(coarse.faces))
     middles = coarse.vertices[coarse.faces].mean(axis=1)
     near = project_onto_surface(fine, middles)
     assert near.distances_from(middles).max() < edge
     cosines = (face_normals(coarse) * face_normals(fine)[near.faces]).sum(axis=1)
     assert np.average(cosines, weights=face_areas(coarse)) > 0.85
-    back = project_onto_surface(coarse, fine.vertices)
-    assert (
-        back.distances_from(fine.vertices).max() < 3 * edge
-    )  # ends of limbs, and corners, are cut
+    back = project_onto_surface(coarse, fine.vertices).distances_from(fine.vertices)
+    assert back.max() < 3 * edge  # ends of limbs, and corners, are cut
 
 
 @pytest.mark.parametrize("make", [icosphere, lambda k: torus(15 * 2 ** (k - 2), 7 * 2 ** (k - 2))])
-def test_area_converges_with_the_count(make) -> None:
-    """A quarter of the vertices of ever finer meshes: what is missing falls like the square of
-    the edge length.
-    """
+def test_area_converges_with_the_count(make):
+    """A quarter of the vertices: what is missing falls like the square of the edge length."""
     missing = []
     for k in (3, 4, 5):
         fine = make(k)
         coarse = coarsened(fine, len(fine.vertices) // 4)
-        assert coarse is not None
         missing.append(1 - face_areas(coarse).sum() / face_areas(fine).sum())
     assert observed_orders([4, 2, 1], missing).min() > 1.6
     assert missing[-1] < 0.005
 
 
-def test_needles_are_the_first_to_go() -> None:
-    """A cylinder with two rings of vertices a hundredth of an edge apart, where the cost is set
-    by the least height.
-    """
+def median_over_least_height(mesh):
+    corners = mesh.vertices[mesh.faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    heights = 2 * face_areas(mesh) / longest
+    return np.median(heights) / heights.min()
+
+
+def test_needles_are_the_first_to_go():
+    """A cylinder with two rings of vertices a hundredth of an edge apart."""
     even = open_cylinder(40, 20)
     height = even.vertices[:, 2]
     ring = np.isclose(height, np.unique(height.round(9))[10])
     fine = TriangleMesh(even.vertices - np.outer(ring, [0, 0, 0.099]), even.faces)
     coarse = coarsened(fine, int(0.7 * len(fine.vertices)))
-    assert coarse is not None
-
-    def median_over_least_height(mesh: TriangleMesh) -> float:
-        corners = mesh.vertices[mesh.faces]
-        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-        heights = 2 * face_areas(mesh) / longest
-        return float(np.median(heights) / heights.min())
-
     assert median_over_least_height(coarse) < 0.1 * median_over_least_height(fine)
 
 
-def test_same_input_same_bits_in_any_power_of_two_as_unit() -> None:
-    mesh = FINE["body"]
-    one = coarsened(TriangleMesh(mesh.vertices, mesh.faces), 300)
-    other = coarsened(TriangleMesh(mesh.vertices, mesh.faces), 300)
-    large = coarsened(TriangleMesh(2.0**20 * mesh.vertices, mesh.faces), 300)
-    small = coarsened(TriangleMesh(2.0**-20 * mesh.vertices, mesh.faces), 300)
-    assert one is not None
-    assert other is not None
-    assert large is not None
-    assert small is not None
-    np.testing.assert_array_equal(one.vertices, other.vertices)
-    np.testing.assert_array_equal(one.vertices, large.vertices / 2.0**20)
-    np.testing.assert_array_equal(one.vertices, small.vertices * 2.0**20)
-    for each in (other, large, small):
-        np.testing.assert_array_equal(one.faces, each.faces)
+def test_same_input_same_bits_in_any_power_of_two_as_unit():
+    mesh, one = FINE["body"], coarsened(FINE["body"], 300)
+    for unit in (1.0, 2.0**20, 2.0**-20):
+        other = coarsened(TriangleMesh(unit * mesh.vertices, mesh.faces), 300)
+        assert_array_equal(one.vertices, other.vertices / unit)
+        assert_array_equal(one.faces, other.faces)
 
 
-def test_it_is_made_once() -> None:
+def test_it_is_made_once():
     mesh = torus(40, 20)
     assert coarsened(mesh, 200) is coarsened(mesh, 200)
     assert coarsened(mesh, 100) is not coarsened(mesh, 200)
-    assert coarsened(SURFACES["tetrahedron"], 4) is None
 
 
-@pytest.mark.parametrize("name", ["tetrahedron", "triangle", "no inner vertices"])
-def test_what_is_as_small_as_its_topology_allows_has_no_coarser_mesh(name: str) -> None:
-    assert coarsened(SURFACES[name], 4) is None
+TOO_FAR = [
+    *((SURFACES[name], 4) for name in ("tetrahedron", "triangle", "no inner vertices")),
+    *((SURFACES["genus two"], 9), (open_cylinder(30, 1), 4), (disc(8), 4)),
+    *((icosphere(2), count) for count in (1, 3, 162, 1000)),
+]
 
 
-@pytest.mark.parametrize(
-    ("mesh", "count"),
-    [
-        (SURFACES["genus two"], 9),
-        (open_cylinder(30, 1), 4),
-        (disc(8), 4),
-        (icosphere(2), 3),
-        (icosphere(2), 1),
-        (icosphere(2), 162),
-        (icosphere(2), 1000),
-    ],
-)
-def test_what_cannot_shrink_so_far_or_at_all_has_none(mesh: TriangleMesh, count: int) -> None:
+@pytest.mark.parametrize(("mesh", "count"), TOO_FAR)
+def test_what_cannot_shrink_so_far_or_at_all_has_no_coarser_mesh(mesh, count):
     assert coarsened(mesh, count) is None
+
+
+@EACH_SURFACE
+def test_four_children_cover_their_parent(mesh):
+    fine = subdivided(mesh)
+    areas = np.repeat(face_areas(mesh)[:, None] / 4, 4, axis=1)
+    assert_allclose(face_areas(fine).reshape(-1, 4), areas)
+    normals = np.repeat(face_normals(mesh), 4, axis=0)
+    assert_allclose(face_normals(fine), normals, rtol=0, atol=1e-12)
+    corners = fine.vertices[fine.faces].reshape(-1, 4, 3, 3)
+    parents = mesh.vertices[mesh.faces]
+    for c in range(3):
+        assert_array_equal(corners[:, c, c], parents[:, c])
+        middle = (parents[:, (c + 1) % 3] + parents[:, (c + 2) % 3]) / 2
+        assert_allclose(corners[:, 3, c], middle, rtol=0, atol=1e-15)
+    # children at corners are the parent, half as large
+    halves = (parents[:, None] + parents[:, :, None]) / 2
+    assert_allclose(corners[:, :3], halves, rtol=0, atol=1e-15)
+
+
+@EACH_SURFACE
+def test_subdivision_keeps_the_topology(mesh):
+    fine, count = subdivided(mesh), len(mesh.vertices)
+    assert len(fine.vertices) == count + len(mesh.edges)
+    assert len(fine.faces) == 4 * len(mesh.faces)
+    assert fine.messages == ()
+    for name in ("euler_characteristic", "genus", "boundary_loop_count", "is_closed"):
+        assert getattr(fine, name) == getattr(mesh, name)
+    assert_array_equal(fine.is_boundary_vertex[count:], mesh.is_boundary_edge)
+    assert_array_equal(fine.is_boundary_vertex[:count], mesh.is_boundary_vertex)
+
+
+@EACH_SURFACE
+def test_functions_stay_what_they_are(mesh):
+    fine, f = subdivided(mesh), np.random.default_rng(0).normal(size=(len(mesh.vertices), 2))
+    g = interpolated(mesh, f)
+    assert_allclose(project_onto_surface(mesh, fine.vertices).pull_back(f), g, rtol=0, atol=1e-9)
+    energies = [h.T @ (cotangent_laplacian(m) @ h) for m, h in ((mesh, f), (fine, g))]
+    assert_allclose(*energies, rtol=1e-9)

@@ -1,7 +1,5 @@
 """What users give as arrays."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -19,13 +17,13 @@ COUNT = len(X)
 class Sequence:
     """A sequence that is no list, as data frames have them."""
 
-    def __init__(self, values) -> None:
+    def __init__(self, values):
         self.values = values
 
-    def __len__(self) -> int:
+    def __len__(self):
         return len(self.values)
 
-    def __getitem__(self, index: int) -> float:
+    def __getitem__(self, index):
         return self.values[index]
 
 

@@ -2,8 +2,6 @@
 more, ..., enough.
 """
 
-from __future__ import annotations
-
 import sys
 
 import pytest
@@ -64,7 +62,7 @@ with_little_more(lambda: cholesky.factor(grid)(np.ones(3600)), most=8_000)
 
 
 @pytest.mark.parametrize("what", [DISTANCES, FACTORISATION], ids=["distances", "factorisation"])
-def test_a_library_is_not_called_where_memory_would_run_out_inside_it(what: str) -> None:
+def test_a_library_is_not_called_where_memory_would_run_out_inside_it(what):
     """There it may not only raise a MemoryError (3) but, by chance, crash (below 0)."""
     done = python(RUNS + what, check=True)
     assert set(done.stdout.split()) == {"0", "1"}

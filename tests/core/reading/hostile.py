@@ -8,8 +8,6 @@ import base64
 import io
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +20,7 @@ from abfm.errors import ResultError
 BIG = 65 << 20  # above what packed data may hold at the most, and soon made
 
 
-def npy(header: str, data: bytes = b"", version: int = 1) -> bytes:
+def npy(header, data=b"", version=1):
     """An array file with a header of our own."""
     content = header.ljust(117).encode() + b"\n"
     return (
@@ -34,14 +32,12 @@ def npy(header: str, data: bytes = b"", version: int = 1) -> bytes:
     )
 
 
-def npy_of(shape: str, descr: str = "<f8", data: bytes = b"") -> bytes:
+def npy_of(shape, descr="<f8", data=b""):
     """An array file whose header gives a shape and a type."""
     return npy(f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}", data)
 
 
-def gifti(
-    text: str, dims: str = 'Dimensionality="1" Dim0="3"', encoding: str = "ASCII", more: str = ""
-) -> bytes:
+def gifti(text, dims='Dimensionality="1" Dim0="3"', encoding="ASCII", more=""):
     """A GIFTI file of one array of 32 bit floats."""
     return (
         '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray '
@@ -52,18 +48,18 @@ def gifti(
     ).encode()
 
 
-def bomb(size: int = BIG) -> bytes:
+def bomb(size=BIG):
     """So many zeros in a thousandth of their size, by zlib."""
     packer, zeros = zlib.compressobj(1), bytes(1 << 20)
     return b"".join(packer.compress(zeros) for _ in range(size >> 20)) + packer.flush()
 
 
-def gifti_bomb(dims: str) -> bytes:
+def gifti_bomb(dims):
     """A GIFTI file with a bomb for its values."""
     return gifti(base64.b64encode(bomb()).decode(), dims, "GZipBase64Binary")
 
 
-def overlapping_zip(path: Path, names: list[str], content: bytes) -> None:
+def overlapping_zip(path, names, content):
     """A zip each of whose members holds the next one, header and all: together much more than
     the file.
     """
@@ -84,7 +80,7 @@ def overlapping_zip(path: Path, names: list[str], content: bytes) -> None:
         archive.comment = b"written"
 
 
-def zipped(members: dict[str, bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
+def zipped(members, compression=zipfile.ZIP_STORED):
     """A zip of some members."""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", compression) as archive:
@@ -93,13 +89,13 @@ def zipped(members: dict[str, bytes], compression: int = zipfile.ZIP_STORED) -> 
     return content.getvalue()
 
 
-def members(path: Path) -> dict[str, bytes]:
+def members(path):
     """What a zip has: the content of each member by its name."""
     with zipfile.ZipFile(path) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
-def rewrite(path: Path, changes: Mapping[str, Any], compression: int = zipfile.ZIP_STORED) -> None:
+def rewrite(path, changes, compression=zipfile.ZIP_STORED):
     """Write a zip anew with other members: arrays as NumPy saves them, bytes as they are, and
     None leaves one out.
     """
@@ -116,7 +112,7 @@ def rewrite(path: Path, changes: Mapping[str, Any], compression: int = zipfile.Z
     )
 
 
-def refusal(load: Callable[[Path], object], path: Path) -> str:
+def refusal(load, path):
     """Why a result or project cannot be loaded: one bounded line that names the file."""
     with pytest.raises(ResultError) as caught:
         load(path)
@@ -127,7 +123,7 @@ def refusal(load: Callable[[Path], object], path: Path) -> str:
     return message
 
 
-def one_byte_changed(content: bytes, end: int | None = None) -> Iterator[bytes]:
+def one_byte_changed(content, end=None):
     """The content with one of its bytes changed, up to an end."""
     for position in range(len(content) if end is None else end):
         changed = bytearray(content)
@@ -135,9 +131,7 @@ def one_byte_changed(content: bytes, end: int | None = None) -> Iterator[bytes]:
         yield bytes(changed)
 
 
-def with_flipped_bits(
-    path: Path, load: Callable[[Path], Any], check: Callable[[Any], None]
-) -> None:
+def with_flipped_bits(path, load, check):
     """Load a file again and again with a byte changed: it is refused in one line, or comes as
     it was, where the byte is one of the zip's own that carries no content.
     """
@@ -145,7 +139,7 @@ def with_flipped_bits(
 
     @settings(deadline=None, max_examples=150, derandomize=True)
     @given(position=st.integers(0, len(whole) - 1), value=st.integers(1, 255))
-    def flip(position: int, value: int) -> None:
+    def flip(position, value):
         content = bytearray(whole)
         content[position] ^= value
         path.write_bytes(content)
@@ -154,7 +148,7 @@ def with_flipped_bits(
     flip()
 
 
-def load_or_refuse(path: Path, load: Callable[[Path], Any], check: Callable[[Any], None]) -> None:
+def load_or_refuse(path, load, check):
     """Check what is loaded, unless it is refused in one line."""
     try:
         loaded = load(path)

@@ -13,15 +13,13 @@ from abfm.errors import one_line
 from abfm.reading import inflated, open_plain, read_bytes
 
 
-def test_a_file_comes_whole(tmp_path: Path) -> None:
+def test_a_file_comes_whole(tmp_path):
     (tmp_path / "a").write_bytes(b"\r\n\0whole")
     (tmp_path / "link").symlink_to("a")
     assert read_bytes(tmp_path / "a") == read_bytes(tmp_path / "link") == b"\r\n\0whole"
 
 
-def test_what_is_no_plain_file_is_refused_and_nothing_waits(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_plain_file_is_refused_and_nothing_waits(tmp_path, monkeypatch):
     os.mkfifo(tmp_path / "pipe")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "link").symlink_to("pipe")
@@ -43,9 +41,7 @@ def test_what_is_no_plain_file_is_refused_and_nothing_waits(
             assert kind in caught.value.strerror
 
 
-def test_a_file_that_becomes_a_pipe_before_it_is_opened_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_becomes_a_pipe_before_it_is_opened_is_refused(tmp_path, monkeypatch):
     (tmp_path / "a").touch()
     os.mkfifo(tmp_path / "pipe")
     plain = os.stat(tmp_path / "a")
@@ -54,7 +50,7 @@ def test_a_file_that_becomes_a_pipe_before_it_is_opened_is_refused(
         read_bytes(tmp_path / "pipe")
 
 
-def test_no_more_is_read_than_there_was_and_than_is_allowed(tmp_path: Path) -> None:
+def test_no_more_is_read_than_there_was_and_than_is_allowed(tmp_path):
     (tmp_path / "a").write_bytes(bytes(100))
     with pytest.raises(OSError, match="100 bytes, and at most 99") as caught:
         read_bytes(tmp_path / "a", most=99)
@@ -64,7 +60,7 @@ def test_no_more_is_read_than_there_was_and_than_is_allowed(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("packed", [gzip.compress, zlib.compress])
-def test_compressed_data_comes_back_up_to_a_bound(packed) -> None:
+def test_compressed_data_comes_back_up_to_a_bound(packed):
     content = os.urandom(1000) + bytes(9000)
     data = packed(content)
     assert inflated(data) == inflated(data, most=10_000) == content
@@ -80,7 +76,7 @@ def test_compressed_data_comes_back_up_to_a_bound(packed) -> None:
         inflated(bytes(damaged))
 
 
-def test_a_bomb_is_refused_when_it_has_given_its_bound() -> None:
+def test_a_bomb_is_refused_when_it_has_given_its_bound():
     with pytest.raises(ValueError, match="hold more than 67108864"):
         inflated(gzip.compress(bytes(80 << 20), 1))
 
@@ -96,5 +92,5 @@ def test_a_bomb_is_refused_when_it_has_given_its_bound() -> None:
         ("y" * 200, "y" * 200),
     ],
 )
-def test_whatever_is_told_fits_one_line(given: object, line: str) -> None:
+def test_whatever_is_told_fits_one_line(given, line):
     assert one_line(given) == line

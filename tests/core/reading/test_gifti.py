@@ -4,7 +4,6 @@ import base64
 import gzip
 import os
 import zlib
-from pathlib import Path
 
 import nibabel
 import numpy as np
@@ -21,9 +20,7 @@ NINE = np.arange(9, dtype="<f4")
 @pytest.mark.parametrize("endian", ["little", "big"])
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("kind", ["float32", "int32", "uint8"])
-def test_what_nibabel_writes_is_read_as_nibabel_reads_it(
-    tmp_path: Path, encoding: str, endian: str, order: str, kind: str
-) -> None:
+def test_what_nibabel_writes_is_read_as_nibabel_reads_it(tmp_path, encoding, endian, order, kind):
     random = np.random.default_rng(0)
     arrays = [
         nibabel.gifti.GiftiDataArray(
@@ -45,8 +42,8 @@ def test_what_nibabel_writes_is_read_as_nibabel_reads_it(
         assert_array_equal(array.values, other.data)
 
 
-def test_values_from_a_file_beside_it(tmp_path: Path) -> None:
-    def beside(name: str, offset: str = "4") -> list[float]:
+def test_values_from_a_file_beside_it(tmp_path):
+    def beside(name, offset="4"):
         more = f'ExternalFileName="{name}" ExternalFileOffset="{offset}"'
         (tmp_path / "a.gii").write_bytes(gifti("", encoding="ExternalFileBinary", more=more))
         [array] = gifti_arrays(tmp_path / "a.gii")
@@ -106,7 +103,7 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
         (gifti("1 2 3", encoding="x" * 1000), "Encoding 'xxx"),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(tmp_path: Path, content: bytes, words: str) -> None:
+def test_arrays_that_do_not_fit_are_refused(tmp_path, content, words):
     (tmp_path / "a.gii").write_bytes(content)
     with pytest.raises(ValueError, match=words) as caught:
         gifti_arrays(tmp_path / "a.gii")
@@ -117,7 +114,7 @@ def test_arrays_that_do_not_fit_are_refused(tmp_path: Path, content: bytes, word
     "content",
     [gifti("1 2 3"), gifti(PACKED, 'Dimensionality="2" Dim0="3" Dim1="3"', "GZipBase64Binary")],
 )
-def test_one_wrong_byte_gives_arrays_or_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_one_wrong_byte_gives_arrays_or_is_refused(tmp_path, content):
     for changed in one_byte_changed(content):
         (tmp_path / "a.gii").write_bytes(changed)
         try:

@@ -3,7 +3,6 @@ fit its file.
 """
 
 import io
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,13 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.testing import assert_array_equal
-from numpy.typing import NDArray
 
 from abfm.reading import array_from
 from tests.core.reading.hostile import npy, npy_of, one_byte_changed
 
 
-def saved(array: NDArray[Any], version: int = 1) -> bytes:
+def saved(array, version=1):
     file = io.BytesIO()
     np.lib.format.write_array(file, array, version=(version, 0))
     return file.getvalue()
@@ -39,7 +37,7 @@ kinds = st.one_of(
     version=st.sampled_from([1, 2, 3]),
     turned=st.booleans(),
 )
-def test_what_numpy_writes_comes_back(array: NDArray[Any], version: int, turned: bool) -> None:
+def test_what_numpy_writes_comes_back(array, version, turned):
     array = np.asfortranarray(array) if turned else array
     found = array_from(saved(array, version))
     assert_array_equal(found, array, strict=True)
@@ -47,7 +45,7 @@ def test_what_numpy_writes_comes_back(array: NDArray[Any], version: int, turned:
     assert found.flags.f_contiguous == array.flags.f_contiguous
 
 
-def test_headers_of_other_writers_are_read() -> None:
+def test_headers_of_other_writers_are_read():
     data = np.arange(6.0).tobytes()
     expected = np.arange(6.0).reshape(2, 3)
     for header in (
@@ -59,7 +57,7 @@ def test_headers_of_other_writers_are_read() -> None:
         assert_array_equal(array_from(npy(header, data, version=2)), expected)
 
 
-def described(**changes: str) -> bytes:
+def described(**changes):
     entries = {"descr": "'<f8'", "fortran_order": "False", "shape": "(1,)"} | changes
     text = ", ".join(f"'{name}': {value}" for name, value in entries.items())
     return npy("{" + text + ", }", bytes(8))
@@ -97,7 +95,7 @@ def described(**changes: str) -> bytes:
         (npy_of("(2,)", "|b1", b"\x01\x02"), "boolean is neither 0 nor 1"),
     ],
 )
-def test_headers_that_do_not_fit_are_refused(content: bytes, words: str) -> None:
+def test_headers_that_do_not_fit_are_refused(content, words):
     with pytest.raises(ValueError, match=words) as caught:
         array_from(content)
     assert len(str(caught.value)) < 300
@@ -106,7 +104,7 @@ def test_headers_that_do_not_fit_are_refused(content: bytes, words: str) -> None
 @pytest.mark.parametrize(
     "array", [np.arange(12.0).reshape(3, 4), np.array(True), np.array("text"), np.arange(300)]
 )
-def test_one_wrong_byte_gives_an_array_of_the_same_size_or_is_refused(array: NDArray[Any]) -> None:
+def test_one_wrong_byte_gives_an_array_of_the_same_size_or_is_refused(array):
     content = saved(array)
     refused = 0
     for changed in one_byte_changed(content, 128):
