@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,3 +29,12 @@ def python(code: str, *words: object, **options: Any) -> subprocess.CompletedPro
 def argv(line: str) -> list[str]:
     """Return the words of a command line as a shell makes them."""
     return shlex.split(line)
+
+
+def children():
+    """Numbers of the processes that this one has started and that have not ended."""
+    found = set()
+    for thread in Path(f"/proc/{os.getpid()}/task").iterdir():
+        with suppress(OSError):  # it may have ended
+            found.update((thread / "children").read_text().split())
+    return found

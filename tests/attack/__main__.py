@@ -3,22 +3,22 @@
 The exit status is 1 where there is a fault. Files that made one are in ``out/attack``.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
+import queue
 import secrets
+import signal
 import subprocess
 import sys
 import threading
 import time
-from importlib.util import find_spec
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from tests.attack import promises
-from tests.attack.slices import Slice
-from tests.attack.tally import Tally
+from tests.attack.trial import Tally, Trial
+from tests.processes import ROOT
 
 SHARES = {
     "mutations": 3,
@@ -30,15 +30,11 @@ SHARES = {
     "memory": 1,
 }
 """The parts, modules of this package, and the time that each has in relation to the others."""
-_SEEDS = 10**6  # of one worker, for one part
+_MANY = 10**6  # seeds of one worker, for one part
+_PATIENCE = 600.0  # seconds without a line
 
 
-def parts() -> list[str]:
-    """Those that are there."""
-    return [part for part in SHARES if find_spec(f"tests.attack.{part}")]
-
-
-def main() -> int:
+def main():
     """The program; its exit status."""
     parser = argparse.ArgumentParser(prog="./run attack", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10, help="how long (default: 10)")
@@ -49,7 +45,7 @@ def main() -> int:
         "--workers", type=int, default=os.cpu_count() or 1, help="at a time (default: one per core)"
     )
     parser.add_argument(
-        "--only", choices=parts(), action="append", help="this part alone; may be repeated"
+        "--only", choices=SHARES, action="append", help="this part alone; may be repeated"
     )
     parser.add_argument(
         "--repeat", metavar="PART:SEED", help="repeat one trial and say what came of it"
@@ -60,40 +56,51 @@ def main() -> int:
     asked = parser.parse_args()
     if asked.repeat:
         part, _, seed = asked.repeat.rpartition(":")
-        if part not in parts() or not seed.isdecimal():
-            parser.error(
-                f"--repeat {asked.repeat}: expected a part ({', '.join(parts())}), a colon and a "
-                "seed"
-            )
+        if part not in SHARES or not seed.isdecimal():
+            parts = ", ".join(SHARES)
+            parser.error(f"--repeat {asked.repeat}: expected a part ({parts}), a colon and a seed")
         return subprocess.call([sys.executable, "-m", f"tests.attack.{part}", "--seed", seed])
     seed = secrets.randbelow(10**6) * 10**3 if asked.seed is None else asked.seed
-    tallies = attack(asked.only or parts(), asked.minutes * 60, seed, asked.workers)
+    tallies = attack(asked.only or list(SHARES), asked.minutes * 60, seed, asked.workers)
     print(promises.text_table(tallies))
     if asked.write:
         promises.write(tallies)
     return int(any(tally.faults for tally in tallies.values()))
 
 
-def attack(chosen: list[str], seconds: float, seed: int, workers: int) -> dict[str, Tally]:
+def attack(chosen, seconds, seed, workers):
     """What came of each part in so many seconds."""
     tallies = {part: Tally(part) for part in chosen}
     spent = dict.fromkeys(chosen, 0.0)
     lock, end = threading.Lock(), time.monotonic() + seconds
     longest = max(seconds / 12, 5.0)
+    shown = 0.0
 
-    def work(worker: int, folder: Path) -> None:
-        following = dict.fromkeys(chosen, seed + worker * _SEEDS)
+    def show():
+        """The line of progress, at most once a second; once a minute where no terminal is."""
+        nonlocal shown
+        now, terminal = time.monotonic(), sys.stderr.isatty()
+        if now - shown < (1 if terminal else 60):
+            return
+        shown = now
+        counts = ", ".join(f"{t.part} {t.trials} ({t.fault_count})" for t in tallies.values())
+        line = f"{max(end - now, 0) / 60:.1f} min left; trials (faults): {counts}"
+        before, after = ("\r\033[K", "") if terminal else ("", "\n")
+        print(before + line, end=after, file=sys.stderr, flush=True)
+
+    def work(worker, folder):
+        following = dict.fromkeys(chosen, seed + worker * _MANY)
         while (left := end - time.monotonic()) > 0:
             with lock:
                 part = min(chosen, key=lambda part: spent[part] / SHARES[part])
                 planned = min(longest * SHARES[part] / 2, left)
                 spent[part] += planned
             begin = time.monotonic()
-            for trial in Slice(part, following[part], planned, folder):
+            for trial in trials(part, following[part], planned, folder):
                 following[part] = trial.seed + 1
                 with lock:
                     tallies[part].add(trial)
-                    _show(tallies, end)
+                    show()
             with lock:
                 spent[part] += time.monotonic() - begin - planned
 
@@ -109,26 +116,46 @@ def attack(chosen: list[str], seconds: float, seed: int, workers: int) -> dict[s
     return tallies
 
 
-_shown = 0.0
+def trials(part, seed, seconds, folder):
+    """The trials of a part from a seed on, as they end, in a process of its own; what goes on when
+    the time is over is waited for.
+    """
+    said = folder / f"{part}-{seed}.log"
+    words = ["--seed", str(seed), "--count", str(_MANY), "--seconds", str(seconds)]
+    with said.open("w") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", f"tests.attack.{part}", *words],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            text=True,
+            start_new_session=True,
+            env=os.environ | {"TMPDIR": str(folder)},
+        )
+    lines = queue.Queue()
 
+    def read():
+        for line in process.stdout:
+            lines.put(line)
+        lines.put(None)
 
-def _show(tallies: dict[str, Tally], end: float) -> None:
-    """The line of progress, at most once a second; once a minute where there is no terminal."""
-    global _shown
-    now, terminal = time.monotonic(), sys.stderr.isatty()
-    if now - _shown < (1 if terminal else 60):
-        return
-    _shown = now
-    counts = ", ".join(
-        f"{tally.part} {tally.trials} ({tally.fault_count})" for tally in tallies.values()
-    )
-    line = f"{max(end - now, 0) / 60:.1f} min left; trials (faults): {counts}"
-    print(
-        f"\r\033[K{line}" if terminal else line,
-        end="" if terminal else "\n",
-        file=sys.stderr,
-        flush=True,
-    )
+    threading.Thread(target=read, daemon=True).start()
+    try:
+        while (line := lines.get(timeout=_PATIENCE)) is not None:
+            if line.startswith("{"):
+                trial = Trial.from_line(line)
+                seed = trial.seed + 1
+                yield trial
+        if status := process.wait():
+            last = " ".join(said.read_text(errors="replace").strip().splitlines()[-1:])[:200]
+            yield Trial("the part itself", seed, "fault", f"exit status {status}: {last}")
+    except queue.Empty:
+        yield Trial("the part itself", seed, "fault", f"no answer within {_PATIENCE:g} s")
+    finally:
+        # end it, should it still run, and what it has started
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 if __name__ == "__main__":

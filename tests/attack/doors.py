@@ -2,17 +2,14 @@
 little.
 """
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 import abfm
-from abfm import AbfmError, Match, TriangleMesh
+from abfm import AbfmError
 from abfm.errors import LONGEST
 from abfm_viewer.document.document import THEMES
 from abfm_viewer.files.autosave import recoverable
@@ -21,7 +18,7 @@ from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session import Session
 from abfm_viewer.window.preferences import Preferences
-from tests.attack.specimens import MESH, Door
+from tests.attack.specimens import MESH
 
 
 class BrokenPromiseError(Exception):
@@ -38,7 +35,7 @@ _INNER = re.compile(
 """Words that only programmers understand, unless they are the user's own."""
 
 
-def enter(door: Door, path: Path) -> None:
+def enter(door, path):
     """Open a file as users do.
 
     An `AbfmError` is raised where the file is refused as it should be, a `BrokenPromiseError` where
@@ -49,136 +46,100 @@ def enter(door: Door, path: Path) -> None:
         DOORS[door](path)
     except AbfmError as error:
         text = str(error)
-        _hold(
-            len(text.splitlines()) == 1,
-            f"an error of {len(text.splitlines())} lines: {text[:300]!r}",
-        )
-        _hold(
-            text.isprintable() or max(text) >= "\udc80",
-            f"an error that cannot be printed: {text[:300]!r}",
-        )
+        told, count = repr(text[:300]), len(text.splitlines())
+        _hold(count == 1, f"an error of {count} lines: {told}")
+        is_printable = text.isprintable() or max(text) >= "\udc80"
+        _hold(is_printable, f"an error that cannot be printed: {told}")
         given = path.read_bytes() if door == "spec" else b""
-        inner = [
-            words[0]
-            for words in _INNER.finditer(text.replace(str(path), ""))
-            if words[0].encode() not in given
-        ]
-        _hold(not inner, f"an error in the words of Python: {text[:300]!r}")
-        _hold(len(text) <= LONGEST, f"an error of {len(text)} characters: {text[:300]!r}...")
+        inner = [words[0] for words in _INNER.finditer(text.replace(str(path), ""))]
+        is_ours = all(words.encode() in given for words in inner)
+        _hold(is_ours, f"an error in the words of Python: {told}")
+        _hold(len(text) <= LONGEST, f"an error of {len(text)} characters: {told}...")
         raise
 
 
-def _hold(holds: bool | np.bool_, broken: str) -> None:
+def _hold(holds, broken):
     if not holds:
         raise BrokenPromiseError(broken)
 
 
-def _mesh(path: Path) -> None:
-    _check_mesh(abfm.load_mesh(path))
-
-
-def _check_mesh(mesh: TriangleMesh) -> None:
+def _check_mesh(mesh):
     V, F = len(mesh.vertices), len(mesh.faces)
-    _hold(
-        mesh.vertices.shape == (V, 3) and mesh.faces.shape == (F, 3) and V >= 3 and F >= 1,
-        "a mesh of wrong shapes",
-    )
+    shapes = mesh.vertices.shape == (V, 3) and mesh.faces.shape == (F, 3)
+    _hold(shapes and V >= 3 and F >= 1, "a mesh of wrong shapes")
     _hold(np.isfinite(mesh.vertices).all(), "a mesh with vertices that are not finite")
-    _hold(
-        mesh.faces.min() >= 0 and mesh.faces.max() < V,
-        "a mesh with faces of vertices that are not there",
-    )
+    are_there = mesh.faces.min() >= 0 and mesh.faces.max() < V
+    _hold(are_there, "a mesh with faces of vertices that are not there")
     _hold(len(np.unique(mesh.faces)) == V, "a mesh with vertices that no face uses")
-    _hold(
-        mesh.vertex_ids.shape == (V,) and mesh.vertex_ids.max() < mesh.file_vertex_count,
-        "a mesh of wrong numbers",
-    )
+    numbers = mesh.vertex_ids.shape == (V,) and mesh.vertex_ids.max() < mesh.file_vertex_count
+    _hold(numbers, "a mesh of wrong numbers")
     area = mesh.length_scale**2
     _hold(np.isfinite(area) and area > 0, f"a mesh of area {area}")
     for message in mesh.messages:
-        _hold(
-            len(message.splitlines()) == 1 and len(message) <= LONGEST,
-            f"a message of a mesh: {message[:300]!r}",
-        )
+        is_line = len(message.splitlines()) == 1 and len(message) <= LONGEST
+        _hold(is_line, f"a message of a mesh: {message[:300]!r}")
 
 
-def _check_values(values: np.ndarray) -> None:
-    _hold(
-        values.shape == MESH.vertices.shape[:1] and values.dtype == np.float64,
-        f"values of shape {values.shape}",
-    )
+def _check_values(values):
+    is_right = values.shape == MESH.vertices.shape[:1] and values.dtype == np.float64
+    _hold(is_right, f"values of shape {values.shape}")
     _hold(np.isfinite(values).all(), "values that are not finite")
 
 
-def _values(path: Path) -> None:
+def _values(path):
     column = ",column=0" if path.name.startswith("two") or path.suffix == ".csv" else ""
     _check_values(abfm.function(MESH, f'file:"{path}"{column}'))
 
 
-def _map(path: Path) -> None:
+def _map(path):
     target = abfm.functions.vertex_map(MESH, str(path))
-    V = len(MESH.vertices)
-    _hold(
-        target.shape == (V,) and target.dtype.kind == "i",
-        f"a map of shape {target.shape} and type {target.dtype}",
-    )
-    _hold(target.min() >= 0 and target.max() < V, "a map to vertices that are not there")
+    is_right = target.shape == MESH.vertices.shape[:1] and target.dtype.kind == "i"
+    _hold(is_right, f"a map of shape {target.shape} and type {target.dtype}")
+    are_there = target.min() >= 0 and target.max() < len(MESH.vertices)
+    _hold(are_there, "a map to vertices that are not there")
 
 
-def _result(path: Path) -> None:
-    match = abfm.load_match(path)
+def _result(path):
+    match, again = abfm.load_match(path), path.with_name("again.npz")
     _check_match(match)
-    match.save(path.with_name("again.npz"))
-    _hold(
-        abfm.load_match(path.with_name("again.npz")).mismatch == match.mismatch,
-        "a result that changes when saved",
-    )
-    _hold(
-        np.isfinite(match.advect(match.parameters.tau / 2)).all(),
-        "a result that carries to what is not finite",
-    )
+    match.save(again)
+    _hold(abfm.load_match(again).mismatch == match.mismatch, "a result that changes when saved")
+    half_way = match.advect(match.parameters.tau / 2)
+    _hold(np.isfinite(half_way).all(), "a result that carries to what is not finite")
 
 
-def _check_match(match: Match) -> None:
-    mesh = match.mesh
-    _check_mesh(mesh)
-    V, F, C = len(mesh.vertices), len(mesh.faces), len(match.weights)
+def _check_match(match):
+    _check_mesh(match.mesh)
+    V, F, C = len(match.mesh.vertices), len(match.mesh.faces), len(match.weights)
     for name in ("source", "target", "advected"):
         values = getattr(match, name)
-        _hold(
-            values.shape == (V, C) and np.isfinite(values).all(),
-            f"a result whose {name} has shape {values.shape}",
-        )
-    _hold(
-        match.velocity.ndim == 3 and match.velocity.shape[1:] == (F, 3),
-        "a result with a field of a wrong shape",
-    )
-    _hold(np.isfinite(match.velocity).all(), "a result with a field that is not finite")
-    _hold(
-        (match.weights >= 0).all() and (match.mask is None or (match.mask >= 0).all()),
-        "a result of negative weights",
-    )
+        is_right = values.shape == (V, C) and np.isfinite(values).all()
+        _hold(is_right, f"a result whose {name} has shape {values.shape}")
+    velocity, mask = match.velocity, match.mask
+    is_right = velocity.ndim == 3 and velocity.shape[1:] == (F, 3)
+    _hold(is_right, "a result with a field of a wrong shape")
+    _hold(np.isfinite(velocity).all(), "a result with a field that is not finite")
+    is_positive = (match.weights >= 0).all() and (mask is None or (mask >= 0).all())
+    _hold(is_positive, "a result of negative weights")
     _hold(len(match.energy_history) == len(match.stages), "a result with a history of two lengths")
     _hold(0 <= match.mismatch < np.inf, f"a result with the mismatch {match.mismatch}")
-    _hold(
-        match.verdict.kind != "" and isinstance(match.stop_reason, str),
-        "a result without a verdict",
-    )
+    has_verdict = match.verdict.kind != "" and isinstance(match.stop_reason, str)
+    _hold(has_verdict, "a result without a verdict")
 
 
-def _project(path: Path) -> None:
+def _project(path):
     document, known = load_project(path)
     load_origin(path)
     recoverable(StateFolder(path.parent))
-    _check_mesh(document.surface().mesh)
+    mesh = document.surface().mesh
+    _check_mesh(mesh)
     if document.result is not None:
         _check_match(document.result)
     for values in known.values():
-        _check_values_of(document.surface().mesh, values)
-    _hold(
-        np.isfinite([document.time, document.parameters.tau]).all(),
-        "a project with times that are not finite",
-    )
+        is_right = values.shape == mesh.vertices.shape[:1] and np.isfinite(values).all()
+        _hold(is_right, "a project with wrong known values")
+    are_finite = np.isfinite([document.time, document.parameters.tau]).all()
+    _hold(are_finite, "a project with times that are not finite")
     again = path.with_name("again.abfm")
     save_project(again, document, known)
     _hold(load_project(again)[0].channels == document.channels, "a project that changes when saved")
@@ -190,53 +151,41 @@ def _project(path: Path) -> None:
     _hold(is_there, "a project that is not there when it was opened")
 
 
-def _check_values_of(mesh: TriangleMesh, values: np.ndarray) -> None:
-    _hold(
-        values.shape == mesh.vertices.shape[:1] and np.isfinite(values).all(),
-        "a project with wrong known values",
-    )
+@cache
+def _session():
+    return Session(MESH, "ball", at_once=True)
 
 
-def _recent(path: Path) -> None:
+def _recent(path):
     state = StateFolder(path.parent)
-    _hold(
-        all(isinstance(known, Path) for known in state.recent()), "recent files that are no paths"
-    )
+    are_paths = all(isinstance(known, Path) for known in state.recent())
+    _hold(are_paths, "recent files that are no paths")
     was_file = path.is_file() and not path.is_symlink()
     state.add_recent(path)
     _hold(path in state.recent() or not was_file, "a recent file is forgotten")
 
 
-@cache
-def _session() -> Session:
-    return Session(MESH, "ball", at_once=True)
-
-
-def _preferences(path: Path) -> None:
+def _preferences(path):
     state = StateFolder(path.parent)
     Preferences(_session(), state)
     view = _session().view
-    _hold(
-        view.theme in THEMES and 0.5 <= view.ui_scale <= 4,
-        f"the preferences {view.theme} and {view.ui_scale}",
-    )
+    is_right = view.theme in THEMES and 0.5 <= view.ui_scale <= 4
+    _hold(is_right, f"the preferences {view.theme} and {view.ui_scale}")
     was_file = path.is_file() and not path.is_symlink()
     state.set_preference("theme", "dark")
     _hold(state.preferences().get("theme") == "dark" or not was_file, "a preference is forgotten")
 
 
-def _spec(path: Path) -> None:
+def _spec(path):
     text = path.read_bytes().decode("utf-8", "surrogateescape")
     parsed = abfm.functions.parse(text)
-    _hold(
-        abfm.functions.parse(str(parsed)) == parsed,
-        f"a function whose text {str(parsed)[:200]!r} means another",
-    )
+    means_it = abfm.functions.parse(str(parsed)) == parsed
+    _hold(means_it, f"a function whose text {str(parsed)[:200]!r} means another")
     _check_values(abfm.function(MESH, text))
 
 
-DOORS: dict[Door, Callable[[Path], None]] = {
-    "mesh": _mesh,
+DOORS = {
+    "mesh": lambda path: _check_mesh(abfm.load_mesh(path)),
     "values": _values,
     "map": _map,
     "result": _result,

@@ -1,24 +1,21 @@
 """Mesh files that make their readers work and keep as much as files of their size can."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json
 import struct
 import zlib
-from collections.abc import Callable, Iterable
 from functools import partial
 
 import numpy as np
 
 
-def filled(beginning: bytes, piece: bytes, size: int, end: bytes = b"") -> bytes:
+def filled(beginning, piece, size, end=b""):
     """The piece again and again, as often as the size allows."""
     return beginning + piece * ((size - len(beginning) - len(end)) // len(piece)) + end
 
 
-def ply_header(kind: str, *lines: str) -> bytes:
+def ply_header(kind, *lines):
     return "\n".join(["ply", f"format {kind} 1.0", *lines, "end_header", ""]).encode()
 
 
@@ -28,7 +25,7 @@ BYTES = "property list uchar uchar vertex_indices"
 BINARY = "binary_little_endian"
 
 
-def _ply(kind: str, vertices: int, faces: int, corners: str = CORNERS, xyz: Iterable[str] = XYZ):
+def _ply(kind, vertices, faces, corners=CORNERS, xyz=XYZ):
     """The header of a mesh of so many vertices and faces."""
     counts = f"element vertex {vertices}", f"element face {faces}"
     return ply_header(kind, counts[0], *xyz, counts[1], corners)
@@ -37,19 +34,19 @@ def _ply(kind: str, vertices: int, faces: int, corners: str = CORNERS, xyz: Iter
 _binary = partial(_ply, BINARY)
 
 
-def _accessor(view: int, kind: int, count: int, shape: str = "VEC3") -> dict[str, object]:
+def _accessor(view, kind, count, shape="VEC3"):
     return {"bufferView": view, "componentType": kind, "count": count, "type": shape}
 
 
-def _view(length: int, offset: int = 0) -> dict[str, object]:
+def _view(length, offset=0):
     return {"buffer": 0, "byteOffset": offset, "byteLength": length}
 
 
-def gltf_header(**changes: object) -> dict[str, object]:
+def gltf_header(**changes):
     """Of a scene with one triangle in the first 48 bytes of its only buffer, in which anything
     can be replaced.
     """
-    header: dict[str, object] = {
+    header = {
         "asset": {"version": "2.0"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
@@ -65,7 +62,7 @@ def gltf_header(**changes: object) -> dict[str, object]:
 TRIANGLE = struct.pack("<9f3I", 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1, 2)
 
 
-def glb(header: dict[str, object] | bytes, data: bytes = TRIANGLE) -> bytes:
+def glb(header, data=TRIANGLE):
     text = header if isinstance(header, bytes) else json.dumps(header).encode()
     text += b" " * (-len(text) % 4)
     data += bytes(-len(data) % 4)
@@ -74,7 +71,7 @@ def glb(header: dict[str, object] | bytes, data: bytes = TRIANGLE) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def _grid(side: int) -> tuple[np.ndarray, np.ndarray]:
+def _grid(side):
     """Vertices (side^2, 3) and faces of a bumpy square."""
     x, y = (axis.ravel() for axis in np.meshgrid(np.arange(side), np.arange(side), indexing="ij"))
     a = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
@@ -84,7 +81,7 @@ def _grid(side: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([x, y, np.sin(x) + np.cos(y)], axis=1), faces
 
 
-def _grid_as_text(size: int, header: str, vertex: str, face: str, first: int) -> bytes:
+def _grid_as_text(size, header, vertex, face, first):
     vertices, faces = _grid(int((size / 42) ** 0.5))
     lines = [header.format(len(vertices), len(faces))]
     lines += [f"{vertex}{x} {y} {z:.2f}\n" for x, y, z in vertices.tolist()]
@@ -92,7 +89,7 @@ def _grid_as_text(size: int, header: str, vertex: str, face: str, first: int) ->
     return "".join(lines).encode()
 
 
-def _as_stl(size: int) -> bytes:
+def _as_stl(size):
     vertices, faces = _grid(int((size / 100) ** 0.5))
     record = np.zeros(
         len(faces), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")]
@@ -101,7 +98,7 @@ def _as_stl(size: int) -> bytes:
     return bytes(80) + struct.pack("<I", len(faces)) + record.tobytes()
 
 
-def _as_ply(size: int) -> bytes:
+def _as_ply(size):
     vertices, faces = _grid(int((size / 38) ** 0.5))
     rows = np.zeros(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
     rows["count"], rows["corners"] = 3, faces
@@ -109,7 +106,7 @@ def _as_ply(size: int) -> bytes:
     return header + vertices.astype("<f4").tobytes() + rows.tobytes()
 
 
-def _gltf_data(vertices: np.ndarray, faces: np.ndarray, **changes: object) -> bytes:
+def _gltf_data(vertices, faces, **changes):
     points, corners = vertices.astype("<f4").tobytes(), faces.astype("<u4").tobytes()
     header = gltf_header(
         accessors=[_accessor(0, 5126, len(vertices)), _accessor(1, 5125, faces.size, "SCALAR")],
@@ -119,7 +116,7 @@ def _gltf_data(vertices: np.ndarray, faces: np.ndarray, **changes: object) -> by
     return glb(header | changes, points + corners)
 
 
-def _soup_glb(size: int) -> bytes:
+def _soup_glb(size):
     corners = np.random.default_rng(0).random((size // 12 // 3 * 3, 3))
     header = gltf_header(
         meshes=[{"primitives": [{"attributes": {"POSITION": 0}}]}],
@@ -129,13 +126,13 @@ def _soup_glb(size: int) -> bytes:
     return glb(header, corners.astype("<f4").tobytes())
 
 
-def _off_rows(size: int, face: bytes, share: float) -> bytes:
+def _off_rows(size, face, share):
     vertex = b"0 0 0\n"
     vertices, faces = int(size * share / len(vertex)), int(size * (1 - share) / len(face))
     return b"OFF\n%d %d 0\n" % (vertices, faces) + vertex * vertices + face * faces
 
 
-def _polygon(size: int, kind: str) -> bytes:
+def _polygon(size, kind):
     """A single polygon with as many corners as fit, a circle or a random jagged star."""
     count = size // 52
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
@@ -145,7 +142,7 @@ def _polygon(size: int, kind: str) -> bytes:
     return ("\n".join(lines) + " ".join(map(str, range(count)))).encode()
 
 
-def _polygons(size: int, corners: int, radius: tuple[float, ...], kind: str) -> bytes:
+def _polygons(size, corners, radius, kind):
     """As many polygons of so many corners as fit, all around the same circle, whose radius goes
     up and down.
     """
@@ -163,7 +160,7 @@ def _polygons(size: int, corners: int, radius: tuple[float, ...], kind: str) -> 
     return header + body + bytes([corners, *range(corners)]) * count
 
 
-def _fans_of_all(size: int) -> bytes:
+def _fans_of_all(size):
     """Polygons of 255 corners among 65,536 vertices of a plane: two bytes for a triangle."""
     random, count = np.random.default_rng(0), size * 19 // 20 // 511
     x, y = random.integers(-30000, 30000, (2, 65536))
@@ -180,7 +177,7 @@ def _fans_of_all(size: int) -> bytes:
     return header + vertices.tobytes() + rows.tobytes()
 
 
-def _deflated_zeros(size: int) -> bytes:
+def _deflated_zeros(size):
     """What zlib makes of so many zeros, without all of them in memory, which would hide what a
     reader takes.
     """
@@ -190,7 +187,7 @@ def _deflated_zeros(size: int) -> bytes:
 
 _OFF, _SOLID, _END = b"OFF\n", b"solid\n", b"endsolid\n"
 _TRIANGLE = b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n"
-_REPEATED: dict[str, tuple[bytes, bytes, bytes]] = {
+_REPEATED = {
     "letters.off": (b"OFF\n9 9 9\n", b"a\n", b""),
     "words.off": (b"OFF\n1 0 0\n", b"ab ", b""),
     "one_line.off": (_OFF, b"1", b""),
@@ -235,12 +232,12 @@ _POINTS_END = b"</Data></DataArray></GIFTI>"
 _HUGE = "element vertex 1000000000000"
 
 
-def _ply_body(header: Callable[[int], bytes], row: bytes) -> Callable[[int], bytes]:
+def _ply_body(header, row):
     """A header that depends on the size, and the same row again and again."""
     return lambda size: filled(header(size), row, size)
 
 
-_PLY: dict[str, Callable[[int], bytes]] = {
+_PLY = {
     "lists_of_one.ply": _ply_body(lambda size: _binary(3, size // 5 - 100), b"\1\0\0\0\0"),
     "triangles.ply": _ply_body(lambda size: _binary(3, size // 13 - 100), b"\3" + bytes(12)),
     "byte_triangles.ply": _ply_body(lambda size: _binary(3, size // 4 - 100, BYTES), b"\3\0\1\2"),
@@ -286,7 +283,7 @@ _PLY: dict[str, Callable[[int], bytes]] = {
 }
 
 
-def _many_nodes(size: int) -> bytes:
+def _many_nodes(size):
     """A node for every few bytes, and a scene that names the first again and again."""
     text = json.dumps(gltf_header(nodes=["NODES"], scenes=[{"nodes": ["SCENE"]}]))
     nodes = '{"mesh":0},' * (size // 15) + '{"mesh": 0}'
@@ -294,33 +291,33 @@ def _many_nodes(size: int) -> bytes:
     return glb(text.encode())
 
 
-def _embedded(size: int) -> bytes:
+def _embedded(size):
     data = base64.b64encode(bytes(size * 3 // 4)).decode()
     uri = f"data:application/octet-stream;base64,{data}"
     return json.dumps(gltf_header(buffers=[{"byteLength": 48, "uri": uri}])).encode()
 
 
-def _primitives(size: int) -> bytes:
+def _primitives(size):
     primitive = {"attributes": {"POSITION": 0}, "indices": 1}
     return glb(gltf_header(meshes=[{"primitives": [primitive] * (size // 48)}]))
 
 
-def _gltf_nodes(count: int) -> dict[str, object]:
+def _gltf_nodes(count):
     """So many nodes of the same mesh, all in the scene."""
     return {"nodes": [{"mesh": 0}] * count, "scenes": [{"nodes": list(range(count))}]}
 
 
-def _deflated_gifti(size: int) -> bytes:
+def _deflated_gifti(size):
     how = b'Encoding="GZipBase64Binary" Endian="LittleEndian"'
     zeros = base64.b64encode(_deflated_zeros(1_200_000_000 // 10_000_000 * size))
     return _POINTS % (10**8, how) + zeros + _POINTS_END
 
 
-def _ascii_gifti(size: int) -> bytes:
+def _ascii_gifti(size):
     return filled(_POINTS % (size // 6 - 100, b'Encoding="ASCII"'), b"0 ", size, _POINTS_END)
 
 
-HEAVY: dict[str, Callable[[int], bytes]] = {
+HEAVY = {
     "grid.off": lambda size: _grid_as_text(size, "OFF\n{} {} 0\n", "", "3", 0),
     "grid.obj": lambda size: _grid_as_text(size, "", "v ", "f", 1),
     "grid.stl": _as_stl,

@@ -5,8 +5,6 @@ The command runs twice in a process of its own, which may then have some megabyt
 the first time.
 """
 
-from __future__ import annotations
-
 import os
 import random
 from pathlib import Path
@@ -19,12 +17,7 @@ from tests.attack.trial import Trial, run
 from tests.processes import argv, python
 
 MESHES = ("human_A.off", "eight.off", "human_fine_A.off")
-COURSES = (
-    [],
-    ["--method", "linearised", "--segments", "5"],
-    ["--gradient", "bracket"],
-    ["--levels", "2"],
-)
+COURSES = ("", "--method linearised --segments 5", "--gradient bracket", "--levels 2")
 _PAIR = argv(
     "--source gaussian:vertex=7,width=0.1 --target gaussian:vertex=40,width=0.1 --iterations 15"
 )
@@ -44,36 +37,35 @@ sys.exit(main(words))
 """
 
 
-def attempt(seed: int) -> Trial:
+def attempt(seed):
     """A match with a random limit."""
     rng = random.Random(seed)
     mesh, course = rng.choice(MESHES), rng.choice(COURSES)
     megabytes = _MOST ** rng.random()
     with TemporaryDirectory() as folder:
         out = Path(folder) / "m.npz"
-        words = ["match", asset_path(mesh), *_PAIR, "--out", out, *course]
+        words = ["match", asset_path(mesh), *_PAIR, "--out", out, *course.split()]
         alone = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         child = python(_CHILD, megabytes, *words, timeout=_PATIENCE, env=alone)
-        kind = f"{mesh}/{' '.join(course) or 'default'}/{megabytes:.0f} MB"
         wrong = fault(child.returncode, child.stderr, out)
         left = [path.name for path in Path(folder).iterdir() if path != out]
     wrong = wrong or (f"left {left[0]}" if left else "")
     outcome = "fault" if wrong else "refused" if child.returncode == 2 else "ok"
-    return Trial(kind, seed, outcome, wrong)
+    return Trial(f"{mesh}/{course or 'default'}/{megabytes:.0f} MB", seed, outcome, wrong)
 
 
-def fault(code: int, errors: str, out: Path) -> str:
+def fault(code, errors, out):
     """What is wrong with how a command ended; empty if nothing is."""
-    last = errors.strip().splitlines()[-1:] or [""]
+    last = (errors.strip().splitlines() or [""])[-1]
     if code not in (0, 2, 3):
-        return f"exit {code}: {last[0][:200]}"
+        return f"exit {code}: {last[:200]}"
     if "Traceback" in errors:
-        return f"traceback: {last[0][:200]}"
+        return f"traceback: {last[:200]}"
     if code == 2:
-        return "" if len(last[0]) > 10 else "no word of why"
+        return "" if len(last) > 10 else "no word of why"
     with np.load(out) as result:
         return "" if np.isfinite(result["velocity"]).all() else "a field that is not finite"
 
 
 if __name__ == "__main__":
-    run(attempt, __doc__ or "")
+    run(attempt, __doc__)

@@ -2,20 +2,12 @@
 few words.
 """
 
-from __future__ import annotations
-
-import random
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from abfm import FunctionError
 from abfm_viewer.errors import DriverError
-from abfm_viewer.widgets.widget_record import Widget
-
-if TYPE_CHECKING:
-    from tests.attack.monkey import Monkey
 
 _NONSENSE = (
     *("", " ", "%s%n", "\\", "9" * 500, "coordinate:x + coordinate:y"),
@@ -31,53 +23,49 @@ _KEYS = (
 )
 LEFT_ALONE = ("Samples", "Save movie...", "Save picture...", "iterations", "UI scale", "Quit")
 _CLICKED = ("button", "checkbox", "choice", "tab", "section", "item")
+_OUTPUTS = ("out.npz", "out.ply", "out.vtu", "out.csv", "out.nothing", "no/such/folder/out.npz")
 
 
-def _press(label: str) -> Callable[[Monkey, random.Random], str]:
-    def press(monkey: Monkey, chance: random.Random) -> str:
-        monkey.gui._click(monkey.widget(chance, "button", label=label))
-        return ""
-
-    return press
+def _press(label):
+    return lambda monkey, chance: monkey.gui._click(monkey.widget(chance, "button", label=label))
 
 
-def _wait(monkey: Monkey, chance: random.Random) -> str:
-    count = chance.choice((1, 2, 5, 20, 60))
+def _frames(monkey, count, seconds):
     for _ in range(count):
         monkey.gui.frames(1)
-        time.sleep(0.002)
+        time.sleep(seconds)
     return str(count)
 
 
-def _key(monkey: Monkey, chance: random.Random) -> str:
+def _wait(monkey, chance):
+    return _frames(monkey, chance.choice((1, 2, 5, 20, 60)), 0.002)
+
+
+def _key(monkey, chance):
     key = chance.choice(_KEYS.split())
     monkey.gui.key(key)
     return key
 
 
-def _slide(monkey: Monkey, chance: random.Random) -> str:
+def _slide(monkey, chance):
     widget = monkey.widget(chance, "slider")
-    share = chance.choice((0.0, 1.0, chance.random()))
-    ends = widget.ends
+    share, ends = chance.choice((0.0, 1.0, chance.random())), widget.ends
     value = ends.nearest(ends.low + share * (ends.high - ends.low))
     monkey.gui.drag(widget.label, value, within=_within(widget))
     return f"{widget.label} {value:.3g}"
 
 
-def _type(monkey: Monkey, chance: random.Random) -> str:
+def _type(monkey, chance):
     widget, text = monkey.widget(chance, "box"), chance.choice(_NONSENSE)
     monkey.gui.type(widget.label, text, within=_within(widget), enter=chance.random() < 0.8)
     return f"{widget.label} {text[:40]!r}"
 
 
-def _choose(monkey: Monkey, chance: random.Random) -> str:
+def _choose(monkey, chance):
     widget = monkey.widget(chance, "combo")
     monkey.gui.click(widget.label, within=_within(widget))
-    choices = [
-        w.label
-        for w in monkey.gui.window.ui.widgets
-        if w.kind == "choice" and widget.label in w.section
-    ]
+    drawn = monkey.gui.window.ui.widgets
+    choices = [w.label for w in drawn if w.kind == "choice" and widget.label in w.section]
     if not choices:
         monkey.gui.key("esc")
         return widget.label
@@ -86,21 +74,17 @@ def _choose(monkey: Monkey, chance: random.Random) -> str:
     return f"{widget.label} {choice}"
 
 
-def _click(monkey: Monkey, chance: random.Random) -> str:
+def _click(monkey, chance):
     widget = monkey.widget(chance, *_CLICKED)
     monkey.gui.click(widget.label, within=_within(widget))
     return f"{widget.section}/{widget.label}"
 
 
-def _menu(monkey: Monkey, chance: random.Random) -> str:
+def _menu(monkey, chance):
     menu = monkey.widget(chance, "menu").label
     monkey.gui.click(menu)
     for _ in range(3):
-        items = [
-            w
-            for w in monkey.gui.window.ui.widgets
-            if w.kind in ("item", "menu") and w.section and w.enabled and w.label not in LEFT_ALONE
-        ]
+        items = [w for w in monkey.usable("item", "menu") if w.section]
         if not items:
             break
         chosen = chance.choice(items)
@@ -111,20 +95,18 @@ def _menu(monkey: Monkey, chance: random.Random) -> str:
     return menu
 
 
-def _tab(monkey: Monkey, chance: random.Random) -> str:
+def _tab(monkey, chance):
     tab = chance.choice(("Functions", "Match", "Look", "Export"))
     monkey.gui.window.ui.open_tab = tab
     monkey.gui.frames(2)
     return tab
 
 
-def _pick(monkey: Monkey, chance: random.Random) -> str:
+def _pick(monkey, chance):
     ids = monkey.gui.session.surface().mesh.vertex_ids
     vertices = [int(chance.choice(ids)) for _ in range(chance.choice((1, 1, 3)))]
-    side, modifiers = (
-        chance.choice(("source", "target", "advected")),
-        chance.choice((("shift",), ("shift",), ())),
-    )
+    side = chance.choice(("source", "target", "advected"))
+    modifiers = chance.choice((("shift",), ("shift",), ()))
     try:
         monkey.gui.drag_on_surface(vertices, side, modifiers)
     except FunctionError as error:  # another mesh came meanwhile
@@ -132,64 +114,52 @@ def _pick(monkey: Monkey, chance: random.Random) -> str:
     return f"{side} {vertices}"
 
 
-def _wheel(monkey: Monkey, chance: random.Random) -> str:
+def _wheel(monkey, chance):
     modifiers = chance.choice((("shift",), ()))
     vertex = int(chance.choice(monkey.gui.session.surface().mesh.vertex_ids))
+    notches, side = chance.uniform(-5, 5), chance.choice(("source", "target"))
     try:
-        monkey.gui.wheel(
-            chance.uniform(-5, 5), vertex, chance.choice(("source", "target")), modifiers
-        )
+        monkey.gui.wheel(notches, vertex, side, modifiers)
     except FunctionError as error:
         raise DriverError(str(error)) from error
-    return ""
 
 
-def _open(monkey: Monkey, chance: random.Random) -> str:
+def _open(monkey, chance):
     path = chance.choice(monkey.files)
     monkey.gui.window._dropped([str(path)])
-    for _ in range(chance.choice((0, 3, 30))):
-        monkey.gui.frames(1)
-        time.sleep(0.003)
+    _frames(monkey, chance.choice((0, 3, 30)), 0.003)
     return path.name
 
 
-def _answer(monkey: Monkey, chance: random.Random) -> str:
-    return _click(monkey, chance)
-
-
-def _export(monkey: Monkey, chance: random.Random) -> str:
-    name = chance.choice(
-        ("out.npz", "out.ply", "out.vtu", "out.csv", "out.nothing", "no/such/folder/out.npz")
-    )
+def _export(monkey, chance):
+    name = chance.choice(_OUTPUTS)
     monkey.gui.click("Save result...")
     monkey.gui.type("file name", str(monkey.folder / name))
     return name
 
 
-def _match(monkey: Monkey, chance: random.Random) -> str:
-    monkey.gui._click(monkey.widget(chance, "button", label="Match"))
+def _match(monkey, chance):
+    _press("Match")(monkey, chance)
     _wait(monkey, chance)
     if chance.random() < 0.5:
-        monkey.gui.wait(
-            lambda session: not session.solver.running or session.solver.paused, seconds=20
-        )
+        monkey.gui.wait(lambda s: not s.solver.running or s.solver.paused, seconds=20)
         return "to its end"
     return ""
 
 
-def _labelled(label: str) -> Callable[[Monkey], bool]:
-    return lambda monkey: bool(monkey.usable("button", label=label))
+def _within(widget):
+    return widget.section.split("/")[-1]
 
 
-def _there(*kinds: str) -> Callable[[Monkey], bool]:
-    return lambda monkey: bool(monkey.usable(*kinds))
+def _there(*kinds, label=""):
+    return lambda monkey: bool(monkey.usable(*kinds, label=label))
 
 
-def _asked(monkey: Monkey) -> bool:
+def _asked(monkey):
     return monkey.gui.window.dialogs.is_open and bool(monkey.usable(*_CLICKED))
 
 
-def _has_result(monkey: Monkey) -> bool:
+def _has_result(monkey):
     return monkey.gui.session.result is not None and not monkey.gui.window.dialogs.is_open
 
 
@@ -200,15 +170,15 @@ class Action:
     """
 
     weight: int
-    act: Callable[[Monkey, random.Random], str]
-    is_possible: Callable[[Monkey], bool] = lambda monkey: True
+    act: Callable
+    is_possible: Callable = lambda monkey: True
 
 
 ACTIONS = {
-    "match": Action(8, _match, _labelled("Match")),
-    "pause": Action(4, _press("Pause"), _labelled("Pause")),
-    "resume": Action(6, _press("Resume"), _labelled("Resume")),
-    "cancel": Action(4, _press("Cancel"), _labelled("Cancel")),
+    "match": Action(8, _match, _there("button", label="Match")),
+    "pause": Action(4, _press("Pause"), _there("button", label="Pause")),
+    "resume": Action(6, _press("Resume"), _there("button", label="Resume")),
+    "cancel": Action(4, _press("Cancel"), _there("button", label="Cancel")),
     "wait": Action(6, _wait),
     "key": Action(8, _key),
     "slide": Action(7, _slide, _there("slider")),
@@ -220,10 +190,6 @@ ACTIONS = {
     "pick": Action(5, _pick),
     "wheel": Action(2, _wheel),
     "open": Action(5, _open),
-    "answer": Action(20, _answer, _asked),
+    "answer": Action(20, _click, _asked),
     "export": Action(2, _export, _has_result),
 }
-
-
-def _within(widget: Widget) -> str:
-    return widget.section.split("/")[-1] if widget.section else ""

@@ -2,44 +2,32 @@
 over all runs.
 """
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
-from tests.attack.tally import Tally
+from tests.attack.trial import Tally
+from tests.processes import ROOT
 
-ROOT = Path(__file__).parents[2]
 PAGE, TOTALS = ROOT / "docs" / "promises.md", ROOT / "docs" / "attack.json"
 BEGIN, END = "<!-- table of ./run attack -->", "<!-- end of the table -->"
 _HEADS = (
-    "part",
-    "trials",
-    "as promised",
-    "refused in one line",
-    "faults",
-    "longest (s)",
+    *("part", "trials", "as promised", "refused in one line", "faults", "longest (s)"),
     "most memory (MB)",
 )
 
 
-def _row(tally: Tally) -> list[str]:
+def _row(tally):
     counts = [f"{count:,}" for count in (tally.trials, tally.ok, tally.refused, tally.fault_count)]
     measured = [
         f"{number:.2g}" if 0 < number < 10 else f"{number:.0f}"
         for number in (tally.seconds, tally.megabytes)
     ]
-    return [
-        tally.part.replace("_", " "),
-        *counts,
-        *(number if number != "0" else "" for number in measured),
-    ]
+    return [tally.part.replace("_", " "), *counts, *("" if n == "0" else n for n in measured)]
 
 
-def text_table(tallies: dict[str, Tally]) -> str:
+def text_table(tallies):
     """Lines for the terminal, the faults below."""
-    rows = [_HEADS, *(_row(tally) for tally in tallies.values())]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(_HEADS))]
+    rows = [_HEADS, *map(_row, tallies.values())]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
         "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
         for row in rows
@@ -51,19 +39,16 @@ def text_table(tallies: dict[str, Tally]) -> str:
     return "\n".join(lines)
 
 
-def write(tallies: dict[str, Tally]) -> None:
+def write(tallies):
     """Add the numbers to those of earlier runs, and write the page's table anew."""
     known = json.loads(TOTALS.read_text(encoding="utf-8")) if TOTALS.exists() else {}
     totals = {part: Tally(part, **numbers) for part, numbers in known.items()}
     for part, tally in tallies.items():
         total = totals.setdefault(part, Tally(part))
-        total.ok += tally.ok
-        total.refused += tally.refused
-        total.fault_count += tally.fault_count
-        total.seconds, total.megabytes = (
-            max(total.seconds, tally.seconds),
-            max(total.megabytes, tally.megabytes),
-        )
+        for count in ("ok", "refused", "fault_count"):
+            setattr(total, count, getattr(total, count) + getattr(tally, count))
+        for worst in ("seconds", "megabytes"):
+            setattr(total, worst, max(getattr(total, worst), getattr(tally, worst)))
         found = [(command, detail.replace(f"{ROOT}/", "")) for command, detail in tally.faults]
         total.faults = list(dict.fromkeys([*map(tuple, total.faults), *found]))
     plain = {
@@ -76,16 +61,12 @@ def write(tallies: dict[str, Tally]) -> None:
     PAGE.write_text(f"{before}{BEGIN}\n\n{_markdown(totals)}\n\n{END}{after}", encoding="utf-8")
 
 
-def _markdown(totals: dict[str, Tally]) -> str:
+def _markdown(totals):
     """The table, and the faults that were found on the way."""
-    rows = [list(_HEADS), ["---"] * len(_HEADS), *(_row(total) for total in totals.values())]
+    rows = [_HEADS, ["---"] * len(_HEADS), *map(_row, totals.values())]
     lines = ["| " + " | ".join(row) + " |" for row in rows]
     faults = [fault for total in totals.values() for fault in total.faults]
     if faults:
-        lines += [
-            "",
-            "What was found on the way:",
-            "",
-            *(f"- `{command}`: {detail[:150]}" for command, detail in faults),
-        ]
+        lines += ["", "What was found on the way:", ""]
+        lines += [f"- `{command}`: {detail[:150]}" for command, detail in faults]
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""One trial of the attack, and the line in which a part of the attack tells of it.
+"""One trial of the attack, the line in which a part of it tells of one, and what they add up to.
 
 A part is a module ``tests.attack.PART`` that runs as
 ``python -m tests.attack.PART --seed S --count N``: it makes the trials of the seeds S to S + N - 1,
@@ -6,16 +6,12 @@ each given by its seed alone, and prints the line of each as soon as it has ende
 ``--seed S --count 1`` repeats one exactly. With ``--seconds T`` it begins none later than that.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass, field
 
-Outcome = Literal["ok", "refused", "fault"]
+_KEPT = 20  # faults that are told; of more there is only the number
 
 
 @dataclass(frozen=True)
@@ -31,32 +27,69 @@ class Trial:
 
     kind: str
     seed: int
-    outcome: Outcome
+    outcome: str
     detail: str = ""
     seconds: float = 0.0
     megabytes: float = 0.0
     threads: int = 0
     resident: float = 0.0
 
-    def to_line(self) -> str:
+    def to_line(self):
         """The line that a part prints."""
         return json.dumps(asdict(self))
 
     @classmethod
-    def from_line(cls, line: str) -> Trial:
+    def from_line(cls, line):
         """What `to_line` was asked of; only kind, seed and outcome must be there."""
         return cls(**json.loads(line))
 
 
-def run(attempt: Callable[[int], Trial], about: str) -> None:
-    """The main program of a part: makes the trials that the command line asks for."""
+@dataclass
+class Tally:
+    """Counts of one part, its worst time and memory, and its faults with the commands that
+    repeat them.
+    """
+
+    part: str
+    ok: int = 0
+    refused: int = 0
+    fault_count: int = 0
+    seconds: float = 0.0
+    megabytes: float = 0.0
+    faults: list[tuple[str, str]] = field(default_factory=list)
+
+    @property
+    def trials(self):
+        return self.ok + self.refused + self.fault_count
+
+    def add(self, trial):
+        """Count one more."""
+        self.ok += trial.outcome == "ok"
+        self.refused += trial.outcome == "refused"
+        self.fault_count += trial.outcome == "fault"
+        self.seconds = max(self.seconds, trial.seconds)
+        self.megabytes = max(self.megabytes, trial.megabytes)
+        if trial.outcome == "fault" and len(self.faults) < _KEPT:
+            command = f"./run attack --repeat {self.part}:{trial.seed}"
+            self.faults.append((command, f"{trial.kind}: {trial.detail}"))
+
+
+def asked_for(about, **options):
+    """What the command line of a part asks for, which may have switches of its own."""
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--seed", type=int, default=0, help="of the first trial")
     parser.add_argument("--count", type=int, default=1, help="of trials, each with the next seed")
     parser.add_argument(
         "--seconds", type=float, default=float("inf"), help="after which no trial begins"
     )
-    asked = parser.parse_args()
+    for name, settings in options.items():
+        parser.add_argument(f"--{name}", **settings)
+    return parser.parse_args()
+
+
+def run(attempt, about):
+    """The main program of a part: makes the trials that the command line asks for."""
+    asked = asked_for(about)
     end = time.monotonic() + asked.seconds
     for seed in range(asked.seed, asked.seed + asked.count):
         if time.monotonic() > end:

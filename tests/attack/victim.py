@@ -4,8 +4,6 @@ over it.
 The process has bounded memory and, for each file, bounded time; it is started again when it dies.
 """
 
-from __future__ import annotations
-
 import contextlib
 import faulthandler
 import os
@@ -19,16 +17,14 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import TextIO
 
 from abfm import AbfmError
 from tests import peak_memory
 from tests.attack.doors import BrokenPromiseError, enter
-from tests.attack.specimens import Specimen
-from tests.attack.trial import Trial
+from tests.attack.trial import Trial, run
+from tests.processes import ROOT
 
 SECONDS, MEGABYTES = 10, 1000
 """The most CPU time that a file may take, and the most memory by which the process may grow, for
@@ -37,61 +33,56 @@ files up to:
 LARGEST = 10 << 20
 _ADDRESS_SPACE = 3 << 30
 _PATIENCE = 120.0  # seconds by the clock, for what waits without computing
-ROOT = Path(__file__).parents[2]
-Attacker = Callable[[int], tuple[Specimen, str]]
-"""The file of a seed, and what kind of attack it is."""
+
+
+def run_victim(part, attacker, about):
+    """The main program of a part that attacks with the file that its function makes of a seed."""
+    name = f"tests.attack.{part}:{attacker}"
+    with Victim(part, name, ROOT / "out" / "attack") as victim:
+        run(victim.attempt, about)
 
 
 class Victim:
-    """Tries the files of an attacker, named ``module:function``; what is a fault is kept in a
-    folder.
+    """Tries the files of an attacker, ``module:function``, that gives the file of a seed and what
+    kind of attack it is; what is a fault is kept in a folder.
     """
 
-    def __init__(
-        self,
-        part: str,
-        attacker: str,
-        keep: Path,
-        seconds: int = SECONDS,
-        megabytes: int = MEGABYTES,
-    ) -> None:
+    def __init__(self, part, attacker, keep, seconds=SECONDS, megabytes=MEGABYTES):
         self._part, self._attacker, self._keep = part, attacker, keep
         self._seconds, self._megabytes = seconds, megabytes
-        self._process: subprocess.Popen[str] | None = None
+        self._process = None
         self._folder = Path(tempfile.mkdtemp(prefix="abfm-attack-"))
 
-    def __enter__(self) -> Victim:
+    def __enter__(self):
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_):
         self._end()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def attempt(self, seed: int) -> Trial:
+    def attempt(self, seed):
         """What comes of the file of a seed."""
         if self._process is None or self._process.poll() is not None:
             self._start()
         process = self._process
-        assert process is not None
-        assert process.stdin is not None
-        assert process.stdout is not None
         process.stdin.write(f"{seed}\n")
         process.stdin.flush()
         ready, _, _ = select.select([process.stdout], [], [], _PATIENCE)
         line = process.stdout.readline() if ready else ""
         trial = Trial.from_line(line) if line else self._died(seed, bool(ready))
         if trial.outcome == "fault":
-            self._keep_files(seed)
+            place = self._keep / f"{self._part}-{seed}"
+            shutil.rmtree(place, ignore_errors=True)
+            shutil.copytree(self._folder / "files", place, symlinks=True, ignore=_what_is_no_file)
             if trial.megabytes > self._megabytes:  # so that the next one's memory can be told
                 self._end()
         return trial
 
-    def _start(self) -> None:
-        command = [sys.executable, "-m", "tests.attack.victim", self._attacker, str(self._folder)]
-        command += [str(self._seconds), str(self._megabytes)]
+    def _start(self):
+        words = [self._attacker, self._folder, self._seconds, self._megabytes]
         with (self._folder / "log").open("w") as log:
             self._process = subprocess.Popen(
-                command,
+                [sys.executable, "-m", "tests.attack.victim", *map(str, words)],
                 cwd=ROOT,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -99,45 +90,33 @@ class Victim:
                 text=True,
             )
 
-    def _died(self, seed: int, has_ended: bool) -> Trial:
-        assert self._process is not None
+    def _died(self, seed, has_ended):
+        why = f"nothing within {_PATIENCE:g} s by the clock"
         if has_ended:
             status = self._process.wait()
             name = signal.Signals(-status).name if status < 0 else f"exit status {status}"
-            why = (
-                f"more than {self._seconds} s of CPU time"
-                if status == -signal.SIGPROF
-                else f"the process died: {name}"
-            )
-        else:
-            why = f"nothing within {_PATIENCE:g} s by the clock"
+            why = f"the process died: {name}"
+            if status == -signal.SIGPROF:
+                why = f"more than {self._seconds} s of CPU time"
         self._end()
         log = (self._folder / "log").read_text(errors="replace")
         if not (self._folder / "kind").exists():
             raise RuntimeError(f"the process that is attacked did not begin: {log}")
         return Trial((self._folder / "kind").read_text(), seed, "fault", f"{why}: {_place(log)}")
 
-    def _end(self) -> None:
+    def _end(self):
         if self._process is not None:
             self._process.kill()
             self._process.communicate()
             self._process = None
 
-    def _keep_files(self, seed: int) -> None:
-        place = self._keep / f"{self._part}-{seed}"
-        shutil.rmtree(place, ignore_errors=True)
-        shutil.copytree(self._folder / "files", place, symlinks=True, ignore=_what_is_no_file)
+
+def _what_is_no_file(folder, names):
+    paths = {name: Path(folder, name) for name in names}
+    return [n for n, path in paths.items() if not path.is_file() or path.stat().st_size > 64 << 20]
 
 
-def _what_is_no_file(folder: str, names: list[str]) -> list[str]:
-    return [
-        name
-        for name in names
-        if not (path := Path(folder, name)).is_file() or path.stat().st_size > 64 << 20
-    ]
-
-
-def _place(log: str) -> str:
+def _place(log):
     """Where a stack that faulthandler wrote was in our own code, or the end of what was said."""
     frames = [line.strip() for line in log.splitlines() if "File " in line]
     own = [f for f in frames if "/core/abfm/" in f or "/abfm_viewer/" in f]
@@ -145,26 +124,21 @@ def _place(log: str) -> str:
     return lines[0].replace(str(ROOT) + os.sep, "")[:300]
 
 
-def main(attacker: str, folder: Path, seconds: int, megabytes: int) -> None:
+def main(attacker, folder, seconds, megabytes):
     """The process: reads seeds, a line each, and answers a line of a `Trial` each."""
     module, _, name = attacker.partition(":")
-    files_of: Attacker = getattr(import_module(module), name)
+    files_of = getattr(import_module(module), name)
     stacks = os.fdopen(os.dup(2), "w")  # stays where it is while what is said is listened to
     faulthandler.enable(stacks)
     faulthandler.register(signal.SIGPROF, stacks, chain=True)
     answers = os.fdopen(os.dup(1), "w")
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
     for line in sys.stdin:
-        print(
-            _attempt(files_of, int(line), folder, seconds, megabytes).to_line(),
-            file=answers,
-            flush=True,
-        )
+        trial = _attempt(files_of, int(line), folder, seconds, megabytes)
+        print(trial.to_line(), file=answers, flush=True)
 
 
-def _attempt(
-    files_of: Attacker, seed: int, folder: Path, most_seconds: int, most_megabytes: int
-) -> Trial:
+def _attempt(files_of, seed, folder, most_seconds, most_megabytes):
     (folder / "kind").write_text("the attack itself")
     files = folder / "files"
     shutil.rmtree(files, ignore_errors=True)
@@ -179,12 +153,11 @@ def _attempt(
     size = path.stat().st_size if path.is_file() else 0
     peak_memory.forget()
     memory, begin = peak_memory.megabytes(), time.process_time()
-    said: list[str] = []
+    said, outcome, detail = [], "ok", ""
     signal.setitimer(signal.ITIMER_PROF, most_seconds)
     try:
         with _listening(said):
             enter(specimen.door, path)
-        outcome, detail = "ok", ""
     except AbfmError as error:
         outcome, detail = "refused", str(error)
     except BrokenPromiseError as error:
@@ -199,17 +172,11 @@ def _attempt(
         outcome, detail = "fault", f"{grown:.0f} MB of memory; then: {detail}"
     if size > LARGEST:  # may take longer and more
         seconds = grown = 0.0
-    return Trial(
-        kind,
-        seed,
-        outcome,
-        detail.replace(str(files) + os.sep, ""),
-        round(seconds, 3),
-        round(grown, 1),
-    )
+    detail = detail.replace(str(files) + os.sep, "")
+    return Trial(kind, seed, outcome, detail, round(seconds, 3), round(grown, 1))
 
 
-def _last_of_ours(error: Exception) -> str:
+def _last_of_ours(error):
     """An exception that should not have come out: its text, and where it left our own code."""
     own = [
         f"{Path(frame.filename).relative_to(ROOT)}:{frame.lineno}"
@@ -221,7 +188,7 @@ def _last_of_ours(error: Exception) -> str:
 
 
 @contextlib.contextmanager
-def _listening(said: list[str]) -> Iterator[None]:
+def _listening(said):
     """Take down what is written to stdout and stderr, by C libraries too, and warnings."""
     with tempfile.TemporaryFile("w+") as heard, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -231,14 +198,12 @@ def _listening(said: list[str]) -> Iterator[None]:
             finally:
                 heard.flush()
         heard.seek(0)
-        said += [
-            *filter(None, [heard.read()]),
-            *(f"{w.category.__name__}: {w.message}" for w in caught),
-        ]
+        said += filter(None, [heard.read()])
+        said += [f"{w.category.__name__}: {w.message}" for w in caught]
 
 
 @contextlib.contextmanager
-def _redirected(descriptor: int, heard: TextIO) -> Iterator[None]:
+def _redirected(descriptor, heard):
     saved = os.dup(descriptor)
     os.dup2(heard.fileno(), descriptor)
     try:

@@ -13,8 +13,8 @@ from abfm_viewer.document import history
 from abfm_viewer.document.document import Channel
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.session.session import Session
-from tests.attack.endurance import children
 from tests.mesh_writers import off_text
+from tests.processes import children
 from tests.shapes import icosphere
 from tests.viewer.sessions import PAIR, end_run, matched, opened, solving, until
 
