@@ -2,9 +2,9 @@ from . import success as success
 from . import window as window
 from .arrival import format_arrival as format_arrival
 from .arrival import run_arrival as run_arrival
-from .cosines import cosine_table as cosine_table
-from .cosines import cosines as cosines
-from .measure import Settings as Settings
-from .measure import run as run
-from .report import format_report as format_report
-from .report import markdown_table as markdown_table
+from .benchmark import Settings as Settings
+from .benchmark import cosine_table as cosine_table
+from .benchmark import cosines as cosines
+from .benchmark import format_report as format_report
+from .benchmark import markdown_table as markdown_table
+from .benchmark import run as run

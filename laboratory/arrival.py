@@ -8,14 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from abfm.functions import function
-from abfm.matching.problem import Problem
-from abfm.parameters import Parameters
-from laboratory.machine import in_words, machine
-from laboratory.problem import new_sphere
-from laboratory.success.record import BEFORE
-from laboratory.tables import markdown, number
-from laboratory.watched import LEVEL, watched_match
+from abfm import Parameters, Problem, function
+from laboratory.common import LEVEL, in_words, machine, markdown, new_sphere, number, watched_match
+from laboratory.success import BEFORE
 
 ENOUGH = 12.0
 """Times the new solver's time after which the old one is not waited for any longer."""
@@ -26,12 +21,9 @@ _APART = 1.2  # radians on the sphere: between a quarter and half of the way rou
 def gaussians(subdivision: int, parameters: Parameters) -> Problem:
     """State one Gaussian to another on a new icosphere."""
     mesh = new_sphere(subdivision)
-    vertices = [
-        int(np.argmax(mesh.vertices @ [np.cos(angle), np.sin(angle), 0.0]))
-        for angle in (0.0, _APART)
-    ]
     source, target = (
-        function(mesh, f"gaussian:vertex={vertex},width={_WIDTH:g}") for vertex in vertices
+        function(mesh, f"gaussian:vertex={np.argmax(mesh.vertices @ place)},width={_WIDTH:g}")
+        for place in ([1.0, 0.0, 0.0], [np.cos(_APART), np.sin(_APART), 0.0])
     )
     return Problem(mesh, source, target, parameters)
 
@@ -64,46 +56,24 @@ def run_arrival(
                 "ratio_at_least": (before.to_level if came else before.to_end) / now.to_level,
             }
         )
-    return {"arrival": rows, "growth": _growth(rows[0], rows[-1]), "machine": machine()}
-
-
-def _growth(first: dict[str, Any], last: dict[str, Any]) -> float | None:
-    """Return the exponent of the number of vertices in the seconds to the end."""
-    if first["vertices"] == last["vertices"]:
-        return None
-    return log(last["seconds_to_end"] / first["seconds_to_end"]) / log(
-        last["vertices"] / first["vertices"]
+    (small, early), (large, late) = (
+        (row["vertices"], row["seconds_to_end"]) for row in (rows[0], rows[-1])
     )
+    growth = None if small == large else log(late / early) / log(large / small)
+    return {"arrival": rows, "growth": growth, "machine": machine()}
 
 
 def format_arrival(report: dict[str, Any]) -> str:
     """Return the report as a table in Markdown, with the machine below it."""
-    rows = [
-        (
-            "vertices",
-            f"seconds to mismatch {LEVEL:g}",
-            "to the end",
-            "mismatch, by flow lines",
-            "before / now",
-        )
-    ]
+    seconds = f"seconds to mismatch {LEVEL:g}"
+    rows = [("vertices", seconds, "to the end", "mismatch, by flow lines", "before / now")]
     for row in report["arrival"]:
-        ratio = (
-            f"over {row['ratio_at_least']:.3g}" if row["ratio"] is None else number(row["ratio"])
-        )
+        came, ended = number(row["seconds"]), number(row["seconds_to_end"])
         mismatches = f"{row['mismatch']:.3f}, {row['verified_mismatch']:.3f}"
-        rows.append(
-            (
-                str(row["vertices"]),
-                number(row["seconds"]),
-                number(row["seconds_to_end"]),
-                mismatches,
-                ratio,
-            )
-        )
-    growth = (
-        []
-        if report["growth"] is None
-        else ["", f"Seconds to the end grow like vertices^{report['growth']:.2f}."]
-    )
-    return "\n".join([*markdown(rows), *growth, "", f"{in_words(report['machine'])}."])
+        ratio = number(row["ratio"] or row["ratio_at_least"])
+        over = "over " if row["ratio"] is None else ""
+        rows.append((str(row["vertices"]), came, ended, mismatches, f"{over}{ratio}"))
+    lines = markdown(rows)
+    if report["growth"] is not None:
+        lines += ["", f"Seconds to the end grow like vertices^{report['growth']:.2f}."]
+    return "\n".join([*lines, "", f"{in_words(report['machine'])}."])

@@ -13,14 +13,9 @@ from numpy.typing import ArrayLike
 from scipy.optimize import fmin_l_bfgs_b
 from scipy.sparse.linalg import expm_multiply
 
+from abfm.calculus import operators as op
 from abfm.calculus.channels import channels
-from abfm.calculus.operators import (
-    Matrix,
-    averaging,
-    function_norm_matrix,
-    gradient,
-    vector_norm_matrix,
-)
+from abfm.calculus.operators import Matrix
 from abfm.calculus.vector_fields import directional_derivative, lie_bracket, to_ambient
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
@@ -57,19 +52,11 @@ class PaperEnergy:
 
     The unknowns are coefficients in orthonormal face frames, so that plain L-BFGS takes the same
     steps as on tangent vectors in space; the bracket is the tangential part of Eq. 11. Energy and
-    norms are those of `abfm.MatchingEnergy`.
+    norms are those of `abfm.MatchingEnergy`, on the mesh scaled to unit area; of the parameters
+    ``tau``, ``alpha``, ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k) are read.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        Scaled to unit area here.
-    f, g : (V,) arrays
-        Source and target.
-    parameters : Parameters
-        Read are ``tau``, ``alpha``, ``beta``, ``sigma``, ``substeps`` (n) and ``quadrature`` (k).
-    as_printed : bool
-        For ``n > 1``, leave out the factor ``exp(-dtau D_v)`` that the n-step form drops in print:
-        n-fold product rule and Eq. 9 have ``n - r + 1`` sub-steps where it has ``n - r``.
+    For ``n > 1``, `as_printed` leaves out the factor ``exp(-dtau D_v)`` that the n-step form drops
+    in print: n-fold product rule and Eq. 9 have ``n - r + 1`` sub-steps where it has ``n - r``.
     """
 
     def __init__(
@@ -84,8 +71,8 @@ class PaperEnergy:
         self.source, self.target = channels(mesh, f, "source")[0], channels(mesh, g, "target")[0]
         self.parameters = parameters
         self.dropped = 1 if as_printed and parameters.substeps > 1 else 0
-        self.field_norm = vector_norm_matrix(self.mesh, parameters.alpha)
-        self.function_norm = function_norm_matrix(self.mesh, parameters.beta)
+        self.field_norm = op.vector_norm_matrix(self.mesh, parameters.alpha)
+        self.function_norm = op.function_norm_matrix(self.mesh, parameters.beta)
 
     def __call__(self, v: FloatArray) -> tuple[float, FloatArray]:
         """Return energy and gradient at frame coefficients (2F,) on the mesh scaled to unit area.
@@ -102,42 +89,25 @@ class PaperEnergy:
             energy = 0.5 * float(v @ momentum + mu @ difference)
         if not np.isfinite(energy):
             return np.inf, np.zeros_like(v)
-        sources = self._sources(Matrix(-derivative.T), states, mu)
-        dt = p.tau / p.substeps
+        # sum_r D̄_{f_(r-1)}^T exp(-(n - r + 1) dtau D_v)^T mu, less what is dropped in print
+        n, dt = p.substeps, p.tau / p.substeps
+        steps = n - self.dropped
+        backward = Matrix(-derivative.T)
+        momenta = exponential_span(backward, mu, steps * p.tau / n, steps)[::-1][:n]
+        slopes = (op.gradient(self.mesh) @ states[:n].T).reshape(-1, 2, n)
+        weights = op.averaging(self.mesh).T @ momenta.T
+        sources = np.asarray(np.einsum("fxr,fr->fx", slopes, weights)).ravel()
         bracket = lie_bracket(self.mesh, v.reshape(-1, 2))
         transported = exponential_span(Matrix(bracket.T), sources, dt, p.quadrature)
         slope = momentum - dt / (p.quadrature + 1) * transported.sum(axis=0)
         return (energy, slope) if np.isfinite(slope).all() else (np.inf, np.zeros_like(v))
 
-    def _sources(self, backward: Matrix, states: FloatArray, mu: FloatArray) -> FloatArray:
-        """Return ``sum_r D̄_{f_(r-1)}^T exp(-(n - r + 1) dtau D_v)^T mu``, (2F,), with what is
-        dropped in print.
-        """
-        n = self.parameters.substeps
-        steps = n - self.dropped
-        momenta = exponential_span(backward, mu, steps * self.parameters.tau / n, steps)[::-1][:n]
-        slopes = (gradient(self.mesh) @ states[:n].T).reshape(-1, 2, n)
-        return np.asarray(
-            np.einsum("fxr,fr->fx", slopes, averaging(self.mesh).T @ momenta.T)
-        ).ravel()
-
 
 @dataclass(frozen=True)
 class PaperDescent:
-    """The result of the paper's algorithm.
-
-    Attributes
-    ----------
-    velocity : (F, 3) array
-        Field of the lowest energy, in the input's units.
-    energy : float
-        The lowest energy, on the mesh scaled to unit area.
-    history : (rows, 2) array
-        Seconds since the start, and the lowest energy so far, at the start and each time that it
-        fell.
-    evaluations : int
-    stop_reason : str
-        "time limit", or why L-BFGS stopped by itself.
+    """The result of the paper's algorithm: the field of the lowest energy (F, 3), in the input's
+    units; that energy, on the mesh scaled to unit area; seconds since the start and the lowest
+    energy so far, each time that it fell (rows, 2); and why it stopped.
     """
 
     velocity: FloatArray
@@ -161,15 +131,6 @@ def minimise(
     its memory of `MEMORY` pairs, its scaling and a strong Wolfe search), SciPy's L-BFGS-B found
     lower energies than this package's own L-BFGS without preconditioner, which has minFunc's first
     step and constants.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    f, g : (V,) arrays
-    parameters : Parameters
-        As `PaperEnergy` reads them.
-    seconds : float
-        Time limit.
     """
     start = perf_counter()
     energy = PaperEnergy(mesh, f, g, parameters)

@@ -24,7 +24,7 @@ from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import Backend
 from abfm_viewer.session.session import Session
 from abfm_viewer.window.window import Window
-from laboratory.problem import new_sphere
+from laboratory.common import markdown, new_sphere
 
 LEAST_THROUGHPUT, LONGEST_FRAME, LARGEST_LAUNCH_RATIO = 0.8, 0.040, 1.5
 _SIZE = (1280, 800)
@@ -74,9 +74,8 @@ def run(
     frames: dict[str, Any] = {}
     for subdivision in subdivisions:
         mesh = new_sphere(subdivision)
-        tell(
-            f"abfm.match and the window that follows it, {len(mesh.vertices):,} vertices, in turns"
-        )
+        size = f"{len(mesh.vertices):,} vertices"
+        tell(f"abfm.match and the window that follows it, {size}, in turns")
         with _opened(mesh, backend, parameters or Parameters()) as window:
             throughput.append(_throughput(window, repeats))
             if not frames:
@@ -195,12 +194,7 @@ def _drawn(window: Window, goes_on: Callable[[], bool]) -> list[float]:
 def _frames(window: Window, iterations: int) -> dict[str, Any]:
     """Return seconds from frame to frame while the window follows a solve that goes on for long."""
     session = window.session
-    slow: dict[str, Any] = {
-        **PAPER,
-        "max_displacement": 1e-3,
-        "tolerance": 0.0,
-        "cooling_stages": 1,
-    }
+    slow = PAPER | {"max_displacement": 1e-3, "tolerance": 0.0, "cooling_stages": 1}
     session.editor.set_parameter(**slow, iterations=iterations)
     session.match()
     seconds = _drawn(window, lambda: not session.solver.wait(0))
@@ -213,56 +207,54 @@ def _summary(seconds: list[float]) -> dict[str, Any]:
 
 
 def format_report(report: dict[str, Any]) -> str:
+    """Return the report as lines of text."""
     launch, frames, settings = (report[name] for name in ("launch", "frames", "settings"))
-    lines = [
-        f"launch to first frame, over bare polyscope: {launch['ratio']:.2f} (at most "
-        f"{launch['at_most']})"
+    through = [
+        "solver throughput, window that follows over abfm.match, "
+        f"{each['vertices']:,} vertices: {each['ratio']:.2f} (at least {each['at_least']}); frames "
+        f"{_milliseconds(each['frames'])}"
+        for each in report["throughput"]
     ]
-    for each in report["throughput"]:
-        lines.append(
-            f"solver throughput, window that follows over abfm.match, {each['vertices']:,} "
-            "vertices: "
-            f"{each['ratio']:.2f} (at least {each['at_least']}); frames "
-            f"{_milliseconds(each['frames'])}"
-        )
-    lines.append(
-        f"frames during a solve of {settings['long']} iterations: {_milliseconds(frames)} "
-        f"(at most {1000 * frames['p95_at_most']:.0f})"
+    return "\n".join(
+        [
+            "launch to first frame, over bare polyscope: "
+            f"{launch['ratio']:.2f} (at most {launch['at_most']})",
+            *through,
+            f"frames during a solve of {settings['long']} iterations: {_milliseconds(frames)} "
+            f"(at most {1000 * frames['p95_at_most']:.0f})",
+            f"measured with {settings['repeats']} runs each, {settings['backend']}, "
+            f"{settings['cores']} cores",
+        ]
     )
-    lines.append(
-        f"measured with {settings['repeats']} runs each, {settings['backend']}, "
-        f"{settings['cores']} cores"
-    )
-    return "\n".join(lines)
 
 
 def window_table(report: dict[str, Any]) -> str:
     """Return the report as a table for a page of the documentation."""
     launch, frames = report["launch"], report["frames"]
+    through = "solver throughput with a window that follows, over `abfm.match`, "
     rows = [
+        ("what", "measured", "aim"),
         (
             "from the launch to the first frame, over bare polyscope",
             f"{launch['ratio']:.2f}",
-            launch["at_most"],
-        )
-    ]
-    for each in report["throughput"]:
-        what = (
-            "solver throughput with a window that follows, over `abfm.match`, "
-            f"{each['vertices']:,} vertices"
-        )
-        rows.append(
-            (what, f"{each['ratio']:.2f}; frames {_milliseconds(each['frames'])}", each["at_least"])
-        )
-    rows.append(
+            str(launch["at_most"]),
+        ),
+        *(
+            (
+                f"{through}{each['vertices']:,} vertices",
+                f"{each['ratio']:.2f}; frames {_milliseconds(each['frames'])}",
+                str(each["at_least"]),
+            )
+            for each in report["throughput"]
+        ),
         (
             "frames during a long solve",
             _milliseconds(frames),
             f"{1000 * frames['p95_at_most']:.0f} ms",
-        )
-    )
-    head = ["| what | measured | aim |", "|---|---|---|"]
-    return "\n".join([*head, *(f"| {what} | {measured} | {aim} |" for what, measured, aim in rows)])
+        ),
+    ]
+    head, _, *others = markdown(rows)
+    return "\n".join([head, "|---|---|---|", *others])
 
 
 def _milliseconds(frames: dict[str, Any]) -> str:

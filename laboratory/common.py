@@ -1,0 +1,151 @@
+"""What measurements share: a problem on spheres, a match against the clock, the machine, tables."""
+
+import os
+import platform
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from math import inf
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import trimesh
+
+from abfm import Control, Iteration, Match, Parameters, Problem, TriangleMesh, match
+from abfm.matching.solving.schedule import MATCHED
+from abfm.parameters import PAPER
+from abfm.types import FloatArray
+
+LEVEL = MATCHED
+"""Relative mismatch to reach."""
+PARAMETERS = Parameters(
+    **PAPER,
+    tau=2.0,
+    alpha=1e3,
+    beta=1e-5,
+    sigma=1e-4,
+    substeps=40,
+    quadrature=10,
+    cooling_stages=1,
+    tolerance=0.0,
+)
+"""The row of Fig. 3 in Table 1, sigma constant, and no end but the iteration limit."""
+COOLED = replace(PARAMETERS, cooling_stages=Parameters().cooling_stages)
+
+_SOURCE_WIDTH, _TARGET_WIDTH = 0.12, 0.06  # standard deviations as fractions of sqrt(area)
+_LINUX = Path("/proc/cpuinfo")
+
+
+def new_sphere(subdivision: int) -> TriangleMesh:
+    """Make an icosphere of ``10 * 4**subdivision + 2`` vertices, of which nothing is computed."""
+    sphere = trimesh.creation.icosphere(subdivisions=subdivision)
+    return TriangleMesh(sphere.vertices, sphere.faces)
+
+
+def sphere_problem(subdivision: int, parameters: Parameters = PARAMETERS) -> Problem:
+    """State the problem of Fig. 3 on a new icosphere: one wide bump on the equator splits into two
+    narrow ones.
+    """
+    mesh = new_sphere(subdivision)
+
+    def bump(angle: float, width: float) -> FloatArray:
+        cosines = mesh.vertices @ [np.cos(angle), np.sin(angle), 0.0]
+        distances = np.arccos(np.clip(cosines, -1.0, 1.0)) / mesh.length_scale
+        return np.asarray(np.exp(-0.5 * (distances / width) ** 2))
+
+    target = bump(1.0, _TARGET_WIDTH) + bump(-1.0, _TARGET_WIDTH)
+    return Problem(mesh, bump(0.0, _SOURCE_WIDTH), target, parameters)
+
+
+@dataclass(frozen=True)
+class Watched:
+    """The course of a match: its latest iterate, seconds, energy and relative mismatch of each
+    iterate on the mesh itself (rows, 3), and the seconds of all of `abfm.match`.
+    """
+
+    found: Match
+    last: Iteration | None
+    history: FloatArray
+    to_end: float
+
+    @property
+    def to_level(self) -> float:
+        """Return seconds until the mismatch on the mesh itself was at most `LEVEL`, or inf."""
+        reached = self.iterations_to_level
+        return inf if reached is None else float(self.history[reached, 0])
+
+    @property
+    def iterations_to_level(self) -> int | None:
+        """Return iterations on the mesh itself until then; None if it never was."""
+        reached = np.flatnonzero(self.history[:, 2] <= LEVEL)
+        return int(reached[0]) if len(reached) else None
+
+
+def watched_match(
+    problem: Problem,
+    seconds: float = inf,
+    energy: float = -inf,
+    mismatch: float = -inf,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Watched:
+    """Match, until some seconds have passed, energy or mismatch on the mesh itself are low enough,
+    or it is stopped.
+    """
+    control = Control()
+    last: Iteration | None = None
+    history: list[tuple[float, float, float]] = []
+    start = perf_counter()
+
+    def watch(iterate: Iteration) -> None:
+        nonlocal last
+        last, now = iterate, perf_counter() - start
+        reached = False
+        if iterate.level == iterate.levels - 1:
+            history.append((now, iterate.energy, iterate.mismatch))
+            reached = iterate.energy < energy or iterate.mismatch <= mismatch
+        if stopped() or now > seconds or reached:
+            control.cancel()
+
+    found = match(problem, on_iteration=watch, control=control)
+    return Watched(found, last, np.array(history).reshape(-1, 3), perf_counter() - start)
+
+
+def machine() -> dict[str, str | int]:
+    """Return the processor, logical cores, system, and versions of what takes the time."""
+    model = re.search(r"model name\s*: (.*)", _LINUX.read_text()) if _LINUX.exists() else None
+    return {
+        "processor": model[1] if model else platform.processor() or platform.machine(),
+        "cores": os.cpu_count() or 1,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        **{package: version(package) for package in ("numpy", "scipy", "numba")},
+    }
+
+
+def in_words(machine: dict[str, str | int]) -> str:
+    """Return what `machine` gives, in a line."""
+    names = ("python", "numpy", "scipy", "numba")
+    packages = ", ".join(f"{name} {machine[name]}" for name in names)
+    return f"{machine['processor']}, {machine['cores']} cores, {machine['system']}; {packages}"
+
+
+def markdown(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return lines of a table in Markdown, of which the first row is the header."""
+    header, *others = rows
+    return [f"| {' | '.join(row)} |" for row in (header, ["---"] * len(header), *others)]
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return lines of text with the cells of a column below each other."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+def number(value: float | None) -> str:
+    """Return three digits, or that there is none."""
+    return "not reached" if value is None else f"{value:.3g}"

@@ -1,0 +1,498 @@
+"""How often matches succeed: random problems of many kinds, by several versions of the solver,
+side by side.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from statistics import median
+from time import perf_counter
+from typing import Any, Literal, get_args
+from zlib import crc32
+
+import numpy as np
+
+from abfm import AbfmError, ParameterError, Parameters, Problem, TriangleMesh, function, load_mesh
+from abfm.assets import asset_names, asset_path
+from abfm.calculus import geodesic_distance
+from abfm.flow.exponential import counted_row_products
+from abfm.maps import SymmetryError, detect_symmetry
+from abfm.matching.judging.solvability import different_peaks
+from abfm.matching.solving.range_bound import range_bound
+from abfm.matching.solving.resolution import RESOLVED, resolution
+from abfm.mesh.shapes import even_sphere, five_limbs, grid
+from abfm.types import FloatArray
+from laboratory.common import LEVEL, aligned, in_words, machine, markdown, watched_match
+
+Row = dict[str, Any]
+Tell = Callable[[str], None]
+
+BEFORE = Parameters(
+    reach=0.0,
+    order=1,
+    levels=1,
+    balance=0.0,
+    sigma=1e-3,
+    sigma_unit="absolute",
+    alpha=0.02,
+    iterations=150,
+    cooling_stages=3,
+    cooling_factor=10.0,
+)
+"""The paper's energy on the mesh alone, in three stages of sigma: the solver as it was before it
+had a reach.
+"""
+VERSIONS = {"before": BEFORE, "now": Parameters()}
+"""What is compared."""
+CONFIRMED = 0.1
+"""Largest mismatch by flow lines that confirms one."""
+UNFOLDED = 0.01
+"""Largest share of folded faces of a flow that folds none but for its discretisation."""
+
+Family = Literal["gaussian", "one to two", "disc", "eigenfunction", "descriptor"]
+FAMILIES: tuple[Family, ...] = get_args(Family)
+"""What is matched, by name.
+
+- gaussian: one to another of the same width
+- one to two: one to two others, narrower by the root of two, so that what lies above a level keeps
+  its area
+- disc: the indicator of a geodesic disc to another; the radius is twice the width, where a Gaussian
+  has fallen to 0.14
+- eigenfunction: of the Laplacian, to the next one
+- descriptor: the distance to a landmark and its mirror image, where the surface has a mirror
+"""
+WIDTHS = (0.05, 0.1, 0.15)
+"""Of the source, as fractions of sqrt(area)."""
+DISTANCES = {"quarter": (0.2, 0.3), "half": (0.45, 0.55), "far": (0.9, 1.0)}
+"""From the source's centre to the target's, as fractions of the largest geodesic distance from
+there.
+"""
+
+_TURN: tuple[Family, ...] = (
+    *("gaussian", "one to two", "disc", "gaussian", "eigenfunction"),
+    *("gaussian", "one to two", "descriptor", "gaussian", "disc"),
+)
+_HIGHEST = 8  # of the eigenfunctions matched
+# of the most possible: how far the two targets of one source are from each other
+_APART = (0.5, 1.0)
+_OFF_MIRROR = 0.2  # of sqrt(area): how far a landmark is from its image
+_BUMPS = 9
+_ARROW = " → "
+
+
+def success_meshes() -> dict[str, TriangleMesh]:
+    """Return the bundled surfaces and generated ones, closed and open, even and not, by name: 300
+    to 12,300 vertices.
+    """
+    ball, rough = even_sphere(5_000), even_sphere(8_000)
+    rng = np.random.default_rng(_BUMPS)
+    places = rng.normal(size=(_BUMPS, 3))
+    places /= np.linalg.norm(places, axis=1)[:, None]
+    heights = rng.uniform(-0.25, 0.5, _BUMPS)
+    radius = 1 + np.exp(12 * (rough.vertices @ places.T - 1)) @ heights
+    return {
+        "sphere": even_sphere(12_000),
+        "ellipsoid": TriangleMesh(ball.vertices * [1, 0.7, 0.45], ball.faces),
+        "bumpy": TriangleMesh(rough.vertices * radius[:, None], rough.faces),
+        "limbs": five_limbs(5_000),
+        "torus": torus(120, 50),
+        "square": _square(60),
+        **{name: load_mesh(asset_path(name)) for name in asset_names() if name.endswith(".off")},
+    }
+
+
+def torus(n: int, m: int, R: float = 1.0, r: float = 0.4) -> TriangleMesh:
+    """Return a torus about the z axis: n vertices around it, m around the tube."""
+    u, w = (index.ravel() for index in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
+    around, tube = 2 * np.pi * u / n, 2 * np.pi * w / m
+    ring = R + r * np.cos(tube)
+    vertices = np.stack([ring * np.cos(around), ring * np.sin(around), r * np.sin(tube)], axis=1)
+    a, b, c, d = (((u + p) % n) * m + (w + q) % m for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    halves = [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]
+    return TriangleMesh(vertices, np.concatenate(halves))
+
+
+def _square(n: int) -> TriangleMesh:
+    """Return a unit square of n x n cells that are smoothly uneven: a surface with a boundary."""
+    x, y = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
+    x, y = (
+        x + 0.08 * np.sin(np.pi * x) * np.cos(2 * y + 0.3),
+        y + 0.06 * np.sin(np.pi * y) * np.sin(3 * x + 0.5),
+    )
+    vertices = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    return TriangleMesh(vertices, grid(n, n, around=False)[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A source and a target on a mesh as text, and what kind of problem they make; families without
+    a width or a distance have None.
+    """
+
+    mesh_name: str
+    index: int
+    mesh: TriangleMesh
+    family: Family
+    source: str
+    target: str
+    width: float | None = None
+    distance: str | None = None
+
+    def functions(self) -> tuple[FloatArray, FloatArray]:
+        """Return source and target, (V,)."""
+        return function(self.mesh, self.source), function(self.mesh, self.target)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all that tells it from others, whether the mesh resolves it, and what is known to
+        be in any flow's way.
+        """
+        f, g = self.functions()
+        edges = resolution(self.mesh, np.stack([f, g], axis=1))
+        term = Problem(self.mesh, f, g).functions
+        least = range_bound(term)
+        names = ("index", "family", "width", "distance", "source", "target")
+        return {
+            "mesh": self.mesh_name,
+            "vertices": len(self.mesh.vertices),
+            **{key: getattr(self, key) for key in names},
+            "edges_per_width": edges,
+            "resolved": edges >= RESOLVED,
+            "least": least,
+            "solvable": least <= LEVEL and different_peaks(term) is None,
+        }
+
+
+def success_problems(
+    meshes: Mapping[str, TriangleMesh], seed: int = 0, count: int = 10
+) -> Iterator[Trial]:
+    """Return the first ``count`` problems of every mesh, the first ones of all meshes first.
+
+    Problem k of a mesh depends only on the seed, the mesh and its name: kinds take turns, each mesh
+    beginning with another one, and places are random. A descriptor is left out where the mesh has
+    no mirror.
+    """
+    for index in range(count):
+        for name, mesh in meshes.items():
+            problem = _problem(name, mesh, index, seed)
+            if problem is not None:
+                yield problem
+
+
+def _problem(name: str, mesh: TriangleMesh, index: int, seed: int) -> Trial | None:
+    key = crc32(name.encode())
+    rng = np.random.default_rng([seed, key, index])
+    turn = index + key % len(_TURN)
+    family = _TURN[turn % len(_TURN)]
+    if family == "eigenfunction":
+        k = int(rng.integers(1, _HIGHEST + 1))
+        return Trial(name, index, mesh, family, f"eigenfunction:{k}", f"eigenfunction:{k + 1}")
+    if family == "descriptor":
+        landmark = _landmark(mesh, rng)
+        if landmark is None:
+            return None
+        source = f"geodesic:vertex={landmark}"
+        return Trial(name, index, mesh, family, source, f"permuted:mirror({source})")
+    distance = tuple(DISTANCES)[turn % len(DISTANCES)]
+    width = WIDTHS[(turn + turn // len(DISTANCES)) % len(WIDTHS)]  # nine in a row are all pairs
+    here, there, beside = (int(mesh.vertex_ids[v]) for v in _places(mesh, rng, DISTANCES[distance]))
+
+    def gaussian(vertex: int, width: float) -> str:
+        return f"gaussian:vertex={vertex},width={width:g}"
+
+    source, target = gaussian(here, width), gaussian(there, width)
+    if family == "one to two":
+        narrow = round(width / np.sqrt(2), 4)
+        target = f"{gaussian(there, narrow)} + {gaussian(beside, narrow)}"
+    elif family == "disc":
+        source, target = (f"indicator:vertex={v},radius={2 * width:g}" for v in (here, there))
+    return Trial(name, index, mesh, family, source, target, width, distance)
+
+
+def _places(
+    mesh: TriangleMesh, rng: np.random.Generator, between: tuple[float, float]
+) -> tuple[int, int, int]:
+    """Return a random vertex, one as far from there as asked for, and another such one that is not
+    near the second.
+    """
+    here = int(rng.integers(len(mesh.vertices)))
+    distances = geodesic_distance(mesh, [here])
+    there = _choice(rng, distances, between)
+    low, high = between
+    fractions = distances / distances.max()
+    ring = (fractions >= low) & (fractions <= high)
+    apart = np.where(ring, geodesic_distance(mesh, [there]), 0.0)
+    return here, there, _choice(rng, apart, _APART)
+
+
+def _choice(rng: np.random.Generator, distances: FloatArray, between: tuple[float, float]) -> int:
+    """Return a vertex whose distance is between these fractions of the largest, or else nearest to
+    their middle.
+    """
+    fractions = distances / (distances.max() or 1.0)
+    low, high = between
+    fitting = np.flatnonzero((fractions >= low) & (fractions <= high))
+    if len(fitting):
+        return int(rng.choice(fitting))
+    return int(np.abs(fractions - (low + high) / 2).argmin())
+
+
+def _landmark(mesh: TriangleMesh, rng: np.random.Generator) -> int | None:
+    """Return a vertex, by its number in the file, that is not near its mirror image; None where
+    there is no mirror.
+    """
+    try:
+        mirror = detect_symmetry(mesh, "mirror")
+    except SymmetryError:
+        return None
+    offsets = mesh.vertices - mesh.vertices[mirror.vertex_map]
+    apart = np.flatnonzero(np.linalg.norm(offsets, axis=1) > _OFF_MIRROR * mesh.length_scale)
+    return int(mesh.vertex_ids[rng.choice(apart)]) if len(apart) else None
+
+
+@dataclass(frozen=True)
+class Record:
+    """One problem by one version of the solver, in numbers; NaN is what could not be had."""
+
+    mismatch: float = math.nan
+    # mismatch by flow lines of the continuous field, and shares of the faces, see `abfm.verify`
+    verified: float = math.nan
+    folded: float = math.nan
+    overturned: float = math.nan
+    # up to the last iterate, on all meshes together
+    iterations: int = 0
+    evaluations: int = 0
+    # of ``D_v``, by advections and adjoints; factorisations and flow lines come on top
+    row_products: int = 0
+    # as `Watched` has them, on a mesh of which nothing was known, without the verification here
+    seconds: float = math.nan
+    seconds_to_level: float = math.nan
+    stop_reason: str = ""  # as `abfm.Match.stop_reason`, or "time limit", or the error
+    verdict: str = ""  # kind of `abfm.Match.verdict`; empty where there was an error
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all fields, None for what is not a finite number, and whether it is a success and
+        confirmed.
+        """
+        numbers = {
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
+            for key, value in asdict(self).items()
+        }
+        confirmed = self.verified <= CONFIRMED
+        return {**numbers, "success": self.mismatch <= LEVEL, "confirmed": confirmed}
+
+
+def run_trial(
+    trial: Trial,
+    parameters: Parameters,
+    limit: float = 120.0,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Record:
+    """Match for so many seconds at the most, or until it is stopped, and verify."""
+    source, target = trial.functions()
+    mesh = TriangleMesh(trial.mesh.vertices, trial.mesh.faces)  # nothing computed yet
+    start = perf_counter()
+    with counted_row_products() as products:
+        try:
+            stated = Problem(mesh, source, target, parameters)
+            watched = watched_match(stated, limit, stopped=stopped)
+        except AbfmError as error:
+            seconds, count = perf_counter() - start, products.count
+            return Record(stop_reason=str(error), seconds=seconds, row_products=count)
+    found, last = watched.found, watched.last
+    late = watched.to_end > limit and found.stop_reason == "cancelled"
+    record = Record(
+        mismatch=found.mismatch,
+        iterations=last.iteration if last else 0,
+        evaluations=last.evaluations if last else 0,
+        row_products=products.count,
+        seconds=watched.to_end,
+        seconds_to_level=watched.to_level,
+        stop_reason="time limit" if late else found.stop_reason,
+        verdict=found.verdict.kind,
+    )
+    with suppress(AbfmError):  # of fields along which flow lines do not end
+        said = found.verify(subdivided=False)
+        known = replace(record, verified=said.mismatch)
+        return replace(known, folded=said.folded, overturned=said.overturned)
+    return record
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which problems: `seed` and `count` of `success_problems`, and of ``part = (k, n)`` only every
+    n-th, from the k-th, which is 1 for the first.
+    """
+
+    seed: int = 0
+    count: int = 6
+    part: tuple[int, int] = (1, 1)
+
+
+def run_success(
+    meshes: Mapping[str, TriangleMesh],
+    tell: Tell = lambda line: None,
+    selection: Selection = Selection(),
+    versions: Mapping[str, Parameters] = VERSIONS,
+    stopped: Callable[[], bool] = lambda: False,
+) -> dict[str, Any]:
+    """Match all problems by all versions, the first of which the others are compared with; `tell`
+    is told in one line what came out of each.
+
+    Only numbers, text, lists and dictionaries come: ``rows``, with the ``problem`` and a record
+    under the name of every version, then ``settings`` and ``machine``. If it was stopped, which is
+    asked again and again, ``interrupted`` is true and rows are those that were finished.
+    """
+    rows: list[Row] = []
+    tell("compiling")  # a mesh that has a coarser one needs all there is
+    places = ("gaussian:vertex=0,width=0.2", "gaussian:vertex=4,width=0.2")
+    warm_up = Trial("", 0, torus(120, 50), "gaussian", *places)
+    for parameters in versions.values():
+        short = replace(parameters, iterations=4, stage_iterations=1)
+        run_trial(warm_up, short, stopped=stopped)
+    every = success_problems(meshes, selection.seed, selection.count)
+    problems = list(every)[selection.part[0] - 1 :: selection.part[1]]
+    for number, problem in enumerate(problems, 1):
+        row: Row = {"problem": problem.to_dict()}
+        for name, parameters in versions.items():
+            if not stopped():
+                row[name] = run_trial(problem, parameters, stopped=stopped).to_dict()
+        if stopped():
+            break
+        rows.append(row)
+        tell(f"{number}/{len(problems)} {_line(row, versions)}")
+    return {
+        "rows": rows,
+        "interrupted": stopped(),
+        "settings": {
+            "seed": selection.seed,
+            "count": selection.count,
+            "meshes": {name: len(mesh.vertices) for name, mesh in meshes.items()},
+            "level": LEVEL,
+            "versions": {name: parameters.to_dict() for name, parameters in versions.items()},
+        },
+        "machine": machine(),
+    }
+
+
+def _line(row: Row, versions: Mapping[str, Parameters]) -> str:
+    def digits(value: float | None) -> str:
+        return "none" if value is None else f"{value:.2g}"
+
+    problem = row["problem"]
+    kind = [problem["mesh"], problem["family"]]
+    kind += [f"{problem['width']:g}", problem["distance"]] if problem["width"] else []
+    results = [
+        f"{name} {digits(row[name]['mismatch'])} ({digits(row[name]['verified'])}) "
+        f"{row[name]['seconds']:.1f} s"
+        for name in versions
+    ]
+    return f"{', '.join(kind)}: {'; '.join(results)}"
+
+
+def merged(reports: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return one report of several reports of `run_success`: of other parts, or other meshes.
+
+    ParameterError if there is none, or they are of different versions or seeds.
+    """
+    if not reports:
+        raise ParameterError("no reports to put together; give at least one")
+    first = reports[0]
+    meshes: dict[str, int] = {}
+    for report in reports:
+        for key in ("versions", "seed", "level"):
+            if report["settings"][key] != first["settings"][key]:
+                raise ParameterError(f"reports of different {key} cannot be put together")
+        meshes |= report["settings"]["meshes"]
+    return {
+        "rows": [row for report in reports for row in report["rows"]],
+        "interrupted": any(report["interrupted"] for report in reports),
+        "settings": {**first["settings"], "meshes": meshes},
+        "machine": first["machine"],
+    }
+
+
+def format_success(report: dict[str, Any]) -> str:
+    """Return the report of `run_success` as aligned lines of text."""
+    return "\n".join([*aligned(_table(report)), "", *_context(report)])
+
+
+def success_table(report: dict[str, Any]) -> str:
+    """Return the report of `run_success` as a table in Markdown."""
+    return "\n".join([*markdown(_table(report)), "", "\n\n".join(_context(report))])
+
+
+def _table(report: dict[str, Any]) -> list[list[str]]:
+    """Return a header, and a row for every group of problems that has any."""
+    rows, versions = report["rows"], list(report["settings"]["versions"])
+    header = "problems,succeeded,confirmed,mismatch,by flow lines,unfolded,products,seconds"
+    groups: dict[str, dict[str, Any]] = {
+        "resolved": {"resolved": True},
+        **{f"distance {distance}": {"distance": distance} for distance in DISTANCES},
+        **{f"width {width:g}": {"width": width} for width in WIDTHS},
+        **{family: {"family": family} for family in FAMILIES},
+        "solvable": {"solvable": True},
+        "solvable, resolved": {"solvable": True, "resolved": True},
+        **{f"solvable, {name}": {"solvable": True, "distance": name} for name in DISTANCES},
+    }
+    table = [header.split(","), _cells("all", rows, versions)]
+    for name, wanted in groups.items():
+        group = [row for row in rows if wanted.items() <= row["problem"].items()]
+        if group:
+            table.append(_cells(name, group, versions))
+    return table
+
+
+def _cells(name: str, group: list[Row], versions: list[str]) -> list[str]:
+    resolved = [row for row in group if row["problem"]["resolved"]]
+    first, last = versions[0], versions[-1]
+
+    def count(among: list[Row], key: str) -> str:
+        counts = [str(sum(row[version][key] for row in among)) for version in versions]
+        return f"{_ARROW.join(counts)} of {len(among)}"
+
+    def each(words: Callable[[list[float]], str], key: str) -> str:
+        """Say something of each version's values, where what could not be had is infinite."""
+        found = [[row[version][key] for row in group] for version in versions]
+        known = [[math.inf if value is None else value for value in values] for values in found]
+        return _ARROW.join(words(values) if values else "none" for values in known)
+
+    def middle(values: list[float]) -> str:
+        value = median(values)
+        return f"{value:.2g}" if math.isfinite(value) else "none"
+
+    def unfolded(values: list[float]) -> str:
+        return f"{100 * sum(value <= UNFOLDED for value in values) / len(values):.0f}%"
+
+    def ratio(cost: str) -> str:
+        """Say what the first version costs over the last, at the median, where both succeed."""
+        pairs = [(row[first], row[last]) for row in group]
+        both = [a[cost] / b[cost] for a, b in pairs if a["success"] and b["success"] and b[cost]]
+        return f"{median(both):.2g}" if both and first != last else "none"
+
+    return [
+        name,
+        count(group, "success"),
+        count(resolved, "confirmed"),
+        each(middle, "mismatch"),
+        each(middle, "verified"),
+        each(unfolded, "folded"),
+        ratio("row_products"),
+        ratio("seconds"),
+    ]
+
+
+def _context(report: dict[str, Any]) -> list[str]:
+    """Say what the columns mean, and where this was measured."""
+    settings, rows = report["settings"], report["rows"]
+    versions = list(settings["versions"])
+    sums = [f"{sum(row[version]['seconds'] for row in rows):.0f} s" for version in versions]
+    return [
+        f"{_ARROW.join(versions)}. Succeeded: mismatch at most {LEVEL:g}. Confirmed: at most "
+        f"{CONFIRMED:g} by flow lines, of resolved problems. Solvable: the source has the target's "
+        "values and peaks. Mismatches are medians. Unfolded: share of matches that fold at most "
+        f"{100 * UNFOLDED:g}% of the faces. Products, seconds: what {versions[0]} costs over what "
+        f"{versions[-1]} costs, median over problems in which both succeed.",
+        f"{len(rows)} problems on {len(settings['meshes'])} meshes, seed {settings['seed']}; "
+        f"{_ARROW.join(sums)} in all. {in_words(report['machine'])}.",
+    ]
