@@ -14,13 +14,8 @@ _LITTLE = 0.01  # of the values, as their range
 
 
 def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
-    """Check a function (V,) or (V, C) and return its channels as rows (C, V).
-
-    Raises
-    ------
-    FunctionError
-        If the length is not the number of vertices (of the file or of the mesh) or a value is not
-        finite.
+    """Check a function (V,) or (V, C), by vertices of the file or of the mesh, and return its
+    channels as rows (C, V).
     """
     array = real_numbers(values, name, FunctionError)
     if array.ndim not in (1, 2) or array.size == 0:
@@ -47,10 +42,8 @@ def constant_part(f: FloatArray) -> float:
 
 
 def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:
-    """Keep the known values; every other vertex becomes the mean of its neighbours, (V,).
-
-    The harmonic extension on the mesh's graph: it never leaves the range of the known values, of
-    which there must be one.
+    """Keep the known values; every other vertex becomes the mean of its neighbours, (V,): the
+    harmonic extension on the mesh's graph, which never leaves the range of the known values.
     """
     if known.all():
         return values

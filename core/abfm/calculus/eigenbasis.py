@@ -18,8 +18,8 @@ BLOCKS = (32, 64, *range(128, 1025, 128))
 
 
 def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the first k solutions of ``L phi = lambda M phi``: eigenvalues (k,) ascending,
-    eigenfunctions (V, k), both read-only.
+    """Compute the first k solutions of ``L phi = lambda M phi``, k at most 1024: eigenvalues (k,)
+    ascending, eigenfunctions (V, k), both read-only.
 
     L is the cotangent Laplacian (natural, that is Neumann, condition on a boundary), M the lumped
     mass. Eigenvalues are in 1/length^2 of the mesh's unit, eigenfunctions orthonormal in
@@ -30,12 +30,6 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
     The same mesh gives the same bits whatever was computed before: pairs are computed, and cached,
     in blocks of 32, 64, 128, 256, 384, ... and k only cuts the smallest block that holds it.
     Eigenspaces of several dimensions get an arbitrary basis, which may differ between blocks.
-
-    Raises
-    ------
-    FunctionError
-        If k is below 1, above 1024 or above the number of vertices, or if the solver does not
-        converge.
     """
     count = len(mesh.vertices)
     most = min(count, BLOCKS[-1])

@@ -22,18 +22,11 @@ _BYTES_PER_VERTEX = 6_000
 
 def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
     """Return the distance along the surface to the nearest source, (V,), in the mesh's units;
-    exactly 0 at the sources.
+    exactly 0 at the sources (n,), indices among the mesh's own vertices.
 
     Largest error on the unit sphere: 0.051 at 642 vertices, 0.029 at 2,562, 0.019 at 10,242. The
     robust Laplacian is what keeps it right on uneven meshes: on a human with edge lengths from 1 to
     73 it was off by 0.03 sqrt(area), plain cotangent weights by 0.73.
-
-    ``sources`` (n,) are indices among the mesh's own vertices (not the file's).
-
-    Raises
-    ------
-    FunctionError
-        If a source is no vertex, there is none, or the solver fails on this mesh.
 
     References
     ----------

@@ -1,10 +1,10 @@
-"""Discrete differential operators of section 4, each built once per mesh.
+"""Discrete differential operators of section 4, in the mesh's own units, each built once per mesh.
 
 Fields are piecewise constant on faces and kept as two coefficients in an orthonormal frame of each
 face, so they are tangent by construction: a field is a ``(F, 2)`` array, and row ``2 f + k`` of an
 operator is component ``k`` in face ``f``. Functions are piecewise linear on vertices (hat functions
 ``phi_i``), or on edges (Crouzeix-Raviart functions ``psi_e``, 1 on their edge and -1 at the
-opposite corner). All operators are in the mesh's own units.
+opposite corner).
 """
 
 from typing import NamedTuple
@@ -24,8 +24,6 @@ THINNEST = 1e-5
 
 
 class FaceShapes(NamedTuple):
-    """Shapes of faces."""
-
     normals: FloatArray  # (F, 3), of length 1
     areas: FloatArray  # (F,)
     frames: FloatArray  # (F, 2, 3), the first axis along the first edge
@@ -97,12 +95,10 @@ def edge_lengths(mesh: TriangleMesh) -> FloatArray:
 
 @per_mesh
 def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
-    """Return what a norm of fields is made of, with needles made thicker.
-
-    Faces whose height is less than 1e-5 of their longest edge are stretched across it to that
-    height, as in the mollification of Sharp and Crane [2020]; without such faces
-    every bit is the mesh's own. The squares of thinner ones would be lost in the rounding of the
-    matrices made of them, which then are not definite.
+    """Return what a norm of fields is made of. Faces whose height is less than 1e-5 of their
+    longest edge are stretched across it to that height, as in the mollification of Sharp and Crane
+    [2020]: the squares of thinner ones would be lost in the rounding of the norm's matrices, which
+    then are not definite. Without such faces every bit is the mesh's own.
     """
     areas, gradients = face_areas(mesh).copy(), hat_gradients(mesh).copy()
     steepest = (gradients**2).sum(axis=2).max(axis=1)  # one over the square of the height
@@ -167,7 +163,6 @@ def averaging(mesh: TriangleMesh) -> Matrix:
 @per_mesh
 def divergence(mesh: TriangleMesh) -> Matrix:
     """Return ``div = -G_V^-1 grad^T G_F``: fields to vertex functions, (V, 2F) [BKP*10, chapter 3].
-
     On a boundary the field counts as ending there, so that outward flux is negative divergence and
     the total is always zero: natural condition ``v . n = 0``.
     """
@@ -177,26 +172,23 @@ def divergence(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def curl(mesh: TriangleMesh) -> Matrix:
-    """Return ``curl v = div(-J v)``: fields to vertex functions, (V, 2F).
-
-    On a boundary the field counts as ending there, so that circulation along it is curl of the
-    other sign and the total is always zero: natural condition ``v x n = 0``.
+    """Return ``curl v = div(-J v)``: fields to vertex functions, (V, 2F). On a boundary the field
+    counts as ending there, so that circulation along it is curl of the other sign and the total is
+    always zero: natural condition ``v x n = 0``.
     """
     return Matrix(-(divergence(mesh) @ rotation(mesh)))
 
 
 @per_mesh
 def cotangent_laplacian(mesh: TriangleMesh) -> Matrix:
-    """Return the stiffness matrix ``grad^T G_F grad`` (cotangent weights), (V, V), positive
-    semidefinite: ``-G_V`` times the paper's Laplace-Beltrami operator. Natural (Neumann) boundary
-    condition.
+    """Return the stiffness matrix ``grad^T G_F grad`` (cotangent weights), (V, V), semidefinite:
+    ``-G_V`` times the paper's Laplace-Beltrami operator. Natural (Neumann) boundary condition.
     """
     return stiffness(hat_gradients(mesh), face_areas(mesh), mesh.faces, len(mesh.vertices))
 
 
 def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, count: int) -> Matrix:
     """Return ``sum_f w_f <grad phi_a, grad phi_b>`` of the hat functions with gradients (F, 3, 2).
-
     Row and column of a corner are its owner (F, 3): its vertex, or, for a quarter of the form on
     edge functions, the edge opposite to it.
     """
@@ -210,10 +202,8 @@ def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, coun
 @per_mesh
 def hodge_gradients(mesh: TriangleMesh) -> tuple[Matrix, Matrix]:
     """Return ``(A, B)``, whose ranges are the curl-free and the divergence-free fields of the mixed
-    Hodge form.
-
-    ``A`` (2F, E) is the broken gradient of edge functions, ``B`` (2F, V') the rotated gradient of
-    the functions on the V' vertices off the boundary. Then ``A^T G_F B = 0`` to rounding, and
+    Hodge form: ``A`` (2F, E) the broken gradient of edge functions, ``B`` (2F, V') the rotated one
+    of the functions on the V' vertices off the boundary. Then ``A^T G_F B = 0`` to rounding, and
     fields with ``v . n = 0`` on the boundary are the natural space (the flow stays on the surface).
     """
     inner = ~mesh.is_boundary_vertex
@@ -248,10 +238,9 @@ def function_norm_matrix(
     mesh: TriangleMesh, beta: float, weight: ArrayLike | None = None
 ) -> Matrix:
     """Return ``G_V C_beta`` with ``C_beta = id - beta Delta_LB``, (V, V), symmetric positive
-    (semi)definite (section 3). Natural (Neumann) boundary condition.
-
-    A non-negative weight ``w`` (V,) of the mismatch makes it ``int w (f^2 + beta |grad f|^2)``; a
-    face has the least weight of its corners, so that values where ``w`` is zero do not matter.
+    (semi)definite (section 3). Natural (Neumann) boundary condition. A non-negative weight ``w``
+    (V,) makes it ``int w (f^2 + beta |grad f|^2)``; a face has the least weight of its corners, so
+    that values where ``w`` is zero do not matter.
     """
     areas, face_weight = vertex_areas(mesh), face_areas(mesh)
     if weight is not None:
@@ -271,7 +260,6 @@ def l2_norm(mesh: TriangleMesh, f: FloatArray, mask: FloatArray | BoolArray | No
 
 @kernel
 def shapes(vertices: FloatArray, faces: IndexArray, found: FaceShapes) -> None:
-    """Compute the shapes of faces (F, 3)."""
     normals, areas, frames, gradients = found
     for f in range(faces.shape[0]):
         a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]

@@ -91,8 +91,7 @@ def face_directional_derivative(mesh: TriangleMesh, v: FloatArray) -> Matrix:
 
 
 def lie_bracket(mesh: TriangleMesh, v: FloatArray) -> Matrix:
-    """Return ``ad_v u = [v, u]`` as an operator on fields, (2F, 2F), for frame coefficients ``v``
-    (F, 2) (Eq. 11).
+    """Return ``ad_v u = [v, u]`` as an operator on fields, (2F, 2F), for ``v`` (F, 2) (Eq. 11).
 
     Exactly antisymmetric, ``[v, u] = -[u, v]``; ``D_[v,u] = D_v D_u - D_u D_v`` (Eq. 10) and the
     Jacobi identity hold in the limit of fine meshes. Eq. 11 acts on the components of fields in
@@ -111,10 +110,8 @@ def lie_bracket(mesh: TriangleMesh, v: FloatArray) -> Matrix:
 
 def lie_bracket_of(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> FloatArray:
     """Return the Lie bracket ``[v, u]`` of fields (F, 3), whose derivative is ``D_v D_u - D_u D_v``
-    (Eqs. 10 and 11), (F, 3).
-
-    Zero where the two flows commute. On smoothly varying meshes the error falls in proportion to
-    the edge length.
+    (Eqs. 10 and 11), (F, 3). Zero where the two flows commute. On smoothly varying meshes the error
+    falls in proportion to the edge length.
     """
     first, second = _in_frames(mesh, v, u)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -143,23 +140,15 @@ def exponential_action(matrix: Matrix, x: FloatArray, t: float) -> FloatArray:
 
 
 def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> FloatArray:
-    """Return the field ``u`` carried along the flow of ``v`` for a time of either sign, (F, 3):
-    ``exp(-t ad_v) u``.
+    """Return a field ``u`` (F, 3) carried along the flow of ``v`` (F, 3), in the mesh's length unit
+    per unit of time, for a time of either sign: ``exp(-t ad_v) u``.
 
     Eq. 12 prints ``exp(t ad_v)``. With the bracket of Eq. 10 that is the pullback, which is the
     pushforward for ``-t``: rotating a sphere, for example, must turn a field along, and only the
     minus sign does. On smoothly varying meshes the error falls in proportion to the edge length.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    v, u : (F, 3) arrays
-        Tangent vectors, ``v`` in the mesh's length unit per unit of time; a normal part is dropped.
-
     Raises
     ------
-    ParameterError
-        If a field has another shape or values that are not finite.
     AdvectionError
         If the time is not finite, the flow is too long, or the carried field overflows.
     """
@@ -187,11 +176,6 @@ def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, Float
     harmonic : (F, 3) array
         The rest, without divergence and curl. Such fields have as many dimensions as the surface
         has independent loops: none on a sphere or disc, ``2 genus`` on a closed surface.
-
-    Raises
-    ------
-    ParameterError
-        If ``v`` has another shape or values that are not finite.
     """
     field = to_frame(mesh, check_field(mesh, v, "v")).ravel()
     gradient, rotated = (project(field) for project in _projections(mesh))
@@ -233,9 +217,9 @@ def commuting_fields(
 
     Minimises ``|div u|^2 + |curl u|^2 + weight |[v, u]|^2 / |v|^2`` (norms in L2, ``|v|`` the root
     mean square) over fields of unit norm that are orthogonal in L2 to ``v``, which commutes with
-    itself, and to each other. Where ``v`` has a first integral ``f`` (its stream function if ``v``
-    has no divergence), all products of ``v`` with functions of ``f`` commute with it and are found
-    too.
+    itself, and to each other; boundary condition of `hodge_laplacian`. Where ``v`` has a first
+    integral ``f`` (its stream function if ``v`` has no divergence), all products of ``v`` with
+    functions of ``f`` commute with it and are found too.
 
     On a mesh no other field commutes exactly, so a weight takes the place of the constraint. It
     grows as the edges shrink, and the bracket vanishes in the limit: in proportion to the edge
@@ -244,26 +228,16 @@ def commuting_fields(
     Parameters
     ----------
     mesh : TriangleMesh
-        Boundary condition of `abfm.calculus.operators.hodge_laplacian`: fields stay on the surface.
     v : (F, 3) array
         Tangent vectors, in any unit; a normal part is dropped.
     weight : float, optional
-        Of the bracket; by default sqrt(area) over the mean edge length. 0 gives the smoothest
-        fields of all.
+        Of the bracket; by default sqrt(area) over the mean edge length, 0 for the smoothest of all.
 
     Returns
     -------
     (count, F, 3) array
         Each with the root mean square of ``v``, and a positive product with ``v`` turned by 90
         degrees plus ``v`` times its squared speed, unless that vanishes.
-
-    Raises
-    ------
-    ParameterError
-        If ``v`` has another shape, values that are not finite or no speed, or a number is out of
-        range.
-    MeshError
-        If the mesh's triangles are too thin to compute with.
     """
     field = to_frame(mesh, check_field(mesh, v, "v"))
     areas = face_areas(mesh)

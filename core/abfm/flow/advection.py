@@ -40,7 +40,6 @@ class LinearizedFlow:
         return mu - trajectory.step * pattern.extended_dual(carried)
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Make partial steps from ``f`` to several times (T,) -> (T, V)."""
         return f - times[:, None] * self._derivative(f)
 
     def _derivative(self, f: FloatArray) -> FloatArray:
@@ -62,8 +61,8 @@ class Advection:
         return self.step * sum(part.rho for part in self.parts)
 
     def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:
-        """Advect ``f`` (V,) to the end: one trajectory per field; the last one's ``end`` is the
-        result. To ``keep`` the terms that fit is for `backward`.
+        """Advect ``f`` (V,) to the end: a trajectory per field, of which the last has the result;
+        to ``keep`` the terms that fit is for `backward`.
         """
         trajectories: list[Trajectory] = []
         for part in self.parts:
@@ -74,8 +73,8 @@ class Advection:
     def backward(
         self, trajectories: list[Trajectory], mu: FloatArray, gradient: FloatArray
     ) -> None:
-        """Add the derivative by the fields to ``gradient`` (N, F, 2), for the derivative ``mu``
-        (V,) by the result.
+        """Add the derivative by the fields to ``gradient`` (N, F, 2), for that by the result,
+        ``mu``.
         """
         for j in reversed(range(len(self.parts))):
             mu = self.parts[j].backward(trajectories[j], mu, gradient[j])
@@ -119,15 +118,9 @@ class Advection:
 
 
 class Discretisation:
-    """The functions that are advected on a mesh, the steps by which they are, and their memory.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    method : "nonlinear" or "linearised"
-        ``exp(-t D_v)`` (Eq. 4) of each field, or its first two terms ``id - t D_v`` (Eq. 5).
-    pattern : DerivativePattern, optional
-        Of ``D_v``; by default that of functions with a value on each vertex.
+    """The functions that are advected on a mesh (one value on each vertex, unless a pattern says
+    so), the steps by which they are, ``exp(-t D_v)`` (Eq. 4) or the linearised ``id - t D_v`` (Eq.
+    5), and their memory.
     """
 
     def __init__(
@@ -146,10 +139,9 @@ class Discretisation:
         return Discretisation(self.mesh, self.method, clustered_pattern(self.mesh))
 
     def flow(self, fields: FloatArray, tau: float, tolerance: float = TOLERANCE) -> Advection:
-        """Return the flow of N fields (N, F, 2) in a row, each for ``tau / N``.
-
-        The fields are frame coefficients, in the mesh's units; ``tolerance`` is where series are
-        truncated. Terms that earlier flows keep in the workspace are forgotten.
+        """Return the flow of N fields (N, F, 2) in a row, in the mesh's units, each for ``tau /
+        N``, with series truncated at a tolerance. Terms that earlier flows keep in the workspace
+        are forgotten.
         """
         self.workspace.release()
         parts = [

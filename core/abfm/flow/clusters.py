@@ -18,7 +18,6 @@ _FEW = 1.5  # times the usual rates: what is gained by less is not worth another
 @per_mesh
 def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
     """Return the cluster of each vertex, (V,), counted from 0; None where none has to be joined.
-
     Pairs at the ends of the shortest edges join first; in each round, a cluster joins one other at
     most.
     """
@@ -46,10 +45,8 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
 
 
 def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
-    """Sum what the entries in each cluster's row of ``D_v`` can be for a field of length 1.
-
-    A third of a face's area times the gradient of a corner's hat function is a sixth of the
-    opposite edge.
+    """Sum what the entries in each cluster's row of ``D_v`` can be for a field of length 1. A third
+    of a face's area times the gradient of a hat function is a sixth of the opposite edge.
     """
     slopes = edge_lengths(mesh)[mesh.face_edges] / 6
     corners = clusters[mesh.faces]

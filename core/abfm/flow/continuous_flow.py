@@ -4,12 +4,10 @@ edges: a witness for the maps that advection gives.
 Each vertex gets a vector: the faces around it are unrolled into the plane, with angles scaled to a
 full turn as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013, so that creases do
 not matter, and a linear function is fitted to their vectors at their centres. Inside a face the
-vectors of its corners are interpolated.
-
-Points have no dispersion, as advection on vertices has: each follows that field by the midpoint
-rule, in steps that are a part of a face long, straight over the edges; from a vertex it begins in
-the face that the field leads into, whatever its number. On smooth fields the error falls with the
-square of the edge length.
+vectors of its corners are interpolated. Points have no dispersion, as advection on vertices has:
+each follows that field by the midpoint rule, in steps that are a part of a face long, straight over
+the edges; from a vertex it begins in the face that the field leads into, whatever its number. On
+smooth fields the error falls with the square of the edge length.
 """
 
 import math
@@ -63,8 +61,7 @@ class ContinuousFlow:
     Raises
     ------
     ParameterError
-        If the fields have another shape or values that are not finite, ``tau`` is out of range, or
-        the fields lead over so many faces that the walks would take very long.
+        If something does not fit, or the walks would take very long.
     """
 
     def __init__(self, mesh: TriangleMesh, velocity: ArrayLike, tau: float) -> None:
@@ -85,20 +82,12 @@ class ContinuousFlow:
             )
 
     def destinations(self, start: SurfacePoints | None = None) -> SurfacePoints:
-        """Carry points along the flow to ``tau``; all vertices by default.
-
-        Raises
-        ------
-        ParameterError
-            If a start is not on the mesh.
-        """
+        """Carry points of the mesh along the flow to ``tau``; all vertices by default."""
         return self._walked(start, self.fields, self.step)
 
     def origins(self, start: SurfacePoints | None = None) -> SurfacePoints:
-        """Carry points back along the flow from ``tau``, as `destinations`.
-
-        Of every vertex this is where its value came from: its `pull_back` of a function is the
-        function carried to ``tau``.
+        """Carry points back along the flow from ``tau``; all vertices by default. There their
+        values came from: `pull_back` of a function is the function carried to ``tau``.
         """
         return self._walked(start, self.fields[::-1], -self.step)
 
@@ -133,8 +122,6 @@ class ContinuousFlow:
 
 
 class FlatFaces(NamedTuple):
-    """Faces laid into the plane, each in its own frame."""
-
     corners: IndexArray  # (F, 3), complex, the first one at zero
     areas: FloatArray  # (F,)
     neighbours: IndexArray  # (F, 3), `opposite_slots`
@@ -224,9 +211,8 @@ def _complex(pairs: FloatArray) -> IndexArray:
 
 @kernel
 def fit_corners(flat: FlatFaces, field: IndexArray, most: int, vectors: IndexArray) -> None:
-    """Fit vectors at corners (F, 3) to those of faces (F,), of which at most so many meet.
-
-    A pinched vertex has a vector for each of its fans.
+    """Fit vectors at corners (F, 3) to those of faces (F,), of which at most so many meet; a
+    pinched vertex has a vector for each of its fans.
     """
     corners = flat.corners
     seen = np.zeros(corners.shape, dtype=np.bool_)
@@ -317,7 +303,6 @@ def fitted(fan: IndexArray, places: IndexArray, values: IndexArray, areas: Float
 
 @kernel
 def vector_at(flow: SmoothFlow, f: Face, x: float, y: float) -> tuple[float, float]:
-    """Evaluate the field at a place, in the face's frame."""
     w = flow.vectors
     return (
         w[f, 0, 0] + x * w[f, 1, 0] + y * w[f, 2, 0],
@@ -351,9 +336,8 @@ def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walk
 
 @kernel
 def walk_straight(flow: SmoothFlow, walker: Walker, slide: bool = False) -> Walker:
-    """Go a walker's way, unfolding the faces that it leads over; it is seen from the end.
-
-    At a boundary the face is -1, unless it is to ``slide`` on along it.
+    """Go a walker's way, which is seen from the end, unfolding the faces that it leads over. At a
+    boundary the face is -1, unless it is to ``slide`` on along it.
     """
     f, x, y, u, v = walker
     gradients, left, entered = flow.gradients, 1.0, -1

@@ -69,10 +69,8 @@ def _count(terms: int, size: int) -> None:
 
 class Workspace:
     """Memory for the terms of series with ``size`` rows, kept between evaluations: about 560 MB,
-    and as much for scratch where it is full.
-
-    The array is larger, but touched only as far as used. Beyond a million vertices one short series
-    takes more.
+    and as much for scratch where it is full; beyond a million vertices one short series takes more.
+    The array is larger, but touched only as far as used.
     """
 
     def __init__(self, size: int) -> None:
@@ -104,7 +102,6 @@ class Workspace:
         return self.terms[self.used : end] if end <= len(self.terms) else None
 
     def release(self) -> None:
-        """Forget all kept terms."""
         self.used = self.block
         self.generation += 1
 
@@ -172,9 +169,8 @@ class ExponentialFlow:
         return flow
 
     def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
-        """Advect ``f`` (V,) over time ``t`` of either sign; not finite where the flow overflows.
-
-        To ``keep`` the terms that fit is to save `backward` the time to compute them again.
+        """Advect ``f`` (V,) over time ``t`` of either sign; not finite where the flow overflows. To
+        ``keep`` the terms that fit saves `backward` the time to compute them again.
         """
         x = abs(t) * self.rho
         if x > _PRODUCT_LIMIT:
@@ -250,10 +246,8 @@ class ExponentialFlow:
         return mu
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Carry ``f`` to times (T,) of one sign, ordered away from zero, (T, V).
-
-        One series serves all times of a segment: only its coefficients change. Its terms go with
-        the call.
+        """Carry ``f`` to times (T,) of one sign, ordered away from zero, (T, V). One series serves
+        all times of a segment: only its coefficients change. Its terms go with the call.
         """
         trajectory = self.forward(f, float(times[-1]))
         step, last = trajectory.step, len(trajectory.segments) - 1
@@ -415,11 +409,9 @@ def _backward_rows(
 def chebyshev_backward(
     series: Series, terms: FloatArray, count: int, mu: FloatArray, entries: FloatArray
 ) -> FloatArray:
-    """Apply the adjoint of `chebyshev_forward`, which summed ``count`` terms: returns the
-    derivative by ``f`` for ``mu`` by ``out``.
-
-    The series has the values of the transposed matrix, on the same (symmetric) sparsity; the
-    derivative by the value of the transposed entry is added to ``entries``.
+    """Apply the adjoint of a sum of ``count`` terms: returns the derivative by ``f`` for ``mu`` by
+    ``out``. The series has the values of the transposed matrix, on the same (symmetric) sparsity;
+    the derivative by the value of the transposed entry is added to ``entries``.
     """
     blocks = series.bounds.size - 1
     most = _SWEEP if blocks > 1 else 1

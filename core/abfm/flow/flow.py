@@ -49,12 +49,6 @@ class Flow:
     method : "nonlinear" or "linearised"
         ``exp(-t D_v)`` (Eq. 4), or its first two terms ``id - t D_v`` (Eq. 5), one step for each
         field: for smaller steps repeat the fields.
-
-    Raises
-    ------
-    ParameterError
-        If the fields have another shape or values that are not finite, tau is not a positive
-        number, or there is no such method.
     """
 
     def __init__(
@@ -82,10 +76,6 @@ class Flow:
 
         Raises
         ------
-        ParameterError
-            If a time is not a finite number.
-        FunctionError
-            If ``h`` does not fit the mesh.
         AdvectionError
             If the flow overflows or is too long.
         """

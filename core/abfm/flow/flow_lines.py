@@ -72,12 +72,6 @@ def flow_lines(
     tau : float, optional
         End time of the N fields, each of which lasts ``tau / N``; the last one goes on. Needed for
         several fields.
-
-    Raises
-    ------
-    ParameterError
-        If an array has another shape or values that are not finite, a start is not on the mesh, or
-        a number is out of range.
     """
     fields = fields_in_a_row(mesh, velocity)
     if not is_finite_number(duration):
@@ -107,8 +101,6 @@ def flow_lines(
 
 
 class FaceFlow(NamedTuple):
-    """A field as the walk needs it."""
-
     rates: FloatArray  # (F, 3), how fast each barycentric weight grows, per unit of time
     # (F, 3), the vector's part along the edge opposite each corner, in edges per unit of time
     along: FloatArray
@@ -127,9 +119,7 @@ class Path(NamedTuple):
 def _walked(
     face: int, start: FloatArray, spans: list[tuple[FaceFlow, float, float]], path: Path
 ) -> tuple[int, int]:
-    """Walk along fields from time to time; returns how many entries the path has then, and how the
-    way goes on.
-    """
+    """Walk along fields from time to time; returns the path's entries, and how the way goes on."""
     where, b = np.array([face, -1]), start.copy()
     count, status = 0, STAGNATION
     for flow, begin, end in spans:
@@ -252,9 +242,8 @@ def motion(flow: FaceFlow, where: IndexArray, rates: FloatArray) -> bool:
 def advance(
     flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float
 ) -> tuple[float, int]:
-    """Walk on, with the rates of `motion`, for a time, at most to the next edge or vertex.
-
-    Returns the time that it took, and whether the way goes on.
+    """Walk on, with the rates of `motion`, for a time, at most to the next edge or vertex; returns
+    the time that it took, and whether the way goes on.
     """
     leave, used = -1, time
     for i in range(3):
@@ -282,9 +271,8 @@ def trace(
     path: Path,
     count: int,
 ) -> tuple[int, int]:
-    """Walk from a time to another, writing down every crossing after ``count`` entries of the path.
-
-    Returns how many there are then, and whether the way goes on.
+    """Walk from a time to another, writing down every crossing after ``count`` entries of the path;
+    returns how many there are then, and whether the way goes on.
     """
     (where, b), (now, end) = walker, span
     rates = np.empty(3)

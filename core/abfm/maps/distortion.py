@@ -44,11 +44,10 @@ def distortion(
     surface, by default the mesh itself.
 
     The Jacobian of a face, ``J = sum_i x_i (grad phi_i)^T`` with ``x_i`` the mapped corners, has
-    the singular values ``s_1 >= s_2``. Area and angles are those of the flat mapped triangle in
-    space, whose corners lie on the surface. A face counts as flipped where its mapped normal makes
-    an obtuse angle with the surface's normal at the point closest to its mapped centroid; a
-    collapsed face does not count. For flow maps the error is of first order in the edge length,
-    that of the map itself of second.
+    the singular values ``s_1 >= s_2``. A face counts as flipped where its mapped normal makes an
+    obtuse angle with the surface's normal at the point closest to its mapped centroid; a collapsed
+    face does not count. For flow maps the error is of first order in the edge length, that of the
+    map itself of second.
     """
     mapped = finite_points(mapped_positions)
     if len(mapped) != len(mesh.vertices):
@@ -77,19 +76,15 @@ def turned_over(mesh: TriangleMesh, corners: FloatArray) -> BoolArray:
 
 
 def folds(
-    mesh: TriangleMesh,
-    carried: Map,
-    faces: IntArray,
-    corners: FloatArray,
-    most: int = MOST,
+    mesh: TriangleMesh, carried: Map, faces: IntArray, corners: FloatArray, most: int = MOST
 ) -> tuple[float, float]:
     """Return the shares of some faces (S,), by number, that a map folds, and that its mapped
     vertices alone, ``corners`` (S, 3, 3), turn over.
 
-    A face is folded where its mapped vertices turn it over and so do more than half of the 64 parts
-    that it is cut into, each mapped by itself and compared with the surface where it lands. Where a
-    map stretches faces so far that even such parts reach around the surface this still says too
-    much, never too little. Of more than ``most`` faces to cut, evenly chosen ones stand for all.
+    A face is folded where its mapped vertices turn it over and so do more than half of its 64
+    parts, each mapped by itself and compared with the surface where it lands. Where a map stretches
+    faces so far that even parts reach around the surface this still says too much, never too
+    little. Of more than ``most`` faces to cut, evenly chosen ones stand for all.
     """
     overturned = faces[turned_over(mesh, corners)]
     if not len(overturned):
@@ -114,7 +109,6 @@ def turned_parts(mesh: TriangleMesh, carried: Map, faces: IntArray) -> FloatArra
 
 
 def _areas(corners: FloatArray) -> FloatArray:
-    """Return normals as long as twice the areas of triangles (..., 3, 3)."""
     return np.cross(
         corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
     )

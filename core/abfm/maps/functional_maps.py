@@ -38,13 +38,8 @@ def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArra
 
 
 def functional_map(points: PointMap, k: int) -> FloatArray:
-    """Return the functional map of a point map from target to source: ``Phi_target^+ P Phi_source``
-    in k eigenfunctions of each, (k, k).
-
-    Raises
-    ------
-    FunctionError
-        If there are no k eigenfunctions.
+    """Return the functional map of a point map from target to source, in k eigenfunctions of each:
+    ``Phi_target^+ P Phi_source``, (k, k).
     """
     return spectral_coefficients(points.domain, points.pull_back(_basis(points.codomain, k)), k)
 
@@ -59,8 +54,8 @@ def carry(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike
 
 
 def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> PointMap:
-    """Return the point map of a functional map (k_target, k_source): where the delta functions of
-    the source's vertices arrive [OBC*12, 6.1]. A vertex of the source for every one of the target.
+    """Return the point map of a functional map (k_target, k_source), to a vertex of the source for
+    every one of the target: where delta functions of the source arrive [OBC*12, 6.1].
 
     The delta function at a vertex of the source has its row of ``Phi_source`` as coefficients, and
     ``C`` makes of it that row of ``Phi_source C^T``. Each vertex of the target goes to the vertex
@@ -68,13 +63,6 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Point
     Looking up rows of ``Phi_target C`` among those of ``Phi_source`` instead would carry the
     target's delta functions back by the adjoint of ``C``, which is its inverse only where ``C`` is
     orthogonal. Nothing makes that map continuous.
-
-    Raises
-    ------
-    ParameterError
-        If ``C`` is not a finite matrix.
-    FunctionError
-        If there are not so many eigenfunctions.
     """
     matrix = _check(C)
     nearest = _nearest(matrix, _basis(source, matrix.shape[1]), _basis(target, matrix.shape[0]))
@@ -89,13 +77,6 @@ def zoom_out(
 
     Points are found as by `point_map`: by the adjoint, errors of the start would stay. All steps
     take heads of one basis of k eigenfunctions.
-
-    Raises
-    ------
-    ParameterError
-        If ``C`` is not a finite matrix, larger than k, or ``step`` is below 1.
-    FunctionError
-        If there are no k eigenfunctions.
     """
     matrix = _check(C)
     if not max(matrix.shape) <= k:
@@ -114,7 +95,6 @@ def zoom_out(
 
 
 def _basis(mesh: TriangleMesh, k: int) -> FloatArray:
-    """Return the first k eigenfunctions on the surface scaled to unit area, (V, k)."""
     return eigenbasis(mesh.normalized(), k)[1]
 
 

@@ -20,10 +20,6 @@ from abfm.types import FloatArray, IntArray
 class PointMap:
     """A map from one surface to another: where on the codomain each vertex of the domain lies.
 
-    A flow carries functions, not points. The coordinate functions carried for a time are the places
-    that the vertices' values came from, near the surface but not on it, so that `project` makes
-    points of them.
-
     Attributes
     ----------
     domain, codomain : TriangleMesh
@@ -32,13 +28,7 @@ class PointMap:
     barycentric : (V, 3) array
         Weights of its corners, not negative, summing to 1.
     distances : (V,) array, optional
-        How far images were from the codomain before they were brought onto it, in its units; 0 by
-        default.
-
-    Raises
-    ------
-    AbfmError
-        If there is not one point for each vertex, or these are not points of the codomain.
+        How far images were from the codomain before they were brought onto it, in its units; or 0.
     """
 
     domain: TriangleMesh
@@ -74,7 +64,6 @@ class PointMap:
 
     @cached_property
     def points(self) -> SurfacePoints:
-        """The images of the vertices."""
         return SurfacePoints(self.codomain, self.faces, self.barycentric)
 
     @property
@@ -83,13 +72,13 @@ class PointMap:
         return self.points.positions
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Compose a function (V',) or (V', C) on the codomain with the map, (V,) or (V, C), see
-        `SurfacePoints.pull_back`; of a second map's positions this is the composition of both.
+        """Compose a function (V',) or (V', C) on the codomain with the map, (V,) or (V, C); the
+        positions of a second map make the composition of both.
         """
         return self.points.pull_back(h)
 
     def nearest_vertices(self) -> IntArray:
-        """Round to a vertex-to-vertex map, (V,), see `SurfacePoints.nearest_vertices`."""
+        """Round to a vertex-to-vertex map, (V,)."""
         return self.points.nearest_vertices()
 
     def to_matrix(self) -> sparse.csr_array:

@@ -37,15 +37,8 @@ by up to 0.13.
 
 @dataclass(frozen=True, eq=False)
 class MapAccuracy:
-    """Errors of a map.
-
-    Attributes
-    ----------
-    vertices : (S,) array of int
-        The vertices that were measured, ascending: rows of the map.
-    errors : (S,) array
-        Geodesic distance between each one's image and its true image, over the square root of the
-        surface's area.
+    """Geodesic distances between images and true images, over the square root of the surface's
+    area.
     """
 
     vertices: IntArray
@@ -78,22 +71,15 @@ class MapAccuracy:
 
 
 def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
-    """Measure a map against a known one, by `abfm.calculus.geodesics.path_length`.
+    """Measure a map against a known one, by `path_length`.
 
     Parameters
     ----------
-    points : PointMap
     truth : (V,) array of int, optional
         The vertex of its codomain where each should go; by default the one with the same number.
     most : int
         Of more vertices than this, so many drawn at random (always the same ones) are measured: on
         12,000 vertices each takes about 10 ms.
-
-    Raises
-    ------
-    AbfmError
-        If ``truth`` does not fit ``points``, or the mesh has no geodesics between two of its
-        vertices.
     """
     count, mesh = len(points.faces), points.codomain
     expected = np.arange(len(mesh.vertices)) if truth is None else np.asarray(truth)
@@ -114,10 +100,9 @@ def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1
 
 
 def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArray) -> float:
-    """Return the distance along the surface from a vertex to a point in a face.
-
-    Distance is convex in flat places, so its linear interpolation between the corners is never too
-    short, and neither is a way over a corner: the smaller of both.
+    """Return the distance along the surface from a vertex to a point in a face. It is convex in
+    flat places, so its linear interpolation between the corners is never too short, and neither is
+    a way over a corner: the smaller of both.
     """
     corners = mesh.faces[face]
     place = barycentric @ mesh.vertices[corners]
@@ -132,16 +117,7 @@ def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArra
 
 @dataclass(frozen=True)
 class MapQuality:
-    """Numbers that tell a map from none.
-
-    Attributes
-    ----------
-    largest_distance, rms_distance : float
-        How far its points were from the surface before they were brought onto it, in sqrt(area) of
-        the surface.
-    folded : float
-        Share of the faces, 0 to 1, that the map turns over (`abfm.maps.Distortion.flipped`).
-    """
+    """Numbers that tell a map from none."""
 
     largest_distance: float
     rms_distance: float

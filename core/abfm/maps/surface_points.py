@@ -25,20 +25,8 @@ _ROUNDING = 1e-9  # of barycentric weights
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """P points of a mesh.
-
-    Attributes
-    ----------
-    mesh : TriangleMesh
-    faces : (P,) array of int
-        The face that holds each point.
-    barycentric : (P, 3) array
-        Weights of its corners, not negative, summing to 1.
-
-    Raises
-    ------
-    ParameterError
-        If these are not points of the mesh.
+    """P points of a mesh, by the faces (P,) that hold them and the barycentric weights (P, 3) of
+    their corners, not negative, summing to 1; a ParameterError says what else they are.
     """
 
     mesh: TriangleMesh
@@ -79,11 +67,6 @@ class SurfacePoints:
     def pull_back(self, h: ArrayLike) -> FloatArray:
         """Evaluate a vertex function (V,) or (V, C) at the points, linear inside each face, (P,) or
         (P, C).
-
-        Raises
-        ------
-        FunctionError
-            If ``h`` does not fit the mesh.
         """
         at_corners = channels(self.mesh, h, "h")[:, self.mesh.faces[self.faces]]
         values: FloatArray = np.einsum("pc,kpc->pk", self.barycentric, at_corners)
@@ -103,13 +86,7 @@ class SurfacePoints:
 
 
 def vertex_points(mesh: TriangleMesh, vertices: ArrayLike | None = None) -> SurfacePoints:
-    """Return vertices (P,), by index, as points of the surface; all of them by default.
-
-    Raises
-    ------
-    AbfmError
-        If an index is not a whole number or not among the mesh's own vertices.
-    """
+    """Return vertices (P,), by index, as points of the surface; all of them by default."""
     count = len(mesh.vertices)
     given = np.arange(count) if vertices is None else np.asarray(vertices)
     if given.ndim != 1 or given.dtype.kind not in "iu":
@@ -125,14 +102,8 @@ def vertex_points(mesh: TriangleMesh, vertices: ArrayLike | None = None) -> Surf
 
 
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:
-    """Find the closest point of the surface to each point in space (P, 3), in the mesh's units.
-
-    Exact up to rounding; where several faces are equally close the choice is always the same.
-
-    Raises
-    ------
-    AbfmError
-        If the points are not (P, 3) or not finite.
+    """Find the closest point of the surface to each point in space (P, 3), in the mesh's units:
+    exact up to rounding, and always the same where several faces are equally close.
     """
     return ClosestPoints(mesh).to(points)
 
@@ -147,7 +118,6 @@ class ClosestPoints:
         self._tree.init(mesh.vertices, mesh.faces)
 
     def to(self, points: ArrayLike) -> SurfacePoints:
-        """Find the closest point of the surface to each point (P, 3)."""
         given, vertices, corners = finite_points(points), self._mesh.vertices, self._mesh.faces
         faces = np.empty(len(given), dtype=np.int64)
         barycentric = np.empty((len(given), 3))

@@ -60,28 +60,15 @@ class SymmetryError(AbfmError):
 def detect_symmetry(
     mesh: TriangleMesh, kind: Kind, order: int = 2, tolerance: float = TOLERANCE
 ) -> Symmetry:
-    """Find the mirror plane, or the axis of a rotation by ``2 pi / order``, of a surface.
+    """Find the mirror plane, or the axis of a rotation by ``2 pi / order``, of a surface, made once
+    per mesh; a SymmetryError says how far the best one is off if that is more than a tolerance.
 
     Every symmetry keeps the centroid. Candidates are the principal axes of the surface and, as
     these say nothing where two moments are equal, the mirrors and rotations that carry one of three
     vertices to another one as far from the centroid. The best are refined by turns of closest
     points and best axes (not for orders above 2), then tried on all vertices. Of several symmetries
     permutations of the vertices go before others, then smaller errors before larger ones, then the
-    one that moves the surface most is chosen. Made once per mesh.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    kind : "mirror" or "rotation"
-    tolerance : float
-        Largest `Symmetry.error` that counts as symmetric.
-
-    Raises
-    ------
-    SymmetryError
-        If there is none within the tolerance; the message has the best error found.
-    ParameterError
-        If there is no such kind or order.
+    one that moves the surface most is chosen.
     """
     if kind not in KINDS:
         raise ParameterError(f"kind is {kind!r}; expected {' or '.join(map(repr, KINDS))}")

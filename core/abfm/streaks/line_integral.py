@@ -87,11 +87,6 @@ def line_integral_convolution(
     image : (size, size) or (P, size, size) array of float32
         From 0 to 1, row 0 at the bottom; grey (0.5) where there is no field and outside the
         triangles.
-
-    Raises
-    ------
-    ParameterError
-        If the field does not fit the mesh or is not finite, or a number is out of range.
     """
     field = check_field(mesh, velocity, "velocity")
     field = to_ambient(mesh, to_frame(mesh, field / (np.abs(field).max() or 1.0)))
@@ -114,7 +109,6 @@ def line_integral_convolution(
         grain = max(width * scale, _LEAST_TEXELS * spacing)
         flow, areas = smooth_flow(mesh, field, grain), face_areas(mesh) / grain**2
         places = mesh.vertices @ _TILT / grain + _SHIFT
-        canvas = Canvas(places, mesh.faces, areas, flow.neighbours, atlas.corners, owners, size)
         # places in space and texture as ``a + b x + c y`` of those in frames
         corners = np.concatenate([places[mesh.faces], atlas.corners], axis=2)
         slopes = np.einsum("fiq,fik->fqk", corners, flow.gradients)
@@ -124,15 +118,16 @@ def line_integral_convolution(
         )
         parts = max(int(np.ceil(_STEP * grain / (_STRIDE * spacing))), _LEAST_PARTS)
         calm, done = _CALM * float(speeds.max()), np.zeros(len(owners), dtype=bool)
-        lines = Streamlines(flow, canvas, charts, _STEP, parts, calm, int(seed) % 2**63)
+        canvas = flow, charts, atlas.corners, owners, size
+        lines = Streamlines(*canvas, _STEP, parts, calm, int(seed) % 2**63)
         convolve(lines, weights, done, images)
-        fill_gaps(canvas, done, images)
+        fill_gaps(lines, done, images)
         dark, bright = np.percentile(images[0, done][::_SAMPLE], _CONTRAST)
-        fill_margins(canvas, done, images)
+        fill_margins(lines, done, images)
         sharpen(1 / max(bright - dark, 1e-12), images)
         if fade:
             fast = np.quantile(speeds, _SLOWER, weights=areas, method="inverted_cdf")
-            dim(canvas, flow, 1 / float(fast), images)
+            dim(lines, 1 / float(fast), images)
     images = images.reshape(*phases.shape, size, size)
     images += np.float32(GREY)
     return atlas, images
@@ -140,9 +135,7 @@ def line_integral_convolution(
 
 def _window(steps: float, phases: FloatArray | None) -> FloatArray:
     """Return weights (P, K) along a streamline, of equal norm: Hann's window, or Hann's ripples
-    that move under it.
-
-    With two ripples all phases are about as different from the next.
+    that move under it, two, with which all phases are about as different from the next.
     """
     half = max(round(steps / 2), 1)
     along = np.pi * (np.arange(-half, half) + 0.5) / half
@@ -152,27 +145,16 @@ def _window(steps: float, phases: FloatArray | None) -> FloatArray:
     return np.asarray(weights / np.linalg.norm(weights, axis=1, keepdims=True))
 
 
-class Canvas(NamedTuple):
-    """A mesh and its texture."""
-
-    vertices: FloatArray  # (V, 3), in units of the texel length
-    faces: IndexArray  # (F, 3)
-    areas: FloatArray  # (F,)
-    # (F, 3), slot 3 f + k across the edge opposite each corner, -1 on the boundary
-    neighbours: IndexArray
-    corners: FloatArray  # (F, 3, 2), where the corners of each face lie, column and row in texels
-    owners: IndexArray  # (texels,), face of each texel, row by row, or -1
-    size: int  # texels in a row
-
-
 class Streamlines(NamedTuple):
     """A field to walk along in equal steps, and the texture in which texels are met."""
 
     flow: SmoothFlow
-    canvas: Canvas
     # (F, 5, 3), where a place (x, y) of a face is, as ``a + b x + c y``: three coordinates in
     # space, column and row in texels
     charts: FloatArray
+    corners: FloatArray  # (F, 3, 2), where the corners of each face lie, column and row in texels
+    owners: IndexArray  # (texels,), face of each texel, row by row, or -1
+    size: int  # texels in a row
     step: float
     parts: int  # of a step, in which it is walked, and texels are served
     calm: float  # speed up to which there is no direction
@@ -215,12 +197,11 @@ def direction(flow: SmoothFlow, walker: Walker, step: float, calm: float) -> Wal
 def follow(
     lines: Streamlines, walker: Walker, ahead: int, steps: tuple[int, int], track: Track
 ) -> Walker:
-    """Go on with a walk from a step to another, ``ahead`` 1 or back -1, and keep its track.
-
-    Where the walk ends, at a boundary or where the field has no direction, the noise goes straight
-    on in space, so that there is as much of it everywhere.
+    """Go on with a walk from a step to another, ahead (1) or back (-1), and keep its track. Where
+    it ends, at a boundary or where the field has no direction, the noise goes straight on in space,
+    so that there is as much of it everywhere.
     """
-    flow, charts, size, parts = lines.flow, lines.charts, lines.canvas.size, lines.parts
+    flow, charts, size, parts = lines.flow, lines.charts, lines.size, lines.parts
     place, step, calm = track.place, ahead * lines.step, lines.calm
     middle = track.noise.size // 2
     for j in range(steps[0], steps[1]):
@@ -276,11 +257,9 @@ def put(charts: FloatArray, f: Face, x: float, y: float, place: FloatArray) -> N
 
 
 @kernel
-def texel_place(canvas: Canvas, flow: SmoothFlow, texel: int, b: FloatArray) -> tuple[float, float]:
-    """Return a texel's centre in the frame of its face; its weights are written into ``b`` (3,)."""
-    f = canvas.owners[texel]
-    weigh_texel(canvas, texel, b)
-    g = flow.gradients
+def place_of(lines: Streamlines, f: Face, b: FloatArray) -> tuple[float, float]:
+    """Return a place in the frame of a face by its weights."""
+    g = lines.flow.gradients
     area = g[f, 1, 0] * g[f, 2, 1] - g[f, 1, 1] * g[f, 2, 0]
     x, y = b[1] * g[f, 2, 1] - b[2] * g[f, 1, 1], b[2] * g[f, 1, 0] - b[1] * g[f, 2, 0]
     return x / area, y / area
@@ -320,10 +299,11 @@ def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: 
     mark_new(lines, nearest, done)
     b = np.empty(3)
     for texel in range(done.size):
-        if nearest[texel] != _NEW or between_known(lines.canvas, nearest, texel):
+        if nearest[texel] != _NEW or between_known(lines, nearest, texel):
             continue
-        f = lines.canvas.owners[texel]
-        x, y = texel_place(lines.canvas, lines.flow, texel, b)
+        f = lines.owners[texel]
+        weigh_texel(lines, texel, b)
+        x, y = place_of(lines, f, b)
         u, v = vector_at(lines.flow, f, x, y)
         if u * u + v * v <= lines.calm * lines.calm:
             nearest[texel], done[texel] = 0, True
@@ -347,8 +327,8 @@ def mark_new(lines: Streamlines, nearest: IndexArray, done: IndexArray) -> None:
     """Mark texels whose centre is in their face as new, or as done where there is no field."""
     b = np.empty(3)
     for texel in range(done.size):
-        f = lines.canvas.owners[texel]
-        inside = f >= 0 and weigh_texel(lines.canvas, texel, b)
+        f = lines.owners[texel]
+        inside = f >= 0 and weigh_texel(lines, texel, b)
         done[texel] = inside and not lines.flow.vectors[f].any()
         nearest[texel] = _NEW if inside and not done[texel] else 0
 
@@ -412,27 +392,28 @@ def sharpen(factor: float, images: FloatImage) -> None:
 
 
 @kernel
-def dim(canvas: Canvas, flow: SmoothFlow, factor: float, images: FloatImage) -> None:
+def dim(lines: Streamlines, factor: float, images: FloatImage) -> None:
     """Multiply the texels of ``images`` (P, texels) by a factor times the speed, at most 1."""
     b = np.empty(3)
-    for texel in range(canvas.owners.size):
-        f = canvas.owners[texel]
+    for texel in range(lines.owners.size):
+        f = lines.owners[texel]
         if f >= 0:
-            x, y = texel_place(canvas, flow, texel, b)
-            u, v = vector_at(flow, f, x, y)
+            weigh_texel(lines, texel, b)
+            x, y = place_of(lines, f, b)
+            u, v = vector_at(lines.flow, f, x, y)
             share = min(factor * math.sqrt(u * u + v * v), 1.0)
             for picture in range(images.shape[0]):
                 images[picture, texel] *= share
 
 
 @kernel
-def weigh_texel(canvas: Canvas, texel: int, b: FloatArray) -> bool:
+def weigh_texel(lines: Streamlines, texel: int, b: FloatArray) -> bool:
     """Compute barycentric weights of a texel's centre in its face; says whether it is inside."""
-    f = canvas.owners[texel]
-    corners = canvas.corners[f]
+    f = lines.owners[texel]
+    corners = lines.corners[f]
     u0, u1 = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
     v0, v1 = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
-    p0, p1 = texel % canvas.size + 0.5 - corners[0, 0], texel // canvas.size + 0.5 - corners[0, 1]
+    p0, p1 = texel % lines.size + 0.5 - corners[0, 0], texel // lines.size + 0.5 - corners[0, 1]
     area = u0 * v1 - u1 * v0
     b[1] = (p0 * v1 - p1 * v0) / area
     b[2] = (u0 * p1 - u1 * p0) / area
@@ -442,79 +423,55 @@ def weigh_texel(canvas: Canvas, texel: int, b: FloatArray) -> bool:
 
 
 @kernel
-def between_known(canvas: Canvas, nearest: IndexArray, texel: int) -> bool:
+def between_known(lines: Streamlines, nearest: IndexArray, texel: int) -> bool:
     """Say whether two opposite neighbours are of the same face and known: 1 to 254."""
-    for away in (1, canvas.size):
+    for away in (1, lines.size):
         count = 0
-        for other in (texel - away, texel + away):
-            if (
-                0 <= other < nearest.size
-                and canvas.owners[other] == canvas.owners[texel]
-                and 0 < nearest[other] < 255
-            ):
-                count += 1
+        for i in (texel - away, texel + away):
+            if 0 <= i < nearest.size and lines.owners[i] == lines.owners[texel]:
+                count += 0 < nearest[i] < _NEW
         if count == 2:
             return True
     return False
 
 
 @kernel
-def clip(b: FloatArray) -> None:
-    """Move weights into the triangle."""
+def unfold(lines: Streamlines, f: int, b: FloatArray) -> int:
+    """Move a place around face ``f`` into that behind the edge which it is beyond, or to the edge
+    where nothing lies behind it; writes its weights, returns the face.
+    """
+    c, flow = 0, lines.flow
+    for i in range(1, 3):
+        if b[i] < b[c]:
+            c = i
+    slot = flow.neighbours[f, c]
+    if b[c] < 0.0 and slot >= 0:
+        (p, q), motion = place_of(lines, f, b), flow.unfolding[f, c]
+        f = slot // 3
+        x, y = motion[0] * p - motion[1] * q + motion[2], motion[1] * p + motion[0] * q + motion[3]
+        for i in range(3):
+            b[i] = flow.gradients[f, i, 0] * x + flow.gradients[f, i, 1] * y
+        b[0] += 1.0
     total = 0.0
     for i in range(3):
         b[i] = max(b[i], 0.0)
         total += b[i]
     for i in range(3):
         b[i] /= total
+    return f
 
 
 @kernel
-def unfold(canvas: Canvas, f: int, b: FloatArray) -> int:
-    """Rewrite weights of a place around face ``f`` for that behind an edge; returns which, or ``f``
-    where nothing lies behind it.
-    """
-    c = 0
-    for i in range(1, 3):
-        if b[i] < b[c]:
-            c = i
-    slot = canvas.neighbours[f, c]
-    if b[c] >= 0.0 or slot < 0:
-        clip(b)
-        return f
-    i, j, k = canvas.faces[f, (c + 1) % 3], canvas.faces[f, (c + 2) % 3], canvas.faces[f, c]
-    g: int = slot // 3
-    o = canvas.faces[g, slot % 3]
-    ee, ek, eo = 0.0, 0.0, 0.0
-    for x in range(3):
-        start = canvas.vertices[i, x]
-        edge = canvas.vertices[j, x] - start
-        ee += edge * edge
-        ek += edge * (canvas.vertices[k, x] - start)
-        eo += edge * (canvas.vertices[o, x] - start)
-    depth = -b[c] * canvas.areas[f] / canvas.areas[g]
-    along = b[(c + 2) % 3] + b[c] * ek / ee - depth * eo / ee
-    b[slot % 3] = depth
-    b[(slot + 1) % 3] = along
-    b[(slot + 2) % 3] = 1.0 - depth - along
-    clip(b)
-    return g
-
-
-@kernel
-def fill_gaps(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
+def fill_gaps(lines: Streamlines, done: IndexArray, images: FloatImage) -> None:
     """Give texels inside triangles that are not ``done`` the mean of their neighbours."""
     b = np.empty(3)
     for texel in range(done.size):
-        if canvas.owners[texel] < 0 or done[texel] or not weigh_texel(canvas, texel, b):
+        if lines.owners[texel] < 0 or done[texel] or not weigh_texel(lines, texel, b):
             continue
-        known = [
-            other
-            for other in (texel - 1, texel + 1, texel - canvas.size, texel + canvas.size)
-            if 0 <= other < done.size
-            and canvas.owners[other] == canvas.owners[texel]
-            and done[other]
-        ]
+        size, f = lines.size, lines.owners[texel]
+        around = (texel - 1, texel + 1, texel - size, texel + size)
+        inside = [i for i in around if 0 <= i < done.size and lines.owners[i] == f]
+        known = [i for i in inside if done[i]]
         for other in known:
             for picture in range(images.shape[0]):
                 images[picture, texel] += images[picture, other] / len(known)
@@ -522,24 +479,24 @@ def fill_gaps(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
 
 
 @kernel
-def fill_margins(canvas: Canvas, done: IndexArray, images: FloatImage) -> None:
+def fill_margins(lines: Streamlines, done: IndexArray, images: FloatImage) -> None:
     """Give texels around each triangle what lies behind its edge, from those ``done``."""
     b = np.empty(3)
     for texel in range(done.size):
-        if canvas.owners[texel] < 0 or done[texel]:
+        if lines.owners[texel] < 0 or done[texel]:
             continue
-        weigh_texel(canvas, texel, b)
-        g = unfold(canvas, canvas.owners[texel], b)
+        weigh_texel(lines, texel, b)
+        g = unfold(lines, lines.owners[texel], b)
         x, y = -0.5, -0.5
         for i in range(3):
-            x += b[i] * canvas.corners[g, i, 0]
-            y += b[i] * canvas.corners[g, i, 1]
+            x += b[i] * lines.corners[g, i, 0]
+            y += b[i] * lines.corners[g, i, 1]
         column, row = math.floor(x), math.floor(y)
         total = 0.0
         for corner in range(4):
             i, j = column + corner % 2, row + corner // 2
-            other = j * canvas.size + i
-            if i < canvas.size and other < done.size and canvas.owners[other] == g and done[other]:
+            other = j * lines.size + i
+            if i < lines.size and other < done.size and lines.owners[other] == g and done[other]:
                 weight = max(1.0 - abs(x - i), _ROUNDING) * max(1.0 - abs(y - j), _ROUNDING)
                 total += weight
                 for picture in range(images.shape[0]):

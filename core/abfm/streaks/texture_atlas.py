@@ -61,11 +61,6 @@ def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
     texels as the other two edges in units of ``texel_length``, but at least one texel. Two of like
     size share a rectangle, and all texels that linear filtering reads for a triangle are its own,
     so that no seams show.
-
-    Raises
-    ------
-    ParameterError
-        If the size is out of range, or too small for that many faces.
     """
     if not isinstance(size, int | np.integer) or not _SMALLEST <= size <= LARGEST_SIZE:
         raise ParameterError(
@@ -110,10 +105,9 @@ def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
 
 
 def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArray]:
-    """Pair triangles with legs (F, 2) in texels, the longer first, and set their rectangles.
-
-    Returns whether all have room; the faces, two after two; and widths and heights (n, 2) and lower
-    left corners (n, 2) of the rectangles.
+    """Pair triangles with legs (F, 2) in texels, the longer first, and set their rectangles:
+    returns whether all have room, the faces, and rectangles' sizes (n, 2) and lower left corners
+    (n, 2).
     """
     lost = 1 + _MARGIN
     heights = np.ceil(legs[:, 1] + 2 * lost - 1e-9)

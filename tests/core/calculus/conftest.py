@@ -2,11 +2,10 @@
 
 import pytest
 
-from abfm.mesh import TriangleMesh
 from tests.core.surfaces import SURFACES
 
 
 @pytest.fixture(params=SURFACES)
-def mesh(request: pytest.FixtureRequest) -> TriangleMesh:
+def mesh(request):
     """Every kind of surface."""
     return SURFACES[request.param]

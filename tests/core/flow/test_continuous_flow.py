@@ -1,7 +1,5 @@
 """Points carried along the continuous field: exact, invertible, at home on boundaries."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -10,8 +8,6 @@ from scipy.spatial.transform import Rotation
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.maps.surface_points import project_onto_surface
-from abfm.mesh import TriangleMesh
-from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from tests.core.fields import rotation_field, wavy_field
 from tests.core.surfaces import SURFACES
@@ -21,13 +17,13 @@ from tests.shapes import disc, icosphere, square, torus
 AXIS = np.array([0.3, -0.5, 0.8])
 
 
-def mean_distance(points: FloatArray, others: FloatArray) -> float:
+def mean_distance(points, others):
     """Root mean square of distances between rows (P, 3)."""
     return float(np.sqrt(((points - others) ** 2).sum(axis=1).mean()))
 
 
 @pytest.mark.parametrize("backwards", [False, True])
-def test_a_rotating_sphere_turns_with_order_two(backwards: bool) -> None:
+def test_a_rotating_sphere_turns_with_order_two(backwards):
     errors = []
     for level in (3, 4, 5):
         mesh = icosphere(level)
@@ -39,7 +35,7 @@ def test_a_rotating_sphere_turns_with_order_two(backwards: bool) -> None:
     assert_allclose(observed_orders([4, 2, 1], errors), 2, rtol=0, atol=0.1)
 
 
-def test_a_torus_turned_about_its_axis_turns_with_order_two() -> None:
+def test_a_torus_turned_about_its_axis_turns_with_order_two():
     errors = []
     for n in (24, 48, 96):
         mesh = torus(n, n // 2)
@@ -49,7 +45,7 @@ def test_a_torus_turned_about_its_axis_turns_with_order_two() -> None:
     assert observed_orders([4, 2, 1], errors).min() > 1.8
 
 
-def test_a_constant_field_moves_the_plane_exactly_and_stops_at_its_sides() -> None:
+def test_a_constant_field_moves_the_plane_exactly_and_stops_at_its_sides():
     """Also at boundary vertices and in faces with two boundary edges."""
     mesh = square(7)
     field = np.tile([0.31, -0.17, 5.0], (len(mesh.faces), 1))  # the normal part is dropped
@@ -58,7 +54,7 @@ def test_a_constant_field_moves_the_plane_exactly_and_stops_at_its_sides() -> No
     assert_allclose(points.positions, exact * [1, 1, 0], rtol=0, atol=1e-10)
 
 
-def test_a_disc_turns_along_its_boundary() -> None:
+def test_a_disc_turns_along_its_boundary():
     errors = []
     for n in (8, 16, 32):
         mesh = disc(n)
@@ -70,7 +66,7 @@ def test_a_disc_turns_along_its_boundary() -> None:
     assert observed_orders([4, 2, 1], errors).min() > 1.5
 
 
-def test_there_and_back_is_the_identity_in_the_limit() -> None:
+def test_there_and_back_is_the_identity_in_the_limit():
     errors = []
     for n in (24, 48, 96):
         mesh = torus(n, n // 2)
@@ -82,7 +78,7 @@ def test_there_and_back_is_the_identity_in_the_limit() -> None:
     assert observed_orders([4, 2, 1], errors).min() > 1.5
 
 
-def test_several_fields_follow_each_other() -> None:
+def test_several_fields_follow_each_other():
     """Two quarter turns that do not commute, in this order; backwards the last is undone first."""
     mesh = icosphere(4)
     fields = np.stack(
@@ -95,7 +91,7 @@ def test_several_fields_follow_each_other() -> None:
     assert_allclose(flow.origins().positions, back, rtol=0, atol=0.02)
 
 
-def test_equal_fields_in_a_row_are_one() -> None:
+def test_equal_fields_in_a_row_are_one():
     mesh = torus(48, 24)
     field = wavy_field(mesh, 2)
     once = ContinuousFlow(mesh, field, 0.3).destinations()
@@ -104,7 +100,7 @@ def test_equal_fields_in_a_row_are_one() -> None:
 
 
 @pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES)
-def test_points_stay_on_the_surface_on_any_mesh(mesh: TriangleMesh) -> None:
+def test_points_stay_on_the_surface_on_any_mesh(mesh):
     points = ContinuousFlow(mesh, 3 * wavy_field(mesh, 4), 1.0).destinations()
     assert (points.barycentric >= 0).all()
     assert_allclose(points.barycentric.sum(axis=1), 1, rtol=1e-12)
@@ -112,7 +108,7 @@ def test_points_stay_on_the_surface_on_any_mesh(mesh: TriangleMesh) -> None:
     assert_allclose(landed.distances_from(points.positions), 0, atol=1e-12)
 
 
-def test_no_field_and_no_time_move_nothing() -> None:
+def test_no_field_and_no_time_move_nothing():
     mesh = icosphere(2)
     for points in (
         ContinuousFlow(mesh, 0 * mesh.vertices[mesh.faces[:, 0]], 1.0).destinations(),
@@ -121,7 +117,7 @@ def test_no_field_and_no_time_move_nothing() -> None:
         assert_allclose(points.positions, mesh.vertices, rtol=0, atol=1e-10)
 
 
-def test_points_do_not_jump_away_from_a_source() -> None:
+def test_points_do_not_jump_away_from_a_source():
     """Near a zero of the field steps are short although it is slow; growth is exponential."""
     mesh = disc(6)
     field = 3 * mesh.vertices[mesh.faces].mean(axis=1)
@@ -130,10 +126,10 @@ def test_points_do_not_jump_away_from_a_source() -> None:
     assert_allclose(end, near.positions[0] * np.exp(6), rtol=0.2)
 
 
-def test_the_caller_may_end_the_work_between_chunks() -> None:
+def test_the_caller_may_end_the_work_between_chunks():
     control, calls = Control(), []
 
-    def heeds() -> bool:
+    def heeds():
         calls.append(1)
         return len(calls) == 2
 
@@ -144,13 +140,13 @@ def test_the_caller_may_end_the_work_between_chunks() -> None:
 
 
 @pytest.mark.parametrize("factor", [1e6, 1e200, 1e307])
-def test_fields_that_would_take_very_long_are_refused(factor: float) -> None:
+def test_fields_that_would_take_very_long_are_refused(factor):
     mesh = icosphere(2)
     with pytest.raises(ParameterError, match=r"leads points over .* faces .* scale it down"):
         ContinuousFlow(mesh, factor * wavy_field(mesh, 1), 1.0)
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_what_does_not_fit_is_refused():
     mesh = icosphere(1)
     field = wavy_field(mesh, 1)
     with pytest.raises(ParameterError, match="velocity has shape"):
@@ -159,4 +155,4 @@ def test_what_does_not_fit_is_refused() -> None:
         ContinuousFlow(mesh, np.full_like(field, np.nan), 1.0)
     for tau in (-1.0, np.inf, np.nan, np.ones(2)):
         with pytest.raises(ParameterError, match="tau is"):
-            ContinuousFlow(mesh, field, tau)  # type: ignore[arg-type]
+            ContinuousFlow(mesh, field, tau)

@@ -1,7 +1,5 @@
 """The public flow: turns of a sphere, group property, way back, partial linearised steps."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np
@@ -18,7 +16,7 @@ BALL = icosphere(3, radius=2.0)
 BUMP = bump(BALL, BALL.vertices[5], 0.2)
 
 
-def test_a_turning_sphere_carries_functions_and_points_along_with_order_two() -> None:
+def test_a_turning_sphere_carries_functions_and_points_along_with_order_two():
     """A quarter turn about z takes the bump at x to y, and points came from one before."""
     sizes, functions, points = [], [], []
     for level in (3, 4, 5):
@@ -35,19 +33,19 @@ def test_a_turning_sphere_carries_functions_and_points_along_with_order_two() ->
     assert observed_orders(sizes, points)[-1] > 1.8
 
 
-def test_one_field_is_carried_as_by_advect() -> None:
+def test_one_field_is_carried_as_by_advect():
     v = wavy_field(BALL, 1)
     np.testing.assert_array_equal(Flow(BALL, v).push(BUMP, 0.7), advect(BALL, v, BUMP, 0.7))
 
 
-def test_times_add_up_and_a_negative_time_goes_back() -> None:
+def test_times_add_up_and_a_negative_time_goes_back():
     flow = Flow(BALL, wavy_field(BALL, 3), 0.8)
     there = flow.push(BUMP, 0.8)
     np.testing.assert_allclose(flow.push(flow.push(BUMP, 0.5), 0.3), there, atol=1e-8)
     np.testing.assert_allclose(flow.push(there, -0.8), BUMP, atol=1e-7)
 
 
-def test_several_fields_in_a_row_share_the_time_and_the_last_one_goes_on() -> None:
+def test_several_fields_in_a_row_share_the_time_and_the_last_one_goes_on():
     first, last = fields = np.stack([wavy_field(BALL, 1), wavy_field(BALL, 2)])
     flow = Flow(BALL, fields, 0.6)
     halfway = advect(BALL, first, BUMP, 0.3)
@@ -56,7 +54,7 @@ def test_several_fields_in_a_row_share_the_time_and_the_last_one_goes_on() -> No
     np.testing.assert_allclose(flow.push(flow.push(BUMP), -0.6), BUMP, atol=1e-7)
 
 
-def test_a_span_has_the_same_values_in_any_order_of_times() -> None:
+def test_a_span_has_the_same_values_in_any_order_of_times():
     flow = Flow(BALL, wavy_field(BALL, 4))
     h = np.stack([BUMP, BUMP**2], axis=1)
     times = [0.4, 0.0, -0.3, 1.0]
@@ -67,7 +65,7 @@ def test_a_span_has_the_same_values_in_any_order_of_times() -> None:
         np.testing.assert_allclose(flow.push(h, t), value, atol=1e-9)
 
 
-def test_linearised_steps_are_the_first_two_terms_and_may_be_partial() -> None:
+def test_linearised_steps_are_the_first_two_terms_and_may_be_partial():
     mesh = square(12)
     fields = 0.2 * np.stack([wavy_field(mesh, seed) for seed in (1, 2)])
     one, other = (directional_derivative(mesh, to_frame(mesh, v)) for v in fields)
@@ -81,7 +79,7 @@ def test_linearised_steps_are_the_first_two_terms_and_may_be_partial() -> None:
     np.testing.assert_allclose(flow.push(f, -0.7), back + 0.5 * (one @ back), atol=1e-12)
 
 
-def test_two_flows_on_a_mesh_do_not_disturb_each_other() -> None:
+def test_two_flows_on_a_mesh_do_not_disturb_each_other():
     one = Flow(BALL, wavy_field(BALL, 1))
     other = Flow(BALL, wavy_field(BALL, 2), method="linearised")
     before = one.push(BUMP, 0.5)
@@ -103,12 +101,12 @@ def test_two_flows_on_a_mesh_do_not_disturb_each_other() -> None:
         ),
     ],
 )
-def test_what_is_no_flow_is_refused_in_words(velocity, options, words) -> None:
+def test_what_is_no_flow_is_refused_in_words(velocity, options, words):
     with pytest.raises(ParameterError, match=words):
         Flow(BALL, velocity, **options)
 
 
-def test_what_cannot_be_carried_is_refused_in_words() -> None:
+def test_what_cannot_be_carried_is_refused_in_words():
     flow = Flow(BALL, np.zeros((1280, 3)))
     with pytest.raises(FunctionError):
         flow.push(np.zeros(5), 1.0)
@@ -119,7 +117,7 @@ def test_what_cannot_be_carried_is_refused_in_words() -> None:
         Flow(BALL, np.full((1280, 3), 1e9)).push(BUMP, 1.0)
 
 
-def test_of_a_function_at_many_times_nothing_large_stays_with_the_mesh() -> None:
+def test_of_a_function_at_many_times_nothing_large_stays_with_the_mesh():
     times, field = [0.2, 0.4, 0.8], wavy_field(BALL, 3)
     Flow(BALL, field).push(BUMP, times)  # all is compiled
     mesh = icosphere(3, radius=2.0)

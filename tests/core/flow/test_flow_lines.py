@@ -1,7 +1,5 @@
 """Flow lines against motions known exactly, against advection, and on fields made to trap them."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 import numpy as np
@@ -10,15 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import ArrayLike
 
 from abfm import advect
 from abfm.calculus.operators import l2_norm
 from abfm.errors import ParameterError
-from abfm.flow.flow_lines import FlowLine, flow_lines
+from abfm.flow.flow_lines import flow_lines
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface
 from abfm.mesh import TriangleMesh
-from abfm.types import FloatArray
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
@@ -27,37 +23,37 @@ AXIS = np.array([1.0, 2.0, -2.0]) / 3
 MODULE = import_module("abfm.flow.flow_lines")  # the room has a function of this name
 
 
-def random_start(mesh: TriangleMesh, count: int) -> SurfacePoints:
+def random_start(mesh, count):
     rng = np.random.default_rng(0)
     return SurfacePoints(
         mesh, rng.integers(0, len(mesh.faces), count), rng.dirichlet([1, 1, 1], count)
     )
 
 
-def centre(mesh: TriangleMesh, face: int) -> SurfacePoints:
+def centre(mesh, face):
     return SurfacePoints(mesh, np.array([face]), np.full((1, 3), 1 / 3))
 
 
-def constant(mesh: TriangleMesh, vector: ArrayLike) -> FloatArray:
+def constant(mesh, vector):
     return np.tile(np.asarray(vector, dtype=float), (len(mesh.faces), 1))
 
 
-def starts(lines: list[FlowLine]) -> FloatArray:
+def starts(lines):
     return np.array([line.positions[0] for line in lines])
 
 
-def ends(lines: list[FlowLine]) -> FloatArray:
+def ends(lines):
     return np.array([line.positions[-1] for line in lines])
 
 
-def strip(left: ArrayLike, right: ArrayLike) -> tuple[TriangleMesh, FloatArray]:
+def strip(left, right):
     """Two triangles, left and right of the edge from (0, 0) to (0, 1), and a vector in each."""
     mesh = TriangleMesh([[0, 0, 0], [0, 1, 0], [-1, 0.5, 0], [1, 0.5, 0]], [[0, 1, 2], [1, 0, 3]])
     return mesh, np.array([left, right], dtype=float)
 
 
 class TestExactMotions:
-    def test_constant_field_on_a_plane(self) -> None:
+    def test_constant_field_on_a_plane(self):
         mesh, velocity = square(8), np.array([0.7, -0.4, 0])
         lines = flow_lines(mesh, constant(mesh, velocity), random_start(mesh, 50), 0.3)
         for line in lines:
@@ -75,7 +71,7 @@ class TestExactMotions:
         assert_array_equal([line.ended == "time" for line in lines], inside)
         assert {line.ended for line in lines} == {"time", "boundary"}
 
-    def test_places_lie_in_their_faces(self) -> None:
+    def test_places_lie_in_their_faces(self):
         mesh = torus(12, 9)
         for line in flow_lines(mesh, wavy_field(mesh, 1), random_start(mesh, 20), 1.5):
             corners = mesh.vertices[mesh.faces[line.faces]]
@@ -88,7 +84,7 @@ class TestExactMotions:
             assert line.barycentric.min() >= 0
             assert (np.diff(line.times) >= 0).all()
 
-    def test_rotation_of_a_sphere(self) -> None:
+    def test_rotation_of_a_sphere(self):
         """A face has the field of its centre; off it the error is of first order."""
         errors = []
         for level in (3, 4, 5, 6):
@@ -101,7 +97,7 @@ class TestExactMotions:
         assert errors[-1] < 1e-3
         assert np.log2(errors[0] / errors[-1]) / 3 > 1.2
 
-    def test_agrees_with_advected_coordinates(self) -> None:
+    def test_agrees_with_advected_coordinates(self):
         """Flow lines backwards end where advection says that values came from."""
         errors = []
         for level in (3, 4, 5):
@@ -117,7 +113,7 @@ class TestExactMotions:
         assert errors[2] < 0.02
         assert np.log2(errors[0] / errors[2]) / 2 > 0.8
 
-    def test_reversed_field_returns(self) -> None:
+    def test_reversed_field_returns(self):
         mesh = icosphere(4)
         velocity = rotation_field(mesh, AXIS)
         there = flow_lines(mesh, velocity, random_start(mesh, 50), 1.0)
@@ -135,7 +131,7 @@ class TestExactMotions:
             # where lines met at an edge the way back may leave it elsewhere
             assert distances.max() < 0.05
 
-    def test_negative_times_run_backwards(self) -> None:
+    def test_negative_times_run_backwards(self):
         mesh = square(6)
         [line] = flow_lines(mesh, constant(mesh, [0.1, 0, 0]), centre(mesh, 30), -2.0)
         assert line.times[-1] == -2
@@ -143,7 +139,7 @@ class TestExactMotions:
             assert_allclose(line.at(t), line.positions[0] + [0.1 * t, 0, 0], rtol=0, atol=1e-15)
         assert_allclose(line.at(-9), line.positions[-1], rtol=0, atol=0)
 
-    def test_starts_at_the_points_that_are_given(self) -> None:
+    def test_starts_at_the_points_that_are_given(self):
         mesh = icosphere(2)
         points = project_onto_surface(mesh, mesh.vertices[:7])
         lines = flow_lines(mesh, rotation_field(mesh, AXIS), points, 0.0)
@@ -161,7 +157,7 @@ class TestExactMotions:
 
 
 class TestFieldsInARow:
-    def test_each_lasts_its_part_and_the_last_goes_on(self) -> None:
+    def test_each_lasts_its_part_and_the_last_goes_on(self):
         mesh = square(6)
         fields = np.stack(
             [constant(mesh, [0.1, 0, 0]), constant(mesh, [0, 0, 0]), constant(mesh, [0, 0.15, 0])]
@@ -178,14 +174,14 @@ class TestFieldsInARow:
             assert_allclose(line.at(t) - line.positions[0], [x, y, 0], rtol=0, atol=1e-14)
         assert line.ended == "time"
 
-    def test_equal_fields_are_one_field(self) -> None:
+    def test_equal_fields_are_one_field(self):
         mesh = torus(12, 9)
         velocity, start = wavy_field(mesh, 4), random_start(mesh, 10)
         one = flow_lines(mesh, velocity, start, 1.2)
         four = flow_lines(mesh, np.stack([velocity] * 4), start, 1.2, tau=1.0)
         assert_allclose(ends(four), ends(one), rtol=0, atol=1e-10)
 
-    def test_short_walks_need_only_the_first(self) -> None:
+    def test_short_walks_need_only_the_first(self):
         mesh = square(6)
         fields = np.stack([constant(mesh, [0.1, 0, 0]), constant(mesh, [0, 0.1, 0])])
         [ahead], [back] = (
@@ -196,7 +192,7 @@ class TestFieldsInARow:
 
 
 class TestEdgesAndVertices:
-    def test_slides_along_an_edge_between_opposing_faces(self) -> None:
+    def test_slides_along_an_edge_between_opposing_faces(self):
         """Filippov: the mean of (1, 0.4) and (-3, 0.8) with no part across the edge is (0, 0.5)."""
         mesh, velocity = strip([1, 0.4, 0], [-3, 0.8, 0])
         start = SurfacePoints(mesh, np.array([0]), np.array([[0.6, 0.3, 0.1]]))
@@ -213,13 +209,13 @@ class TestEdgesAndVertices:
         assert longer.ended == "boundary"
         assert_allclose(longer.positions[-1], [0, 1, 0], rtol=0, atol=1e-15)
 
-    def test_rests_on_an_edge_between_equal_opponents(self) -> None:
+    def test_rests_on_an_edge_between_equal_opponents(self):
         mesh, velocity = strip([1, 0, 0], [-2, 0, 0])
         [line] = flow_lines(mesh, velocity, centre(mesh, 0), 5.0)
         assert line.ended == "stagnation"
         assert_allclose(line.at(5), [0, 0.5, 0], rtol=0, atol=1e-15)
 
-    def test_passes_through_vertices(self) -> None:
+    def test_passes_through_vertices(self):
         """Along edges and diagonals of a regular grid, from a vertex, in eight directions."""
         x, y = np.meshgrid(np.arange(9.0), np.arange(9.0), indexing="ij")
         cells = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
@@ -233,7 +229,7 @@ class TestEdgesAndVertices:
             assert line.ended == "time"
             assert_allclose(line.positions[-1], [*(4 + 3.5 * direction), 0], rtol=0, atol=1e-12)
 
-    def test_rests_in_a_sink_and_leaves_a_source(self) -> None:
+    def test_rests_in_a_sink_and_leaves_a_source(self):
         mesh = square(10)
         inner = int(np.argmin(np.linalg.norm(mesh.vertices - [0.5, 0.5, 0], axis=1)))
         outward = mesh.vertices[mesh.faces].mean(axis=1) - mesh.vertices[inner]
@@ -245,7 +241,7 @@ class TestEdgesAndVertices:
         )
         assert line.ended == "boundary"
 
-    def test_whirls_around_a_vertex_end(self) -> None:
+    def test_whirls_around_a_vertex_end(self):
         """Around each vertex of a tetrahedron, inwards: infinitely many edges in finite time."""
         mesh = tetrahedron()
         centres = mesh.vertices[mesh.faces].mean(axis=1)
@@ -256,7 +252,7 @@ class TestEdgesAndVertices:
 
 
 class TestEndings:
-    def test_boundary(self) -> None:
+    def test_boundary(self):
         mesh = hemisphere(6)
         lines = flow_lines(
             mesh, tangent(mesh, constant(mesh, [0, 0, -1])), random_start(mesh, 30), 100.0
@@ -264,14 +260,14 @@ class TestEndings:
         assert {line.ended for line in lines} == {"boundary"}
         assert_allclose(ends(lines)[:, 2], 0, rtol=0, atol=1e-13)
 
-    def test_zero_field_stays(self) -> None:
+    def test_zero_field_stays(self):
         mesh = icosphere(1)
         for line in flow_lines(mesh, np.zeros((len(mesh.faces), 3)), random_start(mesh, 5), 1.0):
             assert line.ended == "stagnation"
             assert_array_equal(line.times, [0])
             assert_allclose(line.at(0.5), line.positions[0], rtol=0, atol=0)
 
-    def test_step_limit(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_step_limit(self, monkeypatch):
         monkeypatch.setattr(MODULE, "STEP_LIMIT", 1000)
         mesh = icosphere(2)
         [line] = flow_lines(mesh, rotation_field(mesh, AXIS), centre(mesh, 0), 1e300)
@@ -287,7 +283,7 @@ class TestEndings:
         ),
         duration=st.floats(-1e6, 1e6),
     )
-    def test_random_fields_never_hang(self, velocity: FloatArray, duration: float) -> None:
+    def test_random_fields_never_hang(self, velocity, duration):
         for mesh in (icosphere(1), open_cylinder(8, 5)):
             corners = SurfacePoints(mesh, np.arange(3), np.eye(3))
             for start in (random_start(mesh, 4), corners):
@@ -301,7 +297,7 @@ class TestEndings:
 
     @settings(deadline=None, max_examples=40, derandomize=True)
     @given(scale=st.sampled_from([1e-300, 1e-30, 1.0, 1e30, 1e140]))
-    def test_time_scales_with_speed(self, scale: float) -> None:
+    def test_time_scales_with_speed(self, scale):
         mesh = icosphere(2)
         velocity, start = wavy_field(mesh, 3), random_start(mesh, 5)
         reference = flow_lines(mesh, velocity, start, 0.5)
@@ -314,7 +310,7 @@ class TestRefusals:
     velocity = np.ones((20, 3))
 
     @pytest.mark.parametrize("bad", [np.nan, np.inf])
-    def test_values_that_are_not_finite(self, bad: float) -> None:
+    def test_values_that_are_not_finite(self, bad):
         velocity = self.velocity.copy()
         velocity[3, 1] = bad
         with pytest.raises(ParameterError, match="not finite"):
@@ -324,11 +320,11 @@ class TestRefusals:
         with pytest.raises(ParameterError, match="barycentric"):
             SurfacePoints(self.mesh, [0], [[bad, 0, 0]])
 
-    def test_fields_too_fast_for_numbers(self) -> None:
+    def test_fields_too_fast_for_numbers(self):
         with pytest.raises(ParameterError, match="scale it down"):
             flow_lines(self.mesh, 1e200 * self.velocity, centre(self.mesh, 0), 1.0)
 
-    def test_other_shapes(self) -> None:
+    def test_other_shapes(self):
         with pytest.raises(ParameterError, match=r"shape \(19, 3\)"):
             flow_lines(self.mesh, self.velocity[1:], centre(self.mesh, 0), 1.0)
         with pytest.raises(ParameterError, match=r"shape \(20,\)"):
@@ -340,7 +336,7 @@ class TestRefusals:
         with pytest.raises(ParameterError, match="a mesh of 80 faces"):
             flow_lines(self.mesh, self.velocity, centre(icosphere(1), 0), 1.0)
 
-    def test_times_out_of_range(self) -> None:
+    def test_times_out_of_range(self):
         with pytest.raises(ParameterError, match="tau is missing"):
             flow_lines(self.mesh, np.stack([self.velocity] * 2), centre(self.mesh, 0), 1.0)
         with pytest.raises(ParameterError, match="positive time"):

@@ -1,23 +1,20 @@
 """Fields made continuous: exact where linear, blind to creases, better on finer meshes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from abfm.calculus.operators import face_frames
-from abfm.flow.continuous_flow import SmoothFlow, Walker, smooth_flow, walk_straight
+from abfm.flow.continuous_flow import Walker, smooth_flow, walk_straight
 from abfm.flow.flow_lines import flow_lines
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.streaks.line_integral import direction
-from abfm.types import FloatArray
 from tests.core.fields import rotation_field, wavy_field
 from tests.shapes import icosphere, open_cylinder, square, torus
 
 
-def in_space(mesh: TriangleMesh, flow: SmoothFlow) -> FloatArray:
+def in_space(mesh, flow):
     """Vectors at corners (F, 3, 3)."""
     places = mesh.vertices[mesh.faces]
     corners = np.einsum("fcx,fkx->fck", places - places[:, :1], face_frames(mesh))
@@ -25,7 +22,7 @@ def in_space(mesh: TriangleMesh, flow: SmoothFlow) -> FloatArray:
     return np.einsum("fcj,fjk,fkx->fcx", weights, flow.vectors, face_frames(mesh))
 
 
-def walked(mesh: TriangleMesh, flow: SmoothFlow, face: int, step: float, count: int) -> FloatArray:
+def walked(mesh, flow, face, step, count):
     """Places (n, 3) after steps from a face's centre."""
     frames, places = face_frames(mesh), mesh.vertices[mesh.faces]
     x, y = (frames[face] @ (places[face].mean(axis=0) - places[face, 0])).tolist()
@@ -39,7 +36,7 @@ def walked(mesh: TriangleMesh, flow: SmoothFlow, face: int, step: float, count: 
     return np.array(found)
 
 
-def test_a_constant_field_stays() -> None:
+def test_a_constant_field_stays():
     mesh = square(5)
     field = np.tile([0.3, -2.0, 0.0], (len(mesh.faces), 1))
     assert_allclose(
@@ -47,7 +44,7 @@ def test_a_constant_field_stays() -> None:
     )
 
 
-def test_a_linear_field_is_found_again_up_to_the_boundary() -> None:
+def test_a_linear_field_is_found_again_up_to_the_boundary():
     mesh = square(8)
     matrix = np.array([[1.0, -2.0, 0], [0.5, 0.7, 0], [0, 0, 0]])
     field = mesh.vertices[mesh.faces].mean(axis=1) @ matrix.T
@@ -60,7 +57,7 @@ def test_a_linear_field_is_found_again_up_to_the_boundary() -> None:
     )
 
 
-def test_creases_do_not_matter() -> None:
+def test_creases_do_not_matter():
     """A flat mesh folded along its lines has the same vectors in its frames."""
     uneven = square(6)
     x, y = (grid.ravel() / 6 for grid in np.meshgrid(np.arange(7), np.arange(7), indexing="ij"))
@@ -75,7 +72,7 @@ def test_creases_do_not_matter() -> None:
     )
 
 
-def test_the_error_falls_with_the_square_of_the_edges() -> None:
+def test_the_error_falls_with_the_square_of_the_edges():
     axis = np.array([0.2, -0.3, 1.0])
     errors = []
     for level in (2, 3, 4):
@@ -87,7 +84,7 @@ def test_the_error_falls_with_the_square_of_the_edges() -> None:
 
 
 @pytest.mark.parametrize("mesh", [icosphere(2), torus(14, 9), open_cylinder(9, 4)])
-def test_both_sides_of_an_edge_agree(mesh: TriangleMesh) -> None:
+def test_both_sides_of_an_edge_agree(mesh):
     """Corner vectors relative to the common edge; exactly where angles sum to a full turn."""
     flow, field = smooth_flow(mesh, wavy_field(mesh, 2)), wavy_field(mesh, 2)
     vectors, (jumps, before) = in_space(mesh, flow), ([], [])
@@ -103,7 +100,7 @@ def test_both_sides_of_an_edge_agree(mesh: TriangleMesh) -> None:
     assert np.sqrt(np.mean(np.square(jumps))) < 0.35 * np.sqrt(np.mean(np.square(before)))
 
 
-def test_walks_follow_circles_that_exact_lines_of_the_faces_miss() -> None:
+def test_walks_follow_circles_that_exact_lines_of_the_faces_miss():
     """The radius is kept around the centre of a rotation on a coarse mesh, a turn long."""
     mesh, centre = square(9), np.array([0.53, 0.46, 0.0])
     field = np.cross([0, 0, 1], mesh.vertices[mesh.faces].mean(axis=1) - centre)
@@ -115,14 +112,14 @@ def test_walks_follow_circles_that_exact_lines_of_the_faces_miss() -> None:
     assert len(smooth) == 628
     exact = flow_lines(mesh, field, project_onto_surface(mesh, first[None]), 2 * np.pi)[0].positions
 
-    def error(places: FloatArray) -> float:
+    def error(places):
         return float(np.abs(np.linalg.norm(places - centre, axis=1) - radius).max()) / radius
 
     assert error(smooth) < 0.01
     assert error(smooth) < 0.3 * error(exact)
 
 
-def test_a_walk_back_returns() -> None:
+def test_a_walk_back_returns():
     mesh = torus(20, 14)
     flow = smooth_flow(mesh, wavy_field(mesh, 2))
     frames, places = face_frames(mesh), mesh.vertices[mesh.faces]
@@ -137,7 +134,7 @@ def test_a_walk_back_returns() -> None:
     assert_allclose(end, places[5].mean(axis=0), rtol=0, atol=0.003)
 
 
-def test_faces_without_speed_have_none() -> None:
+def test_faces_without_speed_have_none():
     mesh = icosphere(1)
     field = rotation_field(mesh, [0, 0, 1])
     field[::3] = 0

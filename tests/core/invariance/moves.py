@@ -1,7 +1,5 @@
 """Meshes moved, scaled and renumbered, with what is on them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +8,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from abfm.mesh import TriangleMesh
-from abfm.types import FloatArray, IntArray
 from tests.shapes import icosphere, square, torus
 
 
-def potato(subdivisions: int) -> TriangleMesh:
+def potato(subdivisions):
     """A closed surface without any symmetry."""
     sphere = icosphere(subdivisions)
     x, y, z = sphere.vertices.T
@@ -22,7 +19,7 @@ def potato(subdivisions: int) -> TriangleMesh:
     return TriangleMesh(sphere.vertices * radius[:, None] * [1, 1.3, 0.8], sphere.faces)
 
 
-def face(subdivisions: int) -> TriangleMesh:
+def face(subdivisions):
     """A closed surface with one mirror plane, x = 0."""
     sphere = icosphere(subdivisions)
     x, y, z = sphere.vertices.T
@@ -34,7 +31,7 @@ def face(subdivisions: int) -> TriangleMesh:
 MESHES = {"potato": potato(2), "torus": torus(14, 9), "square": square(6)}
 
 
-def examples(count: int) -> settings:
+def examples(count):
     """So many cases, the same in every run; none is made simpler, which may take hundreds of
     matches.
     """
@@ -53,21 +50,21 @@ class Move:
     seed: int | None = None  # of the numbers; None keeps them
 
     @property
-    def rotation(self) -> FloatArray:
+    def rotation(self):
         return Rotation.from_rotvec(self.turn).as_matrix()
 
-    def places(self, mesh: TriangleMesh, points: FloatArray) -> FloatArray:
+    def places(self, mesh, points):
         """Points in space (..., 3)."""
         return self.scale * (points @ self.rotation.T + mesh.length_scale * np.asarray(self.shift))
 
-    def numbers(self, mesh: TriangleMesh) -> tuple[IntArray, IntArray]:
+    def numbers(self, mesh):
         """The old number of each new vertex and of each new face."""
         if self.seed is None:
             return np.arange(len(mesh.vertices)), np.arange(len(mesh.faces))
         rng = np.random.default_rng(self.seed)
         return rng.permutation(len(mesh.vertices)), rng.permutation(len(mesh.faces))
 
-    def mesh(self, mesh: TriangleMesh) -> TriangleMesh:
+    def mesh(self, mesh):
         vertices, faces = self.numbers(mesh)
         corners = np.arange(3)[None] * np.ones((len(faces), 1), dtype=int)
         if self.seed is not None:
@@ -79,15 +76,15 @@ class Move:
             self.places(mesh, mesh.vertices[vertices]), np.argsort(vertices)[corners]
         )
 
-    def function(self, mesh: TriangleMesh, f: FloatArray, power: int = 0) -> FloatArray:
+    def function(self, mesh, f, power=0):
         """A function on vertices (V, ...), in a unit of length to some power."""
         return self.scale**power * f[self.numbers(mesh)[0]]
 
-    def on_faces(self, mesh: TriangleMesh, f: FloatArray, power: int = 0) -> FloatArray:
+    def on_faces(self, mesh, f, power=0):
         """A value per face (F,)."""
         return self.scale**power * f[self.numbers(mesh)[1]]
 
-    def field(self, mesh: TriangleMesh, v: FloatArray, power: int = 1) -> FloatArray:
+    def field(self, mesh, v, power=1):
         """A vector per face (F, 3)."""
         return self.scale**power * (v @ self.rotation.T)[self.numbers(mesh)[1]]
 

@@ -2,9 +2,6 @@
 and no warning.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
@@ -34,7 +31,7 @@ COURSES: list[dict[str, Any]] = [
 ]
 
 
-def matched(f: Any, g: Any, start: Any = None, **changes: Any) -> abfm.Match:
+def matched(f, g, start=None, **changes):
     match = abfm.match(MESH, f, g, Parameters(**{"iterations": 3, **changes}), start=start)
     for values in (match.velocity, match.advected, match.energy_history):
         assert np.isfinite(values).all()
@@ -43,7 +40,7 @@ def matched(f: Any, g: Any, start: Any = None, **changes: Any) -> abfm.Match:
     return match
 
 
-def outcome_of(call: Callable[[], abfm.Match]) -> str:
+def outcome_of(call):
     """The mismatch, or why there is none."""
     try:
         return str(call().mismatch)
@@ -52,7 +49,7 @@ def outcome_of(call: Callable[[], abfm.Match]) -> str:
 
 
 @pytest.mark.parametrize("course", COURSES, ids=str)
-def test_alike_constant_or_far_apart(course: dict[str, Any]) -> None:
+def test_alike_constant_or_far_apart(course):
     for f in (F, FLAT, FLAT + 3, -0.0 * F):
         match = matched(f, f, **course)
         assert (match.mismatch, match.verdict.kind, match.velocity.any()) == (0, "matched", False)
@@ -69,7 +66,7 @@ def test_alike_constant_or_far_apart(course: dict[str, Any]) -> None:
 
 @examples(5)
 @given(exponent=st.floats(-6, 6), course=st.sampled_from(COURSES[:2]))
-def test_a_constant_added_to_both_changes_no_field(exponent: float, course: dict[str, Any]) -> None:
+def test_a_constant_added_to_both_changes_no_field(exponent, course):
     """Up to the rounding ``eps |c|`` of the functions, of size 1, which each iteration lets grow.
 
     When a stage is close enough is a share of ``||g||``, so that stages of a fixed length are
@@ -88,7 +85,7 @@ def test_a_constant_added_to_both_changes_no_field(exponent: float, course: dict
 
 @examples(5)
 @given(exponent=st.integers(-300, 300), course=st.sampled_from(COURSES[:4]))
-def test_the_unit_of_functions_does_not_matter(exponent: int, course: dict[str, Any]) -> None:
+def test_the_unit_of_functions_does_not_matter(exponent, course):
     """With a relative sigma, to the last bit for powers of two."""
     expected = matched(F, G, **course)
     match = matched(2.0**exponent * F, 2.0**exponent * G, **course)
@@ -101,14 +98,14 @@ def test_the_unit_of_functions_does_not_matter(exponent: int, course: dict[str, 
 
 
 @pytest.mark.parametrize("size", [1e-12, 1e12, 2 * SMALLEST, LARGEST / 2])
-def test_any_unit_does_up_to_rounding(size: float) -> None:
+def test_any_unit_does_up_to_rounding(size):
     match, expected = matched(size * F, size * G), matched(F, G)
     assert np.abs(match.velocity - expected.velocity).max() < 1e-9 * np.abs(expected.velocity).max()
 
 
 @pytest.mark.parametrize("unit", ["relative", "absolute"])
 @pytest.mark.parametrize("size", [5e-324, 1e-300, 1e-162, 1e-101, 1e101, 1e200, 1e300, 1.7e308])
-def test_functions_whose_squares_leave_the_numbers_are_refused(size: float, unit: str) -> None:
+def test_functions_whose_squares_leave_the_numbers_are_refused(size, unit):
     for call in (
         matched,
         lambda f, g, **_: abfm.verify(abfm.Problem(MESH, f, g), np.zeros((len(MESH.faces), 3))),
@@ -119,21 +116,21 @@ def test_functions_whose_squares_leave_the_numbers_are_refused(size: float, unit
 
 @pytest.mark.parametrize("reach", [0.0, 1.0])
 @pytest.mark.parametrize("speed", [10.0, 100.0, 1e4, 1e8, 1e200, 1e308])
-def test_a_start_that_is_too_fast_is_refused_or_left(speed: float, reach: float) -> None:
+def test_a_start_that_is_too_fast_is_refused_or_left(speed, reach):
     start = speed * np.random.default_rng(0).normal(size=(len(MESH.faces), 3)).clip(-1, 1)
     outcome = outcome_of(lambda: matched(F, G, start=start, reach=reach))
     assert outcome.startswith("start: the ") or float(outcome) < 2
 
 
-def test_a_start_that_lets_values_grow_a_hundredfold_is_calmed() -> None:
+def test_a_start_that_lets_values_grow_a_hundredfold_is_calmed():
     start = 3 * np.random.default_rng(0).normal(size=(len(MESH.faces), 3)).clip(-1, 1)
     assert abfm.Flow(MESH, start).push(F, 1.0).max() > 100 * F.max()
     assert matched(F, G, start=start, reach=0, iterations=40).mismatch < 0.5
 
 
-def ends() -> list[tuple[str, Any]]:
+def ends():
     """Every parameter at the ends of its range."""
-    found: list[tuple[str, Any]] = []
+    found = []
     for entry in fields(Parameters):
         if entry.name in CHOICES:
             found += [(entry.name, choice) for choice in CHOICES[entry.name]]
@@ -148,7 +145,7 @@ def ends() -> list[tuple[str, Any]]:
 
 
 @pytest.mark.parametrize(("name", "value"), ends(), ids=str)
-def test_every_parameter_at_its_bounds(name: str, value: Any) -> None:
+def test_every_parameter_at_its_bounds(name, value):
     bounded = {"gradient": "adjoint"} if name in ("substeps", "quadrature", "segments") else {}
     if (name, value) == ("segments", 1000):
         value = Parameters(segments=1000).segments // 50  # flow lines of all of them take seconds
@@ -157,9 +154,9 @@ def test_every_parameter_at_its_bounds(name: str, value: Any) -> None:
 
 
 @pytest.mark.parametrize(("name", "value"), ends(), ids=str)
-def test_beyond_its_bounds_no_parameter_is_taken(name: str, value: Any) -> None:
+def test_beyond_its_bounds_no_parameter_is_taken(name, value):
     if name in CHOICES:
-        wrong: list[Any] = [value + "s", None, 1, ["hodge"], np.arange(1000), "\n" * 100]
+        wrong = [value + "s", None, 1, ["hodge"], np.arange(1000), "\n" * 100]
     else:
         entry = next(entry for entry in fields(Parameters) if entry.name == name)
         least, most, _ = entry.metadata["range"]
@@ -189,7 +186,7 @@ def test_beyond_its_bounds_no_parameter_is_taken(name: str, value: Any) -> None:
 @pytest.mark.parametrize("weight", [1e-30, 1e30])
 @pytest.mark.parametrize("size", [SMALLEST, LARGEST])
 @pytest.mark.parametrize("sigma", [1e-30, 1e30])
-def test_ends_of_all_units_together(sigma: float, size: float, weight: float, unit: Any) -> None:
+def test_ends_of_all_units_together(sigma, size, weight, unit):
     f, g = (0.99 * size * h / F.max() if size == LARGEST else 2 * size * h for h in (F, G))
     p = Parameters(iterations=2, sigma=sigma, sigma_unit=unit)
     mask = np.full(len(FLAT), weight)
@@ -198,7 +195,7 @@ def test_ends_of_all_units_together(sigma: float, size: float, weight: float, un
 
 
 @pytest.mark.parametrize("name", ["mask", "weights"])
-def test_masks_and_weights_of_no_usual_size_are_refused(name: str) -> None:
+def test_masks_and_weights_of_no_usual_size_are_refused(name):
     count = len(FLAT) if name == "mask" else 1
     for value in (1e-31, 1e31, 5e-324, 1e308):
         with pytest.raises(abfm.ParameterError, match=f"{name} is .* at most"):

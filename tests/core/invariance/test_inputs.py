@@ -2,8 +2,6 @@
 refused in one line.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -25,11 +23,11 @@ PARAMETERS = abfm.Parameters(iterations=1)
 START = maps.vertex_points(MESH, [3])
 
 
-def fortran(x: Any) -> Any:
+def fortran(x):
     return np.asfortranarray(x)
 
 
-def locked(x: Any) -> Any:
+def locked(x):
     x = x.copy()
     x.flags.writeable = False
     return x
@@ -127,7 +125,7 @@ OF_NUMBERS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def refused(call: Callable[[Any], Any], given: Any) -> bool:
+def refused(call, given):
     """Whether it is refused in one short line, and not taken."""
     try:
         found = call(given)
@@ -144,9 +142,7 @@ def refused(call: Callable[[Any], Any], given: Any) -> bool:
 @pytest.mark.parametrize(
     ("calls", "array"), [(OF_FUNCTIONS, F), (OF_FIELDS, V)], ids=["functions", "fields"]
 )
-def test_the_same_numbers_in_another_form_are_the_same(
-    calls: dict[str, Callable[[Any], Any]], array: Any
-) -> None:
+def test_the_same_numbers_in_another_form_are_the_same(calls, array):
     for name, call in calls.items():
         expected = call(array)
         for what, same in SAME.items():
@@ -154,7 +150,7 @@ def test_the_same_numbers_in_another_form_are_the_same(
 
 
 @pytest.mark.parametrize("what", OTHER)
-def test_other_arrays_are_taken_or_refused(what: str) -> None:
+def test_other_arrays_are_taken_or_refused(what):
     for calls, array in ((OF_FUNCTIONS, F), (OF_FIELDS, V)):
         for call in calls.values():
             taken = what in (
@@ -172,12 +168,12 @@ def test_other_arrays_are_taken_or_refused(what: str) -> None:
 
 
 @pytest.mark.parametrize("what", OF_NUMBERS)
-def test_other_numbers_are_taken_or_refused(what: str) -> None:
+def test_other_numbers_are_taken_or_refused(what):
     for number in NUMBERS:
         refused(OF_NUMBERS[what], number)
 
 
-def test_functions_are_copied_when_they_are_taken() -> None:
+def test_functions_are_copied_when_they_are_taken():
     source, target = F.copy(), G.copy()
     energy = abfm.MatchingEnergy(MESH, source, target, PARAMETERS)
     source[:] = target[:] = 7

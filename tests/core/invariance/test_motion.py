@@ -6,8 +6,6 @@ farthest vertex at X, which here is at most 10 sqrt(area), over edges of 0.05 sq
 5e-14 in what is made of differences.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -36,7 +34,6 @@ from abfm.flow import flow_lines
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.functions import families
 from abfm.maps.surface_points import SurfacePoints, vertex_points
-from abfm.mesh import TriangleMesh
 from tests.core.fields import bump, wavy_field
 from tests.core.invariance.moves import MESHES, MOVES, Move, examples, face
 from tests.shapes import disc, icosphere, open_cylinder, square
@@ -57,7 +54,7 @@ def assert_alike(found, expected, tolerance):
 
 @examples(12)
 @given(name=BY_NAME, move=MOVES)
-def test_operators_and_fields(name: str, move: Move) -> None:
+def test_operators_and_fields(name, move):
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     f = (
         np.sin(3 * mesh.vertices[:, 0] / mesh.length_scale)
@@ -93,7 +90,7 @@ def test_operators_and_fields(name: str, move: Move) -> None:
 
 @examples(8)
 @given(name=BY_NAME, move=MOVES)
-def test_flows(name: str, move: Move) -> None:
+def test_flows(name, move):
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     f, v = bump(mesh, mesh.vertices[3], 0.3), 0.2 * wavy_field(mesh, 1)
     h, w = move.function(mesh, f), move.field(mesh, v)
@@ -132,7 +129,7 @@ def test_flows(name: str, move: Move) -> None:
 
 @examples(6)
 @given(name=BY_NAME, move=MOVES)
-def test_distances_heat_and_eigenfunctions(name: str, move: Move) -> None:
+def test_distances_heat_and_eigenfunctions(name, move):
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     old = move.numbers(mesh)[0]
     place = int(np.flatnonzero(old == 7)[0])
@@ -162,7 +159,7 @@ def test_distances_heat_and_eigenfunctions(name: str, move: Move) -> None:
 
 @given(move=MOVES)
 @examples(3)
-def test_eigenspaces_of_several_dimensions(move: Move) -> None:
+def test_eigenspaces_of_several_dimensions(move):
     """The first three eigenfunctions of a sphere are any; the function that they span with their
     squares is not.
     """
@@ -188,14 +185,14 @@ FACE = face(1)
 IN_SPACE = {"coordinate", "expression", "file"}  # follow the axes of space, or rows of a file
 
 
-def test_every_family_is_moved() -> None:
+def test_every_family_is_moved():
     assert {spec.partition(":")[0] for spec in POWERS} | IN_SPACE == {
         family.family for family in families()
     }
 
 
 @pytest.mark.parametrize("spec", POWERS)
-def test_the_same_mesh_gives_the_same_bits(spec: str) -> None:
+def test_the_same_mesh_gives_the_same_bits(spec):
     found, again = (abfm.function(face(1), spec.format(a=12, b=31)) for _ in range(2))
     assert np.array_equal(found, again)
 
@@ -203,7 +200,7 @@ def test_the_same_mesh_gives_the_same_bits(spec: str) -> None:
 @pytest.mark.parametrize("spec", POWERS)
 @examples(4)
 @given(move=MOVES)
-def test_functions(spec: str, move: Move) -> None:
+def test_functions(spec, move):
     mesh = FACE if "permuted" in spec else MESHES["potato"]
     power, tolerance = POWERS[spec]
     a, b = (int(np.flatnonzero(move.numbers(mesh)[0] == vertex)[0]) for vertex in (12, 31))
@@ -218,9 +215,7 @@ def test_functions(spec: str, move: Move) -> None:
 )
 @examples(8)
 @given(move=MOVES, far=st.sampled_from([1.0, 1e3, 1e6]))
-def test_what_is_flat_up_to_rounding_has_no_curvature(
-    mesh: TriangleMesh, move: Move, far: float
-) -> None:
+def test_what_is_flat_up_to_rounding_has_no_curvature(mesh, move, far):
     """However far from the origin, whose distance sets the rounding of the coordinates."""
     shift = tuple(far * x for x in move.shift)
     other = Move(move.turn, move.scale, shift, move.seed).mesh(mesh)
@@ -234,7 +229,7 @@ def test_what_is_flat_up_to_rounding_has_no_curvature(
 )
 @examples(4)
 @given(move=MOVES)
-def test_shape_diameter_where_edges_are_equally_long(mesh: TriangleMesh, move: Move) -> None:
+def test_shape_diameter_where_edges_are_equally_long(mesh, move):
     found, expected = (abfm.function(m, "shape-diameter") for m in (move.mesh(mesh), mesh))
     assert_alike(found, move.function(mesh, expected, 1), SOLVES)
 
@@ -244,7 +239,7 @@ def test_shape_diameter_where_edges_are_equally_long(mesh: TriangleMesh, move: M
 )
 @examples(3)
 @given(name=BY_NAME, move=MOVES)
-def test_matches(changes: dict[str, str], name: str, move: Move) -> None:
+def test_matches(changes, name, move):
     """Rounding grows from iteration to iteration: so few are compared."""
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     f, g = bump(mesh, mesh.vertices[3], 0.3), bump(mesh, mesh.vertices[20], 0.3)

@@ -1,7 +1,5 @@
 """Accuracy of point maps, against distances in the plane, on the sphere, and exact ones."""
 
-from __future__ import annotations
-
 import igl
 import numpy as np
 import pytest
@@ -17,12 +15,12 @@ from abfm.mesh import load_mesh
 from tests.shapes import icosphere, square, torus
 
 
-def test_the_true_map_has_no_error() -> None:
+def test_the_true_map_has_no_error():
     mesh = torus(12, 8)
     assert_array_equal(map_accuracy(PointMap.of_vertices(mesh, mesh)).errors, 0)
 
 
-def test_distances_in_the_plane_are_straight() -> None:
+def test_distances_in_the_plane_are_straight():
     mesh = square(8)
     target = np.random.default_rng(0).permutation(len(mesh.vertices))
     expected = np.linalg.norm(mesh.vertices[target] - mesh.vertices, axis=1)
@@ -31,7 +29,7 @@ def test_distances_in_the_plane_are_straight() -> None:
     )
 
 
-def test_points_inside_faces_are_measured_to_a_share_of_an_edge() -> None:
+def test_points_inside_faces_are_measured_to_a_share_of_an_edge():
     mesh = square(8)
     points = PointMap.project(
         mesh, mesh, np.random.default_rng(1).uniform(0, 1, (len(mesh.vertices), 3)) * [1, 1, 0]
@@ -43,7 +41,7 @@ def test_points_inside_faces_are_measured_to_a_share_of_an_edge() -> None:
     assert (errors - expected).mean() < 0.03 / 8
 
 
-def test_a_turned_sphere_is_off_by_the_arc() -> None:
+def test_a_turned_sphere_is_off_by_the_arc():
     sphere, angle = icosphere(4), 0.5
     x, y, z = sphere.vertices.T
     turned = np.stack(
@@ -54,7 +52,7 @@ def test_a_turned_sphere_is_off_by_the_arc() -> None:
     assert_allclose(found.errors, arcs / np.sqrt(4 * np.pi), atol=0.003)
 
 
-def test_distances_on_an_uneven_mesh_against_exact_ones() -> None:
+def test_distances_on_an_uneven_mesh_against_exact_ones():
     human = load_mesh(asset_path("human_A.off")).normalized()
     count = len(human.vertices)
     none = np.array([], dtype=np.int64)
@@ -69,13 +67,13 @@ def test_distances_on_an_uneven_mesh_against_exact_ones() -> None:
     assert (found - exact[near]).mean() < 0.002
 
 
-def test_truth_may_be_any_map() -> None:
+def test_truth_may_be_any_map():
     mesh = torus(12, 8)
     target = np.random.default_rng(2).permutation(len(mesh.vertices))
     assert_array_equal(map_accuracy(PointMap.of_vertices(mesh, mesh, target), target).errors, 0)
 
 
-def test_of_many_vertices_the_same_ones_are_measured() -> None:
+def test_of_many_vertices_the_same_ones_are_measured():
     mesh = torus(20, 10)
     identity = PointMap.of_vertices(mesh, mesh)
     first, again = (map_accuracy(identity, most=30).vertices for _ in range(2))
@@ -87,7 +85,7 @@ def test_of_many_vertices_the_same_ones_are_measured() -> None:
     st.lists(st.floats(0, 2), min_size=1, max_size=30),
     st.lists(st.floats(-1, 3), min_size=1, max_size=9),
 )
-def test_share_under_a_bound_counts(errors: list[float], bounds: list[float]) -> None:
+def test_share_under_a_bound_counts(errors, bounds):
     accuracy = MapAccuracy(np.arange(len(errors)), np.array(errors))
     expected = [np.mean(np.array(errors) <= bound) for bound in bounds]
     assert_array_equal(accuracy.share_under(bounds), expected)
@@ -95,7 +93,7 @@ def test_share_under_a_bound_counts(errors: list[float], bounds: list[float]) ->
     assert accuracy.median <= accuracy.maximum
 
 
-def test_report_has_the_numbers() -> None:
+def test_report_has_the_numbers():
     report = MapAccuracy(np.arange(4), np.array([0.0, 0.01, 0.06, 0.3])).report()
     assert report == (
         "geodesic error: mean 0.0925, median 0.0350, largest 0.3000; "
@@ -103,7 +101,7 @@ def test_report_has_the_numbers() -> None:
     )
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_what_does_not_fit_is_refused():
     mesh = torus(8, 6)
     identity = PointMap.of_vertices(mesh, mesh)
     with pytest.raises(AbfmError, match="truth has shape"):

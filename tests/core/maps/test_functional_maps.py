@@ -1,7 +1,5 @@
 """Functional maps, against known isometries, the definition, and characters of rotations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
@@ -22,11 +20,10 @@ from abfm.maps.functional_maps import (
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import vertex_points
 from abfm.mesh import TriangleMesh, load_mesh
-from abfm.types import FloatArray, IntArray
 from tests.shapes import ellipsoid, icosphere
 
 
-def moved_copy(mesh: TriangleMesh) -> tuple[TriangleMesh, IntArray]:
+def moved_copy(mesh):
     """The mesh renumbered, turned, shifted and scaled, and the old numbers of vertices."""
     old = np.random.default_rng(3).permutation(len(mesh.vertices))
     new = np.argsort(old)
@@ -35,14 +32,14 @@ def moved_copy(mesh: TriangleMesh) -> tuple[TriangleMesh, IntArray]:
     return TriangleMesh(3.0 * mesh.vertices[old] @ turn.T + [1, 2, 3], new[mesh.faces]), old
 
 
-def refined(mesh: TriangleMesh) -> TriangleMesh:
+def refined(mesh):
     """The same surface with every face cut into four; the old vertices come first."""
     vertices, faces = trimesh.remesh.subdivide(mesh.vertices, mesh.faces)
     return TriangleMesh(vertices, faces)
 
 
 @pytest.fixture(scope="module")
-def isometric() -> tuple[TriangleMesh, TriangleMesh, IntArray]:
+def isometric():
     a = ellipsoid(3, 1.0, 1.4, 2.1)
     b, old = moved_copy(
         TriangleMesh(
@@ -58,30 +55,26 @@ def isometric() -> tuple[TriangleMesh, TriangleMesh, IntArray]:
     )
 
 
-def test_map_of_a_surface_to_itself_is_the_identity() -> None:
+def test_map_of_a_surface_to_itself_is_the_identity():
     mesh = ellipsoid(2, 1, 2, 3)
     identity = PointMap.of_vertices(mesh, mesh)
     assert_allclose(functional_map(identity, 20), np.eye(20), atol=1e-9)
 
 
-def test_an_isometry_is_diagonal_whatever_size_and_numbering(
-    isometric: tuple[TriangleMesh, TriangleMesh, IntArray],
-) -> None:
+def test_an_isometry_is_diagonal_whatever_size_and_numbering(isometric):
     a, b, old = isometric
     assert_allclose(
         np.abs(functional_map(PointMap.of_vertices(b, a, old), 15)), np.eye(15), atol=1e-6
     )
 
 
-def test_point_map_of_an_isometry_is_recovered(
-    isometric: tuple[TriangleMesh, TriangleMesh, IntArray],
-) -> None:
+def test_point_map_of_an_isometry_is_recovered(isometric):
     a, b, old = isometric
     found = point_map(a, b, functional_map(PointMap.of_vertices(b, a, old), 25))
     assert_array_equal(found.positions, a.vertices[old])
 
 
-def test_delta_functions_are_carried_by_the_functional_map_itself() -> None:
+def test_delta_functions_are_carried_by_the_functional_map_itself():
     """Not back by its adjoint, which only an orthogonal map has as its inverse."""
     a, b = icosphere(1), ellipsoid(1, 1, 1.5, 2)
     C = np.random.default_rng(6).normal(size=(5, 8))
@@ -91,18 +84,14 @@ def test_delta_functions_are_carried_by_the_functional_map_itself() -> None:
     assert_array_equal(point_map(a, b, C).positions, a.vertices[gaps.argmin(axis=1)])
 
 
-def test_point_map_of_an_isometry_is_recovered_from_a_cut_off_map(
-    isometric: tuple[TriangleMesh, TriangleMesh, IntArray],
-) -> None:
+def test_point_map_of_an_isometry_is_recovered_from_a_cut_off_map(isometric):
     """Missing rows leave less to compare by; the adjoint would lead to wrong places."""
     a, b, old = isometric
     found = point_map(a, b, functional_map(PointMap.of_vertices(b, a, old), 25)[:12])
     assert_array_equal(found.positions, a.vertices[old])
 
 
-def test_zoom_out_reaches_an_isometry_from_few_eigenfunctions(
-    isometric: tuple[TriangleMesh, TriangleMesh, IntArray],
-) -> None:
+def test_zoom_out_reaches_an_isometry_from_few_eigenfunctions(isometric):
     a, b, old = isometric
     truth = PointMap.of_vertices(b, a, old)
     start = functional_map(truth, 4) + 0.05 * np.random.default_rng(0).normal(size=(4, 4))
@@ -112,7 +101,7 @@ def test_zoom_out_reaches_an_isometry_from_few_eigenfunctions(
     assert_allclose(refined, functional_map(truth, 30), atol=1e-6)
 
 
-def refined_error(truth: PointMap, few: int) -> tuple[float, float]:
+def refined_error(truth, few):
     """Mean error of a map cut off at a few eigenfunctions and refined to 100, in sqrt(area)."""
     a, b, start = truth.codomain, truth.domain, functional_map(truth, few)
     found = [point_map(a, b, C) for C in (start, zoom_out(a, b, start, 100, 8))]
@@ -123,16 +112,14 @@ def refined_error(truth: PointMap, few: int) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("few", [8, 20])
-def test_zoom_out_finds_the_map_between_two_poses(few: int) -> None:
+def test_zoom_out_finds_the_map_between_two_poses(few):
     """By the adjoint 0.0105 and 0.0086 are left of 0.0288 and 0.0126."""
     a, b = (load_mesh(asset_path(f"human_{pose}.off")) for pose in "AB")
     assert refined_error(PointMap.of_vertices(b, a), few)[1] < 0.002
 
 
 @pytest.mark.parametrize(("finer", "expected"), [("source", 0.012), ("target", 0.02)])
-def test_zoom_out_improves_a_map_between_different_triangulations(
-    finer: str, expected: float
-) -> None:
+def test_zoom_out_improves_a_map_between_different_triangulations(finer, expected):
     """By the adjoint 0.0303 and 0.0270 are left; the coarse source's vertices miss by 0.0117."""
     a, b = (load_mesh(asset_path(f"human_{pose}.off")) for pose in "AB")
     if finer == "source":
@@ -144,7 +131,7 @@ def test_zoom_out_improves_a_map_between_different_triangulations(
     assert after < 0.5 * before
 
 
-def test_definition_with_the_pseudoinverse_as_oracle() -> None:
+def test_definition_with_the_pseudoinverse_as_oracle():
     a, b = icosphere(2), ellipsoid(2, 1, 1.5, 2)
     points = PointMap.project(b, a, np.random.default_rng(1).normal(size=b.vertices.shape))
     basis_a, basis_b = eigenbasis(a.normalized(), 7)[1], eigenbasis(b.normalized(), 7)[1]
@@ -153,9 +140,7 @@ def test_definition_with_the_pseudoinverse_as_oracle() -> None:
     assert_allclose(functional_map(points, 7), expected, atol=1e-10)
 
 
-def test_carried_functions_are_those_of_the_point_map(
-    isometric: tuple[TriangleMesh, TriangleMesh, IntArray],
-) -> None:
+def test_carried_functions_are_those_of_the_point_map(isometric):
     a, b, old = isometric
     smooth = eigenbasis(a.normalized(), 12)[1] @ np.random.default_rng(2).normal(size=(12, 2))
     C = functional_map(PointMap.of_vertices(b, a, old), 12)
@@ -163,7 +148,7 @@ def test_carried_functions_are_those_of_the_point_map(
     assert_allclose(carry(a, b, C, smooth[:, 0]), smooth[old, 0], atol=1e-6)
 
 
-def test_coefficients_of_a_combination_are_its_weights() -> None:
+def test_coefficients_of_a_combination_are_its_weights():
     mesh = ellipsoid(2, 1, 2, 3)
     weights = np.arange(1.0, 6)
     assert_allclose(
@@ -171,12 +156,12 @@ def test_coefficients_of_a_combination_are_its_weights() -> None:
     )
 
 
-def match_of(mesh: TriangleMesh, velocity: FloatArray, tau: float) -> abfm.Match:
+def match_of(mesh, velocity, tau):
     f = mesh.vertices[:, 0]
     return abfm.match(mesh, f, f, abfm.Parameters(tau=tau, iterations=0), start=velocity)
 
 
-def test_flow_of_a_rotation_has_the_characters_of_the_rotation_group() -> None:
+def test_flow_of_a_rotation_has_the_characters_of_the_rotation_group():
     sphere, angle = icosphere(4), 0.7
     centres = sphere.vertices[sphere.faces].mean(axis=1)
     C = match_of(sphere, np.cross([0.0, 0.6, 0.8], centres), angle).functional_map(9)
@@ -186,7 +171,7 @@ def test_flow_of_a_rotation_has_the_characters_of_the_rotation_group() -> None:
     assert_allclose(C[1:4, 4:], 0, atol=0.01)
 
 
-def test_functional_map_of_a_match_carries_coefficients() -> None:
+def test_functional_map_of_a_match_carries_coefficients():
     mesh = ellipsoid(2, 1, 1.3, 1.7)
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     found = match_of(mesh, np.cross(centres, [1.0, 0.5, 0.0]), 1.0)
@@ -199,7 +184,7 @@ def test_functional_map_of_a_match_carries_coefficients() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.full((3, 3), np.nan), np.zeros(3), np.zeros((0, 3))])
-def test_what_is_no_functional_map_is_refused(bad: FloatArray) -> None:
+def test_what_is_no_functional_map_is_refused(bad):
     mesh = icosphere(1)
     for use in (
         point_map,
@@ -210,7 +195,7 @@ def test_what_is_no_functional_map_is_refused(bad: FloatArray) -> None:
             use(mesh, mesh, bad)
 
 
-def test_numbers_out_of_range_are_refused() -> None:
+def test_numbers_out_of_range_are_refused():
     mesh = icosphere(1)
     with pytest.raises(ParameterError, match="step"):
         zoom_out(mesh, mesh, np.eye(3), 5, step=0)

@@ -1,7 +1,5 @@
 """Distances from the surface and folds of maps made to have them, and their warnings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -16,7 +14,7 @@ from abfm.mesh import TriangleMesh, load_mesh
 from tests.shapes import icosphere, square, torus
 
 
-def test_the_identity_and_an_isometry_are_perfect() -> None:
+def test_the_identity_and_an_isometry_are_perfect():
     mesh = torus(24, 12)
     turned = TriangleMesh(7 * mesh.vertices[:, [1, 2, 0]], mesh.faces)
     for codomain in (mesh, turned):
@@ -26,7 +24,7 @@ def test_the_identity_and_an_isometry_are_perfect() -> None:
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 50.0])
-def test_distances_are_those_that_were_given_in_any_unit(unit: float) -> None:
+def test_distances_are_those_that_were_given_in_any_unit(unit):
     mesh = square(8)
     mesh = TriangleMesh(2 * unit * mesh.vertices, mesh.faces)
     off = np.linspace(0, 0.3, len(mesh.vertices))
@@ -40,7 +38,7 @@ def test_distances_are_those_that_were_given_in_any_unit(unit: float) -> None:
     assert "folded" not in found.warning
 
 
-def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces() -> None:
+def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces():
     mesh = torus(24, 12)
     mirrored = map_quality(PointMap.project(mesh, mesh, mesh.vertices * [1, 1, -1]))
     assert mirrored.folded == 1
@@ -56,7 +54,7 @@ def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces() -> None:
     assert few.warning is None
 
 
-def test_folds_are_judged_on_the_surface_that_the_map_leads_to() -> None:
+def test_folds_are_judged_on_the_surface_that_the_map_leads_to():
     """A half-turned copy: on the mesh itself half of the normals would look the other way."""
     mesh = icosphere(2)
     turned = TriangleMesh(mesh.vertices * [-1, -1, 1], mesh.faces)
@@ -65,7 +63,7 @@ def test_folds_are_judged_on_the_surface_that_the_map_leads_to() -> None:
     assert distortion(mesh, mesh.vertices, inside_out).flipped.all()
 
 
-def test_every_bound_warns_alone() -> None:
+def test_every_bound_warns_alone():
     for over in (
         MapQuality(1.01 * LARGEST_DISTANCE, 0.0, 0.0),
         MapQuality(0.0, 1.01 * RMS_DISTANCE, 0.0),
@@ -76,7 +74,7 @@ def test_every_bound_warns_alone() -> None:
     assert MapQuality(LARGEST_DISTANCE, RMS_DISTANCE, FOLDED).warning is None
 
 
-def test_the_report_has_the_numbers() -> None:
+def test_the_report_has_the_numbers():
     assert MapQuality(0.25, 0.0125, 0.031).report() == (
         "off the surface: largest 0.25, RMS 0.0125 sqrt(area); folded: 3.1 % of the faces"
     )
@@ -92,9 +90,7 @@ SURFACES = {
 @pytest.mark.parametrize("name", SURFACES)
 @pytest.mark.parametrize("modes", [{1: 1.0, 2: 1.0}, {5: 1.0, 8: 1.0}])
 @pytest.mark.parametrize("speed", [0.1, 0.3, 0.6])
-def test_maps_without_a_warning_are_near_exact_flow_lines(
-    name: str, modes: dict[int, float], speed: float
-) -> None:
+def test_maps_without_a_warning_are_near_exact_flow_lines(name, modes, speed):
     mesh = SURFACES[name]
     field = stream_field(mesh, modes, speed)
     points = Flow(mesh, field).point_map()
@@ -111,7 +107,7 @@ def test_maps_without_a_warning_are_near_exact_flow_lines(
         assert errors.mean() > 0.028
 
 
-def test_a_map_of_other_vertices_is_refused() -> None:
+def test_a_map_of_other_vertices_is_refused():
     mesh = icosphere(1)
     with pytest.raises(AbfmError, match="one point per vertex"):
         PointMap.of_vertices(mesh, mesh, np.arange(5))

@@ -1,7 +1,5 @@
 """Closest points, point maps and distortion, against brute force and maps known exactly."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 
@@ -19,9 +17,8 @@ from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.errors import AbfmError, FunctionError
 from abfm.maps.distortion import distortion
 from abfm.maps.point_maps import PointMap
-from abfm.maps.surface_points import POINTS_PER_QUERY, SurfacePoints, project_onto_surface
+from abfm.maps.surface_points import POINTS_PER_QUERY, project_onto_surface
 from abfm.mesh import TriangleMesh, load_mesh
-from abfm.types import FloatArray
 from tests.shapes import ellipsoid, hemisphere, icosphere, square, torus
 
 HUMAN = Path(__file__).parents[3] / "assets" / "human_A.off"
@@ -29,28 +26,28 @@ ANGLE = 0.7
 AXIS = np.array([1.0, 2.0, -2.0]) / 3
 
 
-def rotated(points: FloatArray, angle: float) -> FloatArray:
+def rotated(points, angle):
     """Points turned about AXIS (Rodrigues)."""
     along = np.outer(points @ AXIS, AXIS)
     return along + np.cos(angle) * (points - along) + np.sin(angle) * np.cross(AXIS, points)
 
 
-def carried_by_rotation(mesh: TriangleMesh, h: FloatArray, angle: float) -> FloatArray:
+def carried_by_rotation(mesh, h, angle):
     """``exp(-angle D_v) h`` for the field of unit rotation about AXIS."""
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     operator = directional_derivative(mesh, to_frame(mesh, np.cross(AXIS, centres)))
     return expm_multiply(-angle * operator, h)
 
 
-def rotation_map(mesh: TriangleMesh, angle: float) -> PointMap:
+def rotation_map(mesh, angle):
     return PointMap.project(mesh, mesh, carried_by_rotation(mesh, mesh.vertices, angle))
 
 
-def observed_order(coarse: float, fine: float) -> float:
+def observed_order(coarse, fine):
     return float(np.log2(coarse / fine))
 
 
-def brute_force_distances(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
+def brute_force_distances(mesh, points):
     """Distance of each point to the closest of all faces, one by one with trimesh."""
     faces = len(mesh.faces)
     corners = np.tile(mesh.vertices[mesh.faces], (len(points), 1, 1))
@@ -60,7 +57,7 @@ def brute_force_distances(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
     )
 
 
-def assert_consistent(mesh: TriangleMesh, points: FloatArray, found: SurfacePoints) -> None:
+def assert_consistent(mesh, points, found):
     """The parts of the answer agree, and each point is the closest one of its face."""
     assert found.barycentric.min() >= 0
     assert_allclose(found.barycentric.sum(axis=1), 1, rtol=0, atol=1e-15)
@@ -81,9 +78,7 @@ class TestProjection:
         radii=arrays(float, 42, elements=st.floats(0.3, 2)),
         points=arrays(float, (12, 3), elements=st.floats(-3, 3)),
     )
-    def test_agrees_with_brute_force_on_random_stars(
-        self, radii: FloatArray, points: FloatArray
-    ) -> None:
+    def test_agrees_with_brute_force_on_random_stars(self, radii, points):
         sphere = icosphere(1)
         mesh = TriangleMesh(sphere.vertices * radii[:, None], sphere.faces)
         found = project_onto_surface(mesh, points)
@@ -93,7 +88,7 @@ class TestProjection:
         assert_consistent(mesh, points, found)
 
     @pytest.mark.parametrize("thickness", [1e-2, 1e-5, 1e-8])
-    def test_agrees_with_brute_force_on_thin_triangles(self, thickness: float) -> None:
+    def test_agrees_with_brute_force_on_thin_triangles(self, thickness):
         flat = torus(9, 7)
         mesh = TriangleMesh(flat.vertices * [1, thickness, 0.3], flat.faces)
         points = np.random.default_rng(2).uniform(-1.5, 1.5, size=(40, 3)) * [
@@ -107,7 +102,7 @@ class TestProjection:
         )
         assert_consistent(mesh, points, found)
 
-    def test_agrees_with_brute_force_on_a_body(self) -> None:
+    def test_agrees_with_brute_force_on_a_body(self):
         mesh = load_mesh(HUMAN)
         random = np.random.default_rng(5)
         points = mesh.vertices[::20] + 0.05 * mesh.length_scale * random.normal(
@@ -124,7 +119,7 @@ class TestProjection:
 
     @settings(deadline=None, max_examples=60, derandomize=True)
     @given(points=arrays(float, (5, 3), elements=st.floats(-2, 3)))
-    def test_is_clamping_for_a_square(self, points: FloatArray) -> None:
+    def test_is_clamping_for_a_square(self, points):
         found, expected = project_onto_surface(square(5), points), np.clip(points, 0, [1, 1, 0])
         assert_allclose(
             found.distances_from(points),
@@ -136,7 +131,7 @@ class TestProjection:
         assert_allclose(found.positions, expected, rtol=0, atol=1e-7)
 
     @pytest.mark.parametrize("mesh", [icosphere(2), hemisphere(5), torus(9, 8)])
-    def test_leaves_points_of_the_surface(self, mesh: TriangleMesh) -> None:
+    def test_leaves_points_of_the_surface(self, mesh):
         random = np.random.default_rng(4)
         weights = random.dirichlet([1, 1, 1], size=len(mesh.faces))
         points = np.einsum("fc,fcx->fx", weights, mesh.vertices[mesh.faces])
@@ -147,7 +142,7 @@ class TestProjection:
         assert_allclose(at_vertices.positions, mesh.vertices, rtol=0, atol=1e-15)
         assert_array_equal(at_vertices.nearest_vertices(), np.arange(len(mesh.vertices)))
 
-    def test_does_not_depend_on_the_other_points(self) -> None:
+    def test_does_not_depend_on_the_other_points(self):
         mesh, random = icosphere(3), np.random.default_rng(6)
         points = random.normal(size=(POINTS_PER_QUERY + 500, 3))
         points[::7] = 0  # as far from every face
@@ -158,23 +153,23 @@ class TestProjection:
         assert_array_equal(shuffled.barycentric, found.barycentric[order])
         assert_array_equal(shuffled.positions, found.positions[order])
 
-    def test_no_points(self) -> None:
+    def test_no_points(self):
         assert project_onto_surface(icosphere(0), np.zeros((0, 3))).positions.shape == (0, 3)
 
     @pytest.mark.parametrize("bad", [np.nan, np.inf])
-    def test_refuses_points_that_are_not_finite(self, bad: float) -> None:
+    def test_refuses_points_that_are_not_finite(self, bad):
         points = np.zeros((4, 3))
         points[2:, 1] = bad
         with pytest.raises(AbfmError, match=r"2 of 4 points are not finite \(first: row 2\)"):
             project_onto_surface(icosphere(0), points)
 
-    def test_refuses_other_shapes(self) -> None:
+    def test_refuses_other_shapes(self):
         with pytest.raises(AbfmError, match=r"shape \(3,\); expected \(P, 3\)"):
             project_onto_surface(icosphere(0), [0, 0, 1])
 
 
 class TestPullBack:
-    def test_is_linear_in_each_face(self) -> None:
+    def test_is_linear_in_each_face(self):
         mesh = torus(8, 6)
         found = project_onto_surface(mesh, np.random.default_rng(1).normal(size=(30, 3)))
         assert_allclose(found.pull_back(mesh.vertices), found.positions, rtol=0, atol=1e-15)
@@ -182,14 +177,14 @@ class TestPullBack:
         assert values.shape == (30,)
         assert_allclose(values, found.positions @ [1, 2, 3] - 4, rtol=0, atol=1e-14)
 
-    def test_refuses_functions_of_other_meshes(self) -> None:
+    def test_refuses_functions_of_other_meshes(self):
         mesh = icosphere(0)
         with pytest.raises(FunctionError, match="11 values were given for a mesh of 12 vertices"):
             project_onto_surface(mesh, mesh.vertices).pull_back(np.zeros(11))
 
 
 class TestPointMaps:
-    def test_pulling_back_is_a_matrix_whose_rows_sum_to_one(self) -> None:
+    def test_pulling_back_is_a_matrix_whose_rows_sum_to_one(self):
         a, b = icosphere(1), torus(8, 6)
         found = PointMap.project(a, b, 2 * a.vertices)
         matrix = found.to_matrix()
@@ -200,7 +195,7 @@ class TestPointMaps:
             found.distances, np.linalg.norm(2 * a.vertices - found.positions, axis=1), rtol=1e-14
         )
 
-    def test_it_is_made_of_faces_and_weights(self) -> None:
+    def test_it_is_made_of_faces_and_weights(self):
         mesh = icosphere(1)
         identity = PointMap.of_vertices(mesh, mesh)
         again = PointMap(mesh, mesh, identity.faces, identity.barycentric)
@@ -209,7 +204,7 @@ class TestPointMaps:
         assert_array_equal(again.distances, np.zeros(len(mesh.vertices)))
         assert_allclose(again.distortion().singular_values, 1, rtol=0, atol=1e-12)
 
-    def test_what_is_no_map_is_refused(self) -> None:
+    def test_what_is_no_map_is_refused(self):
         mesh, count = icosphere(0), 12
         faces, weights = np.zeros(count, dtype=int), np.full((count, 3), 1 / 3)
         for wrong_faces, wrong_weights, words in (
@@ -223,7 +218,7 @@ class TestPointMaps:
 
 
 class TestNearestVertices:
-    def test_stays_on_its_side_of_a_thin_part(self) -> None:
+    def test_stays_on_its_side_of_a_thin_part(self):
         mesh = ellipsoid(2, 1, 1, 1e-3)
         random = np.random.default_rng(3)
         points = np.column_stack(
@@ -244,7 +239,7 @@ class TestFlowMaps:
 
     meshes = (icosphere(3), icosphere(4))
 
-    def test_map_is_where_values_came_from(self) -> None:
+    def test_map_is_where_values_came_from(self):
         errors = [
             l2_norm(mesh, rotation_map(mesh, ANGLE).positions - rotated(mesh.vertices, -ANGLE))
             for mesh in self.meshes
@@ -252,14 +247,14 @@ class TestFlowMaps:
         assert observed_order(*errors) >= 1.85
         assert errors[1] < 0.01
 
-    def test_backward_map_is_the_inverse(self) -> None:
+    def test_backward_map_is_the_inverse(self):
         errors = []
         for mesh in self.meshes:
             there, back = rotation_map(mesh, ANGLE), rotation_map(mesh, -ANGLE)
             errors.append(l2_norm(mesh, there.pull_back(back.positions) - mesh.vertices))
         assert observed_order(*errors) >= 1.85
 
-    def test_pulling_back_agrees_with_advection(self) -> None:
+    def test_pulling_back_agrees_with_advection(self):
         errors = []
         for mesh in self.meshes:
             h = np.sin(2 * mesh.vertices) + mesh.vertices[:, [1, 2, 0]]
@@ -267,7 +262,7 @@ class TestFlowMaps:
             errors.append(l2_norm(mesh, pulled - carried_by_rotation(mesh, h, ANGLE)))
         assert observed_order(*errors) >= 1.85
 
-    def test_a_rotation_distorts_less_and_less(self) -> None:
+    def test_a_rotation_distorts_less_and_less(self):
         """Distortion takes one derivative of the map, whose error is rough: one order less."""
         results = [rotation_map(mesh, ANGLE).distortion() for mesh in self.meshes]
         for name in ("area", "conformal"):
@@ -281,7 +276,7 @@ class TestFlowMaps:
 
 
 class TestDistortion:
-    def test_of_an_exact_rotation(self) -> None:
+    def test_of_an_exact_rotation(self):
         mesh = icosphere(3)
         result = distortion(mesh, rotated(mesh.vertices, 1.0))
         assert_allclose(result.singular_values, 1, rtol=0, atol=1e-13)
@@ -291,7 +286,7 @@ class TestDistortion:
 
     @settings(deadline=None, max_examples=40, derandomize=True)
     @given(matrix=arrays(float, (2, 2), elements=st.floats(-3, 3)))
-    def test_of_a_linear_map_of_the_plane(self, matrix: FloatArray) -> None:
+    def test_of_a_linear_map_of_the_plane(self, matrix):
         mesh = square(3)
         mapped = mesh.vertices.copy()
         mapped[:, :2] = mapped[:, :2] @ matrix.T
@@ -304,7 +299,7 @@ class TestDistortion:
             assert_allclose(result.conformal, expected[0] / expected[1], rtol=1e-9)
             assert (result.flipped == (np.linalg.det(matrix) < 0)).all()
 
-    def test_of_collapsed_faces(self) -> None:
+    def test_of_collapsed_faces(self):
         mesh = icosphere(1)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -317,7 +312,7 @@ class TestDistortion:
         assert_array_equal(point.singular_values, 0)
         assert (line.singular_values[:, 0] > 0).any()
 
-    def test_refuses_positions_of_other_vertices(self) -> None:
+    def test_refuses_positions_of_other_vertices(self):
         with pytest.raises(AbfmError, match="5 mapped positions for 12 vertices"):
             distortion(icosphere(0), np.zeros((5, 3)))
         with pytest.raises(AbfmError, match="not finite"):

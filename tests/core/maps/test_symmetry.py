@@ -1,7 +1,5 @@
 """Symmetries found from the shape: exact, moved, renumbered, with noise, and none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
@@ -13,10 +11,9 @@ from scipy.spatial.transform import Rotation
 from abfm.assets import asset_path
 from abfm.errors import ParameterError
 from abfm.experiments.vocabulary import bundled
-from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
+from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh
 from abfm.mesh.shapes import stepped_slab, two_armed
-from abfm.types import FloatArray
 from tests.shapes import (
     disc,
     ellipsoid,
@@ -42,9 +39,7 @@ SYMMETRIC = {
 }
 
 
-def moved(
-    mesh: TriangleMesh, turn: FloatArray, scale: float, shift: FloatArray, order: np.ndarray
-) -> TriangleMesh:
+def moved(mesh, turn, scale, shift, order):
     """The mesh turned, scaled and shifted, vertex i of it being vertex order[i] of the old one."""
     new_of_old = np.argsort(order)
     vertices = scale * (mesh.vertices @ Rotation.from_rotvec(turn).as_matrix().T) + shift
@@ -53,7 +48,7 @@ def moved(
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_symmetric_meshes_have_exact_involutions(name: str, kind: Kind) -> None:
+def test_symmetric_meshes_have_exact_involutions(name, kind):
     mesh = SYMMETRIC[name]
     found = detect_symmetry(mesh, kind)
     count = np.arange(len(mesh.vertices))
@@ -73,9 +68,7 @@ def test_symmetric_meshes_have_exact_involutions(name: str, kind: Kind) -> None:
     ("mesh", "order"),
     [(tetrahedron(), 3), (SYMMETRIC["cube"], 3), (SYMMETRIC["cube"], 4), (torus(30, 8), 5)],
 )
-def test_rotations_of_higher_order_come_back_after_as_many_times(
-    mesh: TriangleMesh, order: int
-) -> None:
+def test_rotations_of_higher_order_come_back_after_as_many_times(mesh, order):
     found = detect_symmetry(mesh, "rotation", order)
     vertices = np.arange(len(mesh.vertices))
     assert found.is_permutation
@@ -89,7 +82,7 @@ def test_rotations_of_higher_order_come_back_after_as_many_times(
     assert not np.allclose(found.linear, np.eye(3))
 
 
-def test_the_human_has_the_mirror_that_its_file_says() -> None:
+def test_the_human_has_the_mirror_that_its_file_says():
     found = detect_symmetry(HUMAN, "mirror")
     assert_array_equal(found.vertex_map, np.loadtxt(asset_path("human.symperm.txt"), dtype=int))
     assert_allclose(np.abs(found.axis), [1, 0, 0], atol=1e-9)
@@ -103,9 +96,7 @@ def test_the_human_has_the_mirror_that_its_file_says() -> None:
     shift=st.tuples(*[st.floats(-10, 10)] * 3),
     seed=st.integers(0, 2**20),
 )
-def test_a_mesh_that_is_moved_scaled_and_renumbered_has_the_same_symmetry(
-    turn, scale, shift, seed
-) -> None:
+def test_a_mesh_that_is_moved_scaled_and_renumbered_has_the_same_symmetry(turn, scale, shift, seed):
     mesh = two_armed(2)
     order = np.random.default_rng(seed).permutation(len(mesh.vertices))
     other = moved(mesh, np.array(turn), scale, scale * np.array(shift), order)
@@ -118,7 +109,7 @@ def test_a_mesh_that_is_moved_scaled_and_renumbered_has_the_same_symmetry(
 
 @settings(max_examples=10, deadline=None)
 @given(level=st.floats(0, 4e-3), seed=st.integers(0, 2**20))
-def test_noise_moves_the_plane_little_and_shows_in_the_error(level: float, seed: int) -> None:
+def test_noise_moves_the_plane_little_and_shows_in_the_error(level, seed):
     rng = np.random.default_rng(seed)
     mesh = HUMAN.normalized()
     noisy = TriangleMesh(
@@ -131,7 +122,7 @@ def test_noise_moves_the_plane_little_and_shows_in_the_error(level: float, seed:
     assert (found.error > 0.1 * level) or level < 1e-6
 
 
-def test_a_mirror_of_the_shape_that_the_mesh_does_not_have() -> None:
+def test_a_mirror_of_the_shape_that_the_mesh_does_not_have():
     ball = ellipsoid(3, 1, 0.7, 0.5)
     turned = Rotation.from_rotvec([0.3, 0.2, 0.1]).apply(icosphere(3).vertices.copy()) * [
         1,
@@ -146,7 +137,7 @@ def test_a_mirror_of_the_shape_that_the_mesh_does_not_have() -> None:
     assert np.linalg.norm(offset, axis=1).max() < 0.2  # no more than an edge
 
 
-def test_of_several_symmetries_the_one_that_moves_most_is_chosen() -> None:
+def test_of_several_symmetries_the_one_that_moves_most_is_chosen():
     mesh = ellipsoid(3, 1, 0.7, 0.5)
     assert_allclose(np.abs(detect_symmetry(mesh, "mirror").axis), [1, 0, 0], atol=1e-9)
     assert_allclose(np.abs(detect_symmetry(mesh, "rotation").axis), [0, 0, 1], atol=1e-9)
@@ -154,7 +145,7 @@ def test_of_several_symmetries_the_one_that_moves_most_is_chosen() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["fandisk.off", "human_B.off"])
-def test_surfaces_without_symmetry_are_refused_with_the_best_error(name: str, kind: Kind) -> None:
+def test_surfaces_without_symmetry_are_refused_with_the_best_error(name, kind):
     mesh = bundled(name)
     with pytest.raises(
         SymmetryError, match=r"the surface has no (mirror plane|axis of rotation by 180 degrees)"
@@ -165,7 +156,7 @@ def test_surfaces_without_symmetry_are_refused_with_the_best_error(name: str, ki
     assert detect_symmetry(mesh, kind, tolerance=1).error == refused.value.error
 
 
-def test_the_plane_of_a_flat_surface_is_no_mirror() -> None:
+def test_the_plane_of_a_flat_surface_is_no_mirror():
     mesh = square(6)
     assert detect_symmetry(mesh, "mirror").axis[2] == pytest.approx(0, abs=1e-9)
 
@@ -173,13 +164,13 @@ def test_the_plane_of_a_flat_surface_is_no_mirror() -> None:
 @pytest.mark.parametrize(
     ("kind", "order"), [("mirror", 3), ("rotation", 1), ("rotation", 0), ("glide", 2)]
 )
-def test_kinds_and_orders_that_there_are_not(kind, order) -> None:
+def test_kinds_and_orders_that_there_are_not(kind, order):
     with pytest.raises(ParameterError, match="expected"):
         detect_symmetry(tetrahedron(), kind, order)
 
 
 @pytest.mark.parametrize("mesh", [two_armed(2), stepped_slab(2)], ids=["two_armed", "stepped_slab"])
-def test_the_generated_shapes_have_the_rotation_that_they_promise(mesh: TriangleMesh) -> None:
+def test_the_generated_shapes_have_the_rotation_that_they_promise(mesh):
     found = detect_symmetry(mesh, "rotation")
     assert mesh.is_closed
     assert mesh.genus == 0
@@ -190,7 +181,7 @@ def test_the_generated_shapes_have_the_rotation_that_they_promise(mesh: Triangle
     assert mirrored == {tuple(sorted(face)) for face in mesh.faces.tolist()}
 
 
-def test_of_the_many_rotations_of_a_ring_the_one_that_moves_all_of_it_is_chosen() -> None:
+def test_of_the_many_rotations_of_a_ring_the_one_that_moves_all_of_it_is_chosen():
     around = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     circle = np.stack([np.cos(around), np.sin(around), 0 * around], axis=1)
     vertices = np.concatenate([radius * circle for radius in np.linspace(1, 2, 6)])

@@ -1,7 +1,5 @@
 """Line integral convolution: grey levels stay along the flow and change across it."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -13,16 +11,13 @@ from abfm.calculus.operators import face_normals
 from abfm.errors import ParameterError
 from abfm.flow.flow_lines import flow_lines
 from abfm.maps.surface_points import project_onto_surface
-from abfm.mesh import TriangleMesh
-from abfm.streaks.line_integral import FloatImage, line_integral_convolution
-from abfm.streaks.texture_atlas import TextureAtlas
-from abfm.types import FloatArray
+from abfm.streaks.line_integral import line_integral_convolution
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.texel_weights import texel_weights
 from tests.shapes import disc, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
 
-def looked_up(atlas: TextureAtlas, image: FloatImage, points: FloatArray) -> FloatArray:
+def looked_up(atlas, image, points):
     """Bilinear filtering of a texture at points (P, 3) of the surface."""
     found = project_onto_surface(atlas.mesh, points)
     places = np.einsum("pc,pcx->px", found.barycentric, atlas.corners[found.faces]) - 0.5
@@ -32,14 +27,12 @@ def looked_up(atlas: TextureAtlas, image: FloatImage, points: FloatArray) -> Flo
     return (1 - v) * rows[0] + v * rows[1]
 
 
-def correlation(
-    atlas: TextureAtlas, image: FloatImage, start: FloatArray, end: FloatArray
-) -> float:
+def correlation(atlas, image, start, end):
     """Of the grey levels at pairs of points."""
     return float(np.corrcoef(looked_up(atlas, image, start), looked_up(atlas, image, end))[0, 1])
 
 
-def turned(points: FloatArray, axis: FloatArray, distance: float) -> FloatArray:
+def turned(points, axis, distance):
     """Points (P, 3) moved by a distance along their circles about an axis."""
     sideways = np.cross(axis, points)
     radius = np.linalg.norm(sideways, axis=1, keepdims=True)
@@ -49,7 +42,7 @@ def turned(points: FloatArray, axis: FloatArray, distance: float) -> FloatArray:
 
 
 @pytest.mark.parametrize("level", [2, 3, 4, 5])
-def test_streaks_lie_along_the_flow_on_any_mesh(level: int) -> None:
+def test_streaks_lie_along_the_flow_on_any_mesh(level):
     """On finer and coarser spheres, against the circles of a rotation and across them."""
     mesh = icosphere(level)
     axis = np.array([0.2, -0.3, 1.0]) / np.linalg.norm([0.2, -0.3, 1.0])
@@ -68,7 +61,7 @@ def test_streaks_lie_along_the_flow_on_any_mesh(level: int) -> None:
     assert abs(correlation(atlas, image, points, points + 4 * width * across)) < 0.15
 
 
-def test_streaks_lie_along_exact_flow_lines() -> None:
+def test_streaks_lie_along_exact_flow_lines():
     mesh = icosphere(5)
     field = wavy_field(mesh, 2)
     atlas, image = line_integral_convolution(mesh, field, size=1024)
@@ -86,7 +79,7 @@ def test_streaks_lie_along_exact_flow_lines() -> None:
     assert abs(found[1]) < 0.15
 
 
-def test_lines_of_a_smooth_field_do_not_show_the_mesh() -> None:
+def test_lines_of_a_smooth_field_do_not_show_the_mesh():
     """On a coarse flat mesh streaks of a rotation turn with it inside each face, where the face's
     own vector does not.
 
@@ -107,7 +100,7 @@ def test_lines_of_a_smooth_field_do_not_show_the_mesh() -> None:
     chosen = (radius > 0.15) & (radius < 0.4)
     faces = field[project_onto_surface(mesh, points).faces].reshape(count, count, 3)
 
-    def error(angles: FloatArray) -> float:
+    def error(angles):
         circles = np.arctan2(x - centre[0], centre[1] - y)
         return float(np.sqrt((np.sin(angles - circles)[chosen] ** 2).mean()))
 
@@ -115,7 +108,7 @@ def test_lines_of_a_smooth_field_do_not_show_the_mesh() -> None:
     assert error(streaks) < 0.6 * error(np.arctan2(faces[..., 1], faces[..., 0]))
 
 
-def test_streaks_are_as_wide_on_any_texture() -> None:
+def test_streaks_are_as_wide_on_any_texture():
     """How far grey levels across the flow are alike depends on the width, not on texels."""
     mesh = square(10)
     field = np.tile([1.0, 0.3, 0.0], (len(mesh.faces), 1))
@@ -136,7 +129,7 @@ def test_streaks_are_as_wide_on_any_texture() -> None:
         assert curve[-1] < 0.25
 
 
-def test_streaks_go_on_across_the_edges_of_faces() -> None:
+def test_streaks_go_on_across_the_edges_of_faces():
     """What two faces show along their common edge is the same."""
     mesh = icosphere(3)
     atlas, image = line_integral_convolution(
@@ -156,7 +149,7 @@ def test_streaks_go_on_across_the_edges_of_faces() -> None:
     assert np.median(np.abs(middles[0] - middles[1])) < 0.05
 
 
-def test_contrast_is_full_and_even() -> None:
+def test_contrast_is_full_and_even():
     mesh = icosphere(4)
     atlas, image = line_integral_convolution(mesh, rotation_field(mesh, [0, 0, 1]), size=1024)
     rows, columns = np.nonzero(atlas.texel_faces >= 0)
@@ -174,7 +167,7 @@ def test_contrast_is_full_and_even() -> None:
 @pytest.mark.parametrize(
     "mesh", [tetrahedron(), hemisphere(6), torus(20, 14), square(12), disc(5), open_cylinder(9, 4)]
 )
-def test_any_field_gives_a_picture(mesh: TriangleMesh) -> None:
+def test_any_field_gives_a_picture(mesh):
     """With sinks, whirls and edges that two faces push into, down to single faces."""
     field = tangent(mesh, np.random.default_rng(5).normal(size=(len(mesh.faces), 3)))
     field[::7] = 0
@@ -183,7 +176,7 @@ def test_any_field_gives_a_picture(mesh: TriangleMesh) -> None:
     assert image.std() > 0.1
 
 
-def test_streaks_run_evenly_up_to_a_boundary() -> None:
+def test_streaks_run_evenly_up_to_a_boundary():
     mesh = square(20)
     field = np.tile([1.0, 0.3, 0.0], (len(mesh.faces), 1))
     atlas, image = line_integral_convolution(mesh, field, size=512)
@@ -193,7 +186,7 @@ def test_streaks_run_evenly_up_to_a_boundary() -> None:
     assert_allclose(near, far, rtol=0.15)
 
 
-def test_no_field_is_plain_grey() -> None:
+def test_no_field_is_plain_grey():
     mesh = icosphere(2)
     _, image = line_integral_convolution(mesh, np.zeros((len(mesh.faces), 3)), size=128, fade=True)
     assert_array_equal(image, 0.5)
@@ -208,7 +201,7 @@ def test_no_field_is_plain_grey() -> None:
     assert_array_equal(image[rows[inside], columns[inside]], 0.5)
 
 
-def test_contrast_fades_with_speed() -> None:
+def test_contrast_fades_with_speed():
     mesh = icosphere(4)
     field = rotation_field(mesh, [0, 0, 1])
     atlas, image = line_integral_convolution(mesh, field, size=512, fade=True)
@@ -219,7 +212,7 @@ def test_contrast_fades_with_speed() -> None:
     assert_allclose(slow / fast, 0.25 / 0.95, rtol=0.2)
 
 
-def test_only_the_direction_matters() -> None:
+def test_only_the_direction_matters():
     mesh = torus(16, 10)
     field = wavy_field(mesh, 2)
     _, image = line_integral_convolution(mesh, field, size=256)
@@ -228,7 +221,7 @@ def test_only_the_direction_matters() -> None:
         assert_allclose(scaled, image, rtol=0, atol=0.01)
 
 
-def test_contrast_that_fades_ends_at_a_zero_of_the_field() -> None:
+def test_contrast_that_fades_ends_at_a_zero_of_the_field():
     """Around the pole of a rotation it grows in proportion to the distance."""
     mesh = icosphere(4)
     atlas, image = line_integral_convolution(
@@ -249,7 +242,7 @@ class TestPhases:
     mesh = icosphere(3)
     field = rotation_field(mesh, [0, 0, 1])
 
-    def test_streaks_move_along_the_flow(self) -> None:
+    def test_streaks_move_along_the_flow(self):
         """The picture of a later phase correlates best with the one before further ahead."""
         atlas, images = line_integral_convolution(
             self.mesh, self.field, size=512, length=0.15, phase=[0.0, 0.25]
@@ -270,7 +263,7 @@ class TestPhases:
             shares.append(np.corrcoef(before, looked_up(atlas, images[1], moved))[0, 1])
         assert distances[int(np.argmax(shares))] > 0.02 * 0.15 * self.mesh.length_scale
 
-    def test_are_periodic_and_of_even_contrast(self) -> None:
+    def test_are_periodic_and_of_even_contrast(self):
         atlas, images = line_integral_convolution(
             self.mesh, self.field, size=256, phase=np.linspace(0, 1, 9)
         )
@@ -282,7 +275,7 @@ class TestPhases:
         deviations = [image[used].std() for image in images]
         assert_allclose(deviations, deviations[0], rtol=0.1)
 
-    def test_one_by_one_is_the_same(self) -> None:
+    def test_one_by_one_is_the_same(self):
         _, images = line_integral_convolution(self.mesh, self.field, size=128, phase=[0.0, 0.3])
         _, alone = line_integral_convolution(self.mesh, self.field, size=128, phase=0.0)
         assert_array_equal(images[0], alone)
@@ -292,23 +285,23 @@ class TestRefusals:
     mesh = icosphere(0)
     field = np.ones((20, 3))
 
-    def test_fields_that_do_not_fit(self) -> None:
+    def test_fields_that_do_not_fit(self):
         with pytest.raises(ParameterError, match=r"shape \(12, 3\)"):
             line_integral_convolution(self.mesh, np.ones((12, 3)))
         with pytest.raises(ParameterError, match="not finite"):
             line_integral_convolution(self.mesh, np.nan * self.field)
 
     @pytest.mark.parametrize("length", [0, -1, 2, np.nan])
-    def test_lengths_out_of_range(self, length: float) -> None:
+    def test_lengths_out_of_range(self, length):
         with pytest.raises(ParameterError, match="length"):
             line_integral_convolution(self.mesh, self.field, length=length)
 
-    def test_other_numbers(self) -> None:
+    def test_other_numbers(self):
         with pytest.raises(ParameterError, match="width"):
             line_integral_convolution(self.mesh, self.field, width=0)
         with pytest.raises(ParameterError, match="phase"):
             line_integral_convolution(self.mesh, self.field, phase=np.nan)
         with pytest.raises(ParameterError, match="seed"):
-            line_integral_convolution(self.mesh, self.field, seed=0.5)  # type: ignore[arg-type]
+            line_integral_convolution(self.mesh, self.field, seed=0.5)
         with pytest.raises(ParameterError, match="size"):
             line_integral_convolution(self.mesh, self.field, size=0)

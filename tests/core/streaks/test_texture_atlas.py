@@ -1,7 +1,5 @@
 """Texture atlases: every triangle has texels to itself, and linear filtering reads no others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -9,8 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm.calculus.operators import face_areas
 from abfm.errors import FunctionError, ParameterError
 from abfm.mesh import TriangleMesh
-from abfm.streaks.texture_atlas import TextureAtlas, texture_atlas
-from abfm.types import FloatArray
+from abfm.streaks.texture_atlas import texture_atlas
 from tests.core.texel_weights import texel_weights
 from tests.shapes import disc, ellipsoid, icosphere, square, tetrahedron, torus
 
@@ -26,7 +23,7 @@ MESHES = {
 cases = pytest.mark.parametrize(("mesh", "size"), MESHES.values(), ids=MESHES.keys())
 
 
-def filtered(atlas: TextureAtlas, texture: FloatArray, places: FloatArray) -> FloatArray:
+def filtered(atlas, texture, places):
     """Bilinear filtering at places (n, 2) in texels, as graphics cards do it."""
     low = np.floor(places - 0.5).astype(int)
     u, v = (places - 0.5 - low).T
@@ -42,7 +39,7 @@ def filtered(atlas: TextureAtlas, texture: FloatArray, places: FloatArray) -> Fl
     return total
 
 
-def random_places(atlas: TextureAtlas, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def random_places(atlas, count):
     """Faces, barycentric weights and places in texels; some of them on edges and corners."""
     rng = np.random.default_rng(0)
     faces = np.tile(np.arange(len(atlas.corners)), count)
@@ -55,7 +52,7 @@ def random_places(atlas: TextureAtlas, count: int) -> tuple[FloatArray, FloatArr
 
 
 @cases
-def test_filtering_reads_only_texels_of_the_face(mesh: TriangleMesh, size: int) -> None:
+def test_filtering_reads_only_texels_of_the_face(mesh, size):
     atlas = texture_atlas(mesh, size)
     faces, _, places = random_places(atlas, 30)
     for face in range(0, len(mesh.faces), max(len(mesh.faces) // 20, 1)):
@@ -69,7 +66,7 @@ def test_filtering_reads_only_texels_of_the_face(mesh: TriangleMesh, size: int) 
 
 
 @cases
-def test_filtering_a_linear_function_gives_it_back(mesh: TriangleMesh, size: int) -> None:
+def test_filtering_a_linear_function_gives_it_back(mesh, size):
     atlas = texture_atlas(mesh, size)
     h = np.random.default_rng(1).normal(size=len(mesh.vertices))
     faces, barycentric, places = random_places(atlas, 30)
@@ -80,7 +77,7 @@ def test_filtering_a_linear_function_gives_it_back(mesh: TriangleMesh, size: int
 
 
 @cases
-def test_texels_map_back_to_their_place(mesh: TriangleMesh, size: int) -> None:
+def test_texels_map_back_to_their_place(mesh, size):
     atlas = texture_atlas(mesh, size)
     rows, columns = np.nonzero(atlas.texel_faces >= 0)
     barycentric = texel_weights(atlas, rows, columns)
@@ -93,14 +90,14 @@ def test_texels_map_back_to_their_place(mesh: TriangleMesh, size: int) -> None:
 
 
 @cases
-def test_coordinates_lie_in_the_texture(mesh: TriangleMesh, size: int) -> None:
+def test_coordinates_lie_in_the_texture(mesh, size):
     coordinates = texture_atlas(mesh, size).corner_coordinates
     assert coordinates.shape == (3 * len(mesh.faces), 2)
     assert coordinates.min() >= 0
     assert coordinates.max() <= 1
 
 
-def test_texels_are_shared_out_by_area() -> None:
+def test_texels_are_shared_out_by_area():
     """Edges are about as long in texels as on the surface, never below three quarters of it."""
     mesh = ellipsoid(3, 3, 1, 1)
     atlas = texture_atlas(mesh, 1024)
@@ -116,7 +113,7 @@ def test_texels_are_shared_out_by_area() -> None:
     assert texels.sum() > 0.6 * 1024**2
 
 
-def test_does_not_depend_on_the_unit() -> None:
+def test_does_not_depend_on_the_unit():
     mesh = torus(12, 9)
     scaled = TriangleMesh(1e-3 * mesh.vertices, mesh.faces)
     one, other = texture_atlas(mesh, 256), texture_atlas(scaled, 256)
@@ -124,19 +121,19 @@ def test_does_not_depend_on_the_unit() -> None:
     assert_allclose(other.corners, one.corners, rtol=0, atol=3)
 
 
-def test_is_made_once() -> None:
+def test_is_made_once():
     mesh = icosphere(1)
     assert texture_atlas(mesh, 128) is texture_atlas(mesh, 128)
     assert texture_atlas(mesh, 128) is not texture_atlas(mesh, 129)
 
 
-def test_half_a_million_faces() -> None:
+def test_half_a_million_faces():
     mesh = square(500)
     atlas = texture_atlas(mesh, 2000)
     assert len(np.unique(atlas.texel_faces)) == 500_000
 
 
-def test_too_small_a_texture_is_refused_with_the_least_size() -> None:
+def test_too_small_a_texture_is_refused_with_the_least_size():
     mesh = icosphere(2)
     with pytest.raises(ParameterError, match="320 faces: take 52 or more"):
         texture_atlas(mesh, 51)
@@ -144,11 +141,11 @@ def test_too_small_a_texture_is_refused_with_the_least_size() -> None:
 
 
 @pytest.mark.parametrize("size", [0, -5, 3, 2.5, 100_000])
-def test_sizes_out_of_range_are_refused(size: int) -> None:
+def test_sizes_out_of_range_are_refused(size):
     with pytest.raises(ParameterError, match="expected a whole number of texels from 4 to 16384"):
         texture_atlas(tetrahedron(), size)
 
 
-def test_functions_of_other_meshes_are_refused() -> None:
+def test_functions_of_other_meshes_are_refused():
     with pytest.raises(FunctionError, match="11 values"):
         texture_atlas(icosphere(0), 64).affine(np.zeros(11))
