@@ -1,10 +1,5 @@
-"""The colour maps of every picture: for functions with a zero in the middle, for the others, and
-some well-known ones.
-
-The first two keep the surface readable under a light: the value that most of a surface has is a
-light grey, and lightness falls steadily away from it, so that the pictures also work in print and
-for colour-blind readers. On dark grounds, where that would glare, it is a dark grey, away from
-which lightness rises.
+"""Colour maps: under a light what means nothing is a light grey, or a dark one on dark grounds,
+and lightness goes steadily away from it, for print and for colour-blind readers.
 """
 
 from dataclasses import dataclass
@@ -47,9 +42,7 @@ def on_ground(colormap: str, is_dark: bool) -> str:
 
 
 def color_range(*functions: FloatArray) -> ColorRange:
-    """Return one range for functions, symmetric about 0 if they take both signs; a least value just
-    above 0 counts as 0, so that a colour bar begins there.
-    """
+    """Find one range, about 0 for both signs, or from 0 where values begin just above it."""
     low = min(float(function.min()) for function in functions)
     high = max(float(function.max()) for function in functions)
     largest = max(-low, high)

@@ -1,7 +1,4 @@
-"""What is written over the surfaces, in windows, pictures and sheets: names and colour bars.
-
-The window has rings around the Gaussians that the mouse would move, too.
-"""
+"""What is written over the surfaces: names, colour bars, rings around Gaussians."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -119,10 +116,7 @@ def bar_parts(
 
 
 def bars_in_a_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> list[Part]:
-    """Lay out bars by their titles, as high as a line of text, between the ends of their ranges.
-
-    Where there is little room titles are written up to a comma, or left away, the last ones first.
-    """
+    """Lay out bars as high as a line; in little room with shorter titles or none."""
     left, top, right, bottom = rect
     gap, apart, thin = 2 * _GAP * pen.scale, _APART * pen.scale, pen.line / 4
     inks, count = pen.inks, len(ranges)
@@ -155,7 +149,7 @@ def bars_in_a_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> li
 
 
 def _shorter(titles: list[str]) -> Iterator[list[str]]:
-    """The titles, and ever less of them."""
+    """Yield the titles, then cut at commas, then ever less of them."""
     yield titles
     short = [title.split(",")[0] for title in titles]
     for count in range(len(titles), -1, -1):

@@ -13,9 +13,7 @@ from abfm_viewer.scene.surfaces import viewport
 
 @dataclass(frozen=True)
 class Camera:
-    """Where it is and what it looks at, (3,) each, from which side, and the vertical angle in
-    degrees; the aspect is width over height.
-    """
+    """Where it is, what it looks at, its vertical angle in degrees, width over height."""
 
     position: Triple
     target: Triple
@@ -27,11 +25,7 @@ class Camera:
 def fitted(
     vertices: FloatArray, front: Front, aspect: float | None, angle: float, margin: float
 ) -> Camera:
-    """Return the nearest camera in a direction that sees all vertices (V, 3).
-
-    Its aspect is by default the shape's own; the margin that stays free on each side is a share of
-    what the vertices take.
-    """
+    """Find the nearest camera that sees all vertices (V, 3); the margin is a share of them."""
     x, y, z = front.axes @ vertices.T
     middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])
     half_width, half_height = np.abs(x - middle[0]), np.abs(y - middle[1])

@@ -72,20 +72,14 @@ class Overlays:
     def update(
         self, meshes: Mapping[str, TriangleMesh], paints: Mapping[str, Paint], of_flow: bool
     ) -> None:
-        """Show what the view and the document ask for; of the flow only if so told.
-
-        That is on surfaces with these meshes and paints, by their names.
-        """
+        """Show what is asked for on surfaces by name; of the flow only if so told."""
         for name, mesh in meshes.items():
             self._draw_isolines(name, mesh, paints.get(name))
         if "advected" in meshes:
             self._draw_of_flow(meshes["advected"], of_flow, "source" in meshes)
 
     def _draw_isolines(self, surface: str, mesh: TriangleMesh, paint: Paint | None) -> None:
-        """Show lines of a function's equal values.
-
-        There are none at the ends of its range nor in the middle, where it is constant.
-        """
+        """Show equal values, but not the range's ends and middle, where it may be constant."""
         view, name = self._shown.session.view, _ISOLINES + surface
         colors = paint.colors if paint and paint.kind == "vertex values" else None
         if not view.isolines or surface == "error" or paint is None or colors is None:

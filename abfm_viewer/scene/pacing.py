@@ -69,10 +69,7 @@ class Pacing:
 
 
 class Resting:
-    """Decides in every frame with how many `samples` along a side of a pixel it is drawn.
-
-    Only in a window on a screen (`is_real`); `now` reads a clock in seconds.
-    """
+    """Decides how many `samples` along a side of a pixel a window's frame has."""
 
     def __init__(
         self, session: Session, is_real: bool, now: Callable[[], float] = clock.perf_counter
@@ -82,10 +79,7 @@ class Resting:
         self._moved_at = now()
 
     def update(self, moves: bool, seconds: float) -> None:
-        """Take in, before polyscope draws a frame, whether it differs from the last.
-
-        `seconds` is how long it takes to draw one with a single sample.
-        """
+        """Take in whether the coming frame differs, and the seconds of a single sample."""
         if not self._is_real:
             return
         now, samples = self._now(), self.samples

@@ -87,10 +87,7 @@ def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
 def arrow_courses(
     mesh: TriangleMesh, velocity: FloatArray, length: float, density: float
 ) -> list[Course]:
-    """Find the ways of the arrows of a field (F, 3): pieces of flow lines.
-
-    The length is that of the fast ones.
-    """
+    """Find pieces of a field's (F, 3) flow lines; the length is that of the fast ones."""
     speed = np.linalg.norm(velocity, axis=1)
     faces = evenly_spread(mesh, density)
     if not speed[faces].any():
@@ -149,11 +146,7 @@ def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
 def isoline_ribbons(
     mesh: TriangleMesh, values: FloatArray, levels: Sequence[float] | FloatArray, half_width: float
 ) -> Triangles:
-    """Lines where a function (V,) has certain values: in every triangle that it crosses a strip in
-    its plane.
-
-    Where the function is constant there is no line, whatever its value.
-    """
+    """Strips in triangles where a function (V,) has values; none where it is constant."""
     corners = mesh.vertices[mesh.faces] / mesh.length_scale
     normals = _outward(mesh) * abfm.calculus.face_normals(mesh)
     at_corners = values[mesh.faces]

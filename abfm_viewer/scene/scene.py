@@ -43,10 +43,7 @@ class Hit:
 
 
 class Scene:
-    """Surfaces in slots: where each one is seen is a matter of transforms, which cost nothing.
-
-    `names` are the slots that exist, in their order, and `shown` those of them that have room.
-    """
+    """Surfaces in slots: `names` are those that exist, `shown` those that have room."""
 
     def __init__(self, shown: Shown, turns: bool = False) -> None:
         self._session = shown.session
@@ -126,9 +123,7 @@ class Scene:
         return self._session.view.look
 
     def turn(self, degrees: float) -> None:
-        """Turn every surface, with what is drawn on it, about its own upright axis; picks are
-        wrong then.
-        """
+        """Turn all about their upright axes; picks are wrong then."""
         self._degrees = degrees
         self._place()
 
@@ -187,11 +182,7 @@ class Scene:
         return Hit(name, Point(face, triple(weights)), vertex)
 
     def _front(self) -> Front | None:
-        """Return the surface's front, chosen when its functions are known, and then kept.
-
-        It is chosen for the mesh alone where default functions are to come, which will face it, or
-        where functions cannot be evaluated.
-        """
+        """Choose the front when functions are known, or without any if there will be none."""
         session, surface = self._session, self._session.surface()
         if surface.front is not None:
             return surface.front
@@ -290,11 +281,7 @@ _Side = tuple[int, float, int]  # across x or y (0, 1), at pixels, and which sid
 
 
 class Placing:
-    """Gives structures the transform and clipping of their slot; without one they are hidden.
-
-    Every structure minds the planes of its slot's sides; there are none until something is
-    clipped, as each costs time in every pixel.
-    """
+    """Gives structures the transform of their slot, and planes at its sides if clipped."""
 
     def __init__(self) -> None:
         # names: a handle that outlives its plane spoils later ones at its address

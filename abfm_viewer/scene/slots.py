@@ -24,9 +24,7 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True)
 class Slot:
-    """A surface's part of the window: the surface is clipped to `rect`, and its name stands in
-    `name`, above the surface, or at its left where the slot is too low for both.
-    """
+    """What a surface is clipped to, and where its name is, above or beside it."""
 
     rect: Rect
     name: Rect
@@ -49,12 +47,7 @@ class Slot:
 def slots(
     names: Sequence[str], rect: Rect, shape: tuple[float, float], layout: Layout, name_height: float
 ) -> dict[str, Slot]:
-    """Slots that fill a rectangle of the window, row by row, all of one size; `shape` is the width
-    and height of all.
-
-    An automatic layout is one that makes them large. A last row with fewer of them stands in the
-    middle.
-    """
+    """Divide a rectangle by rows into slots for surfaces of a shape, large if automatic."""
     count = len(names)
 
     def goodness(columns: int) -> float:
@@ -178,11 +171,7 @@ class SlotView:
         return replace(self, rotation=_orthonormal(turn @ self.rotation))
 
     def orbited(self, delta: Place) -> Self:
-        """After the mouse dragged a turntable by pixels: what stands upright stays so.
-
-        Sideways it turns about the upright axis; up and down it tilts that axis, at most until
-        the surface is seen from above or below.
-        """
+        """After the mouse dragged a turntable: sideways it turns, up and down it tilts."""
         radian = _BALL * self.radius * self.scale / self.zoom
         _, up, towards = self.rotation @ self.upright
         before = math.atan2(towards, up)
@@ -201,10 +190,7 @@ class SlotView:
         return replace(self, target=self.home + away * share)
 
     def zoomed(self, name: str, place: Place, factor: float) -> Self:
-        """After coming nearer: what is under the mouse in a surface's slot stays there.
-
-        Going farther leads back to where the target is home when the surface fits again.
-        """
+        """Come nearer to what is under the mouse; going farther leads back home."""
         zoom = min(max(self.zoom * factor, FARTHEST), NEAREST)
         if zoom < self.zoom:
             share = max(0.0, 1 - 1 / zoom) / (1 - 1 / self.zoom) if self.zoom > 1 else 1.0

@@ -29,11 +29,7 @@ _MOST = 0.5  # of the edges
 
 
 class Viewport:
-    """Coordinates in which polyscope draws a mesh, as graphics cards have but seven digits.
-
-    They count from the middle of the mesh's bounding box, with the square root of the area as the
-    unit.
-    """
+    """Coordinates about a mesh's middle, in sqrt(area): graphics cards have 7 digits."""
 
     def __init__(self, mesh: TriangleMesh) -> None:
         self.center: FloatArray = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
@@ -112,9 +108,7 @@ def back_faces(mesh: TriangleMesh) -> str:
 
 
 def edge_width(faces: int, scale: float) -> float:
-    """Of a wireframe of so many faces of a surface of area 1, whose lengths of 1 have so many
-    pixels: thin where edges are short, or they would hide the colours.
-    """
+    """Of a wireframe: thin where edges are short, or they would hide the colours."""
     length = scale * math.sqrt(4 / (math.sqrt(3) * faces))  # in pixels, of equal triangles
     return _EDGE * min(max(round(length / _LONG_EDGE, 1), _THINNEST), 1.0)
 

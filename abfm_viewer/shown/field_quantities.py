@@ -31,11 +31,7 @@ _EXACT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """One part of one of the flow's fields, or a field that belongs to it.
-
-    `shares` are those of each Helmholtz-Hodge part in the whole field's squared norm, empty unless
-    asked for.
-    """
+    """A part of the flow's field, or a related one; `shares` are of the squared norm."""
 
     mesh: TriangleMesh
     velocity: FloatArray  # (F, 3), in the input's units
@@ -68,11 +64,7 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
 
 
 def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
-    """The smoothest field (F, 3) that commutes with one of the flow's, and the bracket relative to
-    both.
-
-    During a run, on a large mesh and of a field that is zero an `AbfmError` says why there is none.
-    """
+    """The smoothest field (F, 3) that commutes, and the bracket, or why there is none."""
     if not flow.final:
         raise AbfmError("the field that commutes is computed when the run has ended")
     count = len(flow.mesh.vertices)
@@ -88,11 +80,7 @@ def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
 
 
 def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Field:
-    """The gradient of a function (V,), carried along the flow's fields one after the other to a
-    time.
-
-    A flow that is too long and a field that overflows are an `AbfmError`.
-    """
+    """The gradient of a function (V,), carried along the flow's fields to a time."""
     mesh = flow.mesh
     gradient = (abfm.calculus.gradient(mesh) @ function).reshape(-1, 2)
     carried = abfm.calculus.to_ambient(mesh, gradient)
@@ -107,11 +95,7 @@ def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Fiel
 
 @dataclass(frozen=True, eq=False)
 class Streaks:
-    """Grey textures (P, size, size), from 0 to 255, with streaks along a field, and the atlas that
-    says what is where.
-
-    More than one show phases of the streaks' way along the field.
-    """
+    """Grey textures (P, size, size), 0 to 255, phases of streaks, and their atlas."""
 
     field: Field
     atlas: abfm.streaks.TextureAtlas

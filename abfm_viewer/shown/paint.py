@@ -24,13 +24,10 @@ _SQUARES = 20  # of a checkerboard, across a mesh as it is seen from the front
 
 @dataclass(frozen=True, eq=False)
 class Paint:
-    """One surface's colours.
-
-    The values are (V,), (F,), (V, 3) colours in linear light, (V, 2) texture coordinates, or (size,
-    size, 3) texture.
-    """
+    """One surface's colours."""
 
     kind: PaintKind
+    # (V,), (F,), linear (V, 3), places (V, 2) in a checkerboard, or texture (size, size, 3)
     values: FloatArray | NDArray[np.float32]
     title: str  # for the label above the surface
     colors: ColorRange | None = None  # where the values are colours themselves and no function's
@@ -40,12 +37,7 @@ class Paint:
 
 
 class Painter:
-    """Decides the paint of every surface; a paint stays the same object while what it is made of
-    does.
-
-    The error's range ends at the shown error's maximum, or, in a movie, where it must not change,
-    at `largest_error`.
-    """
+    """Decides all paints, each the same object while what it is made of is."""
 
     def __init__(self, shown: Shown) -> None:
         self.largest_error: float | None = None

@@ -24,11 +24,7 @@ _SETTLED = 0.15  # seconds without a new time after which it is worth computing 
 
 @dataclass(frozen=True, eq=False)
 class FlowState:
-    """A field and the parameters it was found with; two are the same only if they are one object.
-
-    The field (N, F, 3) may be given by what computes it: that of a coarse mesh takes a while to be
-    read on a fine one.
-    """
+    """A field (N, F, 3), or what reads it, which takes a while; the same only if one object."""
 
     mesh: TriangleMesh
     found: FloatArray | Callable[[], FloatArray]
@@ -41,10 +37,7 @@ class FlowState:
         return self.found() if callable(self.found) else self.found
 
     def carry(self, function: FloatArray, times: FloatArray) -> FloatArray:
-        """A function (V,) or (V, C) at times (T,): (T, V) or (T, V, C).
-
-        An `AdvectionError` says that the flow is too long, or overflows single precision.
-        """
+        """A function (V,) or (V, C) at times (T,), if the flow can be followed: (T, V, C)."""
         parameters = self.parameters
         flow = abfm.Flow(self.mesh, self.velocity, parameters.tau, parameters.method)
         carried = flow.push(function, times)
@@ -57,9 +50,7 @@ class FlowState:
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """A function at evenly spaced times (T,), as (T, V) or (T, V, C) in single precision: spans are
-    kept in memory, so that scrubbing costs a blend.
-    """
+    """A function at evenly spaced times (T,), in single precision: scrubbing is a blend."""
 
     times: FloatArray
     frames: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
@@ -90,12 +81,7 @@ def span(state: FlowState, function: FloatArray) -> Span:
 
 
 class Carried:
-    """One function, carried to the time that is shown: at once from a span, and exactly as soon as
-    possible.
-
-    Asked for the same again, it gives the same array, by which others know that nothing changed. It
-    is `behind` while what it gave last is of another flow or time than it was asked for.
-    """
+    """A function at the shown time, the same array for the same; `behind` if of another."""
 
     def __init__(self, jobs: Jobs) -> None:
         self._span: Latest[Span] = jobs.latest()
@@ -127,11 +113,7 @@ class Carried:
     def at(
         self, state: FlowState, function: FloatArray, time: float, settled: bool
     ) -> FloatArray | None:
-        """Values at a time, those of an earlier flow or function while new ones come, None before
-        any.
-
-        A time that is settled, as it does not move at present, is computed exactly.
-        """
+        """Values at a time, exact if it is settled; an earlier flow's while new ones come."""
         self.behind = False
         if time == 0:
             return function

@@ -27,7 +27,7 @@ _OUTPUTS = ("out.npz", "out.ply", "out.vtu", "out.csv", "out.nothing", "no/such/
 
 
 def _press(label):
-    return lambda monkey, chance: monkey.gui._click(monkey.widget(chance, "button", label=label))
+    return lambda monkey, chance: monkey.gui._click_on(monkey.widget(chance, "button", label=label))
 
 
 def _frames(monkey, count, seconds):
@@ -88,7 +88,7 @@ def _menu(monkey, chance):
         if not items:
             break
         chosen = chance.choice(items)
-        monkey.gui._click(chosen)
+        monkey.gui._click_on(chosen)
         if chosen.kind == "item":
             return f"{menu}/{chosen.label}"
     monkey.gui.key("esc")

@@ -1,0 +1,216 @@
+"""Colour maps, the range that functions share, and the colours of the window."""
+
+import colorsys
+from itertools import combinations, product
+from typing import get_args
+
+import numpy as np
+import pytest
+from scipy.interpolate import PchipInterpolator
+
+from abfm_viewer.appearance import colormaps
+from abfm_viewer.appearance.colormaps import color_range, loaded_name, on_ground, table
+from abfm_viewer.appearance.theme import DARK, palette
+from abfm_viewer.document.document import THEMES
+from abfm_viewer.scene.opengl import material_pictures
+from abfm_viewer.widgets.toolkit import Kind
+from tests.viewer.contrast import SIGHTS, contrast, difference
+
+NAMES = ["abfm sequential", "abfm diverging"]
+# Colours in Oklab, evenly spaced along the map: lightness, green to red, blue to yellow.
+STOPS = {
+    "abfm sequential": (
+        (0.93, 0.84, 0.70, 0.55, 0.36),
+        (0.000, 0.045, 0.130, 0.170, 0.122),
+        (0.004, 0.085, 0.110, 0.090, 0.052),
+    ),
+    "abfm diverging": (
+        (0.36, 0.62, 0.93, 0.66, 0.38),
+        (-0.010, -0.035, 0.000, 0.150, 0.130),
+        (-0.150, -0.125, 0.002, 0.080, 0.058),
+    ),
+    "abfm sequential dark": (
+        (0.43, 0.50, 0.62, 0.76, 0.92),
+        (0.000, 0.075, 0.145, 0.105, 0.000),
+        (-0.006, 0.035, 0.085, 0.125, 0.115),
+    ),
+    "abfm diverging dark": (
+        (0.83, 0.60, 0.43, 0.60, 0.83),
+        (-0.035, -0.030, 0.000, 0.150, 0.080),
+        (-0.085, -0.140, -0.006, 0.065, 0.075),
+    ),
+    "viridis": (
+        (0.285, 0.419, 0.535, 0.654, 0.779, 0.918),
+        (0.102, 0.016, -0.062, -0.120, -0.135, -0.039),
+        (-0.091, -0.108, -0.053, 0.023, 0.126, 0.182),
+    ),
+    "magma": (
+        (0.048, 0.309, 0.466, 0.621, 0.789, 0.979),
+        (-0.003, 0.067, 0.149, 0.181, 0.088, -0.025),
+        (-0.033, -0.133, -0.077, 0.039, 0.097, 0.075),
+    ),
+    "coolwarm": (
+        (0.475, 0.762, 0.898, 0.767, 0.487),
+        (0.004, -0.010, 0.000, 0.093, 0.180),
+        (-0.181, -0.119, 0.000, 0.075, 0.074),
+    ),
+    "gray": ((0.252, 0.450, 0.627, 0.792, 0.949), (0,) * 5, (0,) * 5),
+}
+TO_LMS = np.array(
+    [
+        [1, 0.3963377774, 0.2158037573],
+        [1, -0.1055613458, -0.0638541728],
+        [1, -0.0894841775, -1.2914855480],
+    ]
+)
+TO_RGB = np.array(
+    [
+        [4.0767416621, -3.3077115913, 0.2309699292],
+        [-1.2684380046, 2.6097574011, -0.3413193965],
+        [-0.0041960863, -0.7034186147, 1.7076147010],
+    ]
+)
+GROUNDS = ("panel", "field", "hovered", "pressed", "ground")
+CURVES = ("muted", "smoothness", "closeness")  # of the energy and its terms
+# in CIELAB, where 2.3 is just noticeable side by side; thin lines need several times as much
+APART = 20.0
+# at least, of texts, and of marks without which a widget could not be understood
+READ, SEEN = 4.5, 3.0
+
+
+def luminance(colors):
+    """Relative luminance of sRGB colours."""
+    linear = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
+    return linear @ [0.2126, 0.7152, 0.0722]
+
+
+@pytest.mark.parametrize(
+    ("least", "expected"), [(-0.01, ("sequential", -0.01, 1)), (-2.0, ("diverging", -2, 2))]
+)
+def test_functions_share_a_range_with_zero_in_the_middle_if_they_have_both_signs(least, expected):
+    shared = color_range(np.array([0.0, 0.4]), np.array([least, 1.0]))
+    assert (shared.colormap, shared.low, shared.high) == (f"abfm {expected[0]}", *expected[1:])
+
+
+@pytest.mark.parametrize("value", [0.0, -3.0, 1e-300, 1e17, -1e30])
+def test_a_constant_has_a_range_around_it(value):
+    shared = color_range(np.full(4, value))
+    assert shared.low < value < shared.high
+
+
+def test_a_range_from_just_above_zero_begins_at_zero():
+    assert [color_range(np.array([low, 1.0])).low for low in (0.01, 0.1)] == [0, 0.1]
+
+
+@pytest.mark.parametrize("is_dark", [False, True])
+@pytest.mark.parametrize("name", NAMES)
+def test_lightness_goes_steadily_away_from_the_grey_that_means_nothing(name, is_dark):
+    colors = table(on_ground(name, is_dark), 257)
+    assert 0 <= colors.min() <= colors.max() <= 1
+    middle = 0 if name == "abfm sequential" else len(colors) // 2
+    grey, light, away = colors[middle], luminance(colors), -1 if not is_dark else 1
+    assert (away * np.diff(light[middle:]) > 0).all()
+    assert (away * np.diff(light[: middle + 1]) < 0).all()
+    if is_dark:
+        assert np.ptp(grey) < 0.05
+        assert (light + 0.05).min() > 1.5 * (luminance(np.array(DARK.ground[:3])) + 0.05)
+        assert light[middle] < 0.15
+    else:
+        assert np.ptp(grey) < 0.03
+        assert grey.min() > 0.85
+
+
+def test_maps_stay_themselves_on_light_grounds_and_where_they_have_no_zero():
+    names = list(colormaps.NAMES)
+    assert [on_ground(name, is_dark=False) for name in names] == names
+    assert [on_ground(name, is_dark=True) for name in names[2:]] == names[2:]
+
+
+@pytest.mark.parametrize("is_dark", [False, True])
+def test_the_two_ends_of_the_diverging_map_weigh_the_same_and_differ(is_dark):
+    blue, red = table(on_ground("abfm diverging", is_dark))[[0, -1]]
+    assert luminance(blue) == pytest.approx(luminance(red), abs=0.04)
+    assert blue[2] > blue[0] + 0.3
+    assert red[0] > red[2] + 0.3
+
+
+def test_images_hold_the_maps_in_linear_light():
+    rows = {name: picture[0] / 255 for name, picture in colormaps.pictures().items()}
+    assert set(rows) == set(STOPS) > set(colormaps.NAMES)
+    for name, row in rows.items():
+        assert row[[0, -1]] ** (1 / 2.2) == pytest.approx(table(name)[[0, -1]], abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("name", "ends"),
+    [("viridis", [[68, 1, 84], [253, 231, 37]]), ("coolwarm", [[59, 76, 192], [180, 4, 38]])],
+)
+def test_maps_of_well_known_names_have_the_colours_that_these_are_known_for(name, ends):
+    assert table(name)[[0, -1]] == pytest.approx(np.array(ends) / 255, abs=0.02)
+
+
+@pytest.mark.parametrize("name", STOPS)
+@pytest.mark.parametrize("size", [64, 256, 1024])
+def test_maps_join_their_stops_in_oklab_without_overshooting(name, size):
+    stops = np.array(STOPS[name]).T
+    oklab = PchipInterpolator(np.linspace(0, 1, len(stops)), stops)(np.linspace(0, 1, size))
+    linear = np.clip((oklab @ TO_LMS.T) ** 3 @ TO_RGB.T, 0, 1)
+    assert colormaps.linear_table(name, size) == pytest.approx(linear, abs=0.6 / 255)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    assert table(name, size) == pytest.approx(encoded, abs=0.6 / 255)
+
+
+def test_polyscope_gets_no_name_that_it_has_already():
+    names = {loaded_name(name) for name in colormaps.NAMES}
+    assert all(name.startswith("abfm ") for name in names)
+    assert len(names) == len(colormaps.NAMES)
+
+
+def test_the_material_has_no_colour_of_its_own():
+    red, green, blue, black = material_pictures()
+    assert (red[..., 0] == green[..., 1]).all()
+    assert (red[..., 0] == blue[..., 2]).all()
+    assert not red[..., 1:].any()
+    assert not black.any()
+    assert red.max() < 255
+
+
+@pytest.fixture(params=THEMES)
+def colors(request):
+    return palette(request.param)
+
+
+@pytest.mark.parametrize(("ink", "ground"), [*product(get_args(Kind), GROUNDS)])
+def test_texts_stand_out_from_every_ground(colors, ink, ground):
+    assert contrast(getattr(colors, ink), getattr(colors, ground)) >= READ
+
+
+def test_the_one_button_and_the_marks_of_sliders(colors):
+    assert contrast(colors.accent_ink, colors.accent) >= READ
+    assert contrast(colors.accent_ink, colors.accent_hovered) >= READ
+    assert contrast(colors.accent, colors.panel) >= SEEN
+    assert contrast(colors.accent, colors.field) >= SEEN
+    assert contrast(colors.marker, colors.field) >= SEEN
+
+
+def test_curves_of_the_energy_stand_out_from_the_plot_and_from_each_other_for_every_eye(colors):
+    curves = [getattr(colors, name) for name in CURVES]
+    assert min(contrast(curve, colors.ground) for curve in curves) >= SEEN
+    for sight, (one, other) in product(SIGHTS, combinations(curves, 2)):
+        assert difference(one, other, sight) > APART, sight
+
+
+def degrees_between(one, other):
+    first, second = (360 * colorsys.rgb_to_hsv(*color[:3])[0] for color in (one, other))
+    apart = abs(first - second) % 360
+    return min(apart, 360 - apart)
+
+
+def test_terms_of_the_energy_and_failure_have_hues_of_their_own(colors):
+    others = ("source", "target", "accent", "accent_hovered", "good", "marker")
+    for term, reserved, least in (
+        *product(("smoothness", "closeness"), ("source", "target", "failure"), (25,)),
+        *product(("failure",), others, (45,)),
+    ):
+        apart = degrees_between(getattr(colors, term), getattr(colors, reserved))
+        assert apart > least, (term, reserved)
