@@ -89,10 +89,7 @@ class Functions:
         return self._latest.ask(specs, lambda: self._all(specs)) if self._waits else cached
 
     def evaluate(self, spec: str) -> FloatArray:
-        """Values (V,) of one spec, computed now; errors as of `abfm.function`.
-
-        WorkerEndedError if the process that computes was ended from outside.
-        """
+        """Values (V,) of one spec, computed now; errors as of `abfm.function`, and of a worker."""
         with self._lock:
             if spec in self._cache:
                 self._cache.move_to_end(spec)

@@ -109,11 +109,10 @@ class Matching:
 
 
 class MatchApart:
-    """Runs one match after the other in its process, which starts with the first of them.
+    """Runs one match after the other in a process, which starts with the first, again if it ended.
 
-    It starts again if it has ended. One that is idle when it is closed leaves its process to the
-    next one, to which nothing of it is seen: where a script opens one window after the other, one
-    process is enough.
+    One that is idle when it is closed leaves its process to the next one, which sees nothing of it:
+    a script that opens one window after the other needs one process.
     """
 
     _spare: ClassVar[list[Worker[Matching]]] = []
@@ -137,10 +136,7 @@ class MatchApart:
     def match(
         self, problem: abfm.Problem, on_iteration: Callable[[abfm.Iteration], None]
     ) -> abfm.Match:
-        """As `abfm.match`, held and ended by the control of this thread.
-
-        WorkerEndedError if the process ends.
-        """
+        """As `abfm.match`, held and ended by the control of this thread; or WorkerEndedError."""
         self._is_matching = True
         run = next(self._runs)
         call = self._worker.call(Matching.match, run, problem)

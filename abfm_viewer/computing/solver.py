@@ -67,22 +67,14 @@ class Snapshot:
     shown: abfm.Iteration
 
 
-class State(Enum):
-    """Where a run is in its life; it has ended when `Solver.collect` has seen that."""
-
-    IDLE = "idle"
-    RUNNING = "running"
-    PAUSED = "paused"
-    ENDING = "ending"  # cancelled, and the evaluation under way is still to end
-    ENDED = "ended"
-    FAILED = "failed"
+State = Enum("State", "IDLE RUNNING PAUSED ENDING ENDED FAILED")
+"""Of a run, which ends while it is cancelled, and has ended when `Solver.collect` has seen that."""
 
 
 class Course:
     """What a run has come to: one thread adds to it, others read.
 
-    Its energies, iterate by iterate, and of the present solve the newest snapshot whose field is
-    here, should the process that matches be killed.
+    Should its process be killed, the `newest` snapshot of the present solve has its field here.
     """
 
     def __init__(self, vertices: int = 0) -> None:
@@ -230,10 +222,7 @@ class Solver:
                 self._control.cancel(briefly)
 
     def follow_problem(self, problem: ProblemSpec, dragging: bool = False) -> None:
-        """Restart with a changed problem, but end with one of another mesh.
-
-        Another alpha, which must be factored, is followed only when the mouse lets go.
-        """
+        """Restart with a changed problem, another alpha when not dragging; end with its mesh."""
         if not self.running or self.problem is None or problem == self.problem:
             return
         if problem.mesh.digest != self.problem.mesh.digest:
@@ -265,9 +254,8 @@ class Solver:
     def unfinished(self, snapshot: Snapshot, functions: Functions) -> tuple[abfm.Match, Run]:
         """A snapshot as if the run had been cancelled there, unverified, and the run's energies.
 
-        It waits, so not for the frame loop: on a coarser mesh the field is interpolated. AbfmError
-        if that is not known any more, or the run is over. The last one asked for is kept, should
-        the run fail.
+        It waits, so not for the frame loop; it is kept, should the run fail. AbfmError if its field
+        is not known any more, or the run is over.
         """
         course, now = self._course, snapshot.iteration
         if (run := course.run(now.mismatch, snapshot.problem.parameters)) is None:

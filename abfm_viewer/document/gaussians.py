@@ -27,20 +27,14 @@ def is_mapped(spec: str) -> bool:
 
 
 def changed(spec: str, bump: int, **values: Any) -> str:
-    """The spec with other parameters of one Gaussian; a vertex takes the place of x, y and z.
-
-    A value that is refused is a `FunctionError`.
-    """
+    """The spec with other values of one Gaussian, or FunctionError; a vertex replaces x, y, z."""
     if values.get("vertex") is not None:
         values |= {"x": None, "y": None, "z": None}
     return _with_bump(spec, bump, replace(gaussians(spec)[bump], **values))
 
 
 def added(spec: str, mesh: TriangleMesh) -> str:
-    """The spec with one more Gaussian, as wide as the last and as far as possible from all.
-
-    One at a vertex that the mesh has not is a `FunctionError`.
-    """
+    """The spec with one more Gaussian, as wide as the last and as far as possible from all."""
     return _with_bump(spec, None, _farthest(gaussians(spec), mesh))
 
 

@@ -7,10 +7,9 @@ import numpy as np
 
 from abfm_viewer.document.document import Document
 
-LONGEST = 200
-"""Steps."""
-LARGEST = 500_000_000
-"""Bytes of the meshes and results to which undo leads, besides those of the latest step."""
+LONGEST, LARGEST = 200, 500_000_000
+"""How many steps undo goes back, and bytes of the meshes and results to which it leads, besides
+those of the latest step."""
 
 
 class Step(NamedTuple):
@@ -24,9 +23,6 @@ class Step(NamedTuple):
 
 class History:
     """Every change is a step; changes in a row with the same merge key (a drag, a scrub) are one.
-
-    There are at most `LONGEST` steps to take back, and fewer where these hold meshes and results of
-    more than `LARGEST` bytes: then the oldest go.
 
     How the surfaces are seen goes back only with a step that changed it: what the mouse turned
     meanwhile stays. What the user did not do changes `document` without a step; `moves` counts what

@@ -100,10 +100,7 @@ def advice(match: abfm.Match) -> str:
 
 
 def advice_in_options(match: abfm.Match, result: str) -> str:
-    """Say what to try as options of a command line, if the result is in a file; else in words.
-
-    They are such as ``reach further (--reach 0.6 --start match.npz)``.
-    """
+    """Say what to try: ``reach further (--reach 0.6 --start match.npz)``, or in words."""
     found = []
     for remedy in match.verdict.remedies:
         given = remedy.parameters.items()

@@ -41,9 +41,8 @@ class Editor:
     def set_spec(self, side: Side, spec: str, merge: str = "", bump: int | None = None) -> None:
         """Give the active channel another source or target, and make that side active.
 
-        Its Gaussian `bump` becomes active, too: by default the same as before, or the first of the
-        other side. Raises FunctionError if the text is no spec; whether it fits the mesh turns out
-        when it is evaluated.
+        So does its Gaussian `bump`, by default the same as before, or the first of the other side.
+        FunctionError if the text is no spec; whether it fits the mesh turns out in evaluation.
         """
         document = self.document
         if document.active is None:
@@ -58,10 +57,7 @@ class Editor:
             self._put(f"change the {side}", changed, merge=merge, side=side, bump=bump)
 
     def set_weight(self, weight: float, merge: str = "") -> None:
-        """Set the active channel's weight.
-
-        FunctionError if it is negative or no number, or if all would be 0.
-        """
+        """Set the active channel's weight; FunctionError unless at least one is above 0."""
         if (active := self.document.active) is None:
             return
         if not (math.isfinite(weight) and weight >= 0):
@@ -72,10 +68,7 @@ class Editor:
             self._put("change a weight", replace(active, weight=float(weight)), merge=merge)
 
     def add_channel(self) -> None:
-        """Add a channel and make it active: a landmark far from the others' Gaussians.
-
-        It stays in its place, so that a flow that matches the others hardly moves it.
-        """
+        """Add a channel and make it active: a landmark that stays, far from others' Gaussians."""
         document = self.document
         specs = [channel.spec(side) for channel in document.channels for side in SIDES]
         stays = landmark(specs, document.surface().mesh)
@@ -86,10 +79,7 @@ class Editor:
             self._insert("duplicate a channel", self.document.active)
 
     def remove_channel(self) -> None:
-        """Remove the active channel unless it is the only one.
-
-        If no other one has a weight, they all get weight 1.
-        """
+        """Remove the active channel unless it is the only one; some other has a weight then."""
         if others := self._others:
             if not any(channel.weight for channel in others):
                 others = [replace(channel, weight=1.0) for channel in others]
@@ -126,10 +116,7 @@ class Editor:
         self.change(label, merge, channels=channels, **values)
 
     def set_parameter(self, merge: str = "", label: str = "", **values: Any) -> None:
-        """Change parameters by name, or none (ParameterError) if a value is refused.
-
-        The label is what undo calls it.
-        """
+        """Change parameters by name, or none (ParameterError) if a value is refused."""
         before = self.document.parameters
         if "method" in values and "segments" not in values:
             values["segments"] = 0
@@ -144,10 +131,7 @@ class Editor:
         self.set_parameter(label="reset the parameters", **Parameters().to_dict())
 
     def set_mask(self, spec: str) -> None:
-        """Weight the mismatch at each vertex by a function; by none if the text is empty.
-
-        FunctionError if the text is no spec.
-        """
+        """Weight the mismatch at each vertex by a function, or none; FunctionError if no spec."""
         if spec:
             abfm.functions.parse(spec)
         if spec != self.document.mask:

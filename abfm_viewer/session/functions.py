@@ -96,8 +96,7 @@ class DocumentFunctions:
     def outdated(self, document: Document) -> bool:
         """Tell whether the result was found for another problem; False without a result.
 
-        They are compared when one of them changed. While new values are being computed, the answer
-        is the one before.
+        While new values are being computed, the answer is the one before.
         """
         if (result := document.result) is None:
             return False
@@ -141,11 +140,10 @@ class DocumentFunctions:
         return "computing functions" if is_busy else ""
 
     def keep(self, at_work: Collection[TriangleMesh], in_reach: Collection[TriangleMesh]) -> None:
-        """Let go what can be had again.
+        """Let go of meshes out of reach, and of others what was computed but is not shown there.
 
-        That is all of a mesh out of reach; of others what was computed but is not shown there. What
-        came from files stays as long as its mesh is in reach, as the files may have changed since.
-        Who is still evaluating goes on with what there was, and the process ends with that.
+        What came from files stays, as these may have changed since. Who is still evaluating goes on
+        with what there was, and the process ends with that.
         """
         for mesh, functions in list(self._by_mesh.items()):
             if mesh in at_work:

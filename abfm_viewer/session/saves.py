@@ -61,10 +61,7 @@ class Saves:
         return self._of(document)[1]
 
     def left(self, document: Document) -> Document | None:
-        """The unsaved state in which a document was left, or its latest unsaved result found.
-
-        `mark` is to be told of it when the document is being saved.
-        """
+        """The unsaved state in which a document was left, or found; `mark` is to be told of it."""
         return self._left.get(document.identity)
 
     def mark(

@@ -197,8 +197,7 @@ class Session:
     def match(self, goes_on: bool | None = None) -> None:
         """Start a run, unless one is under way; if there is nothing to match yet, say why.
 
-        Whether it `goes_on` from the present field is what the solver is set to, unless it is
-        given.
+        Unless it is given, the solver is set to whether it `goes_on` from the present field.
         """
         if self.solver.running:
             return

@@ -3,6 +3,7 @@ and what was made last is kept while what it is made of stays the same.
 """
 
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -156,29 +157,20 @@ def raising(error):
         (SystemExit("library"), "SystemExit: library"),
         (KeyboardInterrupt(), "KeyboardInterrupt: "),
         (BaseException("panic"), "BaseException: panic"),
+        (ZeroDivisionError("by zero"), "ZeroDivisionError: by zero"),
     ],
 )
 def test_whatever_a_job_raises_is_told_in_one_line_and_the_next_request_is_answered(
-    latest, error, told
+    latest, error, told, monkeypatch
 ):
+    gone = SimpleNamespace(write=raising(OSError("the terminal is gone")))
+    monkeypatch.setattr("sys.stderr", gone)  # what cannot be printed ends no thread
     latest.ask("bad", raising(error))
     until(lambda: latest.key == "bad")
     assert (latest.value, latest.error) == (None, told)
     latest.ask("good", lambda: 3)
     until(lambda: latest.ask("good", lambda: 3) == 3)
     assert latest.error == ""
-
-
-def test_an_error_that_cannot_be_printed_ends_no_thread(latest, monkeypatch):
-    class Gone:
-        write = raising(OSError("the terminal is gone"))
-
-    monkeypatch.setattr("sys.stderr", Gone())
-    latest.ask("first", lambda: 1 // 0)
-    until(lambda: not latest.busy)
-    assert latest.error == "ZeroDivisionError: integer division or modulo by zero"
-    latest.ask("second", lambda: 2)
-    until(lambda: latest.ask("second", lambda: 2) == 2)
 
 
 def test_what_could_not_begin_as_there_was_no_thread_begins_with_the_next_request(
@@ -190,11 +182,8 @@ def test_what_could_not_begin_as_there_was_no_thread_begins_with_the_next_reques
         with pytest.raises(RuntimeError):
             latest.ask("key", lambda: 1)
     until(lambda: latest.ask("key", lambda: 1) == 1)
-
-
-def test_who_is_retired_is_not_waited_for(latest):
     latest.retire()
-    assert latest.ask("key", lambda: 1) is None
+    assert latest.ask("another", lambda: 1) is None
     assert not latest.busy
 
 
@@ -233,32 +222,24 @@ def held(latest):
         event.set()
 
 
-def test_what_is_there_and_asked_for_again_stays_though_something_else_was_under_way(latest, held):
+def test_what_is_there_or_under_way_and_asked_for_again_is_not_computed_twice(latest, held):
     job, begun, end = held
-    latest.ask("there", job("there"))
+    there, under_way = job("there"), job("under way")
+    latest.ask("there", there)
+    until(lambda: begun == ["there"])
+    latest.ask("other", job("other"))
+    latest.ask("there", there)
     end("there")
-    until(lambda: not latest.busy)
-    latest.ask("under way", job("under way"))
+    until(lambda: latest.ask("there", there) == "there")
+    assert not latest.busy
+    latest.ask("under way", under_way)
     until(lambda: begun == ["there", "under way"])
-    assert latest.ask("there", job("there")) == "there"
+    assert latest.ask("there", there) == "there"
     end("under way")
     latest.close(10)  # when it has ended
     assert not latest.busy
-    assert (latest.key, latest.ask("there", job("there"))) == ("there", "there")
+    assert (latest.key, latest.ask("there", there)) == ("there", "there")
     assert begun == ["there", "under way"]
-
-
-def test_what_is_under_way_and_asked_for_again_is_not_computed_twice(latest, held):
-    job, begun, end = held
-    under_way = job("under way")
-    latest.ask("under way", under_way)
-    until(lambda: begun == ["under way"])
-    latest.ask("other", job("other"))
-    latest.ask("under way", under_way)
-    end("under way")
-    until(lambda: latest.ask("under way", under_way) == "under way")
-    assert not latest.busy
-    assert begun == ["under way"]
 
 
 def test_one_that_is_at_work_holds_up_no_other_and_is_not_waited_for_long(latest, held):

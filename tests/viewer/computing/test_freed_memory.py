@@ -1,7 +1,5 @@
 """Memory that was freed goes back to the system."""
 
-from __future__ import annotations
-
 from tests.processes import python
 
 _RESIDENT = """
@@ -42,14 +40,9 @@ print(resident() - before)
 """
 
 
-def test_what_an_ended_thread_had_is_given_back():
-    assert _said_by(_RESIDENT + _PIECES) > 50  # megabytes, of 100
-
-
-def test_large_blocks_are_given_back_when_they_are_freed():
-    assert _said_by(_RESIDENT + _BLOCKS) < 20  # megabytes, of 100
-
-
-def _said_by(program: str) -> float:
-    done = python(program, check=True)
-    return float(done.stdout)
+def test_what_an_ended_thread_had_is_given_back_and_large_blocks_when_they_are_freed():
+    given, kept = (
+        float(python(_RESIDENT + program, check=True).stdout) for program in (_PIECES, _BLOCKS)
+    )
+    assert given > 50  # megabytes, of 100
+    assert kept < 20

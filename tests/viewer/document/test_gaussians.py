@@ -1,7 +1,5 @@
 """Editing the Gaussians of a spec: what was not asked for stays as it was."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,22 +8,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abfm import FunctionError, TriangleMesh
-from abfm.functions import Sum, parse
+from abfm.functions import Gaussian, Permuted, Sum, parse
 from abfm.functions.expression import Expression
-from abfm.functions.files import Permuted
-from abfm.functions.places import Coordinate, Gaussian
+from abfm.functions.places import Coordinate
 from abfm.functions.spectral import Eigenfunction
 from abfm_viewer.document import gaussians as bumps
 from tests.shapes import icosphere
 
 SPHERE = icosphere(1)
+GAP = TriangleMesh(np.vstack([np.zeros((5, 3)), SPHERE.vertices]), SPHERE.faces + 5)
 VERTICES = st.integers(0, len(SPHERE.vertices) - 1)
-NUMBERS = st.floats(-10, 10)
+NUMBERS, WIDTHS = st.floats(-10, 10), st.floats(0.001, 10)
 GAUSSIANS = st.one_of(
     st.builds(
         Gaussian,
         vertex=st.tuples(VERTICES) | st.tuples(VERTICES, VERTICES),
-        width=st.floats(0.001, 10),
+        width=WIDTHS,
         height=NUMBERS,
         metric=st.sampled_from(["geodesic", "euclidean"]),
     ),
@@ -38,69 +36,42 @@ OTHERS = st.one_of(
 )
 
 
-@st.composite
-def terms_and_bump(draw):
-    """Terms among which there are Gaussians, whether they are inside a vertex map, and which
-    Gaussian is meant.
-    """
-    terms = [
-        *draw(st.lists(GAUSSIANS | OTHERS, max_size=4)),
-        draw(GAUSSIANS),
-        *draw(st.lists(OTHERS, max_size=2)),
-    ]
-    count = sum(isinstance(term, Gaussian) for term in terms)
-    return terms, draw(st.booleans()), draw(st.integers(0, count - 1))
-
-
 def text(terms, mapped):
     inner = Sum(tuple(terms)) if len(terms) > 1 else terms[0]
     return str(Permuted(path="a map (1).txt", function=inner) if mapped else inner)
 
 
-def place(terms, bump):
-    """Where among all terms a Gaussian is."""
-    return [number for number, term in enumerate(terms) if isinstance(term, Gaussian)][bump]
-
-
-@given(terms_and_bump(), st.floats(0.001, 10), NUMBERS)
-def test_another_width_and_height_change_nothing_else(case, width, height):
-    terms, mapped, bump = case
-    spec = text(terms, mapped)
-    assert bumps.gaussians(spec) == [term for term in terms if isinstance(term, Gaussian)]
+@given(
+    st.lists(GAUSSIANS | OTHERS, max_size=4),
+    GAUSSIANS,
+    st.lists(OTHERS, max_size=2),
+    st.booleans(),
+    st.data(),
+    st.tuples(WIDTHS, NUMBERS, VERTICES),
+)
+def test_what_was_not_asked_for_stays(before, one, after, mapped, data, values):
+    terms, (width, height, vertex) = [*before, one, *after], values
+    places = [number for number, term in enumerate(terms) if isinstance(term, Gaussian)]
+    bump = data.draw(st.integers(0, len(places) - 1))
+    spec, at = text(terms, mapped), places[bump]
+    assert bumps.gaussians(spec) == [terms[place] for place in places]
     assert bumps.is_mapped(spec) == mapped
+
     changed = bumps.changed(spec, bump, width=width, height=height)
-    at = place(terms, bump)
     wanted = [*terms[:at], replace(terms[at], width=width, height=height), *terms[at + 1 :]]
     assert parse(changed) == parse(text(wanted, mapped))
     back = bumps.changed(changed, bump, width=terms[at].width, height=terms[at].height)
     assert parse(back) == parse(spec)
 
-
-@given(terms_and_bump(), VERTICES)
-def test_a_vertex_takes_the_place_of_a_point(case, vertex):
-    terms, mapped, bump = case
-    moved = bumps.gaussians(bumps.changed(text(terms, mapped), bump, vertex=(vertex,)))[bump]
-    before = terms[place(terms, bump)]
-    assert moved == replace(before, vertex=(vertex,), x=None, y=None, z=None)
+    moved = bumps.gaussians(bumps.changed(spec, bump, vertex=(vertex,)))[bump]
+    assert moved == replace(terms[at], vertex=(vertex,), x=None, y=None, z=None)
     assert bumps.centre(moved, SPHERE) == vertex
 
-
-@given(terms_and_bump())
-def test_what_was_added_can_be_removed(case):
-    terms, mapped, _ = case
-    spec = text(terms, mapped)
     more = bumps.added(spec, SPHERE)
     known = bumps.gaussians(more)
     assert known[:-1] == bumps.gaussians(spec)
     assert known[-1].width == known[-2].width
     assert parse(bumps.removed(more, len(known) - 1)) == parse(spec)
-
-
-@given(terms_and_bump())
-def test_the_other_terms_stay_when_one_is_removed(case):
-    terms, mapped, bump = case
-    spec = text(terms, mapped)
-    at = place(terms, bump)
     kept = [*terms[:at], *terms[at + 1 :]]
     assert parse(bumps.removed(spec, bump)) == parse(text(kept or terms, mapped))
 
@@ -113,16 +84,14 @@ def test_a_new_bump_is_far_from_the_others():
 
 
 def test_vertices_count_as_the_file_does():
-    lonely = np.array([[9.0, 9, 9]])
-    mesh = TriangleMesh(np.concatenate([lonely, SPHERE.vertices]), SPHERE.faces + 1)
-    assert len(mesh.vertices) == len(SPHERE.vertices)
-    here, there = bumps.gaussians(bumps.added("gaussian:vertex=5", mesh))
-    assert bumps.centre(here, mesh) == 5
-    assert there.vertex == (
-        bumps.gaussians(bumps.added("gaussian:vertex=4", SPHERE))[1].vertex[0] + 1,
-    )
+    here, there = bumps.gaussians(bumps.added("gaussian:vertex=9", GAP))
+    assert bumps.centre(here, GAP) == 9
+    [_, expected] = bumps.gaussians(bumps.added("gaussian:vertex=4", SPHERE))
+    assert there.vertex == (expected.vertex[0] + 5,)
     with pytest.raises(FunctionError, match="vertex 0 was dropped"):
-        bumps.centre(parse("gaussian:vertex=0"), mesh)
+        bumps.centre(parse("gaussian:vertex=0"), GAP)
+    lowest = 5 + int(np.argmin(SPHERE.vertices[:, 2]))
+    assert parse(bumps.landmark(["gaussian:x=0,y=0,z=1"], GAP)).vertex == (lowest,)
 
 
 def test_what_is_refused():
@@ -134,26 +103,11 @@ def test_what_is_refused():
         bumps.gaussians("gausian:vertex=1")
 
 
-def test_a_landmark_is_far_from_all_others_as_wide_as_the_last_and_at_a_vertex_of_the_file():
-    specs = [
-        "gaussian:x=0,y=0,z=1,width=0.3",
-        "coordinate:x + gaussian:x=0,y=1,z=0,width=0.2",
-        "eigenfunction:3",
-    ]
-    found = parse(bumps.landmark(specs, SPHERE))
+def test_a_landmark_is_far_from_all_others_and_as_wide_as_the_last():
+    others = ["gaussian:x=0,y=0,z=1,width=0.3", "coordinate:x + gaussian:x=0,y=1,z=0,width=0.2"]
+    found = parse(bumps.landmark([*others, "eigenfunction:3"], SPHERE))
     assert found.width == 0.2
-    centre = SPHERE.vertices[found.sources(SPHERE)[0]]
-    least = np.min(np.linalg.norm(centre - [[0, 0, 1], [0, 1, 0]], axis=1))
-    for other in SPHERE.vertices:
-        # ends of edges
-        assert np.min(np.linalg.norm(other - [[0, 0, 1], [0, 1, 0]], axis=1)) <= least + 0.1
-    gap = TriangleMesh(np.vstack([np.zeros((5, 3)), SPHERE.vertices]), SPHERE.faces + 5)
-    assert parse(bumps.landmark(["gaussian:x=0,y=0,z=1"], gap)).vertex[0] == 5 + int(
-        np.argmin(SPHERE.vertices[:, 2])
-    )
-
-
-def test_a_landmark_needs_no_other_gaussian_and_minds_none_that_is_not_on_the_mesh():
-    none = bumps.landmark(["coordinate:x"], SPHERE)
-    assert bumps.landmark(["gaussian:vertex=99999"], SPHERE) == none
-    assert bumps.landmark([], SPHERE) == none
+    away = np.linalg.norm(SPHERE.vertices[:, None] - [[0, 0, 1], [0, 1, 0]], axis=2).min(axis=1)
+    assert away.max() <= away[found.sources(SPHERE)[0]] + 0.1  # ends of edges
+    none = bumps.landmark(["coordinate:x"], SPHERE)  # needs no other, minds none not on the mesh
+    assert bumps.landmark(["gaussian:vertex=99999"], SPHERE) == bumps.landmark([], SPHERE) == none
