@@ -41,9 +41,8 @@ ATTACKS = (
 
 @pytest.mark.parametrize("formula", FORMULAS)
 def test_values(formula):
-    assert_allclose(
-        function(MESH, f"expression:{formula}"), FORMULAS[formula], rtol=1e-14, atol=1e-14
-    )
+    found = function(MESH, f"expression:{formula}")
+    assert_allclose(found, FORMULAS[formula], rtol=1e-14, atol=1e-14)
 
 
 @pytest.mark.parametrize("formula", ATTACKS, ids=lambda formula: ascii(formula[:20]))
@@ -59,10 +58,8 @@ def test_everything_else_is_refused(formula):
 def test_values_that_are_not_finite_are_counted_with_an_example():
     shifted = TriangleMesh(MESH.vertices - MESH.vertices[5], MESH.faces)
     count = np.sum(shifted.vertices[:, 0] == 0)
-    with pytest.raises(
-        FunctionError,
-        match=f"not finite at {count} of {len(X)} vertices, for example inf at vertex",
-    ):
+    told = f"not finite at {count} of {len(X)} vertices, for example inf at vertex"
+    with pytest.raises(FunctionError, match=told):
         function(shifted, "expression:1/abs(x)")
 
 

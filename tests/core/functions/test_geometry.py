@@ -33,10 +33,8 @@ def test_geodesic_distance_on_an_uneven_mesh_is_near_the_shortest_paths():
     mesh = load_mesh(ASSETS / "human_A.off")
     targets = np.arange(20, len(mesh.vertices), 60)
     paths = potpourri3d.EdgeFlipGeodesicSolver(mesh.vertices, mesh.faces)
-    lengths = [
-        np.linalg.norm(np.diff(paths.find_geodesic_path(10, int(target)), axis=0), axis=1).sum()
-        for target in targets
-    ]
+    lines = [paths.find_geodesic_path(10, int(target)) for target in targets]
+    lengths = [np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines]
     assert_allclose(geodesic_distance(mesh, [10])[targets], lengths, atol=0.04 * mesh.length_scale)
 
 
@@ -50,9 +48,8 @@ def test_geodesic_distance_to_the_nearest_of_several_and_to_a_point():
 
 def test_vertices_for_distances_may_be_numbers_as_a_file_has_them():
     mesh = icosphere(1)
-    assert_array_equal(
-        geodesic_distance(mesh, np.array([3.0, 7.0])), geodesic_distance(mesh, [3, 7])
-    )
+    found = geodesic_distance(mesh, np.array([3.0, 7.0]))
+    assert_array_equal(found, geodesic_distance(mesh, [3, 7]))
 
 
 @pytest.mark.parametrize("source", [-1, 42, 3.5, np.nan])
@@ -72,9 +69,7 @@ def test_geodesic_distance_with_a_boundary_and_at_a_pinched_vertex():
 
 
 def pinched_sphere():
-    """Sphere whose poles are drawn to the centre and glued together, and the vertex where they
-    meet.
-    """
+    """Sphere whose poles are glued together in the centre, and the vertex where they meet."""
     sphere = icosphere(3)
     north, south = int(np.argmax(sphere.vertices[:, 2])), int(np.argmin(sphere.vertices[:, 2]))
     vertices = sphere.vertices.copy()
@@ -86,12 +81,10 @@ def pinched_sphere():
 
 def test_vertices_count_as_the_file_does():
     sphere = icosphere(2)
-    repaired = TriangleMesh(
-        np.insert(sphere.vertices, 4, 0.0, axis=0), sphere.faces + (sphere.faces >= 4)
-    )
-    assert_array_equal(
-        function(repaired, "gaussian:vertex=10"), function(sphere, "gaussian:vertex=9")
-    )
+    vertices = np.insert(sphere.vertices, 4, 0.0, axis=0)
+    repaired = TriangleMesh(vertices, sphere.faces + (sphere.faces >= 4))
+    expected = function(sphere, "gaussian:vertex=9")
+    assert_array_equal(function(repaired, "gaussian:vertex=10"), expected)
     with pytest.raises(FunctionError):
         function(repaired, "gaussian:vertex=4")
 
@@ -100,22 +93,17 @@ def test_gaussian_on_the_sphere():
     mesh = icosphere(5, radius=2.0)
     angle = np.arccos(np.clip(mesh.vertices @ mesh.vertices[0] / 4, -1, 1))
     d = angle / np.sqrt(4 * np.pi)  # fraction of sqrt(area), whatever the radius
-    assert_allclose(
-        function(mesh, "gaussian:vertex=0,width=0.12"), np.exp(-(d**2) / (2 * 0.12**2)), atol=0.02
-    )
-    assert_allclose(
-        function(mesh, "gaussian:vertex=0,height=-3"), -3 * np.exp(-(d**2) / 0.02), atol=0.06
-    )
+    narrow = function(mesh, "gaussian:vertex=0,width=0.12")
+    assert_allclose(narrow, np.exp(-(d**2) / (2 * 0.12**2)), atol=0.02)
+    deep = function(mesh, "gaussian:vertex=0,height=-3")
+    assert_allclose(deep, -3 * np.exp(-(d**2) / 0.02), atol=0.06)
 
 
 def test_euclidean_gaussian_is_exact():
     mesh = icosphere(3, radius=2.0)
     d = np.linalg.norm(mesh.vertices - mesh.vertices[3], axis=1) / mesh.length_scale
-    assert_allclose(
-        function(mesh, "gaussian:vertex=3,width=0.2,metric=euclidean"),
-        np.exp(-(d**2) / 0.08),
-        rtol=1e-12,
-    )
+    found = function(mesh, "gaussian:vertex=3,width=0.2,metric=euclidean")
+    assert_allclose(found, np.exp(-(d**2) / 0.08), rtol=1e-12)
 
 
 @pytest.mark.parametrize("width", ["1e-300", "1e300", "5e-324"])
@@ -173,15 +161,12 @@ def test_gaussian_curvature_and_mixed_areas_have_the_right_totals(name):
     areas = mixed_areas(mesh)
     assert_allclose(areas.sum(), mesh.length_scale**2, rtol=1e-12)
     assert areas.min() > 0
-    assert_allclose(
-        areas @ gaussian_curvature(mesh), 2 * np.pi * mesh.euler_characteristic, rtol=1e-9
-    )
+    total = 2 * np.pi * mesh.euler_characteristic
+    assert_allclose(areas @ gaussian_curvature(mesh), total, rtol=1e-9)
 
 
 def cone_mean(length, widest):
-    """Robust mean of Shapira et al. where a ray at an angle has a known length and those beyond
-    ``widest`` drop out.
-    """
+    """Robust mean of Shapira et al. of rays of known lengths, without those beyond ``widest``."""
     angles = np.arccos(1 - 0.5 * (np.arange(30) + 0.5) / 30)
     angles = angles[angles < widest]
     kept = np.abs(length(angles) - np.median(length(angles))) <= length(angles).std()

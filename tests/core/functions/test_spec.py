@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError
-from abfm.functions import Family, Spec, Sum, families, function, parse
+from abfm.functions import Family, Sum, families, function, parse
 from abfm.functions.expression import Expression
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature, ShapeDiameter
@@ -17,6 +17,7 @@ from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator
 from abfm.functions.spectral import Eigenfunction, HeatKernelSignature, WaveKernelSignature
 from tests.shapes import icosphere
 
+HKS, WKS = HeatKernelSignature(), WaveKernelSignature()
 MEANINGS = {
     "gaussian:vertex=12,width=0.1": Gaussian(vertex=(12,), width=0.1),
     "gaussian:x=1,y=-2e-3,z=.5,metric=euclidean,height=-2": Gaussian(
@@ -25,7 +26,7 @@ MEANINGS = {
     "  gaussian : vertex = 1 , width = 1e+2 ": Gaussian(vertex=(1,), width=100.0),
     "eigenfunction:7": Eigenfunction(index=7),
     "eigenfunction:index=7": Eigenfunction(index=7),
-    "hks": HeatKernelSignature(),
+    "hks": HKS,
     "hks:time=0.5,eigenpairs=50": HeatKernelSignature(time=0.5, eigenpairs=50),
     "wks:energy=3,width=0.2": WaveKernelSignature(energy=3.0, width=0.2),
     "curvature:mean": Curvature(kind="mean"),
@@ -35,39 +36,28 @@ MEANINGS = {
     "indicator:vertex=3,radius=0.2": Indicator(vertex=(3,), radius=0.2),
     "indicator:axis=x,above=0.2,below=1": Indicator(axis="x", above=0.2, below=1.0),
     "file:values.npy": ValuesFile(path="values.npy"),
-    "file:C:\\data\\a b.csv,column=thickness": ValuesFile(
-        path="C:\\data\\a b.csv", column="thickness"
-    ),
+    "file:C:\\data\\a b.csv,column=depth": ValuesFile(path="C:\\data\\a b.csv", column="depth"),
     "file:a+b,c (1).txt": ValuesFile(path="a+b,c (1).txt"),
     'file:"a + hks, column=2 ""x"".csv"': ValuesFile(path='a + hks, column=2 "x".csv'),
     "expression:sin(10*x)*z": Expression(formula="sin(10*x)*z"),
     "expression:max(x, y) + (z)": Expression(formula="max(x, y) + (z)"),
-    "permuted:perm.txt(gaussian:vertex=1)": Permuted(
-        path="perm.txt", function=Gaussian(vertex=(1,))
-    ),
-    "permuted:mirror(hks)": Permuted(path="mirror", function=HeatKernelSignature()),
+    "permuted:p.txt(geodesic:vertex=1)": Permuted(path="p.txt", function=Geodesic(vertex=(1,))),
+    "permuted:mirror(hks)": Permuted(path="mirror", function=HKS),
     "permuted:a b.txt(expression:(x+1)*y)": Permuted(
         path="a b.txt", function=Expression(formula="(x+1)*y")
     ),
     'permuted:"p(1).txt"(permuted:q.npy(hks))': Permuted(
-        path="p(1).txt", function=Permuted(path="q.npy", function=HeatKernelSignature())
+        path="p(1).txt", function=Permuted(path="q.npy", function=HKS)
     ),
     "gaussian:vertex=1,width=0.1 + gaussian:vertex=9": Sum(
         (Gaussian(vertex=(1,), width=0.1), Gaussian(vertex=(9,)))
     ),
-    "hks+wks": Sum((HeatKernelSignature(), WaveKernelSignature())),
-    "((hks) + (wks + coordinate:x))": Sum(
-        (HeatKernelSignature(), WaveKernelSignature(), Coordinate(axis="x"))
-    ),
-    "(expression:x+y)+hks": Sum((Expression(formula="x+y"), HeatKernelSignature())),
-    "hks + expression:x + y": Sum((HeatKernelSignature(), Expression(formula="x + y"))),
+    "hks+wks": Sum((HKS, WKS)),
+    "((hks) + (wks + coordinate:x))": Sum((HKS, WKS, Coordinate(axis="x"))),
+    "(expression:x+y)+hks": Sum((Expression(formula="x+y"), HKS)),
+    "hks + expression:x + y": Sum((HKS, Expression(formula="x + y"))),
     "permuted:p.txt(hks + expression:x+y) + wks": Sum(
-        (
-            Permuted(
-                path="p.txt", function=Sum((HeatKernelSignature(), Expression(formula="x+y")))
-            ),
-            WaveKernelSignature(),
-        )
+        (Permuted(path="p.txt", function=Sum((HKS, Expression(formula="x+y")))), WKS)
     ),
 }
 
@@ -145,13 +135,13 @@ def test_families_describe_themselves():
     described = {cls.family: cls for cls in families()}
     assert set(described) == {spec.family for spec in MEANINGS.values() if isinstance(spec, Family)}
     assert set(described) == {*TERMS, "permuted"}
-    assert all(
-        cls.summary() and all(p.summary for p in cls.parameters()) for cls in described.values()
-    )
-    width = next(p for p in described["gaussian"].parameters() if p.name == "width")
+    for cls in described.values():
+        assert cls.summary()
+        assert all(p.summary for p in cls.parameters())
+    of_gaussian = {p.name: p for p in described["gaussian"].parameters()}
+    width = of_gaussian["width"]
     assert (width.default, width.required, width.unit) == (0.1, False, "fraction of sqrt(area)")
-    metric = next(p for p in described["gaussian"].parameters() if p.name == "metric")
-    assert metric.kind.choices == ("geodesic", "euclidean")
+    assert of_gaussian["metric"].kind.choices == ("geodesic", "euclidean")
     (index,) = described["eigenfunction"].parameters()
     assert index.required
     assert described["eigenfunction"].positional == "index"
@@ -186,7 +176,8 @@ points = st.one_of(
     st.fixed_dictionaries({"vertex": st.lists(indices, min_size=1, max_size=3).map(tuple)}),
     st.fixed_dictionaries({"x": numbers, "y": numbers, "z": numbers}),
 )
-TERMS: dict[str, st.SearchStrategy[Spec]] = {
+formulas = st.sampled_from(["x", "sin(10*x)*z", "(x + 1) * -y", "where(x > 0, min(x, y), 1e-3)"])
+TERMS = {
     "gaussian": st.builds(
         lambda p, **others: Gaussian(**p, **others),
         points,
@@ -209,12 +200,7 @@ TERMS: dict[str, st.SearchStrategy[Spec]] = {
     "indicator": st.builds(lambda p, radius: Indicator(**p, radius=radius), points, positives)
     | st.builds(Indicator, axis=st.sampled_from("xyz"), above=numbers, below=st.none() | numbers),
     "file": st.builds(ValuesFile, path=names, column=st.none() | names),
-    "expression": st.builds(
-        Expression,
-        formula=st.sampled_from(
-            ["x", "sin(10*x)*z", "(x + 1) * -y", "where(x > 0, min(x, y), 1e-3)"]
-        ),
-    ),
+    "expression": st.builds(Expression, formula=formulas),
 }
 specs = st.recursive(
     st.one_of(*TERMS.values()),

@@ -48,13 +48,8 @@ def test_eigenfunctions_are_scaled_signed_and_start_with_the_constant():
 
 def test_the_sign_of_an_odd_eigenfunction_makes_the_first_large_vertex_positive():
     x, y = np.meshgrid(np.linspace(-1, 1, 15), np.linspace(-0.4, 0.4, 7), indexing="ij")
-    corner = (np.arange(14)[:, None] * 7 + np.arange(6)).ravel()
-    faces = np.concatenate(
-        [
-            np.stack([corner, corner + 7, corner + 8], axis=1),
-            np.stack([corner, corner + 8, corner + 1], axis=1),
-        ]
-    )
+    corner = (np.arange(14)[:, None] * 7 + np.arange(6)).reshape(-1, 1)
+    faces = np.concatenate([corner + np.array(steps) for steps in ([0, 7, 8], [0, 8, 1])])
     mesh = TriangleMesh(np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3), faces)
     assert_allclose(
         function(mesh, "eigenfunction:1"), -np.sin(np.pi * mesh.vertices[:, 0] / 2), atol=0.05

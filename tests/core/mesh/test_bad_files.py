@@ -1,7 +1,12 @@
-"""Mesh files that cannot be used: one line that says why, and never another exception."""
+"""Mesh files that cannot be used: one line that says why, never another exception, and no more work
+or memory than their length allows; what is no file is refused unread.
+"""
 
+import os
 import re
+import socket
 import sys
+import tracemalloc
 
 import nibabel
 import numpy as np
@@ -12,6 +17,7 @@ from hypothesis import strategies as st
 
 from abfm.errors import MeshError
 from abfm.mesh import load_mesh
+from tests.attack.heavy_meshes import HEAVY
 from tests.mesh_writers import STL_WRITERS, WRITERS, exported, off_text, ply_bytes, write
 from tests.shapes import icosphere, tetrahedron
 
@@ -32,6 +38,7 @@ STL, TEXT_STL, GLB = (
 )
 POINTS = trimesh.PointCloud(np.eye(3))
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+OFF_TRIANGLE = b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n"
 BAD_FILES = {
     "empty.obj": (b"", "the file is empty"),
     "words.obj": (b"hello\nworld", "no vertices"),
@@ -49,13 +56,10 @@ BAD_FILES = {
     ),
     "counts_in_words.off": (b"OFF\nthree 1 0\n", "it has 'three' where a whole number is expected"),
     "letters.off": (
-        b"OFF\n3 1 0\n0 0 0\n1 O 0\n0 1 0\n3 0 1 2\n",
-        "'O' where a number is expected",
+        OFF_TRIANGLE.replace(b"1 0 0", b"1 O 0") + b"3 0 1 2\n",
+        "'O' where a number is",
     ),
-    "letters_in_faces.off": (
-        b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 x\n",
-        "'x' where a whole number is expected",
-    ),
+    "letters_in_faces.off": (OFF_TRIANGLE + b"3 0 1 x\n", "'x' where a whole number is expected"),
     "letters.ply": (PLY.replace(b"\n1.0", b"\none"), "it has 'one' where a number is"),
     "letters_in_faces.ply": (PLY.replace(b"\n3 0", b"\nx 0"), "it has 'x' where a number is"),
     "letters.stl": (b"solid\nvertex 0 0 x\nendsolid", "it has 'x' where a number is expected"),
@@ -64,9 +68,14 @@ BAD_FILES = {
     "header.off": (b"PLY\n3 1 0\n", "first line is not OFF"),
     "counts.off": (b"OFF\n", "numbers of vertices and faces are missing"),
     "cut.off": (OFF[:-10], "4 faces .* cut off"),
-    "corners.off": (
-        b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n",
-        "announces 4 corners, but its line has 3",
+    "corners.off": (OFF_TRIANGLE + b"4 0 1 2\n", "announces 4 corners, but its line has 3"),
+    "beyond_64_bits.obj": (
+        TRIANGLE + b"f 1 2 99999999999999999999\n",
+        "face 0, .* beyond all numbers",
+    ),
+    "beyond_64_bits.off": (
+        OFF_TRIANGLE + b"3 0 1 -99999999999999999999\n",
+        "face 0, .* beyond all numbers",
     ),
     "huge.off": (b"OFF\n99999999999999999999 1 0\n0 0 0\n", "cut off"),
     "cut.ply": (PLY[:-12], "cut off"),
@@ -81,7 +90,7 @@ BAD_FILES = {
     "cut_text.stl": (TEXT_STL[:-70], "may be cut off"),
     "corners.stl": (
         b"solid\nvertex 0 0 0\nvertex 1 0 0\nendsolid",
-        "2 corners do not make whole triangles",
+        "2 corners do not make whole tri",
     ),
     "nothing.stl": (b"solid\nendsolid", "no vertices"),
     "no_triangles.stl": (bytes(84), "no vertices"),
@@ -123,9 +132,8 @@ def test_missing_file_and_folder(tmp_path):
 def test_gltf_without_its_buffer_names_it(tmp_path):
     files = trimesh.Scene([trimesh.creation.box()]).export(file_type="gltf")
     path = write(tmp_path, "a.gltf", files["model.gltf"])
-    with pytest.raises(
-        MeshError, match=r"a\.gltf: a file that it names is missing: .*gltf_buffer_[01]\.bin"
-    ):
+    told = r"a\.gltf: a file that it names is missing: .*gltf_buffer_[01]\.bin"
+    with pytest.raises(MeshError, match=told):
         load_mesh(path)
     for name in files:
         write(tmp_path, name, files[name])
@@ -166,14 +174,8 @@ def mesh_or_reason(path):
         return str(error)
 
 
-VALID = {
-    name: content(tetrahedron().vertices, tetrahedron().faces)
-    for name, content in {
-        **{name: writer for name, (writer, _) in WRITERS.items()},
-        **{
-            name: lambda v, f, kind=kind: exported(v, f, kind) for name, kind in STL_WRITERS.items()
-        },
-    }.items()
+VALID = {name: make(SMALL.vertices, SMALL.faces) for name, (make, _) in WRITERS.items()} | {
+    name: exported(SMALL.vertices, SMALL.faces, kind) for name, kind in STL_WRITERS.items()
 }
 
 
@@ -190,3 +192,62 @@ def test_damaged_files_give_a_mesh_or_a_mesh_error(folder, name, data):
         assert "\n" not in outcome
     else:
         assert np.isfinite(outcome.vertices).all()
+
+
+SIZE, LARGER = 20_000, 300_000  # the larger one for STL, whose blank lines took minutes
+# bytes; what is compressed may come to 64 MiB, which some Pythons hold twice for a moment
+MOST = 150_000_000
+
+
+@pytest.mark.parametrize("name", HEAVY)
+def test_heavy_files_are_bounded(tmp_path, name):
+    """They end at all: each is one that once took minutes, or a neighbour of these."""
+    path = write(tmp_path, name, HEAVY[name](LARGER if name.endswith("stl") else SIZE))
+    tracemalloc.start()
+    try:
+        outcome = str(mesh_or_reason(path))
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(outcome.splitlines()) == 1
+    assert len(outcome.replace(str(path), "")) <= 400
+    assert most < MOST
+
+
+@pytest.mark.parametrize("ending", ["obj", "off", "ply", "stl", "glb", "gltf", "gii", "gii.gz"])
+def test_pipes_sockets_and_devices_are_refused_unread(tmp_path, monkeypatch, ending):
+    monkeypatch.chdir(tmp_path)  # names of sockets are short
+    os.mkfifo(f"pipe.{ending}")
+    os.symlink("/dev/zero", f"device.{ending}")
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(f"socket.{ending}")
+        for kind in ("pipe", "device", "socket"):
+            with pytest.raises(MeshError, match=f"it is a {kind}, not a file"):
+                load_mesh(f"{kind}.{ending}")
+
+
+@pytest.mark.parametrize(
+    "name", ["a\nb.obj", "a\x1b[31m.off", "a\u2028b.ply", "b" * 250 + ".stl", "\udcff.obj"]
+)
+def test_names_of_files_stay_on_one_bounded_line(tmp_path, name):
+    for path in (tmp_path / name, tmp_path / "x" / ("y" * 5000) / name):
+        with pytest.raises(MeshError) as caught:
+            load_mesh(path)
+        assert len(str(caught.value).splitlines()) == 1
+        assert str(caught.value).isprintable()
+        assert len(str(caught.value)) < 400
+
+
+def test_what_does_not_fit_into_memory_says_so(tmp_path, monkeypatch):
+    def check(*_):
+        raise MemoryError
+
+    monkeypatch.setattr("abfm.mesh.triangle_mesh.check", check)
+    with pytest.raises(MeshError, match="does not fit into memory"):
+        load_mesh(write(tmp_path, "a.off", "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"))
+
+
+def test_text_stl_coordinates_may_go_on_after_a_line_end(tmp_path):
+    corners = "vertex 0 0 0\n\n  vertex\n1 0\t0\nVertex 0 1\n0\n"
+    mesh = load_mesh(write(tmp_path, "a.stl", f"solid\n{corners}endsolid\n"))
+    np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])

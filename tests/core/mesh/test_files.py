@@ -43,15 +43,12 @@ def test_stl_is_merged_in_order_of_first_appearance(folder, name, shape, scale):
     mesh = load_mesh(write(folder, name, content))
     _, first = np.unique(shape.faces, return_index=True)
     order = shape.faces.ravel()[np.sort(first)]
-    np.testing.assert_allclose(
-        mesh.vertices, scale * shape.vertices[order], rtol=0, atol=4e-7 * scale
-    )
+    expected = scale * shape.vertices[order]
+    np.testing.assert_allclose(mesh.vertices, expected, rtol=0, atol=4e-7 * scale)
     np.testing.assert_array_equal(order[mesh.faces], shape.faces)
     assert mesh.file_vertex_count == len(shape.vertices)
-    assert mesh.messages == (
-        f"{3 * len(shape.faces)} vertices were merged to {len(shape.vertices)} by position, "
-        "and are counted in order of first appearance",
-    )
+    merged = f"{3 * len(shape.faces)} vertices were merged to {len(shape.vertices)} by position, "
+    assert mesh.messages == (merged + "and are counted in order of first appearance",)
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if not name.endswith("glb")])
@@ -65,11 +62,8 @@ def test_unused_vertices_still_count(tmp_path, name):
     assert mesh.messages == ("2 vertices that no face uses were dropped (for example vertex 1)",)
 
 
-def test_obj_ignores_textures_normals_groups_and_materials(tmp_path):
-    """The vertex order of the file survives corners with different texture coordinates and
-    normals.
-    """
-    text = """# a comment
+HAND_MADE = {
+    "a.obj": """# a comment
 mtllib missing.mtl
 o thing
 v 9 9 9
@@ -88,15 +82,8 @@ usemtl blue
 s off
 f -3/2 \\
   -1/1 -2/3
-"""
-    mesh = load_mesh(write(tmp_path, "a.obj", text.replace("\n", "\r\n")))
-    assert mesh.vertex_ids.tolist() == [1, 2, 3, 4]
-    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
-    assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2]]
-
-
-def test_off_with_comments_colours_and_blank_lines(tmp_path):
-    text = """# made by hand
+""".replace("\n", "\r\n"),
+    "a.off": """# made by hand
 
 COFF 4 2 0  # counts beside the keyword
 
@@ -108,42 +95,35 @@ COFF 4 2 0  # counts beside the keyword
 1 1 0 0 0 0 255
 3 0 1 2 0.5 0.5 0.5
 3  1 3 2
-"""
-    mesh = load_mesh(write(tmp_path, "a.off", text))
-    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
-    assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2]]
-
-
-@pytest.mark.parametrize("kind", ["obj", "off", "ascii", "binary_little_endian"])
-def test_polygons_are_split_in_the_order_of_the_file(tmp_path, kind):
-    polygons = [[0, 1, 2, 3], [1, 4, 2]]
-    if kind == "obj":
-        lines = [f"v {x} {y} {z}" for x, y, z in QUAD_AND_TRIANGLE]
-        content = "\n".join(
-            lines + ["f " + " ".join(str(i + 1) for i in polygon) for polygon in polygons]
-        )
-    elif kind == "off":
-        lines = ["OFF", "5 2 0"] + [f"{x} {y} {z}" for x, y, z in QUAD_AND_TRIANGLE]
-        content = "\n".join(
-            lines + [" ".join(map(str, [len(polygon), *polygon])) for polygon in polygons]
-        )
-    else:
-        content = ply_bytes(QUAD_AND_TRIANGLE, polygons, kind)
-    mesh = load_mesh(write(tmp_path, f"a.{kind if len(kind) == 3 else 'ply'}", content))
-    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2]]
-    assert mesh.messages == ("polygons with more than three corners were split into triangles: 1",)
-
-
-def test_ply_texture_coordinates_leave_the_vertices_alone(tmp_path):
-    text = """ply
+""",
+    "a.stl": """solid vertex caf\xe9
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 1.0E+0 0 0
+ VERTEX 0 1 0
+endloop
+endfacet
+endsolid
+solid second
+facet normal 0 0 1
+outer loop
+vertex 1 0 0
+vertex 1 1 0
+vertex 0 1 -0.0
+endloop
+endfacet
+endsolid second
+""".encode("latin-1"),
+    "a.ply": """ply
 format ascii 1.0
-element vertex 3
+element vertex 4
 property float x
 property float y
 property float z
 property float s
 property float t
-element face 1
+element face 2
 property list uchar uint vertex_index
 property list uchar float texcoord
 element edge 1
@@ -153,20 +133,38 @@ end_header
 0 0 0 0 0
 1 0 0 0 1
 0 1 0 1 1
+1 1 0 1 0
 3 0 1 2 6 0 0 0 1 1 1
+3 1 3 2 0
 0 1
-"""
-    assert load_mesh(write(tmp_path, "a.ply", text)).faces.tolist() == [[0, 1, 2]]
+""",
+}
 
 
-def test_text_stl_with_several_solids_and_foreign_names(tmp_path):
-    facet = "facet normal 0 0 1\nouter loop\n{}\nendloop\nendfacet\n"
-    first = facet.format("vertex 0 0 0\nvertex 1.0E+0 0 0\n VERTEX 0 1 0")
-    second = facet.format("vertex 1 0 0\nvertex 1 1 0\nvertex 0 1 -0.0")
-    text = f"solid vertex caf\xe9\n{first}endsolid\nsolid second\n{second}endsolid second\n"
-    mesh = load_mesh(write(tmp_path, "a.stl", text.encode("latin-1")))
+@pytest.mark.parametrize("name", HAND_MADE)
+def test_what_else_a_file_may_have_leaves_vertices_and_faces_alone(tmp_path, name):
+    """Comments, colours, blank lines, textures, groups, materials, several solids, other elements:
+    the order of the file survives.
+    """
+    mesh = load_mesh(write(tmp_path, name, HAND_MADE[name]))
+    assert mesh.vertex_ids.tolist() == ([1, 2, 3, 4] if name == "a.obj" else [0, 1, 2, 3])
     assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
     assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2]]
+
+
+@pytest.mark.parametrize("kind", ["obj", "off", "ascii", "binary_little_endian"])
+def test_polygons_are_split_in_the_order_of_the_file(tmp_path, kind):
+    points, polygons = QUAD_AND_TRIANGLE, [[0, 1, 2, 3], [1, 4, 2]]
+    if kind == "obj":
+        lines = [f"v {x} {y} {z}" for x, y, z in points]
+        lines += ["f " + " ".join(str(i + 1) for i in polygon) for polygon in polygons]
+    else:
+        lines = ["OFF", "5 2 0", *(f"{x} {y} {z}" for x, y, z in points)]
+        lines += [" ".join(map(str, [len(polygon), *polygon])) for polygon in polygons]
+    content = "\n".join(lines) if len(kind) == 3 else ply_bytes(points, polygons, kind)
+    mesh = load_mesh(write(tmp_path, f"a.{kind if len(kind) == 3 else 'ply'}", content))
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2]]
+    assert mesh.messages == ("polygons with more than three corners were split into triangles: 1",)
 
 
 def test_gltf_scene_is_joined_where_seams_split_it(tmp_path):
@@ -175,16 +173,11 @@ def test_gltf_scene_is_joined_where_seams_split_it(tmp_path):
     scene = trimesh.Scene()
     for half, shift in ((sphere.faces[:37], 0.0), (sphere.faces[37:], 8.0)):
         corners = sphere.vertices[half].reshape(-1, 3) - [shift, 0, 0]
-        part = trimesh.Trimesh(
-            corners.astype(np.float32), np.arange(len(corners)).reshape(-1, 3), process=False
-        )
-        scene.add_geometry(
-            part, transform=trimesh.transformations.translation_matrix([shift, 0, 0])
-        )
-    # the shifted positions agree only up to rounding: bring them onto a grid that single precision
-    # holds exactly
-    for part in scene.geometry.values():
-        part.vertices = np.round(part.vertices * 2**10) / 2**10
+        # on a grid that single precision holds exactly: shifted positions agree up to rounding only
+        corners = np.round(corners.astype(np.float32) * 2**10) / 2**10
+        part = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+        placed = trimesh.transformations.translation_matrix([shift, 0, 0])
+        scene.add_geometry(part, transform=placed)
     scene.export(tmp_path / "a.glb")
     mesh = load_mesh(tmp_path / "a.glb")
     assert mesh.is_closed
@@ -196,12 +189,10 @@ def test_gltf_scene_is_joined_where_seams_split_it(tmp_path):
 def test_largest_component_of_a_file(tmp_path):
     small, sphere = tetrahedron(), icosphere(1, radius=3)
     vertices = np.concatenate([small.vertices + 20, sphere.vertices])
-    path = write(
-        tmp_path, "a.off", off_text(vertices, np.concatenate([small.faces, sphere.faces + 4]))
-    )
-    with pytest.raises(
-        MeshError, match=r"a\.off: the surface has 2 components.*--largest-component"
-    ):
+    faces = np.concatenate([small.faces, sphere.faces + 4])
+    path = write(tmp_path, "a.off", off_text(vertices, faces))
+    told = r"a\.off: the surface has 2 components.*--largest-component"
+    with pytest.raises(MeshError, match=told):
         load_mesh(path)
     mesh = load_mesh(path, largest_component=True)
     assert mesh.vertex_ids.tolist() == list(range(4, 46))

@@ -22,23 +22,17 @@ def folder(tmp_path_factory):
 
 
 def random_nodes(random, count):
-    """Nodes of a forest that all show mesh 0, moved, turned, mirrored and sheared; and its
-    roots.
-    """
+    """Nodes of a forest that all show mesh 0, placed in all ways; and its roots."""
     parents = [-1, *(int(random.integers(-1, k)) for k in range(1, count))]
     nodes = []
     for k in range(count):
         node = {"mesh": 0, "children": [child for child in range(count) if parents[child] == k]}
         if random.random() < 0.4:
-            node["matrix"] = (
-                np.vstack([random.normal(size=(3, 4)), [0, 0, 0, 1]]).T.ravel().tolist()
-            )
+            matrix = np.vstack([random.normal(size=(3, 4)), [0, 0, 0, 1]])
+            node["matrix"] = matrix.T.ravel().tolist()
         else:
-            node |= {
-                "translation": random.normal(size=3).tolist(),
-                "scale": random.normal(size=3).tolist(),
-            }
-            node["rotation"] = random.normal(size=4).tolist()
+            for name, count_of in (("translation", 3), ("scale", 3), ("rotation", 4)):
+                node[name] = random.normal(size=count_of).tolist()
         nodes.append(node)
     return nodes, [k for k in range(count) if parents[k] < 0]
 
@@ -63,31 +57,20 @@ def test_without_scenes_all_nodes_are_shown(tmp_path, scenes):
     assert gltf.read_gltf(path).vertices.tolist() == [[5, 0, 0], [6, 0, 0], [5, 1, 0]]
 
 
-def strip_of(mode):
-    corners = np.array([0, 1, 2, 3], dtype="<u4")
-    points = np.array(
-        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
-        if mode == 5
-        else [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
-        dtype="<f4",
-    )
+@pytest.mark.parametrize(("mode", "order"), [(gltf.STRIP, [0, 1, 2, 3]), (gltf.FAN, [0, 1, 3, 2])])
+def test_strips_and_fans_keep_one_side(tmp_path, mode, order):
+    corners = np.arange(4, dtype="<u4")
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype="<f4")[order]
+    places, indices = ({**part, "count": 4} for part in gltf_header()["accessors"])
     header = gltf_header(
         meshes=[{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": mode}]}],
-        accessors=[
-            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
-            {"bufferView": 1, "componentType": 5125, "count": 4, "type": "SCALAR"},
-        ],
+        accessors=[places, indices],
         bufferViews=[
             {"buffer": 0, "byteLength": 48},
             {"buffer": 0, "byteOffset": 48, "byteLength": 16},
         ],
     )
-    return glb(header, points.tobytes() + corners.tobytes())
-
-
-@pytest.mark.parametrize("mode", [gltf.STRIP, gltf.FAN])
-def test_strips_and_fans_keep_one_side(tmp_path, mode):
-    mesh = load_mesh(write(tmp_path, "a.glb", strip_of(mode)))
+    mesh = load_mesh(write(tmp_path, "a.glb", glb(header, points.tobytes() + corners.tobytes())))
     assert len(mesh.faces) == 2
     assert mesh.messages == ()
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
@@ -102,26 +85,14 @@ def test_one_buffer_for_several_is_read_once(tmp_path, monkeypatch):
         buffers=buffers, bufferViews=[view | {"buffer": k + 1} for k, view in enumerate(views)]
     )
     read = []
-    monkeypatch.setattr(
-        "abfm.mesh.readers.gltf.read_bytes",
-        lambda path: read.append(path) or path.read_bytes(),
-    )
+    monkeypatch.setattr(gltf, "read_bytes", lambda path: read.append(path) or path.read_bytes())
     assert len(load_mesh(write(tmp_path, "a.gltf", json.dumps(header))).faces) == 1
     assert [path.name for path in read] == ["a.gltf", "a.bin"]
 
 
-SPARSE = {
-    "count": 1,
-    "indices": {"bufferView": 1, "componentType": 5125},
-    "values": {"bufferView": 0},
-}
+SPARSE = {"count": 1, "indices": {"bufferView": 1, "componentType": 5125}, "values": {}}
 POSITIONS, CORNERS = gltf_header()["accessors"]
 VIEWS = gltf_header()["bufferViews"]
-
-
-def doubled(levels):
-    """Each node shows the next one twice."""
-    return [*({"children": [k + 1, k + 1]} for k in range(levels)), {"mesh": 0}]
 
 
 def node(**changes):
@@ -144,6 +115,7 @@ def buffer(uri):
     return {"buffers": [{"byteLength": 48, "uri": uri}]}
 
 
+DOUBLED = [*({"children": [k + 1, k + 1]} for k in range(30)), {"mesh": 0}]
 CIRCLE = {"nodes": [{"mesh": 0, "children": [1]}, {"children": [0]}]}
 WITHOUT_VIEW = {"componentType": 5126, "count": 10**8, "type": "VEC3"}
 LINES = {"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": 1}]}
@@ -153,7 +125,7 @@ REFUSED = {
     "short matrix": (node(matrix=[1.0] * 15), "matrix of a node is not made of 16 numbers"),
     "flattened": (node(scale=[1, 0, 0]), "degenerate"),
     "a circle": (CIRCLE, "node 0 is in the scene twice"),
-    "2^30 copies": ({"nodes": doubled(30)}, "node 30 is in the scene twice"),
+    "2^30 copies": ({"nodes": DOUBLED}, "node 30 is in the scene twice"),
     "no node": ({"nodes": []}, r"names nodes\[0\], but has 0 nodes"),
     "negative node": ({"scenes": [{"nodes": [-1]}]}, r"names nodes\[-1\], but has 1 nodes"),
     "words as nodes": ({"nodes": "all"}, "its nodes is no array"),
@@ -193,10 +165,8 @@ def test_meshes_that_are_shown_again_and_again_are_refused(tmp_path, monkeypatch
     header = json.loads(path.read_bytes()[20 : 20 + header_length])
     header |= {"nodes": nodes, "scenes": [{"nodes": list(range(20))}]}
     data = path.read_bytes()[28 + header_length :]
-    with pytest.raises(
-        MeshError,
-        match="again and again, more than 4 times, with 210 vertices where the file has 42",
-    ):
+    told = "again and again, more than 4 times, with 210 vertices where the file has 42"
+    with pytest.raises(MeshError, match=told):
         load_mesh(write(tmp_path, "b.glb", glb(header, data)))
 
 

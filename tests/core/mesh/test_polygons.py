@@ -16,9 +16,8 @@ seeds = st.integers(0, 2**32 - 1)
 
 def split(points, *rows):
     sizes = np.array([len(row) for row in rows])
-    return split_polygons(
-        np.asarray(points, dtype=np.float64), sizes, np.concatenate(rows).astype(np.int64)
-    )
+    corners = np.concatenate(rows).astype(np.int64)
+    return split_polygons(np.asarray(points, dtype=np.float64), sizes, corners)
 
 
 def area_vectors(points, faces):
@@ -30,17 +29,12 @@ def star(random, count):
     """A jagged polygon (n, 2) around the origin, counterclockwise, that begins anywhere."""
     angle = 2 * np.pi / count * (np.arange(count) + random.uniform(0, 0.9, count))
     radius = random.uniform(0.1, 1, count)
-    return np.roll(
-        np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1),
-        random.integers(count),
-        axis=0,
-    )
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    return np.roll(points, random.integers(count), axis=0)
 
 
 def untangled(random, count):
-    """A simple polygon (n, 2) through random points: crossing sides are exchanged until none
-    cross.
-    """
+    """A simple polygon (n, 2) through random points: sides are exchanged until none cross."""
     points = random.uniform(-1, 1, (count, 2))
     changed = True
     while changed:
@@ -48,10 +42,9 @@ def untangled(random, count):
         for i in range(count - 1):
             for j in range(i + 2, count - (i == 0)):
                 a, b, c, d = points[i], points[i + 1], points[j], points[(j + 1) % count]
-                if (
-                    np.linalg.norm(a - c) + np.linalg.norm(b - d)
-                    < np.linalg.norm(a - b) + np.linalg.norm(c - d) - 1e-12
-                ):
+                now, then = (((a, b), (c, d)), ((a, c), (b, d)))
+                lengths = [sum(np.linalg.norm(p - q) for p, q in pairs) for pairs in (now, then)]
+                if lengths[1] < lengths[0] - 1e-12:
                     points[i + 1 : j + 1] = points[i + 1 : j + 1][::-1].copy()
                     changed = True
     x, y = points.T
@@ -67,24 +60,18 @@ def turned(random, plane):
 @pytest.mark.parametrize("make", [star, untangled])
 @given(seed=seeds, count=st.integers(4, 25))
 def test_triangles_cover_a_simple_polygon_once(make, seed, count):
-    """None looks away from it, and their areas add up to its own: so they neither overlap nor
-    leave anything out.
-    """
+    """None looks away, and areas add up to its own: they neither overlap nor leave anything out."""
     random = np.random.default_rng(seed)
     plane = make(random, count)
     points = turned(random, plane)
     contents = split(points, np.arange(count))
     areas = area_vectors(points, contents.faces)
-    normal = areas.sum(axis=0) / np.linalg.norm(areas.sum(axis=0))
+    area = np.linalg.norm(areas.sum(axis=0))
     x, y = plane.T
     assert len(contents.faces) == count - 2
-    assert (areas @ normal).min() > -1e-12
-    assert np.linalg.norm(areas.sum(axis=0)) == pytest.approx(
-        (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
-    )
-    np.testing.assert_allclose(
-        np.linalg.norm(areas, axis=1).sum(), np.linalg.norm(areas.sum(axis=0)), rtol=1e-9
-    )
+    assert (areas @ (areas.sum(axis=0) / area)).min() > -1e-12
+    assert area == pytest.approx((x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
+    np.testing.assert_allclose(np.linalg.norm(areas, axis=1).sum(), area, rtol=1e-9)
     assert len(contents.messages) == 1
 
 
@@ -94,9 +81,8 @@ def test_convex_polygons_are_fans(seed, count):
     angle = np.cumsum(random.uniform(0.2, 1, count))
     angle *= 2 * np.pi / (angle[-1] + 0.2)
     points = turned(random, np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    assert split(points, np.arange(count)).faces.tolist() == [
-        [0, k, k + 1] for k in range(1, count - 1)
-    ]
+    fan = [[0, k, k + 1] for k in range(1, count - 1)]
+    assert split(points, np.arange(count)).faces.tolist() == fan
 
 
 @pytest.mark.parametrize("shift", range(4))
@@ -130,20 +116,15 @@ def test_what_crosses_itself_is_a_fan_with_a_warning():
     points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     contents = split(points, range(5))
     assert contents.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
-    assert contents.messages[1].startswith(
-        "warning: 1 of them cross themselves (for example face 0, counting from 0)"
-    )
+    told = "warning: 1 of them cross themselves (for example face 0, counting from 0)"
+    assert contents.messages[1].startswith(told)
 
 
 @pytest.mark.parametrize("bound", ["_MOST_CORNERS", "_MOST_WORK"])
 def test_polygons_that_would_take_for_ever_are_refused(tmp_path, monkeypatch, bound):
     monkeypatch.setattr(readers, bound, 9)
     monkeypatch.setattr(readers, "_WORK_OF_A_CORNER", 1)
-    points = star(np.random.default_rng(0), 10)
-    lines = [
-        "OFF 10 1 0",
-        *(f"{x!r} {y!r} 0" for x, y in points.tolist()),
-        " ".join(map(str, [10, *range(10)])),
-    ]
+    points = star(np.random.default_rng(0), 10).tolist()
+    lines = ["OFF 10 1 0", *(f"{x!r} {y!r} 0" for x, y in points), "10 0 1 2 3 4 5 6 7 8 9"]
     with pytest.raises(MeshError, match=r"10 corners.*split polygons into triangles"):
         load_mesh(write(tmp_path, "a.off", "\n".join(lines)))
