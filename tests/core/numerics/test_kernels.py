@@ -1,6 +1,4 @@
-"""What all kernels keep to, so that compiled code from disk works and is the code that was
-written.
-"""
+"""What all kernels keep to, so that compiled code from disk is the code that was written."""
 
 import importlib
 import inspect
@@ -23,28 +21,21 @@ def all_kernels():
 
 
 def test_no_kernel_is_a_generator():
-    """Numba fails to compile the caller of a generator that another process, or an interrupted
-    one, left on disk.
-    """
+    """Numba fails to compile the caller of a generator that another process left on disk."""
     kernels = list(all_kernels())
     assert len(kernels) > 50
     assert [k.__qualname__ for k in kernels if inspect.isgeneratorfunction(k)] == []
 
 
 def test_a_kernel_that_changes_reaches_those_that_call_it_from_another_file(tmp_path):
-    (tmp_path / "middle.py").write_text(
-        "from abfm.numerics.kernels import kernel\nfrom lower import f\n@kernel\ndef g(x):\n    "
-        "return f(x)\n"
-    )
-    (tmp_path / "upper.py").write_text(
-        "from abfm.numerics.kernels import kernel\nfrom middle import g\n@kernel\ndef h(x):\n    "
-        "return g(x)\n"
-    )
+    file = "from abfm.numerics.kernels import kernel\n{}@kernel\ndef {}(x):\n    return {}\n"
+    for name, text in {
+        "middle": file.format("from lower import f\n", "g", "f(x)"),
+        "upper": file.format("from middle import g\n", "h", "g(x)"),
+    }.items():
+        (tmp_path / f"{name}.py").write_text(text)
     for sum_of in (1, 20):
-        (tmp_path / "lower.py").write_text(
-            "from abfm.numerics.kernels import kernel\n@kernel\ndef f(x):\n    return x + "
-            f"{sum_of}\n"
-        )
+        (tmp_path / "lower.py").write_text(file.format("", "f", f"x + {sum_of}"))
         done = python("import upper; print(upper.h(10))", cwd=tmp_path)
         assert done.stdout.split() == [str(10 + sum_of)], done.stderr
     assert len(list((tmp_path / "__pycache__").glob("upper.h_*.nbi"))) == 2

@@ -34,15 +34,13 @@ def rosenbrock(x):
 def test_rosenbrock_reaches_the_minimum_of_scipy():
     start = np.array([-1.2, 1.0, 0.5, -0.7, 1.3])
     state, energies = run(LBFGS(rosenbrock, tolerance=1e-9), start)
-    assert state.x == pytest.approx(
-        minimize(rosen, start, jac=rosen_der, method="BFGS").x, abs=1e-5
-    )
+    expected = minimize(rosen, start, jac=rosen_der, method="BFGS").x
+    assert state.x == pytest.approx(expected, abs=1e-5)
     assert all(after < before for before, after in pairwise(energies))
 
 
 def test_a_perfect_preconditioner_needs_one_step():
-    diagonal = np.logspace(0, 6, 30)
-    target = np.arange(30.0)
+    diagonal, target = np.logspace(0, 6, 30), np.arange(30.0)
 
     def quadratic(x):
         return Point(float(0.5 * diagonal @ (x - target) ** 2), diagonal * (x - target))
@@ -55,11 +53,7 @@ def test_a_perfect_preconditioner_needs_one_step():
 
 def test_steps_are_no_longer_than_allowed():
     lengths = []
-
-    def quadratic(x):
-        return Point(float(0.5 * x @ x), x.copy())
-
-    search = LBFGS(quadratic, longest=0.25)
+    search = LBFGS(lambda x: Point(float(0.5 * x @ x), x.copy()), longest=0.25)
     state = search.init(np.full(4, 3.0))
     for _ in range(8):
         after = search.step(state)
@@ -71,21 +65,17 @@ def test_steps_are_no_longer_than_allowed():
 
 def test_infinite_energies_are_stepped_around():
     def walled(x):
-        inside = float(x[0]) < 1
-        return Point(
-            float(-x[0] - 0.1 * np.log(1 - x[0])) if inside else np.inf, -1 + 0.1 / (1 - x)
-        )
+        energy = float(-x[0] - 0.1 * np.log(1 - x[0])) if x[0] < 1 else np.inf
+        return Point(energy, -1 + 0.1 / (1 - x))
 
     state, _ = run(LBFGS(walled, tolerance=1e-8), [0.0])
     assert state.x == pytest.approx(0.9, abs=1e-6)
 
 
 def test_nothing_lower_is_a_named_failure_that_keeps_the_iterate():
-    def wrong(x):
-        return Point(float(x @ x), -2 * x)
-
-    state, energies = run(LBFGS(wrong), [1.0, 2.0])
-    assert LBFGS(wrong).stop_reason(state) == "line search failed"
+    search = LBFGS(lambda x: Point(float(x @ x), -2 * x))
+    state, energies = run(search, [1.0, 2.0])
+    assert search.stop_reason(state) == "line search failed"
     assert np.array_equal(state.x, [1.0, 2.0])
     assert energies == [5.0, 5.0]
 

@@ -1,5 +1,7 @@
 """What users give as arrays."""
 
+from collections import UserList
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -12,19 +14,6 @@ from tests.shapes import icosphere
 MESH = icosphere(1)
 X, Y, _ = MESH.vertices.T
 COUNT = len(X)
-
-
-class Sequence:
-    """A sequence that is no list, as data frames have them."""
-
-    def __init__(self, values):
-        self.values = values
-
-    def __len__(self):
-        return len(self.values)
-
-    def __getitem__(self, index):
-        return self.values[index]
 
 
 class Refusing:
@@ -52,7 +41,7 @@ NO_NUMBERS = {
 
 
 @pytest.mark.parametrize(
-    "given", [[1, 2], (1.0, 2.0), Sequence([1.0, 2.0]), np.float32([1, 2]), np.ma.array([1, 2])]
+    "given", [[1, 2], (1.0, 2.0), UserList([1.0, 2.0]), np.float32([1, 2]), np.ma.array([1, 2])]
 )
 def test_arrays_of_all_kinds_are_taken(given):
     found = real_numbers(given, "f")
@@ -80,13 +69,13 @@ def test_a_match_refuses_what_does_not_fit(place, given):
 @pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
 def test_a_flow_refuses_fields_functions_and_times_that_are_no_numbers(given):
     flow = abfm.Flow(MESH, np.zeros((len(MESH.faces), 3)), 1.0)
-    for use in (
-        lambda: abfm.Flow(MESH, given, 1.0),
-        lambda: flow.push(given, 1.0),
-        lambda: flow.push(X, given),
+    for use, what in (
+        (abfm.Flow, (MESH, given, 1.0)),
+        (flow.push, (given, 1)),
+        (flow.push, (X, given)),
     ):
         with pytest.raises(AbfmError, match="expected") as refused:
-            use()
+            use(*what)
         assert len(str(refused.value)) < 200
 
 

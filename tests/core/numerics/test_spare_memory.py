@@ -1,6 +1,4 @@
-"""Compiled libraries in processes that have little more memory than they use: too little, a bit
-more, ..., enough.
-"""
+"""Compiled libraries in processes with little more memory than they use, and ever more."""
 
 import sys
 

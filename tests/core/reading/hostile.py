@@ -1,8 +1,4 @@
-"""Makers of files that lie: headers, compressed data and archives which say that they hold more
-than there is.
-
-And what the refusal of such a file must be like.
-"""
+"""Makers of files that say they hold more than there is, and what their refusal must be like."""
 
 import base64
 import io
@@ -23,13 +19,8 @@ BIG = 65 << 20  # above what packed data may hold at the most, and soon made
 def npy(header, data=b"", version=1):
     """An array file with a header of our own."""
     content = header.ljust(117).encode() + b"\n"
-    return (
-        b"\x93NUMPY"
-        + bytes([version, 0])
-        + len(content).to_bytes(2 if version == 1 else 4, "little")
-        + content
-        + data
-    )
+    length = len(content).to_bytes(2 if version == 1 else 4, "little")
+    return b"\x93NUMPY" + bytes([version, 0]) + length + content + data
 
 
 def npy_of(shape, descr="<f8", data=b""):
@@ -60,9 +51,7 @@ def gifti_bomb(dims):
 
 
 def overlapping_zip(path, names, content):
-    """A zip each of whose members holds the next one, header and all: together much more than
-    the file.
-    """
+    """A zip each of whose members holds the next one: together much more than the file."""
     found = []
     for name in reversed(names):
         member = zipfile.ZipInfo(name)
@@ -96,9 +85,7 @@ def members(path):
 
 
 def rewrite(path, changes, compression=zipfile.ZIP_STORED):
-    """Write a zip anew with other members: arrays as NumPy saves them, bytes as they are, and
-    None leaves one out.
-    """
+    """Write a zip anew with other members, arrays or bytes; None leaves one out."""
     content: dict[str, Any] = members(path)
     for name, value in changes.items():
         if isinstance(value, np.ndarray | np.generic):
@@ -107,9 +94,8 @@ def rewrite(path, changes, compression=zipfile.ZIP_STORED):
             content[name] = file.getvalue()
         else:
             content[name] = value
-    path.write_bytes(
-        zipped({name: data for name, data in content.items() if data is not None}, compression)
-    )
+    kept = {name: data for name, data in content.items() if data is not None}
+    path.write_bytes(zipped(kept, compression))
 
 
 def refusal(load, path):
@@ -132,8 +118,8 @@ def one_byte_changed(content, end=None):
 
 
 def with_flipped_bits(path, load, check):
-    """Load a file again and again with a byte changed: it is refused in one line, or comes as
-    it was, where the byte is one of the zip's own that carries no content.
+    """Load a file with a byte changed: it is refused in one line, or comes as it was, where the
+    byte is one of the zip's own that carries no content.
     """
     whole = path.read_bytes()
 

@@ -26,15 +26,9 @@ def test_what_is_no_plain_file_is_refused_and_nothing_waits(tmp_path, monkeypatc
     with socket.socket(socket.AF_UNIX) as server:
         server.bind("socket")
         for name, kind in (
-            ("pipe", "a pipe"),
-            ("link", "a pipe"),
-            ("socket", "a socket"),
-            ("/dev/zero", "a device"),
-            ("/dev/urandom", "a device"),
-            (".", "directory"),
-            ("none", "No such file"),
-            ("none\0", "No such file"),
-            ("a" * 300, "too long"),
+            *(("pipe", "a pipe"), ("link", "a pipe"), ("socket", "a socket")),
+            *(("/dev/zero", "a device"), ("/dev/urandom", "a device"), (".", "directory")),
+            *(("none", "No such file"), ("none\0", "No such file"), ("a" * 300, "too long")),
         ):
             with pytest.raises(OSError, match=kind) as caught:
                 read_bytes(name)
@@ -66,14 +60,11 @@ def test_compressed_data_comes_back_up_to_a_bound(packed):
     assert inflated(data) == inflated(data, most=10_000) == content
     with pytest.raises(ValueError, match="hold more than 9999"):
         inflated(data, most=9999)
-    for cut in (0, 1, 10, len(data) - 1):
-        if cut:
-            with pytest.raises(ValueError, match="damaged or cut short"):
-                inflated(data[:cut])
     damaged = bytearray(data)
     damaged[len(data) // 2] ^= 1
-    with pytest.raises(ValueError, match="damaged or cut short"):
-        inflated(bytes(damaged))
+    for bad in (data[:1], data[:10], data[:-1], bytes(damaged)):
+        with pytest.raises(ValueError, match="damaged or cut short"):
+            inflated(bad)
 
 
 def test_a_bomb_is_refused_when_it_has_given_its_bound():

@@ -64,7 +64,8 @@ def test_values_from_a_file_beside_it(tmp_path):
             beside(name, offset)
 
 
-LARGE = 'Dimensionality="1" Dim0="4000000000"'
+ONE = 'Dimensionality="1" Dim0="{}"'
+LARGE, TOO_MUCH = ONE.format(4000000000), "more than a file of this size may hold"
 PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
 
 
@@ -75,30 +76,24 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
         (bytes(100), "no XML"),
         (gifti("1 2 3")[:-20], "cut short"),
         (b"<a><GIFTI/></a>", "not GIFTI"),
-        (
-            b'<!DOCTYPE GIFTI [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><GIFTI>&b;</GIFTI>',
-            "declares entities",
-        ),
-        (gifti("1 2 3", LARGE), "more than a file of this size may hold"),
-        (gifti(PACKED, LARGE, "GZipBase64Binary"), "more than a file of this size may hold"),
-        (
-            gifti("", LARGE, "ExternalFileBinary", 'ExternalFileName="a"'),
-            "more than a file of this size may hold",
-        ),
-        (gifti_bomb('Dimensionality="1" Dim0="1000"'), "hold more than 4000, the most"),
+        (b'<!DOCTYPE GIFTI [<!ENTITY a "aaaa">]><GIFTI>&a;</GIFTI>', "declares entities"),
+        (gifti("1 2 3", LARGE), TOO_MUCH),
+        (gifti(PACKED, LARGE, "GZipBase64Binary"), TOO_MUCH),
+        (gifti("", LARGE, "ExternalFileBinary", 'ExternalFileName="a"'), TOO_MUCH),
+        (gifti_bomb(ONE.format(1000)), "hold more than 4000, the most"),
         (gzip.compress(bytes(65 << 20), 1), "hold more than 67108864, the most"),
         (
-            gifti(PACKED, 'Dimensionality="1" Dim0="10"', "GZipBase64Binary"),
+            gifti(PACKED, ONE.format(10), "GZipBase64Binary"),
             "has 36 bytes; expected 40",
         ),
-        (gifti(PACKED, 'Dimensionality="1" Dim0="8"', "GZipBase64Binary"), "hold more than 32"),
+        (gifti(PACKED, ONE.format(8), "GZipBase64Binary"), "hold more than 32"),
         (gifti("AAAA", encoding="Base64Binary"), "has 3 bytes; expected 12"),
         (gifti("A", encoding="Base64Binary"), "base64"),
         (gifti("1 2"), "an array of 3 numbers has 2"),
         (gifti("1 2 x"), "something else among them"),
         (gifti("1 2 3", ""), "has 0 dimensions"),
         (gifti("1 2 3", 'Dimensionality="9999999"'), "dimensions; expected 1 to 6"),
-        (gifti("1 2 3", 'Dimensionality="1" Dim0="-3"'), "Dim0 '-3'; expected a whole number"),
+        (gifti("1 2 3", ONE.format(-3)), "Dim0 '-3'; expected a whole number"),
         (gifti("1 2 3", 'Dimensionality="1"'), "Dim0 ''"),
         (gifti("1 2 3", encoding="x" * 1000), "Encoding 'xxx"),
     ],

@@ -1,6 +1,4 @@
-"""Arrays of .npy files: what NumPy writes comes back, and no header is believed that does not
-fit its file.
-"""
+"""Arrays of .npy files: what NumPy writes comes back, and headers fit their files."""
 
 import io
 
