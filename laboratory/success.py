@@ -18,9 +18,7 @@ from abfm.assets import asset_names, asset_path
 from abfm.calculus import geodesic_distance
 from abfm.flow.exponential import counted_row_products
 from abfm.maps import SymmetryError, detect_symmetry
-from abfm.matching.judging.solvability import different_peaks
-from abfm.matching.solving.range_bound import range_bound
-from abfm.matching.solving.resolution import RESOLVED, resolution
+from abfm.matching.solvability import RESOLVED, different_peaks, range_bound, resolution
 from abfm.mesh.shapes import even_sphere, five_limbs, grid
 from abfm.types import FloatArray
 from laboratory.common import LEVEL, aligned, in_words, machine, markdown, watched_match

@@ -40,13 +40,13 @@ def test_reading_and_drawing_a_mesh_loads_no_solver(code):
 
 
 CODES = [
-    "import abfm.matching.result",
-    "from abfm.matching.result import Match",
+    "import abfm.matching.problem",
+    "from abfm.matching.match import Match",
     "from abfm import matching",
-    "import abfm.matching.match, abfm.matching.result",
+    "import abfm.matching.match, abfm.matching.problem",
     "from abfm import match, matching",
     "import abfm.functions, abfm.flow.advection",
-    "import abfm.flow.flow_lines, abfm.calculus.eigenbasis, abfm.baselines.linear_blend",
+    "import abfm.flow.flow_lines, abfm.calculus.eigenbasis, abfm.baselines.interpolation",
 ]
 _PUBLIC_NAMES = f"""
 import importlib, inspect, json, os

@@ -1,15 +1,11 @@
-"""Continuous matching in a reduced spectral basis, in the manner of [COC15]: few smooth fields,
-dense exponentials.
+"""Continuous matching in a reduced spectral basis: few smooth fields, dense exponentials.
 
+In the manner of Corman, Ovsjanikov, Chambolle: Continuous Matching via Vector Field Flow, SGP 2015.
 A field is a combination of the first gradients and rotated gradients of eigenfunctions, and its
 operator a small dense matrix in the eigenbasis. A given functional map is composed with its flow so
 as to come near a wanted one. The derivative of the exponential is exact: a block of a larger
-exponential, as in [COC15], but taken once for all fields, by its adjoint, where they take one per
-field. Harmonic fields, which surfaces with handles have, are left out.
-
-References
-----------
-Corman, Ovsjanikov, Chambolle: Continuous Matching via Vector Field Flow, SGP 2015.
+exponential, as there, but taken once for all fields, by its adjoint, where they take one per field.
+Harmonic fields, which surfaces with handles have, are left out.
 """
 
 from dataclasses import dataclass
@@ -43,15 +39,11 @@ _MEMORY, _ITERATIONS = 30, 150  # pairs that L-BFGS keeps, and the most steps th
 
 @dataclass(frozen=True, eq=False)
 class ReducedMatch:
-    """A field (F, 3), in the input's units, and the start carried along its flow, (k, m), in the
-    reduced basis.
+    """A field, and the start carried along its flow."""
 
-    The mismatches before and after are ``||C - C_target|| / ||C_target||`` in the Frobenius norm.
-    """
-
-    velocity: FloatArray
-    functional_map: FloatArray
-    start_mismatch: float
+    velocity: FloatArray  # (F, 3), in the input's units
+    functional_map: FloatArray  # (k, m), in the reduced basis
+    start_mismatch: float  # ``||C - C_target|| / ||C_target||`` in the Frobenius norm
     mismatch: float
 
 
@@ -62,24 +54,9 @@ class ReducedEnergy:
     The first term is the norm of `abfm.MatchingEnergy` on the basis: the fields are orthonormal
     eigenfields of the Hodge Laplacian, ``Lambda`` their eigenvalues.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        The surface that the flow is on; scaled to unit area here.
-    start, target : (k, m) arrays
-        Functional maps to this surface, in its first k eigenfunctions.
-    parameters : Parameters
-        Read are ``tau``, ``alpha`` and ``sigma``.
-    fields : int
-        How many gradients, and as many rotated ones.
-
-    Raises
-    ------
-    ParameterError
-        If the functional maps have different shapes or values that are not finite, or there
-        are to be no fields.
-    FunctionError
-        If the surface has not so many eigenfunctions.
+    Start and target (k, m) are functional maps to the mesh, in its first k eigenfunctions; of the
+    parameters ``tau``, ``alpha`` and ``sigma`` are read; so many fields are gradients, and as many
+    rotated ones. ParameterError if they do not fit; FunctionError without so many eigenfunctions.
     """
 
     def __init__(
@@ -121,21 +98,18 @@ class ReducedEnergy:
         if not np.isfinite(energy):
             return np.inf, np.zeros_like(a)
         direction = difference @ self.start.T / self.sigma**2
-        slope = np.asarray(
-            expm_frechet(exponent.T, direction, compute_expm=False), dtype=np.float64
-        )
-        return energy, np.asarray(
-            self.weights * a - self.tau * np.tensordot(self.operators, slope, 2)
-        )
+        slope = np.asarray(expm_frechet(exponent.T, direction, compute_expm=False), np.float64)
+        gradient = self.weights * a - self.tau * np.tensordot(self.operators, slope, 2)
+        return energy, np.asarray(gradient)
 
 
 def reduced_match(energy: ReducedEnergy) -> ReducedMatch:
     """Find the smooth field whose flow improves a functional map, by L-BFGS from ``a = 0``."""
     best = fmin_l_bfgs_b(energy, np.zeros(len(energy.weights)), m=_MEMORY, maxiter=_ITERATIONS)[0]
     carried, size = expm(energy.exponent(best)) @ energy.start, np.linalg.norm(energy.target)
+    field = to_ambient(energy.mesh, (energy.basis @ best).reshape(-1, 2))
     return ReducedMatch(
-        velocity=to_ambient(energy.mesh, (energy.basis @ best).reshape(-1, 2))
-        * energy.length_scale,
+        velocity=field * energy.length_scale,
         functional_map=carried,
         start_mismatch=float(np.linalg.norm(energy.start - energy.target) / size),
         mismatch=float(np.linalg.norm(carried - energy.target) / size),
@@ -143,26 +117,11 @@ def reduced_match(energy: ReducedEnergy) -> ReducedMatch:
 
 
 def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return gradients and rotated gradients of the first eigenfunctions, the constant left out,
-    scaled to norm 1 in L2.
+    """Return eigenvalues (2 count,) of the Hodge Laplacian and frame coefficients (2F, 2 count) of
+    gradients, then rotated gradients, of the first eigenfunctions but the constant.
 
-    On a boundary the rotated ones are of functions that vanish there, so that no field has flux
-    through it. All are orthogonal, up to rounding on closed surfaces.
-
-    Returns
-    -------
-    eigenvalues : (2 count,) array
-        Of the Hodge Laplacian, in 1/length^2: ascending for the gradients, then for the rotated
-        ones.
-    fields : (2F, 2 count) array
-        Frame coefficients, one field per column.
-
-    Raises
-    ------
-    ParameterError
-        If there are not enough inner vertices.
-    FunctionError
-        If there are not enough eigenfunctions.
+    They have norm 1 in L2. On a boundary the rotated ones are of functions that vanish there, so
+    that no field has flux through it. All are orthogonal, up to rounding on closed surfaces.
     """
     values, functions = (part[..., 1:] for part in eigenbasis(mesh, count + 1))
     gradients = gradient(mesh) @ functions / np.sqrt(values)

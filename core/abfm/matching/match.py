@@ -1,30 +1,203 @@
-"""Find the field whose flow carries one function to another."""
+"""Find the field whose flow carries one function to another; it, and all that its flow carries."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, overload
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from functools import cached_property
+from typing import Any, get_args, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.vector_fields import to_ambient
-from abfm.errors import ParameterError
-from abfm.matching.judging.verdict import Outcome, advice
-from abfm.matching.judging.verification import estimate
+from abfm.errors import AbfmError, ParameterError, ResultError, one_line
+from abfm.flow.flow import Flow
+from abfm.io.results import (
+    LARGEST,
+    MATCH_ENTRIES,
+    MEND,
+    MESH_ENTRIES,
+    PROBLEM_ENTRIES,
+    load_arrays,
+    mesh_arrays,
+    mesh_of,
+    save_arrays,
+)
+from abfm.maps.distortion import Distortion
+from abfm.maps.point_maps import PointMap
+from abfm.matching.judging.verdict import (
+    Kind,
+    Outcome,
+    Remedy,
+    Verdict,
+    advice,
+    confirmed_mismatch,
+    kind_of,
+)
+from abfm.matching.judging.verification import Verification, estimate, verify
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.problem import Problem
-from abfm.matching.result import Match
-from abfm.matching.solving.record import Iteration
+from abfm.matching.problem import Problem, problem_of
+from abfm.matching.solving.record import Iteration, StopReason
 from abfm.matching.solving.solve import Solver
-from abfm.matching.solving.stop_reason import StopReason
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
-from abfm.types import FloatArray
+from abfm.reading import from_json
+from abfm.types import FloatArray, IntArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
 from abfm.workers.progress import step
 
-__all__ = ["Control", "Iteration", "match"]
+__all__ = ["Control", "Iteration", "Match", "load_match", "match", "match_arrays", "match_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """A field whose flow carries the source towards the target.
+
+    Attributes
+    ----------
+    problem : Problem
+        What was to be matched.
+    velocity : (N, F, 3) array
+        Tangent fields, in the input's length unit per unit of time.
+    advected : (V, C) array
+        The source carried to tau.
+    energy_history : (iterations + 1, 3) array
+        Total, regularity and mismatch, in the solver's units (unit area), each with its own stage's
+        sigma.
+    stages : (iterations + 1,) array of int
+        Cooling stage of each row.
+    mismatch : float
+        ``||f_tau - g|| / ||g||`` in L2 on the surface.
+    verified_mismatch : float
+        The same with the source carried along flow lines of the fields made continuous (see
+        `abfm.verify`), on large meshes estimated from some of the vertices; NaN if unknown.
+    folded : float
+        Share of the faces, 0 to 1, that this flow folds (`Verification.folded`); NaN if unknown.
+    stop_reason : StopReason
+        Why it stopped.
+    verdict : Verdict
+        What the match came to, why, and what to try.
+    """
+
+    problem: Problem
+    velocity: FloatArray = field(repr=False)
+    advected: FloatArray = field(repr=False)
+    energy_history: FloatArray = field(repr=False)
+    stages: IntArray = field(repr=False)
+    mismatch: float
+    verified_mismatch: float
+    folded: float
+    stop_reason: StopReason
+    verdict: Verdict
+
+    @property
+    def mesh(self) -> TriangleMesh:
+        """The mesh, as it was given."""
+        return self.problem.mesh
+
+    @property
+    def source(self) -> FloatArray:
+        """The source, (V, C)."""
+        return self.problem.source
+
+    @property
+    def target(self) -> FloatArray:
+        """The target, (V, C)."""
+        return self.problem.target
+
+    @property
+    def parameters(self) -> Parameters:
+        """The parameters of the problem."""
+        return self.problem.parameters
+
+    @property
+    def mask(self) -> FloatArray | None:
+        """Weight of the mismatch at each vertex, (V,), or None."""
+        return self.problem.mask
+
+    @property
+    def weights(self) -> FloatArray:
+        """Weight of each channel's mismatch, (C,)."""
+        return self.problem.weights
+
+    @property
+    def channels_given(self) -> bool:
+        """Tell whether source and target came as (V, C); else as (V,), and `advect` answers so."""
+        return self.problem.channels_given
+
+    @cached_property
+    def flow(self) -> Flow:
+        """The flow of the fields."""
+        return Flow(self.mesh, self.velocity, self.parameters.tau, self.parameters.method)
+
+    @property
+    def confirmed_mismatch(self) -> float:
+        """What is surely left: the mismatch, or half of that by flow lines if it is more."""
+        return confirmed_mismatch(self.mismatch, self.verified_mismatch)
+
+    @cached_property
+    def initial_mismatch(self) -> float:
+        """``||f - g|| / ||g||``: the mismatch before anything moved."""
+        functions = self.problem.functions
+        return functions.relative_mismatch(functions.source)
+
+    def advect(self, t: ArrayLike) -> FloatArray:
+        """The source carried to time ``t``, in the shape it was given; beyond tau the flow goes on.
+
+        An array of times (T,) gives (T, ...), much faster than one by one.
+        """
+        return self.push(self.source if self.channels_given else self.source[:, 0], t)
+
+    def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
+        """Any function (V,) or (V, C) carried along the same flow to time ``t``; a negative time
+        undoes the flow.
+
+        Linearised steps are undone by the same steps with the sign changed, in reverse order, which
+        is not an exact inverse. An array of times (T,) gives (T, ...).
+
+        Raises
+        ------
+        FunctionError
+            If ``h`` does not fit the mesh.
+        AdvectionError
+            If the flow overflows or is too long.
+        """
+        return self.flow.push(h, t)
+
+    def start_for(self, parameters: Parameters) -> FloatArray:
+        """The fields (N, F, 3) as a start with other parameters: by another tau as far."""
+        faster: FloatArray = self.velocity * (self.parameters.tau / parameters.tau)
+        return faster
+
+    def point_map(self, t: float | None = None) -> PointMap:
+        """Return where each vertex's value came from at time ``t``, see `abfm.Flow.point_map`."""
+        return self.flow.point_map(t)
+
+    def functional_map(self, k: int, t: float | None = None) -> FloatArray:
+        """Return the flow in the first k eigenfunctions, see `abfm.Flow.functional_map`."""
+        return self.flow.functional_map(k, t)
+
+    def distortion(self, t: float | None = None) -> Distortion:
+        """Measure what the flow does to each face, see `abfm.Flow.distortion`."""
+        return self.flow.distortion(t)
+
+    def verify(self, subdivided: bool = True) -> Verification:
+        """Ask witnesses whether the fields carry the source to the target, see `abfm.verify`."""
+        return verify(self.problem, self.velocity, subdivided)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a result file (``.npz``, no pickles), whole or not at all.
+
+        Raises
+        ------
+        ResultError
+            If it cannot be written.
+        """
+        save_arrays(path, mesh_arrays(self.mesh) | match_arrays(self))
 
 
 @overload
@@ -60,7 +233,8 @@ def match(
     """Find the tangent field whose flow carries the source of a problem to its target.
 
     It minimises ``1/2 int ||v||_alpha^2 dt + 1/(2 sigma^2) ||f_tau - g||^2`` over the fields ``v``,
-    where ``f_tau`` is the source carried along the flow of ``v`` to time tau (Eq. 3).
+    where ``f_tau`` is the source carried along the flow of ``v`` to time tau (Eq. 3). What it finds
+    never leaves more than no field at all, or than the start if that left more.
 
     Parameters
     ----------
@@ -70,10 +244,6 @@ def match(
         Called after every iteration, in this thread.
     control : Control, optional
         To pause, resume or cancel from elsewhere.
-
-    Returns
-    -------
-    Match
 
     Raises
     ------
@@ -98,26 +268,32 @@ def match(
     energy = MatchingEnergy(the_problem)
     control = control or present_control() or Control()
     solver = Solver(energy, on_iteration)
+    record = solver.record
     # what has nothing to show yet goes on to its first evaluation
-    with controlled(control, lambda: bool(solver.history)):
+    with controlled(control, lambda: bool(record.history)):
         fields, carried, reason = solver.run()
     advected = carried[: len(energy.functions.source)]
     mismatch = energy.relative_mismatch(carried)
     may_end = reason is not StopReason.CANCELLED or control.brief
+    velocity, verified, folded = to_ambient(energy.mesh, fields), np.nan, np.nan
     with controlled(control, lambda: may_end):  # else it is checked though it was cancelled
         try:
-            verified, folded = _by_flow_lines(energy, fields)
+            checkpoint()
+            with step("checking by flow lines", len(energy.mesh.vertices)):
+                verified, folded = estimate(energy, velocity)
+        except (ParameterError, MemoryError):  # too fast for walks, or no memory for them
+            pass
         except CancelledError:
-            verified, folded, reason = np.nan, np.nan, StopReason.CANCELLED
-    last = np.array(solver.stage_of) == solver.stage_of[-1]
-    energies = np.array(solver.history)[last, 0]
-    outcome = Outcome(advected, mismatch, reason, verified, folded, energies, solver.unmatched)
+            reason = StopReason.CANCELLED
+    history, stages = np.array(record.history), np.array(record.stage_of)
+    last = history[stages == stages[-1], 0]
+    outcome = Outcome(advected, mismatch, reason, verified, folded, last, solver.unmatched)
     return Match(
         problem=the_problem.starting_from(None),
-        velocity=to_ambient(energy.mesh, fields) * energy.length_scale,
+        velocity=velocity * energy.length_scale,
         advected=advected.T.copy(),
-        energy_history=np.array(solver.history),
-        stages=np.array(solver.stage_of),
+        energy_history=history,
+        stages=stages,
         mismatch=mismatch,
         verified_mismatch=verified,
         folded=folded,
@@ -128,24 +304,115 @@ def match(
 
 def _problem_of(*problem: Any, **given: Any) -> Problem:
     """Return the problem that `match` was called with, whole or in parts."""
-    first = problem[0] if problem else None
-    if isinstance(first, Problem):
-        if len(problem) > 1 or given:
+    is_alone = len(problem) == 1 and not given
+    if problem and isinstance(problem[0], Problem):
+        if not is_alone:
             raise ParameterError(
                 "match takes a Problem alone: parameters, mask, weights and start are its own; "
                 "give them to abfm.Problem(...)"
             )
-        return first
-    if len(problem) == 1 and not given:
+        return problem[0]
+    if is_alone:
         raise ParameterError("match takes a Problem, or a mesh, a source and a target")
     return Problem(*problem, **given)
 
 
-def _by_flow_lines(energy: MatchingEnergy, fields: FloatArray) -> tuple[float, float]:
-    """Return what flow lines leave, and the share of faces that they fold; NaN if unknown."""
+def match_arrays(match: Match) -> dict[str, Any]:
+    """Return what files hold of a match besides its mesh; what is not known is left out."""
+    verdict = match.verdict
+    parts = {name: getattr(match, name) for name in MATCH_ENTRIES if name != "remedies"}
+    parts["parameters"] = json.dumps(match.parameters.to_dict())
+    parts["verdict"] = verdict.kind, verdict.reason, verdict.advice
+    if verdict.remedies:
+        parts["remedies"] = json.dumps([asdict(remedy) for remedy in verdict.remedies])
+    return {
+        name: value
+        for name, value in parts.items()
+        if not (value is None or (isinstance(value, float) and math.isnan(value)))
+    }
+
+
+def match_of(
+    mesh: TriangleMesh,
+    arrays: Mapping[str, NDArray[Any]],
+    parameters: Parameters,
+    verdict: Verdict | None,
+) -> Match:
+    """The match that `match_arrays` was given; files from before there were verdicts have None.
+
+    Raises
+    ------
+    ValueError
+        If there are more or fewer fields than segments, they are faster than any match finds, or
+        mask or weights are 0.
+    """
+    given = {name: arrays[name] for name in arrays.keys() & PROBLEM_ENTRIES.keys()}
+    parts: dict[str, Any] = {"verified_mismatch": math.nan, "folded": math.nan}
+    parts |= {
+        name: array if array.ndim else array.item()
+        for name, array in arrays.items()
+        if name not in PROBLEM_ENTRIES
+    }
+    if parameters.segments != len(parts["velocity"]):
+        raise ValueError(
+            f"{len(parts['velocity'])} fields, but parameters say {parameters.segments}"
+        )
+    fastest = np.abs(parts["velocity"]).max()
+    if fastest > LARGEST * mesh.length_scale:
+        raise ValueError(
+            f"velocity has the value {fastest:.3g}; expected up to {LARGEST:g} length scales of "
+            "the mesh"
+        )
+    reason = StopReason.of_file(parts["stop_reason"])
+    if verdict is None:
+        kind = kind_of(confirmed_mismatch(parts["mismatch"], parts["verified_mismatch"]))
+        verdict = Verdict(kind, reason, "")
+    problem = problem_of(mesh, given, parameters)
+    return Match(problem=problem, **parts | {"stop_reason": reason, "verdict": verdict})
+
+
+def load_match(path: str | os.PathLike[str]) -> Match:
+    """Read a result file that `Match.save` wrote.
+
+    Raises
+    ------
+    ResultError
+        If the file is missing, damaged, or not a result.
+    """
+    arrays = load_arrays(path)
     try:
-        checkpoint()
-        with step("checking by flow lines", len(energy.mesh.vertices)):
-            return estimate(energy, to_ambient(energy.mesh, fields))
-    except (ParameterError, MemoryError):  # too fast for walks, or no memory for them
-        return np.nan, np.nan
+        mesh = mesh_of({name: arrays.pop(name) for name in MESH_ENTRIES})
+        parameters = Parameters.from_dict(from_json(str(arrays["parameters"])))
+        remedies = _remedies(str(arrays.pop("remedies", "[]")))
+        verdict = _verdict(arrays["verdict"], remedies) if "verdict" in arrays else None
+        return match_of(mesh, arrays, parameters, verdict)
+    except Exception as error:  # what stands in for a text, a number or a list may do anything
+        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {MEND}") from error
+
+
+def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:
+    kind, reason, advised = texts.tolist()
+    if kind not in get_args(Kind):
+        raise ValueError(
+            f"the verdict is {kind[:40]!r}; expected one of {', '.join(get_args(Kind))}"
+        )
+    return Verdict(kind, reason, advised, remedies)
+
+
+def _remedies(text: str) -> tuple[Remedy, ...]:
+    """Return what `match_arrays` wrote; files from before there were remedies have none."""
+    try:
+        found = tuple(Remedy(**remedy) for remedy in from_json(text))
+    except AbfmError:
+        raise
+    except (TypeError, ValueError) as error:
+        names = ", ".join(field.name for field in fields(Remedy))
+        raise ValueError(
+            f"the remedies are {one_line(text, 60)!r}; expected a list in JSON of what has {names}"
+        ) from error
+    kinds = {"label": str, "words": str, "parameters": dict, "goes_on": bool}
+    for remedy in found:
+        for name, kind in kinds.items():
+            if not isinstance(getattr(remedy, name), kind):
+                raise ValueError(f"the {name} of a remedy is no {kind.__name__}")
+    return found

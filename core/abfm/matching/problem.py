@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
-from typing import Any, NoReturn, cast
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,8 +35,8 @@ from abfm.types import FloatArray
 class Problem:
     """Find v that minimises ``1/2 int ||v||_alpha^2 dt + 1/(2 sigma^2) ||f_tau - g||^2`` (Eq. 3).
 
-    A problem never changes and is checked when it is made. It holds the mesh as given, and its data
-    terms on the mesh scaled to unit area, in whose units everything is solved.
+    It never changes, is checked when it is made, and has its data terms on the mesh scaled to unit
+    area, in whose units everything is solved.
 
     Parameters
     ----------
@@ -130,7 +130,8 @@ class Problem:
     @property
     def mask(self) -> FloatArray | None:
         """Weight of the mismatch at each vertex, (V,); None for 1 everywhere."""
-        return None if self.functions.mask is None else _read_only(self.functions.mask)
+        mask = self.functions.mask
+        return None if mask is None else _read_only(mask)
 
     @property
     def weights(self) -> FloatArray:
@@ -147,12 +148,10 @@ class Problem:
 
     def restricted(self, restriction: Restriction) -> Problem | None:
         """Return the problem on a coarser mesh, without a start; None if there is none."""
-        terms = [term.restricted(restriction) for term in self.terms]
-        found = tuple(term for term in terms if term is not None)
-        if len(found) < len(terms):
+        terms = tuple(term.restricted(restriction) for term in self.terms)
+        if None in terms:
             return None
-        mesh, functions = restriction.coarse, cast(FunctionTerm, found[0])
-        return self._with(mesh=mesh, terms=found, functions=functions, start=None)
+        return self._with(mesh=restriction.coarse, terms=terms, functions=terms[0], start=None)
 
     @cached_property
     def digest(self) -> str:
@@ -197,7 +196,9 @@ class Problem:
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process needs: the terms' mesh is made of the problem's there."""
         kept = ("mesh", "parameters", "start", "channels_given")
-        terms = [_without_mesh(term) for term in self.terms]
+        terms = [copy(term) for term in self.terms]
+        for term in terms:
+            term.__dict__.pop("mesh", None)
         return {name: self.__dict__[name] for name in kept} | {"terms": terms}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -233,10 +234,7 @@ def load_problem(path: str | os.PathLike[str]) -> Problem:
 def problem_of(
     mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]], parameters: Parameters
 ) -> Problem:
-    """Return the problem whose functions, mask, weights, start and `channels_given` are arrays.
-
-    Functions may have values that are refused today.
-    """
+    """Return the problem of such arrays; functions may have values that are refused today."""
     source, target, weights = (arrays[name] for name in ("source", "target", "weights"))
     functions = FunctionTerm(mesh.normalized(), source, target, arrays.get("mask"), weights)
     zero = np.zeros(len(mesh.vertices))
@@ -250,13 +248,7 @@ def problem_of(
 
 
 def check_fields(velocity: ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
-    """Return fields of the shape (N, F, 3); one field may come as (F, 3).
-
-    Raises
-    ------
-    ParameterError
-        If the shape is another one or a value is not finite.
-    """
+    """Return fields of the shape (N, F, 3), finite; one field may come as (F, 3)."""
     field = real_numbers(velocity, name, ParameterError)
     if field.shape == shape[1:] and shape[0] == 1:
         field = field[None]
@@ -279,9 +271,3 @@ def _read_only(array: FloatArray) -> FloatArray:
     view = array.view()
     view.flags.writeable = False
     return view
-
-
-def _without_mesh(term: DataTerm) -> DataTerm:
-    other = copy(term)
-    other.__dict__.pop("mesh", None)
-    return other

@@ -19,45 +19,33 @@ from typing import NamedTuple
 from weakref import WeakValueDictionary
 
 from abfm.io import temporary_folder
-from abfm.matching.match import match
+from abfm.matching.match import Iteration, Match, match
 from abfm.matching.problem import Problem
-from abfm.matching.result import Match
-from abfm.matching.solving.record import Iteration
 from abfm.mesh import TriangleMesh
 from abfm.workers.control import Control
 from abfm.workers.messages import Parcel, pack
 
-_EVERY = 0.1  # seconds between two looks at what the problems do, and between two reports of one
+_EVERY = 0.1  # seconds between two reports of a problem, and between two readings of them
 _LAST = 10.0  # seconds for those under way to end when no more are asked for
 _KEPT = 2  # meshes that a process keeps, with what was computed from them
-_TOLD = ".json"  # the end of files that tell of problems
+_REPORT = ".json"  # the end of files with reports
 _GO_ON = "go on"  # file in the folder that all share: without it they stop
 
 
 @dataclass(frozen=True)
 class Report:
-    """What one of many problems has come to.
+    """What one of many problems has come to."""
 
-    Attributes
-    ----------
-    index : int
-        Which one, from 0.
-    iteration : int
-        Steps taken.
-    energy, mismatch : float
-        Of the iterate, as in `Iteration`.
-    """
-
-    index: int
-    iteration: int
-    energy: float
+    index: int  # which one, from 0
+    iteration: int  # steps taken
+    energy: float  # of the iterate, as in `Iteration`, and its mismatch
     mismatch: float
 
 
 class Monitor:
-    """Tells what `solve_many` does, and stops it.
+    """Watches what `solve_many` does, and stops it.
 
-    Problems of processes and machines that do not see this one's temporary folder tell nothing,
+    Problems of processes and machines that do not see this one's temporary folder report nothing,
     and are not stopped once they have begun.
 
     Parameters
@@ -68,7 +56,7 @@ class Monitor:
     Attributes
     ----------
     reports : dict of int to Report
-        The latest one of each problem that has told something.
+        The latest one of each problem.
     """
 
     def __init__(self, on_report: Callable[[Report], object] = lambda report: None) -> None:
@@ -77,16 +65,14 @@ class Monitor:
         self._on_report = on_report
 
     def stop(self) -> None:
-        """Let problems under way end with the best field that they have found, and begin no other;
-        from any thread.
-        """
+        """Let problems under way end with their best field, and begin no other; in any thread."""
         self.stopped = True
 
     def update(self, folder: Path) -> None:
-        """Take in what the problems have told in a folder, and tell them to stop."""
+        """Take in the reports in a folder, and tell the problems to stop."""
         if self.stopped:
             (folder / _GO_ON).unlink(missing_ok=True)
-        for file in folder.glob(f"*{_TOLD}"):
+        for file in folder.glob(f"*{_REPORT}"):
             with suppress(OSError, ValueError):  # it is over, or just being written
                 report = Report(**json.loads(file.read_text()))
                 if report != self.reports.get(report.index):
@@ -111,8 +97,8 @@ def solve_many(
         Such as a ``ProcessPoolExecutor``, or ``client.get_executor()`` of ``dask.distributed``.
         One match takes one core: as many workers as there are cores.
     monitor : Monitor, optional
-        To be told of all problems, and to stop them: then those that have not begun, and all after
-        the first of them, are left out.
+        Of all problems, and to stop them: then those that have not begun, and all after the first
+        of them, are left out.
 
     Raises
     ------
@@ -159,15 +145,14 @@ class _Task(NamedTuple):
     parcel: Parcel
 
     def whole(self) -> _Task:
-        """Return the same with its meshes, for who does not see the folder."""
+        """Return the same with its meshes, for one that does not see the folder."""
         values = {name: (self.folder / name).read_bytes() for name in self.parcel.names}
         return self._replace(parcel=self.parcel._replace(values=values))
 
     def mesh(self, name: str) -> TriangleMesh:
         """Read one of the meshes."""
-        mesh: TriangleMesh = pickle.loads(
-            self.parcel.values.get(name) or (self.folder / name).read_bytes()
-        )
+        content = self.parcel.values.get(name) or (self.folder / name).read_bytes()
+        mesh: TriangleMesh = pickle.loads(content)
         return mesh
 
     def goes_on(self) -> bool:
@@ -191,15 +176,12 @@ def _tasks(
 
 
 def _result(future: Future[Parcel | None], folder: Path, monitor: Monitor) -> Parcel | None:
-    """Wait for a problem; meanwhile take in what all tell, and tell them to stop."""
+    """Wait for a problem; meanwhile take in the reports of all, and tell them to stop."""
     while not wait([future], _EVERY).done:
         monitor.update(folder)
         if monitor.stopped:
             future.cancel()
     return None if future.cancelled() else future.result()
-
-
-# Where a problem is solved
 
 
 class _Meshes:
@@ -238,10 +220,10 @@ def _solve(task: _Task) -> Parcel | None:
             latest = time.monotonic()
             if not task.goes_on():
                 control.cancel()
-            told = Report(task.number, now.iteration, now.energy, now.mismatch)
-            file = task.folder / f"{task.number}{_TOLD}"
+            latest_report = Report(task.number, now.iteration, now.energy, now.mismatch)
+            file = task.folder / f"{task.number}{_REPORT}"
             with suppress(OSError):  # all is over
-                file.with_suffix(".new").write_text(json.dumps(asdict(told)))
+                file.with_suffix(".new").write_text(json.dumps(asdict(latest_report)))
                 file.with_suffix(".new").replace(file)
 
     return pack(match(problem, on_iteration=report, control=control), named)[0]

@@ -15,10 +15,9 @@ from scipy.spatial.transform import Rotation
 import abfm
 from abfm.assets import asset_path
 from abfm.calculus.vector_fields import to_frame
-from abfm.matching.match import Iteration
-from abfm.matching.objective.objective import Evaluation, Objective
+from abfm.matching.match import Iteration, Match
+from abfm.matching.objective.matching_energy import Evaluation, Objective
 from abfm.matching.objective.regularizer import Regularizer
-from abfm.matching.result import Match
 from abfm.matching.solving.levels import Level
 from abfm.mesh import TriangleMesh
 from abfm.parameters import PAPER, Parameters
@@ -298,6 +297,21 @@ class TestStart:
         )
         assert np.isfinite(match.mismatch)
         assert np.isnan(match.verified_mismatch)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize(("tip", "start"), [(0.6, None), (0.6, 1e-10), (1.5, None)])
+def test_beside_a_needle_nothing_is_found_that_is_worse_than_not_moving(tip, start):
+    """Flows there can grow beyond bounds: without a guard, to mismatches of up to 1e144."""
+    corners = [[0, 0, 0], [1, 0, 0], [0.3, 0.9, 0], [tip, -1e-10, 0]]
+    mesh = TriangleMesh(np.array(corners), [[0, 1, 2], [1, 0, 3]])
+    given = None if start is None else start * wavy_field(mesh, 0)
+    p = Parameters(iterations=8, balance=0)
+    for a, b in ((0, 2), (3, 0), (3, 1), (3, 2)):
+        f, g = bump(mesh, mesh.vertices[a], 0.15), bump(mesh, mesh.vertices[b], 0.15)
+        match = abfm.match(mesh, f, g, p, start=given)
+        kept = abfm.match(mesh, f, g, replace(p, iterations=0), start=given)
+        assert match.mismatch <= max(match.initial_mismatch, kept.mismatch)
 
 
 def test_same_bits_with_other_work_beside_it() -> None:

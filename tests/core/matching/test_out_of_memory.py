@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm.matching.objective.objective import Evaluation, Objective
+from abfm.matching.objective.matching_energy import Evaluation, Objective
 from abfm.types import FloatArray
 from tests.core.fields import bump
 from tests.shapes import icosphere

@@ -16,7 +16,7 @@ import pytest
 import abfm
 from abfm.errors import ResultError
 from abfm.matching import Remedy
-from abfm.matching.result import Match
+from abfm.matching.match import Match
 from abfm.parameters import PAPER, Parameters
 from tests.core.fields import bump
 from tests.shapes import icosphere
@@ -103,7 +103,7 @@ def test_a_file_without_the_new_entries_is_one_of_the_papers_energy(
     )
     loaded = abfm.load_match(old)
     assert loaded.parameters == Parameters(**{**match.parameters.to_dict(), **PAPER})
-    assert loaded.verdict == abfm.matching.result.Verdict(kind, "converged", "")  # type: ignore[arg-type]
+    assert loaded.verdict == abfm.matching.Verdict(kind, "converged", "")
     assert np.isnan([loaded.verified_mismatch, loaded.folded]).all()
     np.testing.assert_array_equal(loaded.velocity, match.velocity)
     again = abfm.match(MESH, loaded.source, loaded.target, loaded.parameters, start=loaded.velocity)

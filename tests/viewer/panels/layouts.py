@@ -16,7 +16,7 @@ import polyscope.imgui as imgui
 
 from abfm.matching import Verdict
 from abfm.matching.judging.verdict import Outcome, advice
-from abfm.matching.solving.stop_reason import StopReason
+from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import Parameters
 from abfm_viewer.automation import Driver

@@ -1,19 +1,16 @@
-"""What a match came to, why, and what to try, in plain words."""
+"""What a match came to, why, and what to try, in plain words and as changes of its parameters."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
-from abfm.matching.judging import solvability
-from abfm.matching.judging.peaks import Extrema
-from abfm.matching.judging.remedies import Remedies, Remedy
-from abfm.matching.solving.early_warning import stood_still, vanished
-from abfm.matching.solving.range_bound import range_bound
+from abfm.matching import solvability
+from abfm.matching.solvability import Extrema, range_bound
+from abfm.matching.solving.record import StopReason
 from abfm.matching.solving.schedule import MATCHED, NEARLY
-from abfm.matching.solving.stop_reason import StopReason
 from abfm.matching.terms.functions import CONSTANT, FunctionTerm
-from abfm.parameters import Parameters
+from abfm.parameters import LARGEST_ALPHA, MANY, SMALLEST, Parameters
 from abfm.types import FloatArray
 
 Kind = Literal["matched", "nearly", "not reached", "impossible"]
@@ -22,11 +19,37 @@ CONFIRMED = 2.0
 """Flow lines confirm a mismatch if they leave at most this many times as much: 0.1 of a match,
 0.3 of a near one.
 """
+FOLDED = 0.1
+"""Share of folded faces beyond which the map of a flow is not to be trusted; an exact flow folds
+none.
+"""
+# an energy still falls that has fallen by this share within so many iterations
+_RECENT, _FALLING = 10, 0.01
+_EARLY = (StopReason.ITERATION_LIMIT, StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
+_FINER = "a finer mesh"
+_SCALE = "scale or clip one of the functions"
+
+_USUAL = Parameters()
+_FURTHER = 3.0  # how much larger or smaller a parameter is advised
+_COLDER = 10.0  # the same of sigma where the source did not go to the target at all
+_CARRIED = 1.5  # edges that the functions span, below which a smoother field was no truer
+_LONGER = 4  # how many times as many iterations
+# what a search for a far target needs besides a reach, as by default
+_COURSE = (
+    "order",
+    "levels",
+    "balance",
+    "sigma",
+    "sigma_unit",
+    "cooling_stages",
+    "cooling_factor",
+    "stage_iterations",
+)
 
 
 def confirmed_mismatch(mismatch: float, verified: float) -> float:
-    """The least mismatch that the discrete flow and flow lines (NaN if unknown) both confirm:
-    what is surely left.
+    """Return the least mismatch that the discrete flow and flow lines (NaN if unknown) both
+    confirm: what is surely left.
     """
     return mismatch if math.isnan(verified) else max(mismatch, verified / CONFIRMED)
 
@@ -38,31 +61,37 @@ def kind_of(confirmed: float) -> Kind:
     return "nearly" if confirmed <= NEARLY else "not reached"
 
 
-FOLDED = 0.1
-"""Share of folded faces beyond which the map of a flow is not to be trusted; an exact flow folds
-none.
-"""
+@dataclass(frozen=True)
+class Remedy:
+    """A run that is likely to come closer.
 
-# an energy still falls that has fallen by this share within so many iterations
-_RECENT, _FALLING = 10, 0.01
+    Attributes
+    ----------
+    label : str
+        In a word or two.
+    words : str
+        The same as advice, without a full stop.
+    parameters : dict
+        Those that change, with their new values.
+    goes_on : bool
+        Whether it starts from the field of the match, not from none.
 
-_EARLY = (StopReason.ITERATION_LIMIT, StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
+    Raises
+    ------
+    ParameterError
+        If a parameter is unknown, or its value refused.
+    """
+
+    label: str
+    words: str
+    parameters: dict[str, Any] = field(default_factory=dict)
+    goes_on: bool = False
+
+    def __post_init__(self) -> None:
+        Parameters.from_dict(_USUAL.to_dict() | self.parameters)
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What is known of a match that has ended."""
-
-    advected: FloatArray  # source carried to tau, (C, V)
-    mismatch: float  # ``||f_tau - g|| / ||g||`` of the discrete flow
-    stop_reason: StopReason
-    verified: float = math.nan  # mismatch where flow lines carry the source; NaN if unknown
-    # share of the faces, 0 to 1, that the flow's map turns over; NaN if unknown
-    folded: float = math.nan
-    # (n,), of the last stage's iterates; None counts as still falling
-    energies: FloatArray | None = None
-    # what smooth flows leave along flow lines, if sigma was raised to it; NaN if not
-    unmatched: float = math.nan
+GO_ON = Remedy("Continue", "go on from this field", {}, True)
 
 
 @dataclass(frozen=True)
@@ -82,6 +111,22 @@ class Verdict:
         return self.reason.partition(": ")[2]
 
 
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What is known of a match that has ended."""
+
+    advected: FloatArray  # source carried to tau, (C, V)
+    mismatch: float  # ``||f_tau - g|| / ||g||`` of the discrete flow
+    stop_reason: StopReason
+    verified: float = math.nan  # mismatch where flow lines carry the source; NaN if unknown
+    # share of the faces, 0 to 1, that the flow's map turns over; NaN if unknown
+    folded: float = math.nan
+    # (n,), of the last stage's iterates; None counts as still falling
+    energies: FloatArray | None = None
+    # what smooth flows leave along flow lines, if sigma was raised to it; NaN if not
+    unmatched: float = math.nan
+
+
 def advice(functions: FunctionTerm, outcome: Outcome, parameters: Parameters) -> Verdict:
     """Say what a match came to, why, and what to do; numbers that are advised start from the
     parameters it had.
@@ -91,6 +136,103 @@ def advice(functions: FunctionTerm, outcome: Outcome, parameters: Parameters) ->
     """
     case = _Case(functions, outcome, parameters)
     return case.impossible() or case.unconfirmed() or case.by_size() or case.not_reached()
+
+
+class Remedies:
+    """Makes remedies of a match: numbers start from the parameters it had, and the last sigma.
+
+    Time has no remedy of its own: with ``w = tau v`` the energy is ``1/tau`` times that of
+    ``tau = 1`` with ``sigma / sqrt(tau)``, so that a larger tau is a smaller sigma.
+    """
+
+    def __init__(self, functions: FunctionTerm, parameters: Parameters, unmatched: float) -> None:
+        self._functions, self._parameters = functions, parameters
+        self.raised = unmatched > parameters.sigma
+        self._sigma = unmatched if self.raised else parameters.sigma
+        # larger than by default, so that a match is worth little
+        relative = parameters.sigma_unit == "relative"
+        self.is_warm = relative and parameters.sigma > _USUAL.sigma
+
+    @property
+    def too_far(self) -> bool:
+        """Whether the target is farther, straight through space, than the stages reach."""
+        return self._parameters.reach < solvability.distance(self._functions)
+
+    @property
+    def looks_near(self) -> bool:
+        """Whether they reach less far than by default; on the surface it may be farther."""
+        return self.too_far or self._parameters.reach < _USUAL.reach
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether the functions are so wide that a smoother field is a truer one."""
+        return solvability.narrowest(self._functions) >= _CARRIED
+
+    def more_time(self) -> Remedy:
+        """More iterations; those of the defaults at least, as a match ends by itself."""
+        count = min(max(_LONGER * self._parameters.iterations, _USUAL.iterations), MANY)
+        return Remedy("More time", f"more iterations, such as {count}", {"iterations": count})
+
+    def further(self) -> Remedy:
+        """A larger reach, with the course that looks for far targets."""
+        p = self._parameters
+        needed = _rounded(max(solvability.distance(self._functions), _USUAL.reach))
+        wanted = {name: getattr(_USUAL, name) for name in _COURSE} if not p.reach else {}
+        changed = self._changes(
+            wanted | {"reach": needed, "iterations": max(p.iterations, _USUAL.iterations)}
+        )
+        course = " and the course of the defaults" if len(changed) > 2 else ""
+        words = f"a larger reach, such as {needed:g} of sqrt(area){course}"
+        return Remedy("Reach further", words, changed)
+
+    def truer(self) -> Remedy | None:
+        """Return what makes flow lines confirm more: parameters that stray go back to the defaults.
+        None where none does.
+        """
+        p = self._parameters
+        if self.too_far:
+            return self.further()
+        if p.order == 1 or p.alpha < _USUAL.alpha:
+            alpha = max(p.alpha, _USUAL.alpha)
+            changed = self._changes(
+                {"order": _USUAL.order, "alpha": alpha, "balance": _USUAL.balance}
+            )
+            values = " and ".join(f"{name} {value:g}" for name, value in changed.items())
+            return Remedy("Smoother", f"a smoother field, by {values}", changed)
+        if self.is_warm:
+            return self.colder()
+        if p.alpha > _USUAL.alpha:
+            words = f"a smaller alpha, such as {_USUAL.alpha:g}"
+            return Remedy("Match closer", words, {"alpha": _USUAL.alpha})
+        return None
+
+    def smoother(self) -> Remedy:
+        """A larger alpha, from no motion: near the present field there is no smoother one."""
+        alpha = min(_rounded(_FURTHER * self._parameters.alpha or _USUAL.alpha), LARGEST_ALPHA)
+        return Remedy("Smoother", f"a larger alpha, such as {alpha:g}", {"alpha": alpha})
+
+    def closer(self) -> Remedy:
+        """A smaller sigma, from the present field."""
+        sigma = max(_rounded(self._sigma / _FURTHER), SMALLEST)
+        if self.raised:
+            size = max(_rounded(sigma * self._functions.function_size), SMALLEST)
+            words = f"an absolute sigma, which is never raised, such as {size:g}"
+            return Remedy("Match closer", words, {"sigma": size, "sigma_unit": "absolute"}, True)
+        return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)
+
+    def colder(self) -> Remedy:
+        """A much smaller sigma, from no motion."""
+        sigma = max(_rounded(self._sigma / _COLDER), SMALLEST)
+        sigma = max(sigma, _USUAL.sigma) if self.is_warm else sigma
+        return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma})
+
+    def _changes(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        p = self._parameters
+        return {name: value for name, value in wanted.items() if value != getattr(p, name)}
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.2g}")
 
 
 class _Case:
@@ -103,8 +245,8 @@ class _Case:
         self.by_size_alone = kind_of(confirmed_mismatch(self.true_mismatch, outcome.verified))
         self.first = functions.relative_mismatch(functions.source)
         self.known = not math.isnan(outcome.verified)
-        self.raised = outcome.unmatched > parameters.sigma
         self.remedies = Remedies(functions, parameters, outcome.unmatched)
+        self.folds = f"{100 * outcome.folded:.0f}% of the faces are folded"
 
     @cached_property
     def different_peaks(self) -> tuple[int, Extrema, Extrema] | None:
@@ -120,10 +262,8 @@ class _Case:
         """
         if max(self.first, self.outcome.mismatch) <= MATCHED:
             return None
-        flat, to_flat = (
-            solvability.source_is_constant(self.functions),
-            solvability.target_is_constant(self.functions),
-        )
+        flat = solvability.source_is_constant(self.functions)
+        to_flat = solvability.target_is_constant(self.functions)
         if flat and not to_flat:
             why = "the source is constant, and no flow changes that"
             return self._verdict("impossible", why, "take a source that has the target's values")
@@ -132,13 +272,10 @@ class _Case:
                 "the target is constant and the source is not, and a flow keeps every value of "
                 "the source"
             )
-            return self._verdict(
-                "impossible", why, "take a target that has the source's values in other places"
-            )
+            advised = "take a target that has the source's values in other places"
+            return self._verdict("impossible", why, advised)
         if self.bound > NEARLY:
-            return self._verdict(
-                "impossible", self._missing_values(), "scale or clip one of the functions"
-            )
+            return self._verdict("impossible", self._missing_values(), _SCALE)
         return None
 
     def unconfirmed(self) -> Verdict | None:
@@ -149,53 +286,47 @@ class _Case:
         if self.by_size_alone == "not reached":
             if self.different_peaks:
                 return self._of_peaks()
-            why = (
-                f"by flow lines the mismatch is {verified:.2g}, so the discrete flow is not one "
-                "here"
-            )
-            return self._verdict("not reached", why, "a finer mesh", *self._truer(or_smoother=True))
+            lines = f"by flow lines the mismatch is {verified:.2g}"
+            why = f"{lines}, so the discrete flow is not one here"
+            return self._verdict("not reached", why, _FINER, *self._truer(or_smoother=True))
         if folded > FOLDED and not self.known:
-            why = f"{self._folds()}, which no flow does"
-            return self._verdict("not reached", why, "a finer mesh", *self._truer(or_smoother=True))
+            why = f"{self.folds}, which no flow does"
+            return self._verdict("not reached", why, _FINER, *self._truer(or_smoother=True))
         return None
 
     def by_size(self) -> Verdict | None:
         """A mismatch that is small, also by flow lines where they are known."""
         if self.by_size_alone == "not reached":
             return None
-        is_matched = self.by_size_alone == "matched"
-        if is_matched and self.first > MATCHED and not self.known and self.different_peaks:
-            return self._of_peaks("nearly")
-        if is_matched and self.functions.is_constant:
-            return self._verdict(
-                "matched", f"both are constant, up to {CONSTANT:g} of their values", ""
-            )
-        if is_matched:
-            advised = (
-                f"do not trust its point map, where {self._folds()}"
-                if self.outcome.folded > FOLDED
-                else ""
-            )
-            return self._verdict("matched", "", advised)
+        if self.by_size_alone == "matched":
+            if self.first > MATCHED and not self.known and self.different_peaks:
+                return self._of_peaks("nearly")
+            if self.functions.is_constant:
+                why = f"both are constant, up to {CONSTANT:g} of their values"
+                return self._verdict("matched", why, "")
+            advised = f"do not trust its point map, where {self.folds}"
+            return self._verdict("matched", "", advised * (self.outcome.folded > FOLDED))
         if self.bound > MATCHED:
-            return self._verdict(
-                "nearly", self._missing_values(), "scale or clip one of the functions"
-            )
+            return self._verdict("nearly", self._missing_values(), _SCALE)
         if self._cut_short():
             return self._of_an_early_end("nearly")
         if self.known and self.outcome.verified / CONFIRMED > max(MATCHED, self.outcome.mismatch):
             why = "the flow lines confirm less than the discrete flow shows"
-            return self._verdict("nearly", why, "a finer mesh", *self._truer())
+            return self._verdict("nearly", why, _FINER, *self._truer())
         return self._verdict("nearly", "", "", self.remedies.closer())
 
     def not_reached(self) -> Verdict:
         """The most telling cause of a mismatch that is large."""
         outcome, remedies = self.outcome, self.remedies
+        hardly_began = (
+            outcome.stop_reason is StopReason.ITERATION_LIMIT
+            and self.parameters.iterations < _RECENT
+        )
         if self.squeezed:
             return self._of_squeezing()
         if outcome.stop_reason.is_early:
             return self._of_an_early_end("not reached")
-        if stood_still(self.functions, outcome.advected) and not self._hardly_began():
+        if solvability.stood_still(self.functions, outcome.advected) and not hardly_began:
             why = "the source hardly moved, as moving costs more smoothness than it gains"
             further = (remedies.further(),) if remedies.too_far else ()
             return self._verdict("not reached", why, "", *further, remedies.colder())
@@ -215,103 +346,74 @@ class _Case:
         change = f"the mismatch {'stayed at' if before == after else moved} {after}"
         if self.known:
             change += f" ({self.outcome.verified:.2g} by flow lines)"
-        if self.raised:
-            unmatched = f"{self.outcome.unmatched:.2g}"
+        if self.remedies.raised:
             change += (
-                f" with sigma raised to {unmatched}, which is what smooth flows leave of "
-                "the "
-                "functions"
+                f" with sigma raised to {self.outcome.unmatched:.2g}, which is what smooth flows "
+                "leave of the functions"
             )
         words = [remedy.words for remedy in remedies] + [advised] * bool(advised)
         if self.outcome.stop_reason.is_early:
-            remedies = (*remedies, self.remedies.go_on())
-            words.append(self.remedies.go_on().words)
+            remedies = (*remedies, GO_ON)
+            words.append(GO_ON.words)
         return Verdict(kind, f"{change}: {why}" if why else change, "; or ".join(words), remedies)
 
     def _of_peaks(self, kind: Kind = "not reached") -> Verdict:
         assert self.different_peaks is not None
         channel, here, there = self.different_peaks
         why = f"{self._of(channel)}the source has {here}, the target {there}; no flow changes that"
-        return self._verdict(
-            kind, why, "smooth the function that has more of them, or expect a match in part"
-        )
+        advised = "smooth the function that has more of them, or expect a match in part"
+        return self._verdict(kind, why, advised)
 
     def _of_an_early_end(self, kind: Kind) -> Verdict:
-        if self.outcome.stop_reason.is_early:
-            return self._verdict(kind, self._early_end(), "")
-        return self._verdict(
-            kind, f"{self._early_end()}, still falling", "", *self._more_iterations()
-        )
-
-    def _more_iterations(self) -> list[Remedy]:
-        """Return what helps a match whose energy still falls; going on does where flow lines fall
-        with it.
-        """
+        """Going on helps a match whose energy still falls where flow lines fall with it."""
         remedies, outcome = self.remedies, self.outcome
-        if remedies.too_far:
-            return [remedies.further()]
+        if outcome.stop_reason.is_early:
+            return self._verdict(kind, self._early_end(), "")
+        helps = [remedies.further()] if remedies.too_far else [remedies.more_time()]
         confirmed = not self.known or outcome.verified <= CONFIRMED * max(outcome.mismatch, MATCHED)
-        return [remedies.more_time(), *([remedies.go_on()] if confirmed else [])]
+        if confirmed and not remedies.too_far:
+            helps.append(GO_ON)
+        return self._verdict(kind, f"{self._early_end()}, still falling", "", *helps)
 
     def _of_squeezing(self) -> Verdict:
         """The source shrank where it was: nothing led it to the target, or not long enough."""
         remedies = self.remedies
-        to_nothing = "to nothing " * vanished(self.functions, self.outcome.advected)
+        to_nothing = "to nothing " * solvability.vanished(self.functions, self.outcome.advected)
         why = f"the flow squeezed the source {to_nothing}instead of moving it"
         if remedies.looks_near:
-            return self._verdict(
-                "not reached", f"{why}, as nothing led it to the target", "", remedies.further()
-            )
+            why += ", as nothing led it to the target"
+            return self._verdict("not reached", why, "", remedies.further())
         if self.outcome.stop_reason in _EARLY:
-            return self._verdict(
-                "not reached", f"{why}, and {self._early_end()}", "", remedies.more_time()
-            )
+            why += f", and {self._early_end()}"
+            return self._verdict("not reached", why, "", remedies.more_time())
         apart = (
-            "wider functions that overlap, or targets in between, each match from the last "
-            "one's "
+            "wider functions that overlap, or targets in between, each match from the last one's "
             "field"
         )
-        return self._verdict(
-            "not reached", why, apart, *([remedies.colder()] if remedies.is_warm else [])
-        )
+        colder = [remedies.colder()] if remedies.is_warm else []
+        return self._verdict("not reached", why, apart, *colder)
 
     def _missing_values(self) -> str:
         channel = solvability.worst_channel(self.functions)
-        source, target = (
-            self.functions.source[channel],
-            self.functions.target[channel, self.functions.areas > 0],
-        )
+        source = self.functions.source[channel]
+        target = self.functions.target[channel, self.functions.areas > 0]
         return (
             f"{self._of(channel)}the target has values from {target.min():.3g} to "
-            f"{target.max():.3g}, the source from "
-            f"{source.min():.3g} to {source.max():.3g}, and no flow changes values: "
-            f"{self.bound:.2g} is the least left"
+            f"{target.max():.3g}, the source from {source.min():.3g} to {source.max():.3g}, and no "
+            f"flow changes values: {self.bound:.2g} is the least left"
         )
 
     def _of(self, channel: int) -> str:
-        count = len(self.functions.source)
-        return f"in channel {channel + 1} " if count > 1 else ""
-
-    def _folds(self) -> str:
-        return f"{100 * self.outcome.folded:.0f}% of the faces are folded"
+        return f"in channel {channel + 1} " if len(self.functions.source) > 1 else ""
 
     def _cut_short(self) -> bool:
         """Tell whether it ended while the energy still fell, and not by squeezing the source."""
         energies, reason = self.outcome.energies, self.outcome.stop_reason
         if reason not in _EARLY or self.squeezed:
             return False
-        if reason.is_early:
-            return True
-        if energies is None or len(energies) <= _RECENT:
+        if reason.is_early or energies is None or len(energies) <= _RECENT:
             return True
         return bool(energies[-1] < (1 - _FALLING) * energies[-1 - _RECENT])
-
-    def _hardly_began(self) -> bool:
-        """Tell whether it had too few iterations for anything to be said of where it was going."""
-        return (
-            self.outcome.stop_reason is StopReason.ITERATION_LIMIT
-            and self.parameters.iterations < _RECENT
-        )
 
     def _early_end(self) -> str:
         if self.outcome.stop_reason is StopReason.CANCELLED:

@@ -1,16 +1,5 @@
 """Whether fields carry one function to another, by witnesses that know nothing of how they were
 found.
-
-A search among all fields of a mesh also finds those that its scheme carries better than their flow
-does. So the flow itself is asked:
-
-- flow lines of the continuous field (`continuous_flow`) lead from each vertex back to where its
-  value comes from. They have no dispersion, and their error falls with the square of the edge
-  length;
-- the exponential of the continuous field on the midpoint subdivision shares the scheme's
-  dispersion, a quarter of it, but not the mesh.
-
-Where both agree the mismatch is that of the field, whatever the discrete one was.
 """
 
 from dataclasses import dataclass
@@ -27,7 +16,7 @@ from abfm.maps.distortion import MOST, folds
 from abfm.maps.surface_points import vertex_points
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.problem import Problem
-from abfm.matching.solving.resolution import RESOLVED, narrowest
+from abfm.matching.solvability import RESOLVED, narrowest
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated
@@ -45,29 +34,34 @@ _APART, _TIMES = 0.05, 2.0  # witnesses that differ by more than both do not agr
 
 @dataclass(frozen=True)
 class Verification:
-    """What independent witnesses say of fields that are to carry a source to a target; see
-    `verify`.
+    """What independent witnesses say of fields that are to carry a source to a target.
 
-    ``folded`` is small even for rough fields, as the flow of a continuous field tears nothing;
-    ``overturned`` is several percent where a smooth flow stretches much, tens of percent where the
-    field is noise.
+    Attributes
+    ----------
+    flow_lines : float
+        ``||f o phi^-1 - g|| / ||g||`` in L2 with phi the flow of the continuous fields to tau.
+    subdivided : float
+        The same by the matrix exponential of the continuous fields on the midpoint subdivision,
+        with f and g interpolated; inf where it overflows or would take very long, NaN where it was
+        not asked.
+    folded, overturned : float
+        Shares of the faces that the inverse flow folds, and whose carried vertices alone look
+        turned over. The first is small even for rough fields, as the flow of a continuous field
+        tears nothing; the second is several percent where a smooth flow stretches much, tens of
+        percent where the field is noise.
+    resolution : float
+        How many edges the narrow features of both functions span, mask or not.
     """
 
-    # ``||f o phi^-1 - g|| / ||g||`` in L2 with phi the flow of the continuous fields to tau
     flow_lines: float
     subdivided: float
-    """The same by the matrix exponential of the continuous fields on the midpoint subdivision, with
-    f and g interpolated; inf where it overflows or would take very long, NaN where it was not
-    asked."""
-    folded: float  # shares of the faces that the inverse flow folds,
-    overturned: float  # and whose carried vertices alone look turned over, see `abfm.maps.folds`
-    resolution: float  # how many edges the narrow features of both functions span, mask or not
+    folded: float
+    overturned: float
+    resolution: float
 
     @property
     def mismatch(self) -> float:
-        """The verified mismatch: that by flow lines, which no scheme's dispersion or instability
-        touches.
-        """
+        """The verified mismatch: by flow lines, which no scheme's dispersion touches."""
         return self.flow_lines
 
     @property
@@ -81,9 +75,7 @@ class Verification:
 
     @property
     def resolved(self) -> bool:
-        """Whether source and target are wide enough for advection on this mesh, see
-        `resolution.RESOLVED`.
-        """
+        """Whether source and target are wide enough for advection on this mesh."""
         return self.resolution >= RESOLVED
 
     def report(self) -> str:
@@ -93,14 +85,19 @@ class Verification:
             parts.append(f"{self.subdivided:.4f} on the subdivided mesh")
         parts.append(f"{100 * self.folded:.2g} % of the faces folded")
         parts.append(f"functions {self.resolution:.1f} edges wide")
-        notes = ["the witnesses disagree"] * self.doubtful + ["too narrow for this mesh"] * (
-            not self.resolved
-        )
-        return ", ".join(parts) + "".join(f"; {note}" for note in notes)
+        disagree = "; the witnesses disagree" * self.doubtful
+        return ", ".join(parts) + disagree + "; too narrow for this mesh" * (not self.resolved)
 
 
 def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Verification:
     """Ask independent witnesses whether fields carry a source to a target.
+
+    A search among all fields of a mesh also finds those that its scheme carries better than their
+    flow does. Flow lines of the continuous field lead from each vertex back to where its value
+    comes from: they have no dispersion, and their error falls with the square of the edge length.
+    The exponential of the continuous field on the midpoint subdivision shares the scheme's
+    dispersion, a quarter of it, but not the mesh. Where both agree the mismatch is that of the
+    field, whatever the discrete one was.
 
     Parameters
     ----------
@@ -142,10 +139,7 @@ def estimate(energy: MatchingEnergy, fields: FloatArray) -> tuple[float, float]:
 
 
 def _by_flow_lines(
-    functions: FunctionTerm,
-    flow: ContinuousFlow,
-    faces: IntArray,
-    most: int,
+    functions: FunctionTerm, flow: ContinuousFlow, faces: IntArray, most: int
 ) -> tuple[float, float, float]:
     """Return the mismatch at the vertices of some faces (S,), and their shares of `folds`."""
     mesh, source, mask = functions.mesh, functions.source, functions.mask

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -12,14 +15,72 @@ from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import AdvectionError
 from abfm.flow.advection import Advection, Discretisation
 from abfm.flow.exponential import TOLERANCE
-from abfm.matching.objective.bracket import Bracket
-from abfm.matching.objective.objective import Adjoint, Gradient, Mismatch, Objective, RegularityTerm
+from abfm.matching.objective.gradients import Adjoint, Bracket
 from abfm.matching.objective.regularizer import Regularizer, regularizer
 from abfm.matching.problem import Problem, check_fields
 from abfm.matching.terms.data_term import DataTerms, Measure
 from abfm.mesh import TriangleMesh
-from abfm.parameters import Parameters
+from abfm.numerics import kernels
 from abfm.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The objective at one point."""
+
+    x: FloatArray  # frame coefficients (N, F, 2) of the fields
+    energy: float  # total and its two terms; infinite where the flow overflows
+    regularity: float
+    mismatch: float
+    advected: FloatArray  # what the data terms want carried, carried to the end time, (C, V)
+    differentiate: Callable[[], FloatArray]  # faster before than after the next evaluation
+
+    @cached_property
+    def gradient(self) -> FloatArray:
+        """Derivative by the frame coefficients, (N, F, 2), made when asked for."""
+        return self.differentiate()
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """``step/2 sum_j v_j^T R v_j`` plus data terms of what the flow of fields carries (Eq. 6)."""
+
+    regularity: Regularizer  # ``R``, by ``apply``
+    carried: FloatArray  # functions (C, V) that the data terms want carried
+    # the data terms' energy, and its derivative, by what was carried
+    missed: Callable[[FloatArray], tuple[float, FloatArray]]
+    advect: Callable[[FloatArray], Advection]  # the flow of frame coefficients (N, F, 2)
+    step: float  # time of each field
+    gradient: Callable[[FloatArray], Adjoint | Bracket]  # at frame coefficients (N, F, 2)
+
+    def evaluate(self, x: FloatArray) -> Evaluation:
+        """Evaluate energy and gradient at frame coefficients (N, F, 2)."""
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable flow ends in any numbers
+            momentum = self.step * np.stack([self.regularity.apply(v) for v in x])
+            regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(x).ravel())
+            try:
+                mismatch, advected, differentiate = self._mismatch(x)
+            except AdvectionError:
+                mismatch, differentiate = np.inf, partial(np.full, x.shape, np.nan)
+                advected = np.full_like(self.carried, np.nan)
+        total = regularity + mismatch
+        return Evaluation(
+            x, total, regularity, mismatch, advected, lambda: momentum + differentiate()
+        )
+
+    def _mismatch(self, x: FloatArray) -> tuple[float, FloatArray, Callable[[], FloatArray]]:
+        """Return the data terms, what was carried, and what computes their gradient."""
+        flow, gradient = self.advect(x), self.gradient(x)
+        trajectories, advected = [], np.empty_like(self.carried)
+        for c, f in enumerate(self.carried):
+            trajectories.append(gradient.carry(flow, f))
+            advected[c] = trajectories[c][-1].end
+            if not np.isfinite(advected[c]).all():
+                raise AdvectionError("the advected function overflows")
+        value, residuals = self.missed(advected)
+        if not np.isfinite(value):
+            raise AdvectionError("the mismatch overflows")
+        return value, advected, partial(gradient.of_fields, flow, trajectories, residuals)
 
 
 class MatchingEnergy:
@@ -41,7 +102,6 @@ class MatchingEnergy:
         That of unit area.
     length_scale : float
         Of the mesh as it was given: what one length of `mesh` is there.
-    discretisation : Discretisation
     """
 
     def __init__(self, problem: Problem | TriangleMesh, *functions: Any, **given: Any) -> None:
@@ -51,7 +111,9 @@ class MatchingEnergy:
         self.mesh, self.length_scale = problem.mesh.normalized(), problem.mesh.length_scale
         self.functions, self.terms = problem.functions, DataTerms(problem.terms)
         self.discretisation = Discretisation(self.mesh, self.parameters.method)
-        self._norms = _Norms(self.mesh, self.parameters, self.terms)
+        alpha = self.parameters.alpha
+        self._regularizers = {alpha: regularizer(self.mesh, alpha, self.parameters.order)}
+        self._measures = {0.0: self.terms.measure(self.parameters, 0.0)}
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -83,31 +145,44 @@ class MatchingEnergy:
         A ``reach`` is that of the data terms; an ``offset`` (C, V) is what they may leave;
         ``tolerance`` truncates the advection, and the gradient is that of the truncated sum.
         """
+        missed = self.measure(reach).value_and_residual
         return Objective(
             self.regularizer(alpha),
-            Mismatch(self.terms.carried, self.measure(reach), sigma, offset),
+            self.terms.carried,
+            partial(missed, sigma=sigma, offset=offset),
             partial(self.discretisation.flow, tau=self.parameters.tau, tolerance=tolerance),
             self.step,
             self._gradient,
         )
 
-    def flow(self, fields: FloatArray) -> Advection:
+    def flow(self, x: FloatArray) -> Advection:
         """Return the flow of frame coefficients (N, F, 2)."""
-        return self.discretisation.flow(fields, self.parameters.tau)
+        return self.discretisation.flow(x, self.parameters.tau)
 
     def clustered(self) -> MatchingEnergy:
         """Return the energy of functions with one value on each cluster of vertices."""
-        energy = MatchingEnergy(self.problem)
-        energy.discretisation, energy._norms = self.discretisation.clustered(), self._norms
+        energy = copy(self)  # with the same norms
+        energy.discretisation = self.discretisation.clustered()
         return energy
 
-    def regularizer(self, alpha: float | None = None) -> RegularityTerm:
-        """Return the norm of fields, with the parameters' alpha or another one."""
-        return self._norms.of_fields(self.parameters.alpha if alpha is None else alpha)
+    def regularizer(self, alpha: float | None = None) -> Regularizer:
+        """Return the norm of fields, with the parameters' alpha or another one.
+
+        Of others the latest is kept: on a large mesh each has factors of hundreds of megabytes.
+        """
+        known, usual = self._regularizers, self.parameters.alpha
+        alpha = usual if alpha is None else alpha
+        if alpha not in known:
+            for other in known.keys() - {usual}:
+                del known[other]
+            known[alpha] = Regularizer(self.mesh, alpha, self.parameters.order)
+        return known[alpha]
 
     def measure(self, reach: float) -> Measure:
         """Return the norm of the data terms, for early stages with a reach."""
-        return self._norms.of_mismatches(reach)
+        if reach not in self._measures:
+            self._measures[reach] = self.terms.measure(self.parameters, reach)
+        return self._measures[reach]
 
     def mismatch_energy(self, carried: FloatArray, sigma: float) -> float:
         """Return the data terms' energy for functions (C, V) that were carried by any means."""
@@ -117,40 +192,16 @@ class MatchingEnergy:
         """Return ``||f_tau - g|| / ||g||`` of functions (C, V), see `FunctionTerm`."""
         return self.terms.relative_mismatch(carried)
 
-    def advected(self, fields: FloatArray) -> FloatArray:
+    def advected(self, x: FloatArray) -> FloatArray:
         """Carry the terms' functions (C, V) by (N, F, 2); not finite where the flow overflows."""
         try:
-            flow = self.flow(fields)
+            flow = self.flow(x)
             return np.stack([flow.forward(f)[-1].end for f in self.terms.carried])
         except AdvectionError:
             return np.full_like(self.terms.carried, np.nan)
 
-    def _gradient(self, fields: FloatArray) -> Gradient:
+    def _gradient(self, x: FloatArray) -> Adjoint | Bracket:
         p = self.parameters
         if p.gradient == "bracket" and p.method == "nonlinear":
-            return Bracket(self.mesh, fields, p.substeps, p.quadrature)
-        return Adjoint(fields.shape)
-
-
-class _Norms:
-    """Norms of fields and of mismatches, each made when it is first asked for."""
-
-    def __init__(self, mesh: TriangleMesh, parameters: Parameters, terms: DataTerms) -> None:
-        self._mesh, self._parameters, self._terms = mesh, parameters, terms
-        usual = regularizer(mesh, parameters.alpha, parameters.order)
-        self._regularizers: dict[float, RegularityTerm] = {parameters.alpha: usual}
-        self._measures: dict[float, Measure] = {0.0: terms.measure(parameters, 0.0)}
-
-    def of_fields(self, alpha: float) -> RegularityTerm:
-        """Keep the latest other one: on a large mesh each has factors of hundreds of megabytes."""
-        usual = self._parameters.alpha
-        if alpha not in self._regularizers:
-            for other in self._regularizers.keys() - {usual}:
-                del self._regularizers[other]
-            self._regularizers[alpha] = Regularizer(self._mesh, alpha, self._parameters.order)
-        return self._regularizers[alpha]
-
-    def of_mismatches(self, reach: float) -> Measure:
-        if reach not in self._measures:
-            self._measures[reach] = self._terms.measure(self._parameters, reach)
-        return self._measures[reach]
+            return Bracket(self.mesh, x, p.substeps, p.quadrature)
+        return Adjoint(x.shape)

@@ -35,13 +35,7 @@ _LEAST_SHARE = 1e-13
 class Regularizer:
     """``R = G_F D_alpha^order`` on frame coefficients (F, 2): apply, and apply the inverse.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    alpha : float
-        Weight of the Hodge Laplacian, in units of the mesh's area; not negative.
-    order : int
-        1 for the paper's norm, 2 for that of second order.
+    ``alpha``, in units of the mesh's area, is not negative; order 1 is the paper's norm.
     """
 
     def __init__(self, mesh: TriangleMesh, alpha: float, order: int = 1) -> None:
@@ -74,14 +68,10 @@ class Regularizer:
     def _solvers(self) -> list[Solve]:
         """Of the edges, and of the vertices off the boundary."""
         if not self._factors:
-            found = []
-            for owners, masses, factor_of in (
-                (self._edges, self._masses[0], 4),
-                (self._vertices, self._masses[1], 1),
-            ):
-                form = stiffness(
-                    self._gradients, factor_of * self.alpha * self._areas, owners, len(masses)
-                )
+            found, owners = [], (self._edges, self._vertices)
+            for of, masses, factor_of in zip(owners, self._masses, (4, 1), strict=True):
+                weights = factor_of * self.alpha * self._areas
+                form = stiffness(self._gradients, weights, of, len(masses))
                 inner = np.isfinite(masses)
                 if not inner.all():
                     form = form[inner][:, inner]
@@ -90,7 +80,7 @@ class Regularizer:
         return self._factors
 
     def of_order(self, order: int) -> Regularizer:
-        """The same with another order; the factors are shared, also those that are not made yet."""
+        """Return the same with another order, and shared factors, made or not."""
         other = copy(self)
         other.order = order
         return other
@@ -113,8 +103,9 @@ class Regularizer:
         momentum = self._areas[:, None] * v
         if self.alpha > 0:
             (of_edges, of_vertices), (edge_masses, masses) = self._products(momentum), self._masses
-            of_edges, of_vertices = of_edges / edge_masses, of_vertices / masses
-            self._add_gradients(of_edges, of_vertices, self.alpha * self._areas, momentum)
+            on_edges, on_vertices = of_edges / edge_masses, of_vertices / masses
+            factors = self.alpha * self._areas
+            add_gradients(self._slopes, on_edges, on_vertices, factors, momentum)
         return momentum
 
     def _invert_once(self, momentum: FloatArray) -> FloatArray:
@@ -124,9 +115,8 @@ class Regularizer:
             solve_edges, solve_vertices = self._solvers
             potential = np.zeros_like(on_vertices)
             potential[self._inner] = solve_vertices(on_vertices[self._inner])
-            self._add_gradients(
-                solve_edges(on_edges), potential, np.full_like(self._areas, -self.alpha), v
-            )
+            factors = np.full_like(self._areas, -self.alpha)
+            add_gradients(self._slopes, solve_edges(on_edges), potential, factors, v)
         return v
 
     def _products(self, momentum: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -135,17 +125,9 @@ class Regularizer:
         add_products(self._slopes, momentum, of_edges, of_vertices)
         return of_edges, of_vertices
 
-    def _add_gradients(
-        self, on_edges: FloatArray, on_vertices: FloatArray, factors: FloatArray, field: FloatArray
-    ) -> None:
-        """Add ``A a + B b`` to a field (F, 2), times a factor for each face."""
-        add_gradients(self._slopes, on_edges, on_vertices, factors, field)
-
 
 def regularizer(mesh: TriangleMesh, alpha: float, order: int = 1) -> Regularizer:
-    """The mesh's regulariser; the latest one is kept, so that only a new ``alpha`` factors
-    again.
-    """
+    """Return the mesh's norm; the latest one is kept, so that only a new alpha factors again."""
     latest: Regularizer | None = mesh.cache.get("regularizer")
     if latest is None or latest.alpha != alpha:
         latest = mesh.cache["regularizer"] = Regularizer(mesh, alpha, order)

@@ -2,27 +2,73 @@
 lines.
 """
 
-from dataclasses import replace
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
-from abfm.errors import FunctionError
-from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.objective.objective import Evaluation
-from abfm.matching.solving.balance import ROUND, balanced
-from abfm.matching.solving.calming import calmed
-from abfm.matching.solving.confirmation import is_walked
-from abfm.matching.solving.incumbent import Candidate, Incumbent, Progress
+from abfm.errors import FunctionError, ParameterError
+from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
+from abfm.matching.objective.regularizer import Regularizer
+from abfm.matching.solvability import range_bound
+from abfm.matching.solving.confirmation import by_flow_lines, is_walked
 from abfm.matching.solving.levels import on_the_mesh
-from abfm.matching.solving.range_bound import range_bound
-from abfm.matching.solving.record import Record
-from abfm.matching.solving.schedule import Stage
-from abfm.matching.solving.stop_reason import StopReason
+from abfm.matching.solving.record import Record, StopReason
+from abfm.matching.solving.schedule import MATCHED, Stage
+from abfm.mesh import TriangleMesh
 from abfm.numerics.optimizer import LBFGS, State
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 
 _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradient is exact for any
+# of fields from a coarser mesh: times the mismatch there, and more, which is not the field's doing
+_WORSE, _GROWN = 2.0, 0.4
+_SCALES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # edges over which they are smoothed
+_ROUND = 8  # iterations between two comparisons with flow lines
+_ROUNDS = 6  # comparisons at most
+_GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
+_APART = 0.5  # mismatch by flow lines beyond which both have nothing to share
+_LEAST_SHARE = 0.3  # of the parameters' balance
+_BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
+
+Point = TypeVar("Point")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a descent goes on from."""
+
+    best: Evaluation | None = None  # on the level of the latest stage
+    learned: State[Evaluation] | None = None  # whose pairs tell how the energy bends there
+    before: Stage | None = None  # the latest one that was minimised
+
+
+class Incumbent:
+    """What is known to be best while something is tried out, on the same level.
+
+    If anything ends the trial early, be it cancelled, out of memory or a fault, the descent is back
+    at the incumbent, or stays with what the trial has found if that leaves less than ``mismatch``:
+    0 where the trial has to come to its end to be trusted. The incumbent may be replaced meanwhile.
+    """
+
+    def __init__(self, descent: Descent, progress: Progress, mismatch: float = 0.0) -> None:
+        self.progress = progress
+        self._descent, self._mismatch = descent, mismatch
+
+    def __enter__(self) -> Incumbent:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            return
+        descent = self._descent
+        # the incumbent first: there may be no memory to compare
+        tried, descent.progress = descent.progress, self.progress
+        if tried.best is not None and descent.mismatch_of(tried.best) <= self._mismatch:
+            descent.progress = tried
 
 
 class Descent:
@@ -32,25 +78,20 @@ class Descent:
     ----------
     levels : list of Level
         At first those with the mesh itself.
-    level : int
-        Where the latest stage was.
     progress : Progress
         May be set to what it was before, on the same level, or to ``Progress()`` to begin anew.
-    reason : str
-        Why the latest stage ended.
     """
 
     def __init__(self, energy: MatchingEnergy, record: Record) -> None:
         self.levels = on_the_mesh(energy)
         self.level = 0  # that of the latest stage
-        # may be set to what it was before on the same level, or to begin anew
         self.progress = Progress()
         self.reason = StopReason.ITERATION_LIMIT  # why the latest stage ended
         self._parameters, self._record = energy.parameters, record
         self._least = range_bound(energy.functions)
 
     @property
-    def best(self) -> Candidate:
+    def best(self) -> Evaluation:
         """What is known to be best; there must be something."""
         assert self.progress.best is not None
         return self.progress.best
@@ -60,58 +101,50 @@ class Descent:
         """Relative mismatch of the best on its level."""
         return self.mismatch_of(self.best)
 
-    def mismatch_of(self, candidate: Candidate) -> float:
-        """Return the relative mismatch of a candidate on the level of the latest stage."""
-        return self.levels[self.level].energy.relative_mismatch(candidate.point.advected)
+    def mismatch_of(self, point: Evaluation) -> float:
+        """Return the relative mismatch of fields on the level of the latest stage."""
+        return self.levels[self.level].energy.relative_mismatch(point.advected)
 
     def attainable(self, goal: float) -> float:
-        """A goal, or what the values of source and target leave of it; 0 stays 0."""
+        """Return a goal, or what the values of source and target leave of it; 0 stays 0."""
         return max(goal, self._least) if goal else 0.0
 
-    def at(self, stage: Stage, x: FloatArray) -> Candidate:
-        """Fields of a stage's level as a start that it may begin with."""
-        return Candidate(x, self._search(stage).evaluate(x))
+    def at(self, stage: Stage, x: FloatArray) -> Evaluation:
+        """Evaluate fields of a stage's level as a start that it may begin with."""
+        return self._search(stage).evaluate(x)
 
-    def prolonged(self, x: FloatArray, stage: Stage) -> tuple[FloatArray, Evaluation | None]:
-        """Fields of the level that was last on that of a stage, and what is known of them if it
-        is another.
-        """
-        if stage.level == self.level:
-            return x, None
+    def prolonged(self, x: FloatArray | Evaluation, stage: Stage) -> FloatArray | Evaluation:
+        """Bring fields of the level that was last to that of a stage, as a start of it."""
+        if isinstance(x, Evaluation) or stage.level == self.level:
+            return x
         checkpoint()
-        energy = self.levels[stage.level].energy
-        evaluate = self._search(stage).evaluate
+        energy, evaluate = self.levels[stage.level].energy, self._search(stage).evaluate
 
-        def mismatch(fields: FloatArray) -> tuple[Evaluation, float]:
+        def measured(fields: FloatArray) -> tuple[Evaluation, float]:
             point = evaluate(fields)
             return point, energy.relative_mismatch(point.advected)
 
-        return calmed(
-            energy.mesh, self.levels[self.level].fields_to_finer(x), self.mismatch, mismatch
-        )
+        finer = self.levels[self.level].fields_to_finer(x)
+        return calmed(energy.mesh, finer, self.mismatch, measured)
 
     def minimise(
-        self,
-        stage: Stage,
-        x: FloatArray,
-        offset: FloatArray | None = None,
-        known: Evaluation | None = None,
-    ) -> Candidate:
-        """Run a stage to its end, from fields of which something may be known already.
+        self, stage: Stage, start: FloatArray | Evaluation, offset: FloatArray | None = None
+    ) -> Evaluation:
+        """Run a stage to its end.
 
         Only stages without an offset (C, V), which may be left, come into the record's schedule.
         """
         if offset is None:
             self._record.schedule.append(stage)
         search = self._search(stage, offset)
-        self._arrive(stage, Candidate(x, known or search.evaluate(x)))
+        self._arrive(stage, start if isinstance(start, Evaluation) else search.evaluate(start))
         self.reason = StopReason.GOAL_REACHED
         goal = self.attainable(stage.goal)
         if self.mismatch <= goal:
             return self.best
         current, history = self._first(search, stage), self._record.history
         energies = [current.point.energy]
-        left = self.levels[stage.level].affordable(stage.iterations, x)
+        left = self.levels[stage.level].affordable(stage.iterations, self.best.x)
         until = min(stage.until, len(history) - 1 + left)
         self.reason = StopReason.ITERATION_LIMIT
         while len(history) <= until:
@@ -122,7 +155,7 @@ class Descent:
             current = search.step(current)
             if current.failed:
                 continue
-            self.progress = Progress(Candidate(current.x, current.point), current, stage)
+            self.progress = Progress(current.point, current, stage)
             energies.append(current.point.energy)
             self._record.add(self.levels, stage, self.best)
         return self.best
@@ -137,28 +170,55 @@ class Descent:
             return StopReason.GOAL_REACHED
         return None if stage.pays(energies) else StopReason.NO_PROGRESS
 
-    def balance(self, stage: Stage) -> Candidate:
-        """Weigh flow lines against the discrete advection; why the match ended before stays the
-        reason.
+    def balance(self, stage: Stage) -> Evaluation:
+        """Weigh flow lines against the discrete advection; the best round stays, and why the match
+        ended before stays the reason.
+
+        The scheme disperses, and flow lines of a field made continuous are off by a little too:
+        neither is the flow. With ``g + b (f_tau - f o phi)`` as target a perfect match has
+        ``(1 - b) f_tau + b (f o phi) = g``, so that both share what divides them. No derivative of
+        flow lines is needed. After a round that costs the discrete mismatch more than it may, or
+        gains nothing, the share is halved.
         """
         energy = self.levels[stage.level].energy
         if not is_walked(energy):
             return self.best
-        reason, part = self.reason, replace(stage, iterations=ROUND, patient=True, goal=0.0)
+        reason, part = self.reason, replace(stage, iterations=_ROUND, fixed=True, goal=0.0)
         self._record.schedule.append(stage)
-
-        def go_on(x: FloatArray, offset: FloatArray) -> Candidate | None:
-            is_over = len(self._record.history) > stage.until
-            return None if is_over else self.minimise(part, x, offset)
-
+        weight = share = self._parameters.balance
+        best = known = self.best
+        allowed = max(energy.relative_mismatch(best.advected), MATCHED)
+        away, least = np.zeros_like(energy.terms.carried), np.inf
         with Incumbent(self, self.progress) as incumbent:
-            for best in balanced(energy, self.best, go_on):
-                incumbent.progress = replace(self.progress, best=best)
+            for _ in range(_ROUNDS):
+                try:
+                    walked = by_flow_lines(energy, known.x)
+                except ParameterError:  # too fast for walks
+                    break
+                discrete = energy.relative_mismatch(known.advected)
+                lines = energy.relative_mismatch(walked)
+                score = float(np.sqrt((1 - weight) * discrete**2 + weight * lines**2))
+                is_better = not (discrete > allowed or score >= least)
+                gains_little = is_better and score > _BETTER * least
+                if lines <= _APART and is_better:
+                    best, least, away = known, score, known.advected - walked
+                    incumbent.progress = replace(self.progress, best=best)
+                elif lines <= _APART:
+                    share /= 2
+                if (
+                    lines > _APART
+                    or gains_little
+                    or share < _LEAST_SHARE * weight
+                    or energy.terms.relative_size(away) < _GAP
+                    or len(self._record.history) > stage.until
+                ):
+                    break
+                known = self.minimise(part, best.x, share * away)
         self.progress = replace(self.progress, best=incumbent.progress.best)
         self.reason = reason
         return self.best
 
-    def _arrive(self, stage: Stage, best: Candidate) -> None:
+    def _arrive(self, stage: Stage, best: Evaluation) -> None:
         """Take fields as the best on a stage's level; where a level begins they are an iterate
         of their own.
         """
@@ -166,12 +226,12 @@ class Descent:
         if stage.level != self.level:  # not before: until then what is known is on the coarser mesh
             self.level, self.progress = stage.level, replace(self.progress, learned=None)
         history = self._record.history
-        sizes = best.point.energy, self.levels[-1].energy.functions.function_size
+        sizes = best.energy, self.levels[-1].energy.functions.function_size
         if not history and not np.isfinite(sizes).all():
             raise FunctionError(
                 "the mismatch of source and target overflows; scale both functions down or sigma up"
             )
-        is_new = not self._record.ends_on(stage.level)
+        is_new = self._record.level != stage.level
         if not history or (is_new and len(history) <= self._parameters.iterations):
             self._record.add(self.levels, stage, best)
 
@@ -180,8 +240,8 @@ class Descent:
         before, best, learned = self.progress.before, self.best, self.progress.learned
         self.progress = replace(self.progress, before=stage)
         if before is None or not stage.continues(before):
-            return search.init(best.x, best.point)
-        return search.init(best.x, best.point, learned, (before.sigma / stage.sigma) ** 2)
+            return search.init(best.x, best)
+        return search.init(best.x, best, learned, (before.sigma / stage.sigma) ** 2)
 
     def _search(self, stage: Stage, offset: FloatArray | None = None) -> LBFGS[Evaluation]:
         p, energy = self._parameters, self.levels[stage.level].energy
@@ -205,3 +265,33 @@ class Descent:
         return LBFGS(
             evaluate, precondition, p.memory, displacement, p.max_displacement, p.tolerance
         )
+
+
+def calmed(
+    mesh: TriangleMesh,
+    x: FloatArray,
+    mismatch: float,
+    evaluate: Callable[[FloatArray], tuple[Point, float]],
+) -> Point:
+    """Smooth fields (N, F, 2) from a coarser mesh as little as keeps their discrete flow calm.
+
+    Where the normal parts of a field jump over edges the discrete flow grows, on meshes of thin
+    triangles beyond bounds. Smoothing on the scale of an edge, by the norm of first order, takes
+    most of the jumps away. Returns what ``evaluate`` gives, beside the relative mismatch on this
+    mesh, of fields that leave about as much as on the coarser one, or else of the best of those
+    tried; of zero where no flow stays finite.
+    """
+    area = 1 / len(mesh.vertices)
+    calm, least = None, np.inf
+    for edges in _SCALES:
+        tried = x
+        if edges:
+            smooth = Regularizer(mesh, area * edges**2)
+            momenta = [(smooth.mass * v.ravel()).reshape(v.shape) for v in x]
+            tried = np.stack([smooth.inverse(momentum) for momentum in momenta])
+        point, found = evaluate(tried)
+        if found < least:
+            calm, least = point, found
+        if found <= _WORSE * mismatch + _GROWN:  # false if not finite
+            break
+    return evaluate(np.zeros_like(x))[0] if calm is None else calm

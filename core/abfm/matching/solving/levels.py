@@ -1,24 +1,28 @@
-"""The energy on meshes from coarse to fine, and what goes from one to the next.
+"""The energy on meshes from coarse to fine, and what goes from one to the next, by closest points.
 
 Where thin triangles would set the cost of an evaluation the mesh itself comes twice: first with
-their vertices held together (`abfm.flow.clusters`), then as it is.
+clusters of their vertices (`abfm.flow.clusters`), then as it is.
 """
 
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 
 import numpy as np
 
+from abfm.calculus.operators import Matrix, face_frames, face_normals, vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.clusters import vertex_clusters
+from abfm.flow.continuous_flow import corner_vectors
+from abfm.maps.point_maps import PointMap
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.solving.resolution import narrowest
-from abfm.matching.solving.transfer import Transfer
+from abfm.matching.solvability import narrowest
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.coarsening import coarsened
+from abfm.numerics.kernels import kernel
 from abfm.parameters import Parameters
-from abfm.types import FloatArray
+from abfm.types import FloatArray, IndexArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
@@ -29,14 +33,115 @@ RATIO = 4.0
 # times as many vertices as the coarsest mesh: smaller meshes are solved on themselves alone
 _WORTH = 3.0
 _EDGES = 3.0  # that a function's features span at least on a mesh of their own choice
-_COST = 2.0  # of all iterations on the mesh as it is, in iterations with vertices held together
+_COST = 2.0  # of all iterations on the mesh as it is, in iterations with clusters
 _LEAST = 2  # iterations that are always spent
-_PATIENCE = 0.05  # seconds between two looks at whether to go on waiting
+_INTERVAL = 0.05  # seconds between two tests of whether to go on waiting
+
+
+class Transfer:
+    """Between a coarse and a fine mesh of one surface, in the same units.
+
+    Functions are interpolated from the coarse to the fine mesh and averaged the other way. Fields
+    are made continuous on the mesh that they come from, read at the points closest to the vertices,
+    and turned with the surface's normal onto the faces between them.
+    """
+
+    def __init__(self, coarse: TriangleMesh, fine: TriangleMesh) -> None:
+        self.coarse, self.fine = coarse, fine
+
+    def prepare(self) -> None:
+        """Find all closest points now, which else are found when they are first needed."""
+        _ = self.interpolation, self._covered, self._to_coarse
+
+    @cached_property
+    def interpolation(self) -> Matrix:
+        """Linear interpolation of coarse functions at the fine vertices, (V, V_coarse)."""
+        return self._to_fine.to_matrix()
+
+    @cached_property
+    def _covered(self) -> FloatArray:
+        """Area of the fine mesh under the hat function of each coarse vertex."""
+        return np.asarray(self.interpolation.T @ vertex_areas(self.fine))
+
+    @cached_property
+    def _to_fine(self) -> PointMap:
+        return PointMap.project(self.fine, self.coarse, self.fine.vertices)
+
+    @cached_property
+    def _to_coarse(self) -> PointMap:
+        return PointMap.project(self.coarse, self.fine, self.coarse.vertices)
+
+    def function_to_coarse(self, f: FloatArray) -> FloatArray:
+        """Return averages of fine functions (..., V) by coarse hat functions, (..., V_coarse)."""
+        totals = self.interpolation.T @ (vertex_areas(self.fine) * f).T
+        averages = (totals.T / np.where(self._covered > 0, self._covered, 1.0)).copy()
+        # no fine vertex near: take the closest point's value
+        alone = np.flatnonzero(self._covered == 0)
+        if len(alone):
+            points = self._to_coarse
+            corners = f[..., self.fine.faces[points.faces[alone]]]
+            averages[..., alone] = (corners * points.barycentric[alone]).sum(axis=-1)
+        return np.asarray(averages)
+
+    def function_to_fine(self, f: FloatArray) -> FloatArray:
+        """Return coarse functions (..., V_coarse) interpolated, (..., V)."""
+        return np.ascontiguousarray((self.interpolation @ f.T).T)
+
+    def field_to_fine(self, field: FloatArray) -> FloatArray:
+        """Return a coarse field (F_coarse, 3) on the fine mesh, as frame coefficients (F, 2)."""
+        return _read(field, self._to_fine)
+
+    def field_to_coarse(self, field: FloatArray) -> FloatArray:
+        """Return a fine field (F, 3) on the coarse mesh, as frame coefficients (F_coarse, 2)."""
+        return _read(field, self._to_coarse)
+
+
+def _read(field: FloatArray, points: PointMap) -> FloatArray:
+    """Read the continuous field of the codomain at the images of the domain's vertices, turned onto
+    the domain's faces.
+    """
+    mesh, other = points.codomain, points.domain
+    vectors = (corner_vectors(mesh, field)[points.faces] * points.barycentric).sum(axis=1)
+    frames = face_frames(mesh)[points.faces]
+    found = vectors.real[:, None] * frames[:, 0] + vectors.imag[:, None] * frames[:, 1]
+    normals = face_normals(mesh)[points.faces]
+    onto = other.faces, face_normals(other), face_frames(other)
+    carried: FloatArray = turn_onto_faces(found, normals, *onto)
+    return carried
+
+
+@kernel
+def turn_onto_faces(
+    vectors: FloatArray,
+    normals: FloatArray,
+    faces: IndexArray,
+    face_normals: FloatArray,
+    frames: FloatArray,
+) -> FloatArray:
+    """Return means of vectors (V, 3) at corners of faces, as coefficients (F, 2) in their frames.
+
+    Each is rotated as the shortest rotation takes the unit normal (V, 3) that belongs to it to that
+    of the face.
+    """
+    out = np.zeros((faces.shape[0], 2))
+    for f in range(faces.shape[0]):
+        n = face_normals[f]
+        for c in range(3):
+            v, m = vectors[faces[f, c]], normals[faces[f, c]]
+            along = 1.0 + m[0] * n[0] + m[1] * n[1] + m[2] * n[2]
+            height = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
+            # where the normals are opposite the vector is projected
+            share = height / along if along > 1e-3 else 0.0
+            for k in range(2):
+                e = frames[f, k]
+                for x in range(3):
+                    out[f, k] += (v[x] - share * m[x]) * e[x] / 3
+    return out
 
 
 class Level:
-    """The energy on one mesh, and the way to the next finer one; None where that is the same
-    mesh.
+    """The energy on one mesh, and the transfer to the next finer one; None where that is the same
+    mesh, and this ``cheaper``, with clusters of vertices.
     """
 
     def __init__(
@@ -48,31 +153,28 @@ class Level:
         self.energy, self._to_finer, self._cheaper = energy, to_finer, cheaper
 
     def fields_to_finer(self, x: FloatArray) -> FloatArray:
-        """Frame coefficients (N, F, 2) on the finer mesh; times mean the same there."""
+        """Return frame coefficients (N, F, 2) on the finer mesh; times mean the same there."""
         if self._to_finer is None:
             return x
         fields = to_ambient(self.energy.mesh, x) * self.energy.length_scale
         return np.stack([self._to_finer.field_to_fine(field) for field in fields])
 
     def fields_from_finer(self, fields: FloatArray) -> FloatArray:
-        """Frame coefficients (N, F, 2) here of fields (N, F, 3) on the finer mesh scaled to unit
-        area.
-        """
+        """Return frame coefficients (N, F, 2) of fields (N, F, 3) on the finer mesh of area 1."""
         if self._to_finer is None:
             return np.stack([to_frame(self.energy.mesh, field) for field in fields])
         found = np.stack([self._to_finer.field_to_coarse(field) for field in fields])
         return found / self.energy.length_scale
 
     def functions_to_finer(self, functions: FloatArray) -> FloatArray:
-        """Functions (C, V) on the finer mesh."""
+        """Return functions (C, V) on the finer mesh."""
         return functions if self._to_finer is None else self._to_finer.function_to_fine(functions)
 
     def affordable(self, iterations: int, x: FloatArray) -> int:
-        """Return how many of so many iterations to spend here, from frame coefficients (N, F, 2)
-        on.
+        """Return how many of so many iterations to spend, from frame coefficients (N, F, 2) on.
 
-        Where thin triangles set the cost it can be fifty times what it is with their vertices held
-        together, where these iterations have been made already. What is spent is what they would
+        Where thin triangles set the cost it can be fifty times what it is with clusters of their
+        vertices, where these iterations have been made already. What is spent is what they would
         cost there.
         """
         if self._cheaper is None:
@@ -87,10 +189,10 @@ def levels(finest: list[Level]) -> list[Level]:
     energy = found[0].energy
     size = len(energy.mesh.vertices)
     counts, edges = _vertex_counts(energy.mesh, energy.parameters), np.inf
-    if counts and not energy.parameters.levels:
-        edges = narrowest(energy.functions)
     if not counts:
         return found
+    if not energy.parameters.levels:
+        edges = narrowest(energy.functions)
     with step("making coarser meshes", size):
         for count in counts:
             checkpoint()
@@ -98,12 +200,8 @@ def levels(finest: list[Level]) -> list[Level]:
                 # what this mesh resolves and the coarser one does not would come back distorted
                 break
             energy = found[0].energy
-            with _making(energy.mesh):
-                coarse = coarsened(energy.mesh, count)
-            if coarse is None:
-                break
-            transfer = _transfer(energy.mesh, coarse)
-            smaller = energy.problem.restricted(transfer)
+            transfer = _coarser(energy.mesh, count)
+            smaller = None if transfer is None else energy.problem.restricted(transfer)
             if smaller is None:
                 break
             found.insert(0, Level(MatchingEnergy(smaller), transfer))
@@ -111,8 +209,8 @@ def levels(finest: list[Level]) -> list[Level]:
 
 
 def on_the_mesh(finest: MatchingEnergy) -> list[Level]:
-    """The levels with the mesh of ``finest``: where thin triangles cost too much, first with their
-    vertices joined.
+    """Return the levels with the mesh of ``finest``: where thin triangles cost too much, first
+    with clusters of their vertices.
 
     The bracket gradient and linearised steps have no clusters, nor has a match on one level by
     choice.
@@ -129,23 +227,29 @@ def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
     """Make the meshes of `levels` ahead, which a match in another thread waits for."""
     fine = mesh.normalized()
     with step("making coarser meshes", len(fine.vertices)):
-        _prepare(fine, parameters)
-
-
-def _prepare(fine: TriangleMesh, parameters: Parameters) -> None:
-    for count in _vertex_counts(fine, parameters):
-        with _making(fine):
-            coarse = coarsened(fine, count)
-            if coarse is None:
+        for count in _vertex_counts(fine, parameters):
+            transfer = _coarser(fine, count, ahead=True)
+            if transfer is None:
                 return
-            _transfer(fine, coarse).prepare()
-        fine = coarse.normalized()
+            fine = transfer.coarse.normalized()
+
+
+def _coarser(fine: TriangleMesh, count: int, ahead: bool = False) -> Transfer | None:
+    """Return the transfer from the coarser mesh of so many vertices, if there is one; ahead of its
+    use all of it.
+    """
+    with _making(fine):
+        coarse = coarsened(fine, count)
+        transfer = None if coarse is None else _transfer(fine, coarse)
+        if transfer is not None and ahead:
+            transfer.prepare()
+    return transfer
 
 
 @contextmanager
 def _making(mesh: TriangleMesh) -> Iterator[None]:
     """Let one thread at a time make the coarser mesh of a mesh."""
-    while not _lock(mesh).acquire(timeout=_PATIENCE):
+    while not _lock(mesh).acquire(timeout=_INTERVAL):
         checkpoint()
     try:
         yield

@@ -2,34 +2,81 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 from typing import Protocol
 
 from abfm.calculus.vector_fields import to_ambient
-from abfm.matching.solving.early_warning import early_warning
-from abfm.matching.solving.incumbent import Candidate
+from abfm.matching.objective.matching_energy import Evaluation
+from abfm.matching.solvability import stood_still, vanished
 from abfm.matching.solving.levels import Level
-from abfm.matching.solving.schedule import Stage
+from abfm.matching.solving.schedule import NEARLY, Stage
+from abfm.matching.terms.functions import FunctionTerm
 from abfm.types import FloatArray
+
+_MOVING = 10  # iterations after which whatever will move has moved
+
+
+class StopReason(StrEnum):
+    """Why a match stopped; what it came to is its verdict.
+
+    As text it reads like its value: ``match.stop_reason == "cancelled"``.
+    """
+
+    CONVERGED = "converged"
+    """The gradient is as small as the tolerance asks, or as rounding allows."""
+    GOAL_REACHED = "goal reached"
+    """The mismatch is so small that flow lines seldom confirm less."""
+    NO_PROGRESS = "no progress"
+    """The energy fell too little to go on."""
+    ITERATION_LIMIT = "iteration limit"
+    LINE_SEARCH_FAILED = "line search failed"
+    """No step lowers the energy any more, which is often rounding."""
+    CANCELLED = "cancelled"
+    OUT_OF_MEMORY = "out of memory"
+    """Memory ran out, and the best field that had been found is kept."""
+    GIVEN = "given"
+    """The field was not sought."""
+    UNKNOWN = "unknown"
+    """Of files of before, which had the verdict in its place."""
+
+    @property
+    def is_early(self) -> bool:
+        """Tell whether it was broken off, so that going on may find more."""
+        return self in (StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
+
+    @classmethod
+    def of_file(cls, text: str) -> "StopReason":
+        """Return what a file says; ValueError if that is no reason."""
+        return cls.UNKNOWN if text in ("impossible", "not reached") else cls(text)
+
+
+def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int) -> str | None:
+    """Say what looks wrong while a match runs, in one line without a full stop; None if nothing.
+
+    A source (C, V) that vanishes may come back in a later stage, but mostly does not.
+    """
+    if functions.relative_mismatch(advected) <= NEARLY:
+        return None
+    if vanished(functions, advected):
+        return (
+            "the source is being squeezed to nothing instead of moved: it may be too far from the "
+            "target"
+        )
+    if iteration >= _MOVING and stood_still(functions, advected):
+        return "the source hardly moves: it may be too far from the target, or sigma too large"
+    return None
 
 
 class Look(Protocol):
     """What an iterate looks like on the mesh itself."""
 
     @property
-    def velocity(self) -> FloatArray:
-        """The fields (N, F, 3)."""
-        ...
-
+    def velocity(self) -> FloatArray: ...
     @property
-    def advected(self) -> FloatArray:
-        """The source carried to tau, (V, C)."""
-        ...
-
+    def advected(self) -> FloatArray: ...
     @property
-    def warning(self) -> str | None:
-        """What looks wrong so far, see `early_warning`."""
-        ...
+    def warning(self) -> str | None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +86,8 @@ class Iteration:
     iteration: int  # number of steps taken, all stages together, 0 at the start
     stage: int  # from 0
     level: int  # which mesh, from 0, the coarsest; the last one is the mesh itself
-    # of how many; a mesh with thin triangles counts twice, first with their vertices held together
-    levels: int
-    # of that mesh; clusters of them (`abfm.flow.clusters`) where some are held together
-    vertices: int
+    levels: int  # of how many; a mesh with thin triangles counts twice, first with clusters
+    vertices: int  # of that mesh; clusters of them (`abfm.flow.clusters`) where there are some
     reach: float  # values in this stage
     sigma: float
     alpha: float
@@ -60,9 +105,7 @@ class Iteration:
 
     @property
     def advected(self) -> FloatArray:
-        """The source carried to tau, (V, C); on a coarser level what was carried there,
-        interpolated.
-        """
+        """The source carried to tau, (V, C); on a coarser level what is so there, interpolated."""
         return self.look.advected
 
     @property
@@ -71,33 +114,32 @@ class Iteration:
         return self.look.warning
 
 
+@dataclass(frozen=True, eq=False)
 class Found:
-    """The look of an iterate: coefficients (N, F, 2) on the first of some levels, and the source
-    carried there.
-    """
+    """The look of an iterate on the first of some levels."""
 
-    def __init__(
-        self, x: FloatArray, carried: FloatArray, levels: list[Level], iteration: int
-    ) -> None:
-        self._x, self._carried, self._levels, self._iteration = x, carried, levels, iteration
+    x: FloatArray  # frame coefficients (N, F, 2)
+    carried: FloatArray  # the source, (C, V)
+    levels: list[Level]
+    iteration: int
 
     @cached_property
     def velocity(self) -> FloatArray:
-        x, finest = self._x, self._levels[-1].energy
-        for level in self._levels[:-1]:
+        x, finest = self.x, self.levels[-1].energy
+        for level in self.levels[:-1]:
             x = level.fields_to_finer(x)
         return to_ambient(finest.mesh, x) * finest.length_scale
 
     @cached_property
     def advected(self) -> FloatArray:
-        functions = self._carried
-        for level in self._levels[:-1]:
+        functions = self.carried
+        for level in self.levels[:-1]:
             functions = level.functions_to_finer(functions)
         return functions.T.copy()
 
     @cached_property
     def warning(self) -> str | None:
-        return early_warning(self._levels[0].energy.functions, self._carried, self._iteration)
+        return early_warning(self.levels[0].energy.functions, self.carried, self.iteration)
 
 
 class CallerError(Exception):
@@ -108,10 +150,8 @@ class CallerError(Exception):
 
 
 class Record:
-    """Keeps what a match has done, and tells of every iterate.
-
-    ``history`` has total, regularity and mismatch of every iterate, ``stage_of`` its stage;
-    ``schedule`` has the stages that were begun.
+    """What a match has done: energy, regularity and mismatch of every iterate, the stage of each,
+    and the stages that were begun; reports every iterate.
     """
 
     def __init__(self, on_iteration: Callable[[Iteration], None] | None) -> None:
@@ -119,43 +159,34 @@ class Record:
         self.stage_of: list[int] = []
         self.schedule: list[Stage] = []
         self.evaluations = 0
+        self.level: int | None = None  # of the latest iterate
         self._on_iteration = on_iteration
-        self._level = 0
 
-    def ends_on(self, level: int) -> bool:
-        """Tell whether the latest iterate is on this level."""
-        return bool(self.history) and self._level == level
-
-    def add(self, levels: list[Level], stage: Stage, best: Candidate) -> None:
-        """The next iterate, on one of these levels."""
-        point, self._level = best.point, stage.level
+    def add(self, levels: list[Level], stage: Stage, point: Evaluation) -> None:
+        """Take in the next iterate, on one of these levels."""
+        self.level = stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
         self.stage_of.append(len(self.schedule) - 1)
         if self._on_iteration is None:
             return
-        energy = levels[stage.level].energy
+        energy, number = levels[stage.level].energy, len(self.history) - 1
         carried = point.advected[: len(energy.functions.source)]
-        self._tell(
-            Iteration(
-                iteration=len(self.history) - 1,
-                stage=len(self.schedule) - 1,
-                level=stage.level,
-                levels=len(levels),
-                vertices=energy.discretisation.size,
-                reach=stage.reach,
-                sigma=stage.sigma,
-                alpha=stage.alpha,
-                energy=point.energy,
-                regularity=point.regularity,
-                mismatch_energy=point.mismatch,
-                mismatch=energy.relative_mismatch(point.advected),
-                evaluations=self.evaluations,
-                look=Found(best.x, carried, levels[stage.level :], len(self.history) - 1),
-            )
+        iteration = Iteration(
+            iteration=number,
+            stage=len(self.schedule) - 1,
+            level=stage.level,
+            levels=len(levels),
+            vertices=energy.discretisation.size,
+            reach=stage.reach,
+            sigma=stage.sigma,
+            alpha=stage.alpha,
+            energy=point.energy,
+            regularity=point.regularity,
+            mismatch_energy=point.mismatch,
+            mismatch=energy.relative_mismatch(point.advected),
+            evaluations=self.evaluations,
+            look=Found(point.x, carried, levels[stage.level :], number),
         )
-
-    def _tell(self, iteration: Iteration) -> None:
-        assert self._on_iteration is not None
         try:
             self._on_iteration(iteration)
         except MemoryError as error:

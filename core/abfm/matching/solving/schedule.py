@@ -8,7 +8,7 @@ from abfm.parameters import Parameters
 
 REACHED = 0.5
 """Mismatch at which a search for the target has found it."""
-_SURE = 0.2  # the same where less smooth ways are still to be tried
+_SURE = 0.2  # the same where less smooth attempts are still to be made
 CLOSE = 0.03
 """Mismatch at which a match on the mesh itself is close enough: flow lines seldom confirm less."""
 _CLOSE_ON_COARSER = 0.04
@@ -16,19 +16,19 @@ MATCHED = 0.05
 """Mismatch up to which functions are matched; a match that leaves more goes on with a smaller
 sigma and alpha.
 """
-# a stage goes on while its energy falls by this share within so many iterations
 NEARLY = 0.15
 """Mismatch up to which functions are nearly matched."""
+# a stage goes on while its energy falls by this share within so many iterations
 _PAYING, _OVER = 0.03, 6
 _PAYING_WELL = 0.1  # the same where a stage with less smoothness follows, if it is needed
 _LESS = 1 / 3  # factor of a smaller sigma and of a smaller alpha
 # factors of reach and of the first sigma in a search
 _TRIES = ((1.0, 1.0), (2.0, _LESS), (0.5, _LESS))
-_WARMER = (27.0, 9.0, 3.0, 1.0)  # times the first sigma of a search, in a way that is gradual
+_WARMER = (27.0, 9.0, 3.0, 1.0)  # times the first sigma of a search, in one that is gradual
 # of all iterations: in one stage of a search, and before the mesh itself
 _SEARCH, _COARSE = 0.4, 0.75
 _FINE = 0.15  # of all iterations, in one stage on the mesh itself after coarser ones
-_JOINED = 0.9  # of all iterations, before the mesh comes without vertices held together
+_CLUSTERED = 0.9  # of all iterations, before the mesh comes without clusters of vertices
 _CLOSING = 4  # stages with ever smaller sigmas, and alphas as their squares, after the last one
 
 
@@ -42,82 +42,71 @@ class Stage:
     reach: float  # of its norm of mismatches, in sqrt(area); 0 for that of the parameters
     iterations: int  # at most, of its own
     until: int  # at most, of all together
-    patient: bool  # whether it goes on to the end of its iterations
+    fixed: bool  # whether it goes on to the end of its iterations
     goal: float = 0.0  # mismatch at which it ends
     needed_above: float = 0.0  # mismatch up to which it is left out
     last: bool = False  # whether it is on the mesh itself with the last sigma or a smaller one
     balanced: bool = False  # whether it weighs flow lines against the discrete advection
-    # unless patient it goes on while it gains this share of its energy again and again
+    # unless fixed it goes on while it gains this share of its energy again and again
     paying: float = _PAYING
 
     def continues(self, before: "Stage") -> bool:
         """Tell whether what a stage before has learned of its energy serves this one.
 
-        Stages that go on to the end of their iterations learn anew where sigma is another one,
-        which on the long way leads further.
+        Fixed stages learn anew where sigma is another one, which in the long run leads further.
         """
         same = (before.level, before.reach, before.alpha) == (self.level, self.reach, self.alpha)
-        return same and not (self.patient and before.sigma != self.sigma)
+        return same and not (self.fixed and before.sigma != self.sigma)
 
     def pays(self, energies: list[float]) -> bool:
         """Tell whether to go on after these energies, one for each of the stage's iterates."""
-        return (
-            self.patient
-            or len(energies) <= _OVER
-            or energies[-1] < (1 - self.paying) * energies[-1 - _OVER]
-        )
+        early = self.fixed or len(energies) <= _OVER
+        return early or energies[-1] < (1 - self.paying) * energies[-1 - _OVER]
 
 
-class Way(NamedTuple):
-    """Stages that lead to the target, and the mismatch at which no other way is tried."""
+class Attempt(NamedTuple):
+    """Stages that lead to the target, and the mismatch at which no other attempt is made."""
 
     stages: list[Stage]
     found: float
 
 
-def search(p: Parameters, levels: int, joined: bool = False) -> list[Way]:
-    """Ways to find the target on the coarsest level, one to be tried after the other until it is
-    found.
+def search(p: Parameters, levels: int, clustered: bool = False) -> list[Attempt]:
+    """Attempts to find the target on the coarsest level, made until it is found.
 
     Each begins with the norm that reaches far and ends with that of the parameters. The first one
     has their alpha, and what is not surely found by it is looked for by fields that may be less
-    smooth. Without reach there is one way, the paper's: every sigma but the last. ``levels`` and
-    ``joined`` are those of `finish`.
+    smooth. Without reach there is one attempt, the paper's: every sigma but the last. ``levels``
+    and ``clustered`` are those of `finish`.
     """
-    meshes = levels - joined
-    patient = _is_patient(p, meshes)
+    meshes = levels - clustered
+    fixed, sigmas = _is_fixed(p, meshes), p.stage_sigmas()
     until = p.iterations if meshes == 1 else int(_COARSE * p.iterations)
-    sigmas = p.stage_sigmas()
-    near = Stage(0, sigmas[0], p.alpha, 0.0, p.stage_limits()[0], until, patient)
+    near = Stage(0, sigmas[0], p.alpha, 0.0, p.stage_limits()[0], until, fixed)
     if not p.reach:
-        return (
-            [Way([replace(near, sigma=sigma) for sigma in sigmas[:-1]], REACHED)]
-            if len(sigmas) > 1
-            else []
-        )
+        cooled = [replace(near, sigma=sigma) for sigma in sigmas[:-1]]
+        return [Attempt(cooled, REACHED)] if cooled else []
     far = replace(near, iterations=p.stage_iterations or max(1, int(_SEARCH * p.iterations)))
     tries = [
         [replace(far, reach=p.reach * further, sigma=sigmas[0] * colder), near]
         for further, colder in _TRIES
     ]
-    if patient or not p.alpha:
-        return [Way(stages, REACHED) for stages in tries]
+    if fixed or not p.alpha:
+        return [Attempt(stages, REACHED) for stages in tries]
     less = [[replace(stage, alpha=_LESS * p.alpha) for stage in stages] for stages in tries]
-    return [Way(tries[0], _SURE), *(Way(stages, REACHED) for stages in less)]
+    return [Attempt(tries[0], _SURE), *(Attempt(stages, REACHED) for stages in less)]
 
 
-def gradual(p: Parameters, levels: int, joined: bool = False) -> list[Stage]:
-    """List the second way of `search` from a larger sigma on, where a field is smooth before it
+def gradual(p: Parameters, levels: int, clustered: bool = False) -> list[Stage]:
+    """List the second attempt of `search` from a larger sigma on, where a field is smooth before it
     follows details.
 
-    It ends with the same sigma, so that both compare. None without reach, and with fixed numbers of
-    iterations.
+    It ends with the same sigma, so that both compare. None without reach, and with fixed stages.
     """
     if not p.reach or p.stage_iterations or p.cooling_stages == 1:
         return []
-    far, near = (
-        replace(stage, alpha=_LESS * p.alpha) for stage in search(p, levels, joined)[0].stages
-    )
+    first = search(p, levels, clustered)[0].stages
+    far, near = (replace(stage, alpha=_LESS * p.alpha) for stage in first)
     sigmas = [near.sigma * warmer for warmer in _WARMER]
     return [replace(far, sigma=sigmas[0]), *(replace(near, sigma=sigma) for sigma in sigmas)]
 
@@ -125,47 +114,33 @@ def gradual(p: Parameters, levels: int, joined: bool = False) -> list[Stage]:
 class Found(NamedTuple):
     """How the target was found."""
 
-    warm: bool
-    """Whether by given fields."""
+    warm: bool  # whether by given fields
+    # a larger last sigma than that of the parameters: the only one, but for closing stages
     raised: float = 0.0
-    """A larger last sigma than that of the parameters, which is the only one then but for those of
-    closing stages."""
-    alpha: float | None = None
-    """If not that of the parameters."""
+    alpha: float | None = None  # if not that of the parameters
 
 
-def finish(p: Parameters, levels: int, found: Found, joined: bool = False) -> list[Stage]:
+def finish(p: Parameters, levels: int, found: Found, clustered: bool = False) -> list[Stage]:
     """List what follows once the target is found: the other sigmas, the finer meshes, flow lines,
     the mesh as it is.
 
-    With a fixed number of iterations per stage, and without reach on one mesh, which is the paper's
-    way, stages go on to the end of their iterations; else they end when they stop paying, or are
-    close.
-
-    Parameters
-    ----------
-    p : Parameters
-    levels : int
-    found : Found
-    joined : bool
-        Whether the last level but one has the mesh itself already, with vertices of thin triangles
-        held together: it takes the place of the last one, where only what then misses the target
-        goes on.
+    With a fixed number of iterations per stage, and without reach on one mesh, as in the paper,
+    stages go on to the end of their iterations; else they end when they stop paying, or are close.
+    ``clustered`` says whether the last level but one has the mesh itself already, with clusters of
+    vertices: it takes the place of the last one, where only what then misses the target goes on.
     """
-    meshes = levels - joined
-    patient = _is_patient(p, meshes)
-    goal, coarse_goal = (0.0, 0.0) if patient else (CLOSE, _CLOSE_ON_COARSER)
-    most = p.iterations if patient or meshes == 1 else max(1, int(_FINE * p.iterations))
-    until = int(_JOINED * p.iterations) if joined and not patient else p.iterations
+    meshes = levels - clustered
+    fixed = _is_fixed(p, meshes)
+    share = max(1, int(_FINE * p.iterations))
     last = Stage(
         meshes - 1,
         max(p.sigma, found.raised),
         p.alpha if found.alpha is None else found.alpha,
         0.0,
-        most,
-        until,
-        patient,
-        goal,
+        p.iterations if fixed or meshes == 1 else share,
+        int(_CLUSTERED * p.iterations) if clustered and not fixed else p.iterations,
+        fixed,
+        goal=0.0 if fixed else CLOSE,
         last=True,
         paying=_PAYING_WELL,
     )
@@ -174,37 +149,34 @@ def finish(p: Parameters, levels: int, found: Found, joined: bool = False) -> li
         level=0,
         iterations=p.iterations,
         until=int(_COARSE * p.iterations),
-        goal=coarse_goal,
+        goal=0.0 if fixed else _CLOSE_ON_COARSER,
         last=False,
     )
     sigmas = p.stage_sigmas()[1:-1] if p.reach and not found.warm and not found.raised else []
-    plan = [
-        replace(coarse if meshes > 1 else replace(last, last=False), sigma=sigma)
-        for sigma in sigmas
-    ]
+    cooling = coarse if meshes > 1 else replace(last, last=False)
+    plan = [replace(cooling, sigma=sigma) for sigma in sigmas]
     if not found.warm:
         plan += [replace(coarse, level=level) for level in range(meshes - 1)]
     plan += [last, *_closing(replace(last, iterations=p.iterations), p)]
     if p.balance:
         plan.append(replace(last, balanced=True))
-    if joined:
-        fine = p.iterations if patient else max(1, int(_FINE * p.iterations))
+    if clustered:
         itself = replace(
             last,
             level=levels - 1,
-            iterations=fine,
+            iterations=p.iterations if fixed else share,
             until=p.iterations,
-            goal=0.0 if patient else MATCHED,
+            goal=0.0 if fixed else MATCHED,
         )
         plan += [itself, *_closing(itself, p)]
     return plan
 
 
 def _closing(last: Stage, p: Parameters) -> list[Stage]:
-    """Smaller alphas and sigmas for what is not matched with the last ones, down to those below
-    the parameters'.
+    """List smaller alphas and sigmas for what is not matched with the last ones, down to those
+    below the parameters'.
     """
-    if last.patient:
+    if last.fixed:
         return []
     closing = replace(
         last, alpha=_LESS * p.alpha, goal=MATCHED, needed_above=MATCHED, paying=_PAYING
@@ -217,5 +189,5 @@ def _closing(last: Stage, p: Parameters) -> list[Stage]:
     ]
 
 
-def _is_patient(p: Parameters, meshes: int) -> bool:
+def _is_fixed(p: Parameters, meshes: int) -> bool:
     return p.stage_iterations > 0 or (p.reach == 0 and meshes == 1)

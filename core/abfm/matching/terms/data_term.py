@@ -15,12 +15,10 @@ from abfm.types import FloatArray
 
 
 class Restriction(Protocol):
-    """The way from a mesh to a coarser one of the same surface."""
+    """From a mesh to a coarser one of the same surface, in the same units."""
 
     @property
-    def coarse(self) -> TriangleMesh:
-        """The coarser mesh, in the units of the finer one."""
-        ...
+    def coarse(self) -> TriangleMesh: ...
 
     def function_to_coarse(self, f: FloatArray) -> FloatArray:
         """Average functions (..., V) on the coarser mesh."""
@@ -28,15 +26,12 @@ class Restriction(Protocol):
 
 
 class Measure(Protocol):
-    """The norm of what is left; C is the number of functions that the term wants carried."""
+    """The norm of what is left of the functions (C, V) that a term wants carried."""
 
     def value_and_residual(
         self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
     ) -> tuple[float, FloatArray]:
-        """Return the term's energy, and its derivative (C, V) by functions carried to tau (C, V).
-
-        An offset (C, V) is what may be left.
-        """
+        """Return the energy, and its derivative (C, V); an offset (C, V) is what may be left."""
         ...
 
     def value(self, carried: FloatArray, sigma: float) -> float:
@@ -45,15 +40,7 @@ class Measure(Protocol):
 
 
 class DataTerm(Protocol):
-    """What is to be matched, on a mesh of unit area; immutable.
-
-    Attributes
-    ----------
-    word : str
-        What it is called.
-    """
-
-    word: str
+    """What is to be matched, on a mesh of unit area; immutable."""
 
     @property
     def carried(self) -> FloatArray:
@@ -82,13 +69,7 @@ class DataTerm(Protocol):
 
 
 class DataTerms:
-    """A sum of data terms on one mesh: their functions are carried together.
-
-    Attributes
-    ----------
-    carried : (C, V) array
-        Functions of all terms, one after the other.
-    """
+    """A sum of data terms on one mesh, whose functions (C, V) are carried together."""
 
     def __init__(self, terms: Sequence[DataTerm]) -> None:
         self.terms = tuple(terms)
@@ -96,41 +77,41 @@ class DataTerms:
 
     def relative_mismatch(self, carried: FloatArray) -> float:
         """Return the root of the sum of the terms' squares."""
-        pairs = zip(self.terms, self._split(carried), strict=True)
+        pairs = zip(self.terms, self.split(carried), strict=True)
         return math.hypot(*(term.relative_mismatch(own) for term, own in pairs))
 
     def relative_size(self, difference: FloatArray) -> float:
         """Return the relative mismatch of functions that differ by so much from matching ones."""
-        pairs = zip(self.terms, self._split(difference), strict=True)
+        pairs = zip(self.terms, self.split(difference), strict=True)
         return math.hypot(*(term.relative_size(own) for term, own in pairs))
 
     def measure(self, parameters: Parameters, reach: float) -> Measure:
         """Make the sum of the terms' norms."""
         return _Sum(self, [term.measure(parameters, reach) for term in self.terms])
 
-    def _split(self, functions: FloatArray) -> list[FloatArray]:
+    def split(self, functions: FloatArray) -> list[FloatArray]:
+        """Return each term's own of functions (C, V)."""
         ends = np.cumsum([len(term.carried) for term in self.terms])
         return np.split(functions, ends[:-1])
 
 
 class _Sum:
-    """Norms of several terms, each of its own functions."""
-
     def __init__(self, terms: DataTerms, measures: Sequence[Measure]) -> None:
-        self._terms, self._measures = terms, measures
+        self._split, self._measures = terms.split, measures
 
     def value_and_residual(
         self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
     ) -> tuple[float, FloatArray]:
-        split = self._terms._split
-        offsets = [None] * len(self._measures) if offset is None else split(offset)
+        offsets = [None] * len(self._measures) if offset is None else self._split(offset)
         parts = [
             measure.value_and_residual(own, sigma, left)
-            for measure, own, left in zip(self._measures, split(carried), offsets, strict=True)
+            for measure, own, left in zip(
+                self._measures, self._split(carried), offsets, strict=True
+            )
         ]
         values, residuals = zip(*parts, strict=True)
         return float(sum(values)), np.concatenate(residuals)
 
     def value(self, carried: FloatArray, sigma: float) -> float:
-        shares = self._terms._split(carried)
-        return sum(m.value(own, sigma) for m, own in zip(self._measures, shares, strict=True))
+        pairs = zip(self._measures, self._split(carried), strict=True)
+        return sum(measure.value(own, sigma) for measure, own in pairs)

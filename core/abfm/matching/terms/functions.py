@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
 from abfm.calculus.channels import channels
-from abfm.calculus.operators import l2_norm, vertex_areas
+from abfm.calculus.operators import (
+    Matrix,
+    cotangent_laplacian,
+    function_norm_matrix,
+    l2_norm,
+    vertex_areas,
+)
 from abfm.errors import FunctionError, ParameterError
 from abfm.matching.terms.data_term import Measure, Restriction
-from abfm.matching.terms.square_norms import L2Norm, SmoothedNorm, SquareNorm
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
+from abfm.numerics.cholesky import factor
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
@@ -31,21 +39,12 @@ _MOSTLY_CONSTANT = 0.05  # the same of one whose mismatch is told relative to wh
 class FunctionTerm:
     """A source f and a target g, (V,) or (V, C), on a mesh of unit area.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    f, g : (V,) or (V, C) arrays
-    mask : (V,) array, optional
-        Weight of the mismatch at each vertex of the mesh or of its file, not negative. Values of
-        the source may come from where it is 0.
-    weights : (C,) array, optional
-        Weight of each channel's mismatch, not negative.
+    A mask is (V,), of the vertices of the mesh or of its file, and may hide where values of the
+    source come from; weights are (C,).
 
     Attributes
     ----------
     source, target : (C, V) arrays
-    mask : (V,) array or None
-    weights : (C,) array
     areas : (V,) array
         Those of the vertices times the mask.
     function_size : float
@@ -60,8 +59,6 @@ class FunctionTerm:
         If mask or weights do not fit, a value is negative or not finite, or all are zero or beyond
         1e-30 to 1e30.
     """
-
-    word = "closeness"
 
     def __init__(
         self,
@@ -101,8 +98,6 @@ class FunctionTerm:
                 f"underflow; scale both by the same factor, to between {SMALLEST:g} and {LARGEST:g}"
             )
 
-    # As a data term
-
     @property
     def carried(self) -> FloatArray:
         """The source."""
@@ -110,11 +105,12 @@ class FunctionTerm:
 
     def measure(self, parameters: Parameters, reach: float) -> Measure:
         """Make the norm of the parameters' beta, or the smoothed one of a reach."""
-        if not reach:
-            return _Mismatch(self, parameters, L2Norm(self.mesh, parameters.beta, self.mask))
-        smoothed = SmoothedNorm(self.mesh, self.areas, reach)
-        smoothed.agree_with_l2(self.source - self.target, self.weights)
-        return _Mismatch(self, parameters, smoothed)
+        if reach:
+            apart = self.source - self.target
+            smoothed = SmoothedNorm(self.mesh, self.areas, reach, apart, self.weights)
+            return _Mismatch(self, parameters, smoothed)
+        matrix = function_norm_matrix(self.mesh, parameters.beta, self.mask)
+        return _Mismatch(self, parameters, partial(kernels.product, matrix))
 
     def relative_mismatch(self, carried: FloatArray) -> float:
         """Return ``||f_tau - g|| / ||g||`` over all channels (C, V), see `relative_size`."""
@@ -153,8 +149,6 @@ class FunctionTerm:
         return {name: np.ascontiguousarray(part) for name, part in parts.items()} | {
             "weights": self.weights
         }
-
-    # What is said of both functions
 
     def on(self, mesh: TriangleMesh) -> FunctionTerm:
         """Return the same functions on this mesh in other units, such as the fields' own."""
@@ -195,12 +189,52 @@ class FunctionTerm:
         return float(self.weights @ (products @ areas))
 
 
-class _Mismatch:
-    """``1 / (2 sigma^2) sum_c w_c ||f_tau - g||^2`` in a norm; a relative sigma is in units of
-    `FunctionTerm.function_size`.
+class SmoothedNorm:
+    """``c A_w (A + s L)^-1 A_w`` on vertex functions, ``s = reach^2``: one Cholesky solve.
+
+    Where source and target do not touch, the derivative of ``||f_tau - g||^2`` by the field is
+    ``-grad(f^2)`` on the source's own support: it says "shrink", never "move". Measured through the
+    smoothing, with vertex masses ``A`` and the cotangent stiffness ``L``, the mismatch is felt as
+    far as ``sqrt(s)``. The kernel is positive definite, so that only an exact match has none; it is
+    the linearisation of optimal transport's distance [Peyre, Comparison between W2 distance and
+    H^-1 norm, and localization of Wasserstein distance, ESAIM: COCV 24 (2018)].
+
+    ``areas`` (V,) are ``A_w``, with the mask; ``reach`` is positive, in the mesh's length unit; by
+    ``c`` differences (C, V), with weights (C,), measure the same as in L2.
     """
 
-    def __init__(self, functions: FunctionTerm, parameters: Parameters, norm: SquareNorm) -> None:
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        areas: FloatArray,
+        reach: float,
+        differences: FloatArray,
+        weights: FloatArray,
+    ) -> None:
+        self._areas, self._scale = areas, 1.0
+        masses = sparse.diags_array(vertex_areas(mesh))
+        self._solve = factor(Matrix(masses + reach**2 * cotangent_laplacian(mesh)))
+        pairs = list(zip(weights, differences, strict=True))
+        near = sum(w * float(areas @ d**2) for w, d in pairs)
+        far = sum(w * float(d @ self(d)) for w, d in pairs)
+        if far > 0 and np.isfinite(near / far):
+            self._scale = near / far
+
+    def __call__(self, difference: FloatArray) -> FloatArray:
+        return np.asarray(self._scale * self._areas * self._solve(self._areas * difference))
+
+
+class _Mismatch:
+    """``1 / (2 sigma^2) sum_c w_c <d_c, M d_c>`` with ``d = f_tau - g``; a relative sigma is in
+    units of `FunctionTerm.function_size`.
+    """
+
+    def __init__(
+        self,
+        functions: FunctionTerm,
+        parameters: Parameters,
+        norm: Callable[[FloatArray], FloatArray],
+    ) -> None:
         self._functions, self._norm = functions, norm
         is_relative = parameters.sigma_unit == "relative"
         self._unit = functions.function_size if is_relative else 1.0
@@ -209,9 +243,15 @@ class _Mismatch:
         self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
     ) -> tuple[float, FloatArray]:
         target = self._functions.target if offset is None else self._functions.target + offset
-        residual = np.empty_like(carried)
-        total = 0.0
-        for c, weight in enumerate(self._weights(sigma)):
+        scale, residual, total = float(sigma * self._unit), np.empty_like(carried), 0.0
+        try:
+            weights = [float(weight) / scale**2 for weight in self._functions.weights]
+        except (OverflowError, ZeroDivisionError):
+            raise FunctionError(
+                f"sigma in the functions' unit is {scale:.3g}, whose square over- or underflows; "
+                "scale the functions, mask, weights or sigma to usual sizes"
+            ) from None
+        for c, weight in enumerate(weights):
             difference = carried[c] - target[c]
             residual[c] = weight * self._norm(difference)
             total += 0.5 * kernels.inner(residual[c], difference)
@@ -223,16 +263,6 @@ class _Mismatch:
             difference = own - target
             total += 0.5 * kernels.inner(float(weight) * self._norm(difference), difference)
         return float(total / float(sigma * self._unit) ** 2)
-
-    def _weights(self, sigma: float) -> list[float]:
-        scale = float(sigma * self._unit)
-        try:
-            return [float(weight) / scale**2 for weight in self._functions.weights]
-        except (OverflowError, ZeroDivisionError):
-            raise FunctionError(
-                f"sigma in the functions' unit is {scale:.3g}, whose square over- or underflows; "
-                "scale the functions, mask, weights or sigma to usual sizes"
-            ) from None
 
 
 def _weights(values: ArrayLike, count: int, name: str) -> FloatArray:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from abfm.matching.judging.peaks import Extrema, peaks, peaks_apart, persistence
+from abfm.matching.solvability import Extrema, peaks, peaks_apart, persistence
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from tests.core.fields import bump

@@ -12,11 +12,10 @@ import pytest
 import abfm
 from abfm.errors import ParameterError
 from abfm.matching import Remedy
-from abfm.matching.judging.remedies import Remedies
-from abfm.matching.judging.verdict import Outcome
+from abfm.matching.judging.verdict import Outcome, Remedies
 from abfm.matching.judging.verdict import advice as judged
-from abfm.matching.result import Match
-from abfm.matching.solving.stop_reason import StopReason
+from abfm.matching.match import Match
+from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LARGEST_ALPHA, MANY, PAPER, SMALLEST, Parameters
 from abfm.types import FloatArray

@@ -7,16 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from abfm.matching.judging.solvability import (
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.solvability import (
     different_peaks,
     distance,
+    range_bound,
     source_is_constant,
     squeezed,
+    stood_still,
     target_is_constant,
+    vanished,
 )
-from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.solving.early_warning import stood_still, vanished
-from abfm.matching.solving.range_bound import range_bound
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import Parameters
 from abfm.types import FloatArray

@@ -14,12 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import abfm
-from abfm.matching.judging.remedies import Remedy
-from abfm.matching.judging.solvability import distance
-from abfm.matching.judging.verdict import Kind, Outcome, Verdict, advice, confirmed_mismatch
-from abfm.matching.result import Match
-from abfm.matching.solving.early_warning import early_warning, stood_still, vanished
-from abfm.matching.solving.stop_reason import StopReason
+from abfm.matching.judging.verdict import Kind, Outcome, Remedy, Verdict, advice, confirmed_mismatch
+from abfm.matching.match import Match
+from abfm.matching.solvability import distance, stood_still, vanished
+from abfm.matching.solving.record import StopReason, early_warning
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import PAPER, Parameters
 from abfm.types import FloatArray

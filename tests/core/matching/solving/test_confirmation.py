@@ -16,7 +16,6 @@ from abfm.calculus.operators import vertex_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.confirmation import Confirmation, confirmation, is_resolved
-from abfm.matching.solving.incumbent import Candidate
 from abfm.matching.solving.schedule import gradual, search
 from abfm.matching.solving.solve import Solver
 from abfm.mesh import TriangleMesh
@@ -65,7 +64,7 @@ def asked(
     x = np.zeros(energy.shape)
     if field is not None:
         x = to_frame(energy.mesh, field[None] / mesh.length_scale)
-    return confirmation(energy, Candidate(x, energy.objective(0.2).evaluate(x)), 0.2)
+    return confirmation(energy, energy.objective(0.2).evaluate(x), 0.2)
 
 
 def test_of_no_motion_the_difference_is_left() -> None:
@@ -103,15 +102,15 @@ def test_the_order_of_vertices_and_faces_changes_nothing() -> None:
 def test_signals_that_smooth_flows_do_not_match_raise_sigma_to_what_is_left() -> None:
     solver = solved()
     assert 0.1 < solver.unmatched < 0.5
-    sigmas = [stage.sigma for stage in solver.schedule]
+    sigmas = [stage.sigma for stage in solver.record.schedule]
     assert max(sigmas) == 27 * sigmas[0]
     at = sigmas.index(solver.unmatched)
-    assert solver.schedule[at].last
+    assert solver.record.schedule[at].last
     for sigma in sigmas[at:]:  # thirds of it, as the closing stages have
         steps = np.log(solver.unmatched / sigma) / np.log(3)
         assert_allclose(steps, round(steps), atol=1e-9)
         assert sigma > 0.999 * Parameters().sigma / 3**4
-    assert solver.schedule[-1].sigma == solver.unmatched
+    assert solver.record.schedule[-1].sigma == solver.unmatched
 
 
 def test_it_is_the_same_for_scaled_signals() -> None:
@@ -121,7 +120,7 @@ def test_it_is_the_same_for_scaled_signals() -> None:
 def test_an_absolute_sigma_is_never_raised() -> None:
     solver = solved(unit="absolute")
     assert np.isnan(solver.unmatched)
-    assert solver.energy.parameters.sigma in [stage.sigma for stage in solver.schedule]
+    assert solver.energy.parameters.sigma in [stage.sigma for stage in solver.record.schedule]
 
 
 def test_the_verdict_tells_that_sigma_was_raised() -> None:
@@ -133,7 +132,7 @@ def test_the_verdict_tells_that_sigma_was_raised() -> None:
 
 def test_what_flow_lines_confirm_keeps_its_course(monkeypatch: pytest.MonkeyPatch) -> None:
     found = abfm.match(SPHERE, *gaussians())
-    monkeypatch.setattr(abfm.matching.solving.solve, "gradual", lambda p, levels, joined: [])
+    monkeypatch.setattr(abfm.matching.solving.solve, "gradual", lambda p, levels, clustered: [])
     before = abfm.match(SPHERE, *gaussians())
     assert_array_equal(found.velocity, before.velocity)
     assert_array_equal(found.energy_history, before.energy_history)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from abfm.matching.solving.resolution import resolution
+from abfm.matching.solvability import resolution
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, subdivided
 from abfm.types import FloatArray

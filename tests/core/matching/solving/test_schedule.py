@@ -17,10 +17,12 @@ from abfm.matching.solving.schedule import MATCHED, REACHED, Found, Stage, finis
 from abfm.parameters import PAPER, Parameters
 
 
-def stages(p: Parameters, levels: int = 1, warm: bool = False, joined: bool = False) -> list[Stage]:
+def stages(
+    p: Parameters, levels: int = 1, warm: bool = False, clustered: bool = False
+) -> list[Stage]:
     """All stages in their order, with the first way to the target."""
-    ways = search(p, levels, joined)
-    return (ways[0].stages if ways and not warm else []) + finish(p, levels, Found(warm), joined)
+    ways = search(p, levels, clustered)
+    return (ways[0].stages if ways and not warm else []) + finish(p, levels, Found(warm), clustered)
 
 
 @given(
@@ -49,7 +51,7 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(
     assert [stage.iterations for stage in plan] == p.stage_limits()
     for stage in plan:
         assert (stage.level, stage.reach, stage.goal, stage.until) == (0, 0, 0, iterations)
-        assert stage.patient
+        assert stage.fixed
         assert stage.needed_above == 0
         assert not stage.balanced
         assert stage.pays([1.0] * 1000)
@@ -60,15 +62,15 @@ def test_fixed_numbers_of_iterations_are_kept() -> None:
     """Of each stage before the last, with reach or without, and no stage ends before."""
     for changes in (PAPER, {"levels": 1}, {}):
         p = Parameters(**changes, stage_iterations=7, cooling_stages=4)
-        for levels, joined in ((1, False), (3, False), (2, True), (4, True)):
-            for way in search(p, levels, joined):
+        for levels, clustered in ((1, False), (3, False), (2, True), (4, True)):
+            for way in search(p, levels, clustered):
                 assert [stage.iterations for stage in way.stages] == [7] * len(way.stages)
                 assert {stage.alpha for stage in way.stages} == {p.alpha}
-            assert gradual(p, levels, joined) == []
-            ends = finish(p, levels, Found(False), joined)
-            for way in (*(way.stages for way in search(p, levels, joined)), ends):
-                assert all(stage.patient and stage.goal == 0 for stage in way)
-            if joined:
+            assert gradual(p, levels, clustered) == []
+            ends = finish(p, levels, Found(False), clustered)
+            for way in (*(way.stages for way in search(p, levels, clustered)), ends):
+                assert all(stage.fixed and stage.goal == 0 for stage in way)
+            if clustered:
                 assert [stage.level for stage in ends].count(levels - 1) == 1
                 assert (ends[-1].iterations, ends[-1].until) == (p.iterations, p.iterations)
 
@@ -79,20 +81,23 @@ any_course = given(
     iterations=st.integers(0, 1000),
     count=st.integers(1, 5),
     warm=st.booleans(),
-    joined=st.booleans(),
+    clustered=st.booleans(),
 )
 
 
 @any_course
 def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
-    reach: float, meshes: int, iterations: int, count: int, warm: bool, joined: bool
+    reach: float, meshes: int, iterations: int, count: int, warm: bool, clustered: bool
 ) -> None:
     p, levels = (
         Parameters(reach=reach, iterations=iterations, cooling_stages=count),
-        meshes + joined,
+        meshes + clustered,
     )
-    plan = stages(p, levels, warm, joined)
-    for way in (*(way.stages for way in search(p, levels, joined)), gradual(p, levels, joined)):
+    plan = stages(p, levels, warm, clustered)
+    for way in (
+        *(way.stages for way in search(p, levels, clustered)),
+        gradual(p, levels, clustered),
+    ):
         assert all(stage.level == 0 and 0 <= stage.until <= iterations for stage in way)
     assert all(0 <= stage.until <= iterations for stage in plan)
     assert [stage.level for stage in plan] == sorted(stage.level for stage in plan)
@@ -104,7 +109,7 @@ def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
         assert on_the_mesh[0].sigma == p.sigma
         assert on_the_mesh[0].needed_above == 0
         assert all(stage.needed_above == stage.goal == MATCHED for stage in on_the_mesh[1:])
-    assert not any(stage.reach for stage in finish(p, levels, Found(warm), joined))
+    assert not any(stage.reach for stage in finish(p, levels, Found(warm), clustered))
     for stage in plan:
         if stage.level < meshes - 1:
             assert not stage.last
@@ -113,13 +118,13 @@ def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
 
 @any_course
 def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_vertices_held_together(
-    reach: float, meshes: int, iterations: int, count: int, warm: bool, joined: bool
+    reach: float, meshes: int, iterations: int, count: int, warm: bool, clustered: bool
 ) -> None:
     """The course is that of a mesh without thin triangles; then only what misses the target goes
     on, and is closed.
     """
     p = Parameters(reach=reach, iterations=iterations, cooling_stages=count)
-    is_patient = reach == 0 and meshes == 1
+    is_fixed = reach == 0 and meshes == 1
     assert search(p, meshes + 1, True) == search(p, meshes)
     assert gradual(p, meshes + 1, True) == gradual(p, meshes)
     plan = finish(p, meshes + 1, Found(warm), True)
@@ -134,12 +139,12 @@ def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_vertices_held_toget
     assert [stage.balanced for stage in held] == [False] * (len(held) - 1) + [True]
     assert not any(stage.balanced for stage in itself)
     assert all(stage.last and stage.until == iterations for stage in itself)
-    if is_patient:
+    if is_fixed:
         assert held == alone
         assert itself == [replace(next(stage for stage in held if stage.last), level=meshes)]
-        assert itself[0].patient
+        assert itself[0].fixed
         return
-    assert all(stage.goal == MATCHED and not stage.patient for stage in itself)
+    assert all(stage.goal == MATCHED and not stage.fixed for stage in itself)
     assert [stage.needed_above for stage in itself] == [0] + [MATCHED] * (len(itself) - 1)
     assert [stage.sigma for stage in itself] == [
         stage.sigma for stage in held if stage.last and not stage.balanced
@@ -206,13 +211,13 @@ def test_sigmas_fall_towards_the_last_and_below_it_only_where_needed() -> None:
 
 
 def test_a_stage_pays_while_its_energy_falls() -> None:
-    stage = Stage(0, 1.0, 1.0, 0.0, 100, 100, patient=False)
+    stage = Stage(0, 1.0, 1.0, 0.0, 100, 100, fixed=False)
     falling, still = [0.99**k for k in range(40)], [1.0] * 40
     assert stage.pays(falling)
     assert not replace(stage, paying=0.1).pays(falling)
     assert not stage.pays(still)
     assert stage.pays(still[:5])  # too early to tell
-    assert replace(stage, patient=True).pays(still)
+    assert replace(stage, fixed=True).pays(still)
     assert not stage.pays([math.inf] * 40)
 
 
@@ -229,15 +234,15 @@ def test_stages_that_less_smooth_ones_follow_must_pay_well() -> None:
 @given(
     raised=st.floats(1e-3, 50),
     meshes=st.integers(1, 3),
-    joined=st.booleans(),
+    clustered=st.booleans(),
     count=st.integers(1, 4),
     warm=st.booleans(),
 )
 def test_a_raised_sigma_is_the_only_one_and_closing_stages_go_on_below_the_parameters(
-    raised: float, meshes: int, joined: bool, count: int, warm: bool
+    raised: float, meshes: int, clustered: bool, count: int, warm: bool
 ) -> None:
-    p, levels = Parameters(cooling_stages=count), meshes + joined
-    plan, last = finish(p, levels, Found(warm, raised), joined), max(p.sigma, raised)
+    p, levels = Parameters(cooling_stages=count), meshes + clustered
+    plan, last = finish(p, levels, Found(warm, raised), clustered), max(p.sigma, raised)
     assert {stage.sigma for stage in plan if not stage.needed_above} == {last}
     for level in range(meshes - 1, levels):
         sigmas = [stage.sigma for stage in plan if stage.level == level and stage.needed_above]

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from abfm.calculus.operators import vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.maps.surface_points import project_onto_surface
-from abfm.matching.solving.transfer import Transfer
+from abfm.matching.solving.levels import Transfer
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
 from abfm.types import FloatArray

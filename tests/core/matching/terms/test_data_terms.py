@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,7 +13,6 @@ import abfm
 from abfm.calculus.operators import face_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.objective.objective import Adjoint, Mismatch, Objective
 from abfm.matching.objective.regularizer import Regularizer
 from abfm.matching.terms.data_term import DataTerms, Measure, Restriction
 from abfm.matching.terms.functions import FunctionTerm
@@ -31,8 +31,6 @@ FIELD = 0.2 * wavy_field(MESH, 1)[None]
 
 class Places:
     """Where vertices come from: ``|x o phi^-1 - p|^2 / 2`` at some of them."""
-
-    word = "places"
 
     def __init__(self, mesh: TriangleMesh, vertices: list[int], places: FloatArray) -> None:
         self.mesh, self.vertices, self.places = mesh, vertices, places
@@ -142,9 +140,7 @@ def test_a_second_term_has_an_exact_gradient_and_is_matched() -> None:
 
 def test_another_norm_of_fields_has_an_exact_gradient() -> None:
     energy = MatchingEnergy(MESH, F, G, P)
-    mismatch = Mismatch(energy.terms.carried, energy.measure(0.0), P.sigma)
-    flow = partial(energy.discretisation.flow, tau=1.0)
-    plain = Objective(PlainNorm(MESH), mismatch, flow, 1.0, lambda x: Adjoint(x.shape))
+    plain = replace(energy.objective(P.sigma), regularity=PlainNorm(MESH))
 
     def evaluate(velocity: FloatArray) -> tuple[float, FloatArray]:
         found = plain.evaluate(to_frame(MESH, velocity))

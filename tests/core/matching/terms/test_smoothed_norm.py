@@ -12,7 +12,7 @@ import abfm
 from abfm.calculus.operators import l2_norm, vertex_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.terms.square_norms import SmoothedNorm
+from abfm.matching.terms.functions import SmoothedNorm
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from tests.core.fields import bump, rotation_field
@@ -29,17 +29,10 @@ def mesh(request: pytest.FixtureRequest) -> TriangleMesh:
     return SURFACES[request.param].normalized()
 
 
-def smoothed(mesh, areas, reach, differences, weights) -> SmoothedNorm:
-    """Scaled so that differences (C, V) measure the same as in L2."""
-    norm = SmoothedNorm(mesh, areas, reach)
-    norm.agree_with_l2(differences, weights)
-    return norm
-
-
 def metric(mesh: TriangleMesh, reach: float, areas: FloatArray | None = None) -> SmoothedNorm:
     """Scaled for a random mismatch."""
     areas = vertex_areas(mesh) if areas is None else areas
-    return smoothed(mesh, areas, reach, random_function(mesh, 0)[None], ONE)
+    return SmoothedNorm(mesh, areas, reach, random_function(mesh, 0)[None], ONE)
 
 
 @pytest.mark.parametrize("reach", REACHES)
@@ -59,7 +52,7 @@ def test_the_mismatch_it_was_made_for_keeps_its_energy(mesh: TriangleMesh, reach
     residuals = np.stack([size * random_function(mesh, size) for size in (1, 10, 3)])
     weights = np.array([1.0, 0.3, 0.0])
     areas = vertex_areas(mesh) * np.abs(random_function(mesh, 4))
-    far = smoothed(mesh, areas, reach, residuals, weights)
+    far = SmoothedNorm(mesh, areas, reach, residuals, weights)
     found = sum(w * float(r @ far(r)) for w, r in zip(weights, residuals, strict=True))
     assert found == pytest.approx(float(weights @ (residuals**2 @ areas)), rel=1e-12)
 
@@ -69,7 +62,7 @@ def test_constants_have_the_energy_of_l2_whatever_the_reach() -> None:
     for mesh in SURFACES.values():
         unit = mesh.normalized()
         flat = np.ones(len(mesh.vertices))
-        far = smoothed(unit, vertex_areas(unit), 0.7, 3 * flat[None], ONE)
+        far = SmoothedNorm(unit, vertex_areas(unit), 0.7, 3 * flat[None], ONE)
         np.testing.assert_allclose(far(flat), vertex_areas(unit), rtol=1e-10)
 
 
@@ -93,7 +86,7 @@ def test_spherical_harmonics_are_damped_by_their_eigenvalues() -> None:
         mesh = icosphere(subdivisions)
         x, y, z = mesh.vertices.T
         first, others = z, {2: x * y, 3: x * y * z}
-        far = smoothed(mesh, vertex_areas(mesh), reach, first[None], ONE)
+        far = SmoothedNorm(mesh, vertex_areas(mesh), reach, first[None], ONE)
         damped = [h @ far(h) / (h @ (vertex_areas(mesh) * h)) for h in others.values()]
         expected = [
             (1 + 2 * reach**2) / (1 + degree * (degree + 1) * reach**2) for degree in others

@@ -1,4 +1,4 @@
-"""Optimal transport between two non-negative functions: convolutional Wasserstein interpolation.
+"""Interpolations without a flow: the linear blend, and convolutional optimal transport.
 
 Source: Solomon, de Goes, Peyré, Cuturi, Butscher, Nguyen, Du, Guibas: Convolutional Wasserstein
 Distances, ACM TOG 34(4), 2015, algorithms 2 (barycentres) and 3 (entropic sharpening).
@@ -25,6 +25,34 @@ _LEAST_HEAT = 1e-150  # squares and quotients of smaller densities underflow
 _SHARPEST = 64.0
 _WIDEST, _MOST_STEPS = 1e3, 10_000
 _NEGLIGIBLE = 0.01  # of the largest value: what a function may be below zero
+_LONGEST = 1e100  # times tau, of a blend
+
+
+def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> FloatArray:
+    """Return ``(1 - t / tau) f + (t / tau) g``, in the shape of ``f`` and ``g``.
+
+    Raises
+    ------
+    FunctionError
+        If the functions are no arrays of finite numbers of one shape.
+    ParameterError
+        If a time is no finite number, or ``tau`` is not positive.
+    """
+    finite = is_finite_number(t) and is_finite_number(tau)
+    if not (finite and tau > 0 and abs(float(t)) < _LONGEST * float(tau)):
+        raise ParameterError(
+            f"t is {brief(t)} and tau {brief(tau)}; expected a finite time and a positive one"
+        )
+    source = real_numbers(f, "source f", FunctionError)
+    target = real_numbers(g, "target g", FunctionError)
+    if source.shape != target.shape:
+        raise FunctionError(
+            f"source and target have shapes {source.shape} and {target.shape}; expected them alike"
+        )
+    if not (np.isfinite(source).all() and np.isfinite(target).all()):
+        raise FunctionError("source or target has values that are not finite; expected finite ones")
+    share = float(t) / float(tau)
+    return (1 - share) * source + share * target
 
 
 class HeatKernel:
@@ -42,31 +70,18 @@ class HeatKernel:
     width : float
         Standard deviation of the flat kernel along an axis, as a fraction of sqrt(area).
     steps : int
-        Implicit Euler steps.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of range.
-
-    Attributes
-    ----------
-    areas : (V,) array
-        Of the vertices, on the mesh scaled to unit area.
+        Implicit Euler steps; ParameterError if a number is out of range.
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:
-        if not (
-            is_finite_number(width)
-            and 0 < width <= _WIDEST
-            and is_whole_number(steps, 1, _MOST_STEPS)
-        ):
+        in_range = is_finite_number(width) and 0 < width <= _WIDEST
+        if not (in_range and is_whole_number(steps, 1, _MOST_STEPS)):
             raise ParameterError(
                 f"blur is {brief(width)}, steps is {brief(steps)}; expected a blur above 0, at "
                 f"most {_WIDEST:g}, and a whole number of steps from 1 to {_MOST_STEPS}"
             )
         unit = mesh.normalized()
-        self.areas = vertex_areas(unit)
+        self.areas = vertex_areas(unit)  # (V,), on the mesh scaled to unit area
         self._steps = int(steps)
         matrix = sparse.diags_array(self.areas) + 0.5 * width**2 / steps * _positive_laplacian(unit)
         self._solve = factor(sparse.csr_array(matrix))
@@ -128,9 +143,7 @@ def optimal_transport(
         raise ParameterError(
             f"times is {brief(times)}; expected a time from 0 to 1 or a list of them"
         )
-    functions = [
-        _non_negative(mesh, values, name) for values, name in ((f, "source f"), (g, "target g"))
-    ]
+    functions = [_non_negative(mesh, f, "source f"), _non_negative(mesh, g, "target g")]
     heat = HeatKernel(mesh, blur, steps)
     masses = [float(heat.areas @ values) for values in functions]
     densities = [values / mass for values, mass in zip(functions, masses, strict=True)]
@@ -140,12 +153,9 @@ def optimal_transport(
             "the other in numbers that can be computed with; give a larger blur or fewer steps"
         )
     bound = max(_entropy(heat.areas, density) for density in densities) if sharpen else np.inf
-    found = np.stack(
-        [
-            ((1 - t) * masses[0] + t * masses[1]) * _barycentre(heat, densities, t, bound)
-            for t in moments
-        ]
-    )
+    means = [(1 - t) * masses[0] + t * masses[1] for t in moments]
+    pairs = zip(means, moments, strict=True)
+    found = np.stack([mass * _barycentre(heat, densities, t, bound) for mass, t in pairs])
     return found if np.ndim(times) else found[0]
 
 
@@ -182,9 +192,8 @@ def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArr
         return density
     if _entropy(areas, power(_SHARPEST)) >= bound:
         return power(_SHARPEST)
-    return power(
-        brentq(lambda exponent: _entropy(areas, power(exponent)) - bound, 1.0, _SHARPEST, xtol=1e-6)
-    )
+    found = brentq(lambda one: _entropy(areas, power(one)) - bound, 1.0, _SHARPEST, xtol=1e-6)
+    return power(found)
 
 
 def _entropy(areas: FloatArray, density: FloatArray) -> float:
@@ -196,9 +205,8 @@ def _positive_laplacian(mesh: TriangleMesh) -> Matrix:
     """Return the cotangent Laplacian without the edges whose weight is negative, (V, V)."""
     entries = cotangent_laplacian(mesh).tocoo()
     kept = (entries.row != entries.col) & (entries.data < 0)
-    weights = Matrix(
-        (-entries.data[kept], (entries.row[kept], entries.col[kept])), shape=entries.shape
-    )
+    places = entries.row[kept], entries.col[kept]
+    weights = Matrix((-entries.data[kept], places), shape=entries.shape)
     return Matrix(sparse.diags_array(weights.sum(axis=1)) - weights)
 
 
@@ -208,18 +216,19 @@ def _non_negative(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArra
         raise FunctionError(
             f"{name} has {len(rows)} channels; optimal transport takes one function (vertices,)"
         )
-    worst = int(rows[0].argmin())
-    if rows[0, worst] < -_NEGLIGIBLE * rows[0].max():
+    row = rows[0]
+    worst, largest = int(row.argmin()), row.max()
+    if row[worst] < -_NEGLIGIBLE * largest:
         raise FunctionError(
-            f"{name} is negative at {np.count_nonzero(rows[0] < 0)} of {len(rows[0])} vertices, "
-            f"down to {rows[0, worst]:g} at vertex {mesh.vertex_ids[worst]}; optimal transport "
-            "moves mass, never negative"
+            f"{name} is negative at {np.count_nonzero(row < 0)} of {len(row)} vertices, down to "
+            f"{row[worst]:g} at vertex {mesh.vertex_ids[worst]}; optimal transport moves mass, "
+            "never negative"
         )
-    if not rows[0].any():
+    if not row.any():
         raise FunctionError(f"{name} is zero everywhere; optimal transport needs some mass to move")
-    if not SMALLEST <= rows[0].max() <= LARGEST:
+    if not SMALLEST <= largest <= LARGEST:
         raise FunctionError(
-            f"{name} has values of up to {rows[0].max():.3g}, which over- or underflow; scale it "
-            f"to between {SMALLEST:g} and {LARGEST:g}"
+            f"{name} has values of up to {largest:.3g}, which over- or underflow; scale it to "
+            f"between {SMALLEST:g} and {LARGEST:g}"
         )
-    return np.asarray(np.maximum(rows[0], 0))
+    return np.asarray(np.maximum(row, 0))
