@@ -41,7 +41,7 @@ def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
     def never(*_):
         raise AssertionError("made again")
 
-    monkeypatch.setattr(coarsening, "collapse_edges", never)
+    monkeypatch.setattr(coarsening, "_collapse_edges", never)
     found = all_levels(energy(mesh))
     assert [len(level.energy.mesh.vertices) for level in found] == [50, 200, 800]
     for level in found[:-1]:
@@ -52,7 +52,7 @@ def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
 
 def test_a_match_waits_for_what_is_being_made(monkeypatch):
     mesh = torus(40, 20)
-    begun, collapse, face_counts = threading.Event(), coarsening.collapse_edges, []
+    begun, collapse, face_counts = threading.Event(), coarsening._collapse_edges, []
 
     def slowly(*arguments):
         begun.set()
@@ -60,7 +60,7 @@ def test_a_match_waits_for_what_is_being_made(monkeypatch):
         time.sleep(0.2)
         collapse(*arguments)
 
-    monkeypatch.setattr(coarsening, "collapse_edges", slowly)
+    monkeypatch.setattr(coarsening, "_collapse_edges", slowly)
     ahead = threading.Thread(target=prepare, args=(mesh, COARSER))
     ahead.start()
     assert begun.wait(10)
