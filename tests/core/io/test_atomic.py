@@ -1,7 +1,5 @@
 """Files that are replaced as a whole, and temporary ones that do not stay."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal
@@ -9,7 +7,7 @@ import socket
 import stat
 import subprocess
 import sys
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -19,25 +17,29 @@ from abfm.io import check_writable, remove_temporary, temporary_folder, write_at
 from abfm.io.atomic import temporary_file
 
 
-def written(path: Path, text: str = "new") -> None:
+def written(path, text="new"):
     with write_atomically(path) as temporary:
         temporary.write_text(text)
 
 
-def refusal(path: Path) -> str:
+def refusal(path):
     """The one line with which both the check and the writer refuse a path, and leave nothing."""
-    before = sorted(path.parent.iterdir()) if path.parent.is_dir() else []
+
+    def there():
+        return sorted(path.parent.iterdir()) if path.parent.is_dir() else []
+
+    before = there()
     with pytest.raises(ResultError) as refused:
         check_writable(path)
     with pytest.raises(ResultError) as again:
         written(path)
     assert str(again.value) == str(refused.value)
     assert "\n" not in str(refused.value)
-    assert (sorted(path.parent.iterdir()) if path.parent.is_dir() else []) == before
+    assert there() == before
     return str(refused.value)
 
 
-def make_socket(path: Path) -> None:
+def make_socket(path):
     with socket.socket(socket.AF_UNIX) as opened:
         opened.bind(str(path))
 
@@ -77,46 +79,84 @@ def test_names_as_long_as_the_system_takes_are_written(tmp_path, name):
     assert os.listdir(tmp_path) == [name]
 
 
-def test_an_error_of_the_block_is_not_hidden_by_what_tidies_up(tmp_path):
-    def fail() -> None:
+def test_it_works_in_the_same_folder_under_the_same_suffix(tmp_path):
+    with write_atomically(tmp_path / "a.tar.gz") as temporary:
+        assert (temporary.parent, temporary.suffix) == (tmp_path, ".gz")
+
+
+@pytest.mark.parametrize("raised", [OSError(28, "No space left on device"), None])
+def test_an_error_of_the_block_is_not_hidden_by_what_tidies_up(tmp_path, raised):
+    """Nor the folder's, which goes while it is written to."""
+
+    def write():
         with write_atomically(tmp_path / "folder" / "m.npz") as temporary:
             temporary.unlink()
             temporary.parent.rmdir()
-            (tmp_path / "folder").touch()
-            raise OSError(28, "No space left on device")
+            if raised:
+                (tmp_path / "folder").touch()
+                raise raised
 
     (tmp_path / "folder").mkdir()
-    with pytest.raises(ResultError, match="No space left on device"):
-        fail()
-
-
-def test_a_folder_that_goes_while_it_is_written_to_is_one_line(tmp_path):
-    (tmp_path / "folder").mkdir()
-
-    def write() -> None:
-        with write_atomically(tmp_path / "folder" / "m.npz") as temporary:
-            temporary.unlink()
-            temporary.parent.rmdir()
-
-    with pytest.raises(ResultError, match=r"cannot write .*m\.npz: No such file"):
+    words = raised.strerror if raised else "No such file"
+    with pytest.raises(ResultError, match=rf"cannot write .*m\.npz: {words}"):
         write()
 
 
-def test_a_full_disk_leaves_the_old_file_whole(tmp_path):
-    """The limit of a file's size stands for it."""
+@pytest.fixture
+def old(tmp_path):
+    """The path of a file that is there."""
     path = tmp_path / "m.npz"
     written(path, "old")
+    yield path
+    assert os.listdir(tmp_path) == ["m.npz"]
+
+
+def test_a_full_disk_leaves_the_old_file_whole(old):
+    """The limit of a file's size stands for it."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))
     try:
         with pytest.raises(ResultError, match="File too large"):
-            written(path, "new" * 100)
+            written(old, "new" * 100)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, before)
-    assert path.read_text() == "old"
-    assert os.listdir(tmp_path) == ["m.npz"]
+    assert old.read_text() == "old"
+
+
+def test_an_interrupt_leaves_the_old_file(old):
+    def interrupted():
+        with write_atomically(old) as temporary:
+            temporary.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert old.read_text() == "old"
+
+
+def test_the_data_is_on_the_disk_before_the_old_file_goes(old, monkeypatch):
+    flushed = []
+    monkeypatch.setattr(os, "fsync", lambda _: flushed.append(old.read_text()))
+    written(old)
+    assert flushed[0] == "old"
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o644])
+def test_permissions_stay(old, mode):
+    old.chmod(mode)
+    written(old)
+    assert stat.S_IMODE(old.stat().st_mode) == mode
+
+
+def test_a_new_file_gets_the_usual_permissions_and_a_link_keeps_pointing(tmp_path):
+    (tmp_path / "usual").touch()
+    (tmp_path / "link").symlink_to(tmp_path / "new")
+    written(tmp_path / "link")
+    assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "new").read_text() == "new"
 
 
 KILLED = """
@@ -132,13 +172,10 @@ with temporary_file(place, ".npz") as file, temporary_folder(place) as folder:
 
 
 def test_what_a_killed_process_left_goes_with_the_next_write_and_not_before_it_is_killed(tmp_path):
-    with subprocess.Popen(
-        [sys.executable, "-c", KILLED, str(tmp_path)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    ) as other:
-        assert other.stdout is not None
+    command = [sys.executable, "-c", KILLED, str(tmp_path)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, env=environment, **pipes) as other:
         other.stdout.readline()
         theirs = set(os.listdir(tmp_path))
         assert len(theirs) == 2
@@ -160,35 +197,26 @@ def test_others_files_are_left_alone(tmp_path):
 
 
 def test_many_writers_of_one_folder_do_not_disturb_one_another(tmp_path):
-    problems = []
+    def write(number):
+        for _ in range(20):
+            written(tmp_path / f"{number}.txt", str(number))
 
-    def write(number: int) -> None:
-        try:
-            for _ in range(20):
-                written(tmp_path / f"{number}.txt", str(number))
-        except ResultError as error:
-            problems.append(error)
-
-    threads = [threading.Thread(target=write, args=(number,)) for number in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert problems == []
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
-        f"{n}.txt": str(n) for n in range(8)
-    }
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(write, range(8)))  # raises what they raise
+    found = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert found == {f"{n}.txt": str(n) for n in range(8)}
 
 
 def test_a_process_that_ends_at_once_can_remove_what_it_has_in_use(tmp_path):
     with temporary_file(tmp_path), temporary_folder(tmp_path) as folder:
         (folder / "frame").touch()
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700  # the user's own
         assert len(os.listdir(tmp_path)) == 2
         remove_temporary()
         assert os.listdir(tmp_path) == []
 
 
-def test_temporary_folders_are_the_users_own(tmp_path):
+def test_temporary_folders_are_removed(tmp_path):
     with temporary_folder(tmp_path) as folder:
-        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+        (folder / "frame").touch()
     assert os.listdir(tmp_path) == []

@@ -2,8 +2,6 @@
 unknown said to be so.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from itertools import pairwise
@@ -16,6 +14,7 @@ from abfm import Parameters
 from abfm.numerics.factoring_apart import factoring_apart
 from abfm.workers import progress
 from abfm.workers.progress import Step, rounded, said, step, telling
+from tests.mesh_writers import off_file
 from tests.shapes import icosphere
 
 
@@ -25,11 +24,15 @@ def nothing_measured(monkeypatch):
     monkeypatch.setattr(progress, "_rates", {})
 
 
-def told_by(work) -> list[Step | None]:
-    told: list[Step | None] = []
+def told_by(work):
+    told = []
     with telling(told.append):
         work()
     return told
+
+
+def tasks_of(work):
+    return [now.task for now in told_by(work) if now]
 
 
 def test_shares_grow_from_0_never_reach_1_unless_counted_and_times_left_fall():
@@ -54,33 +57,27 @@ def test_a_clock_that_went_back_gives_no_negative_share():
 def test_what_is_unknown_is_said_to_be_unknown():
     now = Step("factoring", began=100.0)
     assert (now.share(105.0), now.seconds_left(105.0)) == (None, None)
-    assert now.words(101.0) == "factoring"
-    assert now.words(105.0) == "factoring, 5 s so far"
     assert Step("x", done=0.0, began=100.0).seconds_left(105.0) is None
 
 
-def test_words_tell_how_long_it_goes_on_where_that_takes_a_while():
-    now = Step("factoring", expected=40.0, began=100.0)
-    assert now.words(118.0) == "factoring, about 20 s left"
-    assert now.words(150.0) == "factoring, 50 s so far"
-    assert Step("factoring", expected=1.0, began=100.0).words(100.5) == "factoring"
-    assert Step("reading", done=0.25, began=100.0).words(110.0) == "reading, about 30 s left"
-
-
 @pytest.mark.parametrize(
-    ("seconds", "words"),
+    ("known", "now", "words"),
     [
-        (0, "1 s"),
-        (7.6, "8 s"),
-        (12, "10 s"),
-        (43, "45 s"),
-        (55, "1 min"),
-        (100, "2 min"),
-        (3600, "60 min"),
+        ({}, 101.0, "factoring"),
+        ({}, 105.0, "factoring, 5 s so far"),
+        ({"expected": 40.0}, 118.0, "factoring, about 20 s left"),
+        ({"expected": 40.0}, 150.0, "factoring, 50 s so far"),
+        ({"expected": 1.0}, 100.5, "factoring"),
+        ({"done": 0.25}, 110.0, "factoring, about 30 s left"),
     ],
 )
-def test_times_are_rounded_as_one_says_them(seconds, words):
-    assert rounded(seconds) == words
+def test_words_tell_how_long_it_goes_on_where_that_takes_a_while(known, now, words):
+    assert Step("factoring", began=100.0, **known).words(now) == words
+
+
+def test_times_are_rounded_as_one_says_them():
+    seconds = (0, 7.6, 12, 43, 55, 100, 3600)
+    assert [*map(rounded, seconds)] == ["1 s", "8 s", "10 s", "45 s", "1 min", "2 min", "60 min"]
 
 
 def test_what_goes_on_is_said_with_its_step():
@@ -137,33 +134,27 @@ def test_small_works_say_nothing_of_large_ones_that_were_measured():
 
 
 def test_only_the_thread_that_asked_is_told():
-    told: list[Step | None] = []
-
     def elsewhere():
         with step("factoring"):
             pass
 
-    with telling(told.append):
+    def work():
         thread = threading.Thread(target=elsewhere)
         thread.start()
         thread.join()
-    assert told == []
 
-
-def tasks(told: list[Step | None]) -> list[str]:
-    return [now.task for now in told if now]
+    assert told_by(work) == []
 
 
 def test_a_match_tells_of_coarser_meshes_factors_and_the_check_and_is_the_same():
-    mesh = icosphere(3)
+    mesh, found = icosphere(3), []
     source, target, _ = mesh.vertices.T
-    found: list[abfm.Match] = []
     parameters = Parameters(iterations=6, levels=2)
     told = told_by(lambda: found.append(abfm.match(mesh, source, target, parameters)))
-    assert tasks(told)[0] == "making coarser meshes"
-    assert any(task.startswith("factoring a system of") for task in tasks(told))
-    assert tasks(told)[-1] == "checking by flow lines"
     assert told[-1] is None
+    first, *tasks, last = [now.task for now in told if now]
+    assert (first, last) == ("making coarser meshes", "checking by flow lines")
+    assert any(task.startswith("factoring a system of") for task in tasks)
     unheard = abfm.match(icosphere(3), source, target, parameters)
     np.testing.assert_array_equal(found[0].velocity, unheard.velocity)
 
@@ -173,25 +164,16 @@ def test_a_factorisation_in_another_process_is_told_while_it_is_waited_for():
     with factoring_apart(1):
         regularizer = abfm.matching.objective.regularizer.regularizer(mesh, 0.01)
         momentum = np.zeros((len(mesh.faces), 2))
-        told = told_by(lambda: regularizer.inverse(momentum))
-        again = told_by(lambda: regularizer.inverse(momentum))
-    assert set(tasks(told)) == {
-        f"factoring a system of {size} unknowns" for size in (len(mesh.edges), len(mesh.vertices))
-    }
+        told, again = (tasks_of(lambda: regularizer.inverse(momentum)) for _ in range(2))
+    sizes = (len(mesh.edges), len(mesh.vertices))
+    assert set(told) == {f"factoring a system of {size} unknowns" for size in sizes}
     assert again == []
 
 
 def test_functions_files_and_eigenfunctions_are_told(tmp_path):
     mesh = icosphere(3)
-    file = tmp_path / "sphere.off"
-    rows = [f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0"]
-    rows += [" ".join(map(str, vertex)) for vertex in mesh.vertices.tolist()]
-    rows += [f"3 {a} {b} {c}" for a, b, c in mesh.faces.tolist()]
-    file.write_text("\n".join(rows))
-    assert tasks(told_by(lambda: abfm.load_mesh(file))) == ["reading .off"]
-    assert tasks(told_by(lambda: abfm.calculus.geodesic_distance(mesh, [0]))) == [
-        "factoring for distances"
-    ]
-    assert "computing eigenfunctions: 32" in tasks(
-        told_by(lambda: abfm.calculus.eigenbasis(mesh, 5))
-    )
+    file = off_file(tmp_path / "sphere.off", mesh)
+    distances = tasks_of(lambda: abfm.calculus.geodesic_distance(mesh, [0]))
+    assert tasks_of(lambda: abfm.load_mesh(file)) == ["reading .off"]
+    assert distances == ["factoring for distances"]
+    assert "computing eigenfunctions: 32" in tasks_of(lambda: abfm.calculus.eigenbasis(mesh, 5))

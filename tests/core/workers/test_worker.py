@@ -1,44 +1,43 @@
-"""Functions called in a process of its own: as here, but that they can be ended."""
-
-from __future__ import annotations
+"""Functions called in a process of its own, as here, but that they can be ended; the messages that
+go there; and threads, as many as are needed at once, gone after a while.
+"""
 
 import gc
 import os
 import pickle
 import signal
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Iterator
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor, wait
 
 import numpy as np
 import pytest
 
 from abfm import FunctionError
+from abfm.workers import process, threads
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.messages import pack
-from abfm.workers.progress import Step, telling
+from abfm.workers.process import OwnProcess, ProcessEndedError
+from abfm.workers.progress import telling
+from abfm.workers.threads import DaemonThreads
 from abfm.workers.worker import Worker, WorkerEndedError
 from tests.core.workers import jobs
 from tests.shapes import icosphere
 
 
-@pytest.fixture(scope="module")
-def shared() -> Iterator[Worker[jobs.Notes]]:
-    """One for all tests that do not end it."""
+def new_worker():
     worker = Worker(jobs.Notes, "it has ended")
     yield worker
     worker.close()
 
 
-@pytest.fixture
-def worker() -> Iterator[Worker[jobs.Notes]]:
-    worker = Worker(jobs.Notes, "it has ended")
-    yield worker
-    worker.close()
+worker = pytest.fixture(new_worker)
+shared = pytest.fixture(new_worker, scope="module")  # for all tests that do not end it
 
 
-def until(condition) -> None:
+def until(condition):
     end = time.monotonic() + 30
     while not condition():
         assert time.monotonic() < end
@@ -52,28 +51,23 @@ def test_calls_are_computed_in_their_order_on_one_state_in_another_process(worke
 
 
 @pytest.mark.parametrize(
-    ("kind", "error", "words"),
+    ("given", "error", "words"),
     [
-        ("input", FunctionError, "two lines"),
-        ("memory", MemoryError, "two\nlines"),
-        ("bug", RuntimeError, "KeyError: 'two"),
-        ("end", RuntimeError, "SystemExit: two"),
+        (["input"], FunctionError, "two lines"),
+        (["memory"], MemoryError, "two\nlines"),
+        (["bug"], RuntimeError, "KeyError: 'two"),
+        (["end"], RuntimeError, "SystemExit: two"),
+        ([], RuntimeError, "TypeError"),
     ],
 )
-def test_errors_come_back_and_the_next_call_is_answered(shared, kind, error, words):
+def test_errors_come_back_and_the_next_call_is_answered(shared, given, error, words):
     with pytest.raises(error, match=words):
-        shared.call(jobs.fail, kind).result()
+        shared.call(jobs.fail, *given).result()
     assert shared.call(jobs.give_back, 3).result() == 3
 
 
-def test_what_cannot_be_called_there_is_an_error(shared):
-    with pytest.raises(RuntimeError, match="TypeError"):
-        shared.call(jobs.give_back).result()
-
-
 def test_steps_are_told_to_who_waits_and_reports_come_in_their_order(shared):
-    told: list[Step | None] = []
-    reports: list[int] = []
+    told, reports = [], []
     with telling(told.append):
         shared.call(jobs.count_apart, 50).result(reports.append)
     assert [step and step.task for step in told] == ["counting", None]
@@ -83,9 +77,9 @@ def test_steps_are_told_to_who_waits_and_reports_come_in_their_order(shared):
 def test_who_waits_for_its_turn_is_told_what_is_done_meanwhile(shared, tmp_path):
     first = shared.call(jobs.hold, tmp_path / "end")
     shared.call(jobs.give_back, 1)  # which nobody waits for
-    told: list[str] = []
+    told = []
 
-    def tell(step: Step | None) -> None:
+    def tell(step):
         if step is not None:
             told.append(step.task)
             (tmp_path / "end").touch()
@@ -104,25 +98,17 @@ def test_a_call_beside_is_answered_though_another_one_is_computed(shared, tmp_pa
 
 
 def test_several_threads_may_wait_at_once(shared):
-    found: dict[int, int] = {}
-
-    def ask(number: int) -> None:
-        found[number] = shared.call(jobs.give_back, number).result()
-
-    threads = [threading.Thread(target=ask, args=(number,)) for number in range(20)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(30)
-    assert found == {number: number for number in range(20)}
+    with ThreadPoolExecutor(20) as pool:
+        found = pool.map(lambda number: shared.call(jobs.give_back, number).result(), range(20))
+        assert list(found) == list(range(20))
 
 
 @pytest.mark.parametrize("paused", [False, True])
-def test_the_control_of_who_waits_holds_and_ends_the_call(worker, tmp_path, paused):
+def test_the_control_of_who_waits_holds_and_ends_the_call(worker, paused):
     control, ended = Control(), []
-    call = worker.call(jobs.go_on, tmp_path / "begun")
+    call = worker.call(jobs.go_on)
 
-    def wait() -> None:
+    def wait():
         with controlled(control), pytest.raises(CancelledError):
             call.result()
         ended.append(True)
@@ -130,7 +116,7 @@ def test_the_control_of_who_waits_holds_and_ends_the_call(worker, tmp_path, paus
     waiting = threading.Thread(target=wait)
     waiting.start()
 
-    def count() -> int:
+    def count():
         return call.beside(jobs.lines).result()
 
     until(lambda: count() > 3)
@@ -148,18 +134,18 @@ def test_the_control_of_who_waits_holds_and_ends_the_call(worker, tmp_path, paus
     assert ended
 
 
-def test_what_was_asked_of_a_control_before_is_heeded(shared, tmp_path):
+def test_what_was_asked_of_a_control_before_is_heeded(shared):
     control = Control()
     control.cancel()
     with controlled(control), pytest.raises(CancelledError):
-        shared.call(jobs.go_on, tmp_path / "begun").result()
+        shared.call(jobs.go_on).result()
 
 
 def test_a_call_that_is_given_up_ends_and_its_answer_is_not_taken_for_the_next_one(shared):
     class GivenUpError(BaseException):
         pass
 
-    def give_up(_: object) -> None:
+    def give_up(_):
         raise GivenUpError
 
     with pytest.raises(GivenUpError):
@@ -169,11 +155,9 @@ def test_a_call_that_is_given_up_ends_and_its_answer_is_not_taken_for_the_next_o
 
 def test_a_mesh_is_sent_once_and_comes_back_as_the_one_that_was_sent(worker):
     mesh, other = icosphere(2), icosphere(1)
-    assert worker.call(jobs.mesh_and_size, mesh).result() == (mesh, False)
-    assert worker.call(jobs.mesh_and_size, mesh).result() == (mesh, True)
-    assert worker.call(jobs.mesh_and_size, other).result() == (other, False)
     # the process keeps the last one only
-    assert worker.call(jobs.mesh_and_size, mesh).result() == (mesh, False)
+    for sent, known in ((mesh, False), (mesh, True), (other, False), (mesh, False)):
+        assert worker.call(jobs.mesh_and_size, sent).result() == (sent, known)
 
 
 def test_the_digest_of_a_mesh_is_that_of_its_content():
@@ -214,10 +198,134 @@ def test_closing_ends_the_process_while_it_starts_and_starts_no_other(worker):
         worker.call(jobs.give_back, 1)
 
 
-def test_a_process_that_nothing_refers_to_ends(tmp_path: Path):
+def test_a_process_that_nothing_refers_to_ends(tmp_path):
     worker = Worker(jobs.Notes, "it has ended")
     worker.call(jobs.hold, tmp_path / "never")
     inner = worker._connection.process._process
     del worker
     gc.collect()
     until(lambda: inner.poll() is not None)
+
+
+ECHO = """
+from abfm.workers.process import Requests
+requests = Requests()
+for message in requests:
+    print("what a library prints")
+    requests.answer(message)
+"""
+
+
+@pytest.fixture
+def echo(tmp_path, monkeypatch):
+    (tmp_path / "echo_of_messages.py").write_text(ECHO)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *filter(None, sys.path)]))
+    process = OwnProcess("echo_of_messages")
+    yield process
+    process.close()
+
+
+@pytest.mark.parametrize("count", [0, 1, 3_000_000])
+def test_messages_longer_than_a_pipe_come_back_as_they_were(echo, count):
+    sent = np.arange(count, dtype=np.float64)
+    sending = threading.Thread(target=echo.send, args=(("numbers", sent),))
+    sending.start()
+    kind, received = echo.receive()
+    sending.join()
+    assert kind == "numbers"
+    np.testing.assert_array_equal(received, sent)
+    received += 1  # as its own
+
+
+def test_a_process_that_is_closed_ends_who_waits_for_it(echo):
+    echo.send("first")
+    assert echo.receive() == "first"
+    closing = threading.Timer(0.2, echo.close)
+    closing.start()
+    with pytest.raises(ProcessEndedError):
+        echo.receive()
+    closing.join()
+    assert echo.has_ended
+    with pytest.raises(ProcessEndedError):
+        echo.send("anything")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("closed", [True, False])
+def test_nothing_of_it_stays_open(closed, monkeypatch):
+    told = []
+    monkeypatch.setattr(sys, "unraisablehook", told.append)
+    process = OwnProcess("abfm.workers")
+    if closed:
+        process.close()
+    del process
+    gc.collect()
+    assert not told
+
+
+@pytest.mark.parametrize("at_once", [1, 3, 10_000])
+def test_a_message_may_come_in_pieces_and_is_refused_when_its_end_is_missing(at_once):
+    content = pickle.dumps(list(range(100)))
+    whole = len(content).to_bytes(8) + content
+
+    def received(given):
+        rest = bytearray(given)
+
+        def read(buffer):
+            count = min(len(buffer), len(rest), at_once)
+            buffer[:count] = rest[:count]
+            del rest[:count]
+            return count
+
+        return process._receive(read)
+
+    assert received(whole) == list(range(100))
+    with pytest.raises(EOFError):
+        received(whole[:-1])
+
+
+def names():
+    return [thread.name for thread in threading.enumerate()]
+
+
+def test_none_waits_for_another_one_and_threads_are_used_again():
+    pool, may_end = DaemonThreads("used again"), threading.Event()
+    held = [pool.submit(may_end.wait, 30) for _ in range(5)]
+    assert pool.submit(max, 3, 4).result(30) == 4
+    may_end.set()
+    assert not wait(held, 30).not_done
+    until(lambda: pool._idle == names().count("used again"))
+    count = pool._idle
+    for number in range(50):
+        assert pool.submit(abs, -number).result(30) == number
+        until(lambda: pool._idle == count)
+    assert names().count("used again") == count <= 6
+
+
+@pytest.mark.parametrize("error", [ValueError, SystemExit])
+def test_what_a_job_raises_is_told_and_ends_no_thread(error):
+    pool = DaemonThreads("failing")
+
+    def fail():
+        raise error("no")
+
+    with pytest.raises(error):
+        pool.submit(fail).result(30)
+    assert pool.submit(int).result(30) == 0
+
+
+@pytest.mark.parametrize("idle", [0.0, 0.01])
+def test_threads_end_without_work_and_every_job_is_done_while_they_come_and_go(idle, monkeypatch):
+    monkeypatch.setattr(threads, "_IDLE", idle)
+    pool = DaemonThreads("coming and going")
+    for number in range(300):
+        assert pool.submit(abs, number).result(30) == number
+    until(lambda: "coming and going" not in names())
+
+
+def test_a_program_ends_though_a_job_goes_on():
+    code = (
+        "from abfm.workers.threads import DaemonThreads; import time; "
+        "DaemonThreads('late').submit(time.sleep, 1000)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=100)

@@ -1,0 +1,369 @@
+"""Result files: what was saved comes back, and files that lie are refused: about sizes, in zips
+that overlap or are compressed, and in values that make no sense.
+"""
+
+import json
+import os
+import shutil
+import zipfile
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from abfm import Parameters, ResultError, load_match, match
+from abfm.io import FORMAT_VERSION, load_arrays, save_arrays
+from abfm.io.results import open_archive
+from tests.core.reading.hostile import (
+    bomb,
+    load_or_refuse,
+    members,
+    npy_of,
+    one_byte_changed,
+    overlapping_zip,
+    refusal,
+    rewrite,
+    with_flipped_bits,
+    zipped,
+)
+from tests.processes import ROOT, python
+from tests.shapes import icosphere, square, with_loose_vertex
+
+
+def result_arrays():
+    """What a match of two channels with three fields on a square of 16 vertices leaves."""
+    mesh, random = square(3), np.random.default_rng(7)
+    vertices, faces = len(mesh.vertices), len(mesh.faces)
+    functions = {n: random.normal(size=(vertices, 2)) for n in ("source", "target", "advected")}
+    return functions | {
+        "vertices": mesh.vertices,
+        "faces": mesh.faces,
+        "velocity": random.normal(size=(3, faces, 3)),
+        "energy_history": random.uniform(size=(5, 3)),
+        "stages": np.array([0, 0, 1, 1, 2]),
+        "mismatch": 0.03125,
+        "stop_reason": "iteration limit",
+        "parameters": json.dumps({"tau": 1, "method": "linearised", "note": "ümlaut ∇"}),
+        "vertex_ids": np.arange(vertices) + 3,
+        "file_vertex_count": vertices + 3,
+        "channels_given": True,
+        "weights": np.array([1.0, 2.0]),
+        "mask": random.uniform(size=vertices),
+    }
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "m.npz"
+
+
+def saved_by_numpy(path, **changes):
+    """A result file with some arrays changed, or left out where None, behind the writer's back."""
+    arrays = {"format_version": FORMAT_VERSION, **result_arrays(), **changes}
+    np.savez(path, **{name: value for name, value in arrays.items() if value is not None})
+
+
+error_line = partial(refusal, load_arrays)
+INFINITE = "has values that are not finite"
+
+
+@pytest.mark.parametrize("left_out", [(), ("mask",)])
+def test_everything_comes_back_exactly(path, left_out):
+    given = {name: value for name, value in result_arrays().items() if name not in left_out}
+    save_arrays(path, given)
+    loaded = load_arrays(path)
+    assert loaded.keys() == given.keys()
+    for name, value in given.items():
+        assert_array_equal(loaded[name], value, err_msg=name, strict=True)
+
+
+def test_it_is_plain_numpy_with_the_parameters_as_json_text_and_always_the_same_bytes(path):
+    again = path.with_name("result")  # a name is kept without suffix
+    for each in (path, again):
+        save_arrays(each, result_arrays())
+    assert sorted(os.listdir(path.parent)) == ["m.npz", "result"]
+    assert path.read_bytes() == again.read_bytes()
+    assert len(load_arrays(again)["vertices"]) == 16
+    with np.load(path, allow_pickle=False) as file:
+        assert file["format_version"] == FORMAT_VERSION
+        assert file["parameters"].shape == ()
+        assert file["parameters"].dtype.kind == "U"
+        assert json.loads(str(file["parameters"]))["tau"] == 1
+        assert file["velocity"].shape == (3, 18, 3)
+
+
+def test_other_number_types_are_converted_and_arrays_of_later_versions_ignored(path):
+    arrays = result_arrays()
+    faces, velocity = arrays["faces"].astype(np.uint16), arrays["velocity"].astype(">f4")
+    saved_by_numpy(path, faces=faces, velocity=velocity, mismatch=1, colour=np.ones(3))
+    loaded = load_arrays(path)
+    assert loaded["faces"].dtype == np.int64
+    assert loaded["velocity"].dtype == loaded["mismatch"].dtype == np.float64
+    assert "colour" not in loaded
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"velocity": None}, "lacks velocity"),
+        ({"source": None, "target": None}, "lacks source, target"),
+        ({"format_version": None}, "format_version is None; expected"),
+        ({"format_version": FORMAT_VERSION + 1}, "upgrade abfm"),
+        ({"format_version": 0}, "format_version is 0"),
+        ({"format_version": "one"}, "format_version is 'one'"),
+        ({"vertices": np.zeros((16, 2))}, "vertices has shape (16, 2); expected (V, 3)"),
+        ({"faces": np.zeros((0, 3), dtype=int)}, "faces has shape (0, 3)"),
+        ({"faces": np.full((18, 3), 16)}, "faces has an index outside 0 to 15"),
+        ({"faces": np.full((18, 3), -1)}, "faces has an index outside 0 to 15"),
+        ({"faces": np.zeros((18, 3))}, "faces has type float64; expected integer"),
+        ({"source": np.zeros(16)}, "source has shape (16,); expected (16, C)"),
+        ({"target": np.zeros((16, 3))}, "target has shape (16, 3); expected (16, 2)"),
+        ({"advected": np.zeros((15, 2))}, "advected has shape (15, 2); expected (16, 2)"),
+        ({"advected": np.full((16, 2), 1j)}, "advected has type complex128"),
+        ({"velocity": np.zeros((3, 17, 3))}, "velocity has shape (3, 17, 3); expected (N, 18, 3)"),
+        ({"velocity": np.zeros((0, 18, 3))}, "velocity has shape (0, 18, 3)"),
+        ({"velocity": np.full((1, 18, 3), np.nan)}, f"velocity {INFINITE}"),
+        ({"energy_history": np.full((5, 3), np.inf)}, f"energy_history {INFINITE}"),
+        ({"stages": np.zeros(4, dtype=int)}, "stages has shape (4,); expected (5)"),
+        ({"vertex_ids": np.arange(16) + 4}, "vertex_ids has an index outside 0 to 18"),
+        ({"vertex_ids": np.arange(16)[::-1] + 3}, "vertex_ids do not ascend"),
+        ({"weights": np.ones(3)}, "weights has shape (3,)"),
+        ({"mask": np.ones(15)}, "mask has shape (15,)"),
+        ({"channels_given": 1}, "channels_given has type int64; expected boolean"),
+        ({"stop_reason": b"converged"}, "stop_reason has type |S9; expected text"),
+        ({"stop_reason": ["a", "b"]}, "stop_reason has shape (2,)"),
+        ({"parameters": "{'tau': 1}"}, "not JSON"),
+        ({"parameters": "[1]"}, "not one flat JSON object"),
+        ({"parameters": '{"tau": 1, "more": {"a": 1}}'}, "not one flat JSON object"),
+        ({"parameters": '{"alpha": 1}'}, "tau = None"),
+        ({"parameters": '{"tau": true}'}, "tau = True"),
+        ({"parameters": '{"tau": NaN}'}, "tau = nan"),
+        ({"parameters": '{"tau": 1' + 400 * "0" + "}"}, "tau = inf"),
+        ({"source": np.array([[{}]], dtype=object)}, "damaged"),
+    ],
+)
+def test_wrong_content_is_named(path, change, words):
+    saved_by_numpy(path, **change)
+    told = error_line(path)
+    assert words in told
+    assert "; " in told
+
+
+def test_other_files_are_refused(tmp_path, path):
+    for content in (b"", b"OFF\n4 4 0\n", b"\x80\x04N."):
+        path.write_bytes(content)
+        assert "no result file of abfm" in error_line(path)
+    for name, words in (("readme.txt", "no result file"), ("format_version.npy", "format_version")):
+        with zipfile.ZipFile(path, "w") as file:
+            file.writestr(name, "hello")
+        assert words in error_line(path)
+    assert "No such file" in error_line(tmp_path / "none.npz")
+    assert "directory" in error_line(tmp_path)
+
+
+def test_damage_is_noticed(path):
+    given = result_arrays()
+    save_arrays(path, given)
+    whole = path.read_bytes()
+
+    def check(loaded):
+        assert loaded.keys() == given.keys()
+        for name, array in loaded.items():
+            assert_array_equal(array, given[name])
+
+    with_flipped_bits(path, load_arrays, check)
+    for length in range(0, len(whole), len(whole) // 50):
+        path.write_bytes(whole[:length])
+        assert "cut short" in error_line(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"velocity": np.full((1, 18, 3), np.nan)}, rf"m\.npz not written: velocity {INFINITE}"),
+        ({"colour": np.ones(3)}, "no place for colour"),
+    ],
+)
+def test_what_would_not_load_is_not_saved(path, change, words):
+    with pytest.raises(ResultError, match=words):
+        save_arrays(path, result_arrays() | change)
+    assert os.listdir(path.parent) == []
+
+
+SPHERE = with_loose_vertex(icosphere(0))
+X, Y, Z = SPHERE.vertices.T
+V, F = len(SPHERE.vertices), len(SPHERE.faces)
+ONES, FIELD = np.ones((V, 1)), np.ones((1, F, 3))
+match_error = partial(refusal, load_match)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return match(SPHERE, X, Y, Parameters(iterations=2, levels=1), mask=np.ones(V))
+
+
+@pytest.fixture
+def saved(path, result):
+    result.save(path)
+    return path
+
+
+def put(path, **arrays):
+    """Write a result anew with other arrays; bytes are put as they are."""
+    rewrite(path, {f"{name}.npy": array for name, array in arrays.items()})
+
+
+def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved):
+    def same_shape(loaded):
+        assert loaded.velocity.shape == (1, F, 3)
+
+    content = members(saved)
+    for name in ("velocity.npy", "stop_reason.npy"):
+        for changed in one_byte_changed(content[name], 128):
+            saved.write_bytes(zipped(content | {name: changed}))
+            load_or_refuse(saved, load_match, same_shape)
+
+
+@pytest.mark.parametrize(
+    "shape", ["(6442450944,)", "(1, 9999999999, 3)", "(999999999999999999, 0, 3)"]
+)
+def test_shapes_are_held_against_sizes(saved, shape):
+    put(saved, velocity=npy_of(shape, data=bytes(8)))
+    assert "velocity" in match_error(saved)
+
+
+def parameters(more):
+    return np.array(f'{{"tau": 1, {more}}}')
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("mask", -np.ones(V), "mask has the value -1; expected 0 to inf"),
+        ("weights", np.array([-0.5]), "weights has the value -0.5"),
+        ("mismatch", np.array(-1.0), "mismatch has the value -1"),
+        ("verified_mismatch", np.array(-1.0), "verified_mismatch has the value -1"),
+        ("mask", np.zeros(V), "mask must be finite, not negative, and not zero everywhere"),
+        ("weights", np.zeros(1), "weights must be finite, not negative, and not zero everywhere"),
+        ("source", 1e200 * ONES, "source has the value 1e+200; expected -1e+154 to 1e+154"),
+        ("target", -1e308 * ONES, "target has the value -1e+308"),
+        ("advected", 1e155 * ONES, "advected has the value 1e+155"),
+        ("velocity", 1e300 * FIELD, "velocity has the value 1e+300; expected up to 1e+154"),
+        ("folded", np.array(1.5), "folded has the value 1.5; expected 0 to 1"),
+        ("folded", np.array(np.nan), "folded has values that are not finite"),
+        ("stages", np.full(3, -1), "stages has"),
+        ("file_vertex_count", np.array(10**8), f"file had 100000000 vertices, and {V} are used"),
+        ("file_vertex_count", np.array(4 * 10**18), "file had 4000000000000000000 vertices"),
+        ("file_vertex_count", np.array(2**63, dtype=np.uint64), "beyond those of 64 bits"),
+        ("format_version", np.zeros((100, 100)), "format_version is array"),
+        ("format_version", np.array("x\n" * 5000), "format_version is 'x"),
+        ("format_version", np.array([1]), "format_version is array"),
+        ("velocity", np.array("x\n" * 5000), "velocity has type"),
+        ("stop_reason", np.array("a\nb"), "some that cannot be shown"),
+        ("stop_reason", np.array("\x1b[31m"), "some that cannot be shown"),
+        ("stop_reason", np.array("a" * 10_001), "more than 10000 characters"),
+        ("parameters", np.array("[" * 9000), "parameters are not JSON"),
+        ("parameters", parameters('"method": "' + "x" * 5000 + '"'), "method is 'xxx"),
+        ("parameters", parameters('"' + "x" * 5000 + '": 1'), "unknown parameter 'xxx"),
+        ("parameters", parameters('"alpha": ' + "1" * 5000), "a number of too many digits"),
+        ("parameters", parameters('"alpha": Infinity'), "alpha is inf"),
+        ("parameters", parameters('"alpha": [[[[]]]]'), "alpha is [[[[]]]]"),
+        ("parameters", parameters('"method": []'), "method is []"),
+        ("remedies", np.array("[" * 9000), "the remedies are '[[["),
+        ("remedies", np.array("5"), "the remedies are '5'"),
+        ("remedies", np.array('{"a": 1}'), "the remedies are"),
+        ("remedies", np.array('[{"label": [], "words": ""}]'), "the label of a remedy is no str"),
+        ("remedies", np.array('[{"label": "", "words": "", "parameters": 3}]'), "the remedies are"),
+        ("verdict", np.array(["pink", "", ""]), "the verdict is 'pink'"),
+        ("verdict", np.full((3,), "\ud800").astype("<U1"), "cannot be shown"),
+        ("verdict", npy_of("(3,)", "<U1", b"\xff" * 12), "verdict"),
+        ("channels_given", npy_of("()", "|b1", b"\x02"), "neither 0 nor 1"),
+    ],
+)
+def test_values_that_make_no_sense_are_named(saved, name, value, words):
+    put(saved, **{name: value})
+    assert words in match_error(saved)
+
+
+def test_large_and_small_values_that_were_once_written_load(saved):
+    put(saved, source=1e-160 * ONES, target=1e150 * ONES, velocity=1e140 * FIELD)
+    assert load_match(saved).source.max() == 1e-160
+
+
+def test_a_vertex_that_no_face_uses_is_refused(saved):
+    arrays = load_arrays(saved)
+    kept = ~(arrays["faces"] == V - 1).any(axis=1)
+    put(saved, faces=arrays["faces"][kept], velocity=arrays["velocity"][:, kept])
+    for refused in (match_error, error_line):
+        assert f"1 of its {V} vertices are in no face" in refused(saved)
+
+
+def test_vertices_that_the_mesh_file_had_besides_need_no_room(saved):
+    assert load_match(saved).mesh.messages == SPHERE.messages
+    sparse = saved.with_name("sparse.npz")
+    shutil.copy(saved, sparse)
+    put(sparse, file_vertex_count=np.array(V + 9_999_999))
+    code = (
+        "import sys, abfm; from tests import peak_memory\n"
+        "abfm.load_match(sys.argv[1]); before = peak_memory.megabytes()\n"
+        "mesh = abfm.load_match(sys.argv[2]).mesh; print(mesh.file_vertex_count, *mesh.messages)\n"
+        "print(peak_memory.megabytes() - before < 8)  # not a byte for each"
+    )
+    done = python(code, saved, sparse, check=True, cwd=ROOT)
+    assert done.stdout == (
+        f"{V + 9_999_999} 9999999 vertices that no face uses were dropped (for example vertex 5)\n"
+        "True\n"
+    )
+
+
+def test_members_that_are_not_listed_are_not_read(saved):
+    content = members(saved)
+    zeros = npy_of("(100000000,)", "|u1", bytes(100_000_000))
+    for unknown, method in ((b"no array", zipfile.ZIP_STORED), (zeros, zipfile.ZIP_DEFLATED)):
+        saved.write_bytes(zipped(content | {"unknown.npy": unknown}, method))
+        assert load_match(saved).mismatch >= 0
+
+
+def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved, tmp_path):
+    content, whole = members(saved), "more bytes than a zip of this size can hold"
+    data = npy_of("(2, 40000000)", "|u1") + bytes(80_000_000)
+    saved.write_bytes(zipped(content | {"source.npy": data}, zipfile.ZIP_DEFLATED))
+    assert whole in match_error(saved)
+    saved.write_bytes(zipped(content | {"source.npy": bytes(1000)}, zipfile.ZIP_LZMA))
+    assert "a method other than deflate" in match_error(saved)
+    names = [f"{number}.npy" for number in range(30)]
+    overlapping_zip(tmp_path / "overlap.npz", names, bytes(4_000_000))
+    with (  # newer versions of Python refuse overlapping members themselves
+        pytest.raises(ResultError, match=f"{whole}|Overlapped entries"),
+        open_archive(tmp_path / "overlap.npz", "result", "") as archive,
+    ):
+        assert all(archive.read(name) for name in names)
+
+
+def test_a_zip_that_lies_about_a_size_is_refused(saved):
+    packed = bomb(64 << 20)
+    whole = zipped(members(saved) | {"mask.npy": packed})
+    for size in (1 << 40, 100, len(packed) - 1):
+        for width in (4, 8):
+            truth, lie = len(packed), size % 256**width
+            lying = whole.replace(truth.to_bytes(width, "little"), lie.to_bytes(width, "little"))
+            saved.write_bytes(lying)
+            match_error(saved)
+
+
+def test_devices_and_pipes_are_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe.npz")
+    (tmp_path / "zero.npz").symlink_to("/dev/zero")
+    (tmp_path / "random.npz").symlink_to("/dev/urandom")
+    for name, kind in (("pipe", "pipe"), ("zero", "device"), ("random", "device")):
+        assert f"it is a {kind}, not a file" in match_error(tmp_path / f"{name}.npz")
+
+
+@pytest.mark.parametrize("name", ["a\nb.npz", "\x1b[31m.npz", "\u202e.npz", "x" * 200 + ".npz"])
+def test_names_that_cannot_be_printed_are_told_in_one_line(tmp_path, name):
+    (tmp_path / name).write_bytes(b"no zip")
+    with pytest.raises(ResultError) as caught:
+        load_match(tmp_path / name)
+    assert str(caught.value).isprintable()
+    assert "no result file of abfm" in str(caught.value)
