@@ -27,15 +27,7 @@ from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, Entry, check_arrays, me
 from abfm.reading import from_json
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import NAMES
-from abfm_viewer.document.document import (
-    FARTHEST,
-    NEAREST,
-    Document,
-    Identity,
-    Run,
-    Surface,
-    View,
-)
+from abfm_viewer.document.document import FARTHEST, NEAREST, Document, Identity, Run, Surface, View
 from abfm_viewer.files.origin import MEMBER, Origin
 
 _FORMAT = 2

@@ -1,18 +1,20 @@
 """`abfm figure`, run in this process on small set-ups."""
 
-from __future__ import annotations
-
+import base64
 import json
+import re
 from dataclasses import replace
+from html.parser import HTMLParser
 
 import pytest
 import trimesh
 from PIL import Image
 
 from abfm import MeshError, experiments
-from abfm.parameters import TITLES
+from abfm.experiments import Measure
+from abfm.parameters import TABLE_1, TITLES
 from abfm_viewer import pictures
-from abfm_viewer.cli import main
+from abfm_viewer.cli.figure import Entry, page
 from abfm_viewer.errors import DrawingError
 from tests.core.experiments.small import ran
 
@@ -37,96 +39,138 @@ def known(small, monkeypatch):
     monkeypatch.setattr(experiments, "findings_of", lambda script: ran(7)[1])
 
 
-def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, capsys):
+def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, abfm):
     out = tmp_path / "new" / "figures"
-    assert main(["figure", "7", "--out", str(out)]) == 0
+    said = abfm(f"figure 7 --out {out}")
     with Image.open(out / "figure-7.png") as image:
         assert image.width > 1000
     described = json.loads((out / "figure-7.json").read_text())
-    assert described["figure"] == 7
-    assert described["title"] == TITLES[7]
-    assert described["notes"] == []
+    assert (described["figure"], described["title"], described["notes"]) == (7, TITLES[7], [])
     for measure in described["measures"]:
         assert set(measure) == {"name", "value", "bound", "pass", "claim", "reproduces"}
         if measure["bound"] is not None:
             assert measure["pass"] == (measure["value"] <= measure["bound"])
     assert sorted(path.name for path in out.iterdir()) == ["figure-7.json", "figure-7.png"]
-    said = capsys.readouterr()
     assert said.out.startswith(f"figure 7: {TITLES[7]}\n")
     assert "mismatch" in said.out
     assert said.err.startswith("figure 7: ")
 
 
-def test_what_the_sheet_says_stands_in_every_output(known, tmp_path, capsys, monkeypatch):
+def test_what_the_sheet_says_stands_in_every_output(known, tmp_path, abfm, monkeypatch):
     found = ran(7)[1]
     noted = replace(found, sheet=replace(found.sheet, notes=("no map",)))
     monkeypatch.setattr(experiments, "findings_of", lambda script: noted)
-    assert main(["figure", "all", "--out", str(tmp_path), "--quiet"]) == 0
+    said = abfm(f"figure all --out {tmp_path} --quiet")
     assert "no map" in json.loads((tmp_path / "figure-7.json").read_text())["notes"]
     assert "no map" in (tmp_path / "index.html").read_text()
-    assert "note: figure 7: no map\n" in capsys.readouterr().err
+    assert "note: figure 7: no map\n" in said.err
 
 
-def test_all_figures_make_a_page_and_json_tells_everything(known, tmp_path, capsys):
-    assert main(["figure", "all", "--out", str(tmp_path), "--quiet", "--json"]) == 0
-    said = capsys.readouterr()
+def test_all_figures_make_a_page_and_json_tells_everything(known, tmp_path, abfm):
+    said = abfm(f"figure all --out {tmp_path} --quiet --json")
     [described] = json.loads(said.out)["figures"]
     assert described == json.loads((tmp_path / "figure-7.json").read_text())
     assert said.err == ""
     assert "Figure 7" in (tmp_path / "index.html").read_text()
 
 
-def test_another_mesh_is_named_and_stands_upright(small, tmp_path):
+def test_another_mesh_is_named_and_stands_upright(small, tmp_path, abfm):
     mesh = tmp_path / "long.off"
     trimesh.creation.capsule(height=3, radius=0.5, count=(12, 12)).export(mesh)
     sizes = []
     for up in ("y", "z"):
-        assert (
-            main(
-                ["figure", "7", "--mesh", str(mesh), "--up", up, "--out", str(tmp_path), "--quiet"]
-            )
-            == 0
-        )
+        abfm(f"figure 7 --mesh {mesh} --up {up} --out {tmp_path} --quiet")
         with Image.open(tmp_path / "figure-7.png") as image:
             sizes.append(image.size)
     assert sizes[1][1] > 1.1 * sizes[0][1]  # upright panels are narrow, so that they may be high
     assert "long.off" in json.loads((tmp_path / "figure-7.json").read_text())["setting"]
 
 
-def test_what_a_mesh_does_not_allow_is_refused_or_told_on_the_page(small, tmp_path, capsys):
+def test_what_a_mesh_does_not_allow_is_refused_or_told_on_the_page(small, tmp_path, abfm):
     mesh = tmp_path / "box.off"
     trimesh.creation.box().export(mesh)
-    words = ["--mesh", str(mesh), "--out", str(tmp_path), "--quiet"]
-    assert main(["figure", "7", *words]) == 2
-    assert capsys.readouterr().err == "abfm: too few vertices\n"
-    assert main(["figure", "all", *words]) == 0
+    words = f"--mesh {mesh} --out {tmp_path} --quiet"
+    assert abfm(f"figure 7 {words}", status=2).err == "abfm: too few vertices\n"
+    abfm(f"figure all {words}")
     assert "Not on this mesh: too few vertices" in (tmp_path / "index.html").read_text()
 
 
-def test_without_opengl_the_numbers_are_there(known, tmp_path, monkeypatch, capsys):
+def test_without_opengl_the_numbers_are_there(known, tmp_path, monkeypatch, abfm):
     def refuse(sheet, notes):
         raise DrawingError("cannot draw without OpenGL")
 
     monkeypatch.setattr(pictures, "figure_picture", refuse)
-    assert main(["figure", "7", "--out", str(tmp_path), "--quiet"]) == 0
-    assert "cannot draw without OpenGL" in capsys.readouterr().err
+    said = abfm(f"figure 7 --out {tmp_path} --quiet")
+    assert "cannot draw without OpenGL" in said.err
     assert [path.name for path in tmp_path.iterdir()] == ["figure-7.json"]
 
 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["figure", "99"], "--out"),
-        (["figure", "99", "--out", "x"], "there is no figure '99'; expected a number from"),
-        (["figure", "seven", "--out", "x"], "or all"),
-        (["figure", "7", "--out", __file__], "cannot make the folder"),
-        (["figure", "7", "--mesh", "none.off", "--out", "x"], "none.off"),
-        (["figure", "7", "--up", "w", "--out", "x"], "--up"),
+        ("99", "--out"),
+        ("99 --out x", "there is no figure '99'; expected a number from"),
+        ("seven --out x", "or all"),
+        (f"7 --out {__file__}", "cannot make the folder"),
+        ("7 --mesh none.off --out x", "none.off"),
+        ("7 --up w --out x", "--up"),
     ],
 )
-def test_bad_words_are_refused_in_one_line(words, expected, capsys, tmp_path, monkeypatch):
+def test_bad_words_are_refused_in_one_line(words, expected, abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(words) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert expected in error
+    assert expected in abfm(f"figure {words}", status=2).err
+
+
+_VOID = {"meta", "img"}
+
+
+class Balanced(HTMLParser):
+    """Checks that every tag is closed, and collects text and links."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.text, self.links, self.ids = [], "", [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        if tag not in _VOID:
+            self.open.append(tag)
+        named = dict(attributes)
+        self.ids.append(named.get("id"))
+        self.links += [named[name] for name in ("src", "href") if name in named]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def test_the_page_has_everything_and_needs_nothing_else():
+    measures = (Measure("mismatch", 0.0123, "small", True, 0.05), Measure("drift", 0.5))
+    picture, problem = Image.new("RGB", (4, 3), "red"), "Not on this mesh: no symmetry"
+    entries = [
+        Entry(1, "two & more", "f < g", "a <sphere>", measures, picture),
+        Entry(9, "a symmetry", "it works", problem=problem, notes=("beyond <colours>",)),
+    ]
+    parsed = Balanced(page(entries))
+    shown = ("two & more", "f < g", "a <sphere>", "0.0123", "0.05 yes", "drift")
+    for text in (*shown, problem, "beyond <colours>"):
+        assert text in parsed.text
+    assert all(link.startswith(("data:image/png;base64,", "#")) for link in parsed.links)
+    assert {link[1:] for link in parsed.links if link.startswith("#")} <= set(parsed.ids)
+    [picture] = [link for link in parsed.links if link.startswith("data:")]
+    assert base64.b64decode(picture.partition(",")[2]).startswith(b"\x89PNG")
+
+
+def test_what_fails_and_what_does_not_reproduce_is_said():
+    failing = Measure("mismatch", 0.2, "matches", False, 0.05)
+    text = page([Entry(3, "t", "c", measures=(failing,))])
+    assert re.search(r"0\.05 <span class=\"bad\">no</span>", text)
+    assert text.count('class="bad">no') == 2
+
+
+def test_table_1_has_all_rows():
+    text = Balanced(page([])).text
+    assert all(f"Figure {row.figure}" in text for row in TABLE_1.values())

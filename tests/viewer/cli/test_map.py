@@ -1,7 +1,5 @@
 """`abfm map`, run in this process."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -13,7 +11,6 @@ from abfm.experiments import Example, as_match
 from abfm.experiments.fields import tangent
 from abfm.flow.flow import Flow
 from abfm.maps.quality import map_quality
-from abfm_viewer.cli import main
 from tests.shapes import ellipsoid, icosphere
 
 
@@ -33,10 +30,9 @@ def turned(tmp_path_factory):
     return saved(tmp_path_factory.mktemp("map") / "turned.npz", mesh, velocity, "expression:-x")
 
 
-def test_the_map_is_half_a_turn_and_works_in_functions(turned, tmp_path, capsys):
+def test_the_map_is_half_a_turn_and_works_in_functions(turned, tmp_path, abfm):
     for name in ("map.txt", "map.npy", "map.csv"):
-        assert main(["map", str(turned), "--out", str(tmp_path / name)]) == 0
-        said = capsys.readouterr()
+        said = abfm(f"map {turned} --out {tmp_path / name}")
         assert said.out.startswith("off the surface: largest 0.0")
         assert said.out.endswith(f"0.0 % of the faces\nwrote {tmp_path / name}\n")
         assert said.err == ""
@@ -47,20 +43,18 @@ def test_the_map_is_half_a_turn_and_works_in_functions(turned, tmp_path, capsys)
     np.testing.assert_array_equal(values, mesh.vertices[found, 0])
 
 
-def test_errors_against_a_known_map_are_told(turned, tmp_path, capsys):
-    mesh = load_match(turned).mesh
-    half_turn = np.array(
-        [np.argmin(np.linalg.norm(mesh.vertices - p, axis=1)) for p in mesh.vertices * [-1, -1, 1]]
-    )
+def test_errors_against_a_known_map_are_told(turned, tmp_path, abfm):
+    vertices = load_match(turned).mesh.vertices
+    places = vertices * [-1, -1, 1]
+    half_turn = [np.argmin(np.linalg.norm(vertices - place, axis=1)) for place in places]
     np.savetxt(tmp_path / "truth.txt", half_turn, fmt="%d")
-    assert main(["map", str(turned), "--truth", str(tmp_path / "truth.txt"), "--json"]) == 0
-    right = json.loads(capsys.readouterr().out)["accuracy"]
+    told = abfm(f"map {turned} --truth {tmp_path}/truth.txt --json").out
+    right = json.loads(told)["accuracy"]
     assert right["mean"] < 0.03
-    assert right["vertices"] == len(mesh.vertices)
-    assert main(["map", str(turned), "--truth", "identity"]) == 0
-    assert "\ngeodesic error: mean 0." in capsys.readouterr().out
-    assert main(["map", str(turned), "--truth", "identity", "--time", "0", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["accuracy"]["maximum"] < 1e-6
+    assert right["vertices"] == len(vertices)
+    assert "\ngeodesic error: mean 0." in abfm(f"map {turned} --truth identity").out
+    told = abfm(f"map {turned} --truth identity --time 0 --json").out
+    assert json.loads(told)["accuracy"]["maximum"] < 1e-6
 
 
 @pytest.fixture(scope="module")
@@ -71,24 +65,20 @@ def wild(tmp_path_factory):
     return saved(tmp_path_factory.mktemp("map") / "wild.npz", mesh, velocity, tau=0.5)
 
 
-@pytest.mark.parametrize("what", [[], ["--functional-map", "5"], ["--carry"]])
-def test_what_is_no_map_is_told_and_warned_of_in_one_line(wild, what, tmp_path, capsys):
+@pytest.mark.parametrize("what", ["", "--functional-map 5", "--carry {}/uv.npy"])
+def test_what_is_no_map_is_told_and_warned_of_in_one_line(wild, what, tmp_path, abfm):
     match = load_match(wild)
     np.save(tmp_path / "uv.npy", match.mesh.vertices)
-    what = [*what, str(tmp_path / "uv.npy")] if what == ["--carry"] else what
-    assert main(["map", str(wild), "--out", str(tmp_path / "out.npy"), *what]) == 0
-    said = capsys.readouterr()
+    said = abfm(f"map {wild} --out {tmp_path}/out.npy {what.format(tmp_path)}")
     quality = map_quality(match.point_map())
     assert quality.warning
     assert said.err == f"warning: {quality.warning}\n"
     assert said.out == f"{quality.report()}\nwrote {tmp_path / 'out.npy'}\n"
 
 
-def test_json_has_the_quality_of_the_map_that_is_asked_for(wild, turned, tmp_path, capsys):
+def test_json_has_the_quality_of_the_map_that_is_asked_for(wild, turned, tmp_path, abfm):
     for path, time in ((wild, 0.5), (wild, -0.5), (wild, 0.0), (turned, 1.0)):
-        words = ["--time", str(time), "--out", str(tmp_path / "map.txt"), "--json"]
-        assert main(["map", str(path), *words]) == 0
-        said = capsys.readouterr()
+        said = abfm(f"map {path} --time {time} --out {tmp_path}/map.txt --json")
         told = json.loads(said.out)["quality"]
         match = load_match(path)
         quality = map_quality(match.point_map(time))
@@ -100,37 +90,30 @@ def test_json_has_the_quality_of_the_map_that_is_asked_for(wild, turned, tmp_pat
         assert (quality.warning is None) == (path is turned or time == 0)
 
 
-def test_texture_coordinates_are_carried_and_brought_back(turned, tmp_path):
+def test_texture_coordinates_are_carried_and_brought_back(turned, tmp_path, abfm):
     mesh = load_match(turned).mesh
     np.save(tmp_path / "uv.npy", mesh.vertices[:, :2])
     there, back = tmp_path / "there.npy", tmp_path / "back.csv"
-    assert main(["map", str(turned), "--carry", str(tmp_path / "uv.npy"), "--out", str(there)]) == 0
+    abfm(f"map {turned} --carry {tmp_path}/uv.npy --out {there}")
     assert np.abs(np.load(there) + mesh.vertices[:, :2]).max() < 0.05
-    assert (
-        main(["map", str(turned), "--carry", str(there), "--time", "-1", "--out", str(back)]) == 0
-    )
+    abfm(f"map {turned} --carry {there} --time -1 --out {back}")
     np.testing.assert_allclose(np.loadtxt(back, delimiter=","), mesh.vertices[:, :2], atol=1e-6)
 
 
-def test_vertices_that_no_face_uses_have_no_place_and_keep_their_values(tmp_path):
+def test_vertices_that_no_face_uses_have_no_place_and_keep_their_values(tmp_path, abfm):
     sphere = icosphere(2)
     mesh = TriangleMesh(np.concatenate([[[9.0, 9, 9]], sphere.vertices]), sphere.faces + 1)
     still = saved(tmp_path / "still.npz", mesh, np.zeros((len(mesh.faces), 3)))
-    assert main(["map", str(still), "--out", str(tmp_path / "map.txt")]) == 0
-    np.testing.assert_array_equal(
-        np.loadtxt(tmp_path / "map.txt"), [-1, *range(1, len(sphere.vertices) + 1)]
-    )
+    abfm(f"map {still} --out {tmp_path}/map.txt")
+    assert np.loadtxt(tmp_path / "map.txt").tolist() == [-1, *range(1, len(sphere.vertices) + 1)]
     table = np.arange(2.0 * mesh.file_vertex_count).reshape(-1, 2)
     np.save(tmp_path / "uv.npy", table)
-    words = ["--carry", str(tmp_path / "uv.npy"), "--out", str(tmp_path / "out.npy")]
-    assert main(["map", str(still), *words]) == 0
+    abfm(f"map {still} --carry {tmp_path}/uv.npy --out {tmp_path}/out.npy")
     np.testing.assert_allclose(np.load(tmp_path / "out.npy"), table, atol=1e-9)
 
 
-def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, tmp_path):
-    assert (
-        main(["map", str(turned), "--functional-map", "12", "--out", str(tmp_path / "C.npy")]) == 0
-    )
+def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, tmp_path, abfm):
+    abfm(f"map {turned} --functional-map 12 --out {tmp_path}/C.npy")
     C = np.load(tmp_path / "C.npy")
     np.testing.assert_allclose(C[:, 0], np.eye(12)[0], atol=1e-6)
     np.testing.assert_allclose(C.T @ C, np.eye(12), atol=0.05)
@@ -138,36 +121,25 @@ def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, 
     assert eigenbasis(match.mesh.normalized(), 12)[1].shape == (len(match.mesh.vertices), 12)
 
 
-@pytest.fixture
-def own_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
-@pytest.mark.usefixtures("own_folder")
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ([], "nothing to do"),
-        (["--carry", "uv.npy"], "need --out"),
-        (["--functional-map", "5"], "need --out"),
-        (["--out", "map.obj"], "must end in .txt, .csv, .npy"),
-        (["--out", "map.txt", "--carry", "none.npy"], "none.npy"),
-        (["--out", "map.txt", "--carry", "short.npy"], "file 'short.npy': 3 values were given"),
-        (
-            ["--out", "map.txt", "--carry", "infinite.npy"],
-            "file 'infinite.npy': some values are not finite",
-        ),
-        (["--out", "C.npy", "--functional-map", "0"], "0 eigenfunctions"),
-        (["--out", "C.npy", "--functional-map", "100000"], "100000 eigenfunctions"),
-        (["--truth", "none.txt"], "none.txt"),
-        (["--out", "map.txt", "--time", "nan"], "finite time"),
-        (["--out", "map.txt", "--time", "1e9"], "shorten the time"),
+        ("", "nothing to do"),
+        ("--carry uv.npy", "need --out"),
+        ("--functional-map 5", "need --out"),
+        ("--out map.obj", "must end in .txt, .csv, .npy"),
+        ("--out map.txt --carry none.npy", "none.npy"),
+        ("--out map.txt --carry short.npy", "file 'short.npy': 3 values were given"),
+        ("--out map.txt --carry inf.npy", "file 'inf.npy': some values are not finite"),
+        ("--out C.npy --functional-map 0", "0 eigenfunctions"),
+        ("--out C.npy --functional-map 100000", "100000 eigenfunctions"),
+        ("--truth none.txt", "none.txt"),
+        ("--out map.txt --time nan", "finite time"),
+        ("--out map.txt --time 1e9", "shorten the time"),
     ],
 )
-def test_bad_words_are_refused_in_one_line(turned, words, expected, capsys):
+def test_bad_words_are_refused_in_one_line(turned, words, expected, abfm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     np.save("short.npy", np.zeros(3))
-    np.save("infinite.npy", np.full(len(load_match(turned).mesh.vertices), np.inf))
-    assert main(["map", str(turned), *words]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert expected in error
+    np.save("inf.npy", np.full(len(load_match(turned).mesh.vertices), np.inf))
+    assert expected in abfm(f"map {turned} {words}", status=2).err

@@ -1,6 +1,4 @@
-"""Ctrl-C and broken pipes, in processes of their own."""
-
-from __future__ import annotations
+"""Signals, broken pipes and what is printed, mostly in processes of their own."""
 
 import json
 import os
@@ -17,17 +15,19 @@ from abfm.assets import asset_path
 from abfm_viewer.cli import main
 from tests.processes import argv, python
 
-COMMAND = [sys.executable, "-c", "import sys; from abfm_viewer.cli import main; sys.exit(main())"]
+PROGRAM = "import sys; from abfm_viewer.cli import main; sys.exit(main())"
+EIGHT = str(asset_path("eight.off"))
+PAIR = "--source gaussian:vertex=10,width=0.2 --target gaussian:vertex=40,width=0.2"
 LONG = argv(
     f"match '{asset_path('human_A.off')}' --source gaussian:vertex=394 --target gaussian:vertex=14 "
     "--iterations 1000000 --tolerance 0 --sigma 1e-6 --out"
 )
 
 
-def start(*words: str) -> subprocess.Popen[str]:
+def start(*words):
     """A process whose progress comes line by line through stderr, and which may be interrupted."""
     return subprocess.Popen(
-        [*COMMAND, *words],
+        [sys.executable, "-c", PROGRAM, *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -36,10 +36,9 @@ def start(*words: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path: Path):
+def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path):
     out = tmp_path / "m.npz"
     process = start(*LONG, str(out))
-    assert process.stderr is not None
     while "iteration 10 " not in process.stderr.readline():
         assert process.poll() is None
     process.send_signal(number)
@@ -56,24 +55,20 @@ def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path: Pat
 
 def test_a_signal_ends_a_benchmark_with_what_was_finished():
     """Nothing is raised while libraries call back into Python: they would print it and go on."""
-    process = start(
-        "bench", "--success", "--only-given", "--mesh", str(asset_path("eight.off")), "--json"
-    )
-    assert process.stderr is not None
+    process = start(*argv(f"bench --success --only-given --mesh {EIGHT} --json"))
     while not process.stderr.readline().startswith("1/6"):
         assert process.poll() is None
     process.send_signal(signal.SIGTERM)
     told, errors = process.communicate(timeout=60)
     assert process.returncode == 143
-    assert (
-        errors.splitlines()[-1] == "stopping with what was finished; Ctrl-C again to leave at once"
-    )
+    said = "stopping with what was finished; Ctrl-C again to leave at once"
+    assert errors.splitlines()[-1] == said
     report = json.loads(told)
     assert report["interrupted"]
     assert 1 <= len(report["rows"]) < 6
 
 
-def test_an_interrupt_before_the_solve_writes_nothing(tmp_path: Path):
+def test_an_interrupt_before_the_solve_writes_nothing(tmp_path):
     script = (
         "import sys, abfm_viewer.cli.options as o\n"
         "def interrupted(_): raise KeyboardInterrupt\n"
@@ -100,21 +95,19 @@ def test_an_interrupt_while_modules_load_is_one_line(module, program):
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory) -> Path:
+def result(tmp_path_factory):
     """A result file."""
     path = tmp_path_factory.mktemp("result") / "m.npz"
-    pair = ["--source", "gaussian:vertex=10,width=0.2", "--target", "gaussian:vertex=40,width=0.2"]
-    words = [*pair, "--iterations", "3", "--quiet", "--out", str(path)]
-    assert main(["match", str(asset_path("eight.off")), *words]) == 3  # too few to reach the target
+    words = f"match {EIGHT} {PAIR} --iterations 3 --quiet --out {path}"
+    assert main(argv(words)) == 3  # too few to reach the target
     return path
 
 
-def test_a_signal_ends_a_movie_and_leaves_the_older_file(result: Path, tmp_path: Path):
+def test_a_signal_ends_a_movie_and_leaves_the_older_file(result, tmp_path):
     movie = tmp_path / "m.mp4"
     movie.write_text("older")
     options = argv("--size 320x240 --seconds 60 --progress")
     process = start("render", str(result), "--out", str(movie), *options)
-    assert process.stdout is not None
     assert '"frame": 1,' in process.stdout.readline()
     process.send_signal(signal.SIGINT)
     told, errors = process.communicate(timeout=60)
@@ -194,19 +187,14 @@ def test_a_signal_that_is_to_be_ignored_stays_ignored():
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="looks at processes through /proc")
 def test_a_helper_process_ends_with_the_one_that_started_it():
-    """A kill leaves that no time to end its helpers; one that computes looks whether anybody
-    still waits.
-    """
+    """A kill leaves that no time to end its helpers."""
     script = (
         "import os; from abfm.workers.process import OwnProcess\n"
         "process = OwnProcess('abfm.workers')\n"
-        "print(process.pid, os.getpgid(process.pid) != os.getpgid(0), "
-        "flush=True)\n"
+        "print(process.pid, os.getpgid(process.pid) != os.getpgid(0), flush=True)\n"
         "os.kill(os.getpid(), 9)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, check=False
-    )
+    done = python(script, capture_output=False, stdout=subprocess.PIPE)
     helper, is_apart = done.stdout.split()
     assert is_apart == "True"  # Ctrl-C on a terminal goes to a whole group
     for _ in range(600):
@@ -221,9 +209,86 @@ def test_a_helper_process_ends_with_the_one_that_started_it():
 
 def test_a_reader_that_has_enough_is_no_error():
     process = start("match", "--help")
-    assert process.stdout is not None
     process.stdout.close()
-    assert process.stderr is not None
     with process.stderr as errors:
         assert errors.read() == ""
     assert process.wait(timeout=60) == 0
+
+
+def shell(command, **environment):
+    """Run a line of the shell, where ABFM stands for the program."""
+    done = subprocess.run(
+        ["bash", "-c", command.replace("ABFM", f'{sys.executable} -c "{PROGRAM}"')],
+        capture_output=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | environment,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_help_is_printed_in_an_encoding_that_lacks_its_letters():
+    status, out, errors = shell("ABFM match --help", PYTHONIOENCODING="cp1252")
+    assert (status, errors) == (0, b"")
+    assert b"--tau" in out
+    out.decode("cp1252")
+
+
+def test_closed_streams_are_no_error_and_get_nothing_of_the_other():
+    assert shell(f"ABFM info {EIGHT} >&-") == (0, b"", b"")
+    status, out, _ = shell(f"ABFM info {EIGHT} 2>&- <&-")
+    assert status == 0
+    assert b"vertices" in out
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a disk that is full")
+def test_output_that_is_lost_is_told():
+    expected = b"abfm: cannot write the output: No space left on device\n"
+    assert shell(f"ABFM info {EIGHT} >/dev/full") == (2, b"", expected)
+    assert shell("ABFM info none.off 2>/dev/full") == (2, b"", b"")
+
+
+def test_a_match_whose_messages_nobody_reads_goes_on_and_is_written(tmp_path):
+    words = f"match {EIGHT} {PAIR} --iterations 30 --out {tmp_path}/m.npz"
+    status, _, _ = shell(f"set -o pipefail; ABFM {words} 2>&1 | head -c 1 >/dev/null")
+    assert status == 3
+    assert (tmp_path / "m.npz").exists()
+
+
+NAMES = ["a\nb.off", "a\rb\x1b[2J.off", "\udcff.off", "a" * 50_000 + ".off", "\u202e.off", "\0.off"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "words",
+    [
+        "info NAME",
+        "render NAME --out m.png",
+        "render m.npz --out NAME",
+        "map NAME --truth identity",
+        "figure NAME --out .",
+        "figure 3 --mesh NAME --out .",
+        "figure 3 --out NAME/a",
+        "demo --out NAME/a",
+        "match NAME --source a --target b --out m.npz",
+        "match EIGHT --source file:NAME --target NAME --out m.npz",
+        "match EIGHT --source coordinate:x --target coordinate:y --tau NAME --out m.npz",
+        "NAME",
+        "info EIGHT NAME",
+        "info EIGHT --NAME",
+        "bench --part NAME",
+    ],
+)
+def test_names_of_all_letters_and_lengths_are_one_bounded_line(
+    words, name, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    used = [word.replace("NAME", name).replace("EIGHT", EIGHT) for word in words.split()]
+    if words.endswith("NAME/a") and "\0" not in name and len(name) < 100:
+        (tmp_path / os.fsdecode(os.fsencode(name))).touch()
+    assert main(used) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert captured.err.rstrip("\n").isprintable()
+    assert len(captured.err) < 700

@@ -2,8 +2,6 @@
 to.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import threading
@@ -38,7 +36,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def listed(choice: FileChoice) -> list[str]:
+def listed(choice):
     """Labels of the entries, once they are read."""
     end = time.monotonic() + 10
     while (listing := choice.listing()) is None:

@@ -1,7 +1,5 @@
 """Files that cannot be written are refused before anything is computed for them."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 
@@ -29,9 +27,8 @@ def test_paths_that_cannot_be_written_are_refused(tmp_path, name, words):
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which nobody may write")
 def test_a_folder_that_takes_no_files_is_refused():
-    with pytest.raises(
-        ResultError, match=r"cannot write /proc/self/result\.npz: .*; choose a place that"
-    ):
+    expected = r"cannot write /proc/self/result\.npz: .*; choose a place that"
+    with pytest.raises(ResultError, match=expected):
         outputs.check(Path("/proc/self/result.npz"), [".npz"])
 
 
@@ -47,15 +44,13 @@ def match():
 )
 def test_a_result_whose_place_has_gone_is_written_elsewhere(names, match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(
-        ResultError, match=r"cannot write .*gone.*; the result is in .*\.npz$"
-    ) as told:
+    expected = r"cannot write .*gone.*; the result is in .*\.npz$"
+    with pytest.raises(ResultError, match=expected) as told:
         outputs.write_all([tmp_path / name for name in names], match)
     kept = Path(str(told.value).rpartition("the result is in ")[2])
     assert load_match(kept).mismatch == match.mismatch
-    assert {path.name for path in tmp_path.iterdir()} == {
-        name for name in names if "/" not in name
-    } | {kept.name}
+    written = {name for name in names if "/" not in name}
+    assert {path.name for path in tmp_path.iterdir()} == written | {kept.name}
 
 
 def test_where_another_file_holds_the_result_nothing_is_written_elsewhere(

@@ -1,7 +1,5 @@
 """What the app remembers between launches, whatever state the folder is in."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
@@ -12,11 +10,11 @@ from abfm_viewer.files.state_folder import VARIABLE, StateFolder
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> StateFolder:
+def folder(tmp_path):
     return StateFolder(tmp_path / "not there yet" / "state")
 
 
-def test_recent_files_come_latest_first_and_once(folder: StateFolder, tmp_path: Path) -> None:
+def test_recent_files_come_latest_first_and_once(folder, tmp_path):
     files = [tmp_path / f"mesh {number}.off" for number in range(12)]
     for file in files:
         file.touch()
@@ -29,26 +27,17 @@ def test_recent_files_come_latest_first_and_once(folder: StateFolder, tmp_path: 
     assert folder.recent() == []
 
 
-def test_what_is_no_file_is_not_listed(
-    folder: StateFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_file_is_not_listed(folder, tmp_path, monkeypatch):
     (tmp_path / "a.off").touch()
     monkeypatch.chdir(tmp_path)
     folder.add_recent(Path("a.off"))
-    names = [
-        None,
-        {},
-        "",
-        "a\0b",
-        "x" * 5000,
-        str(tmp_path),
-        *json.loads((folder.path / "recent.json").read_text()),
-    ]
-    (folder.path / "recent.json").write_text(json.dumps(names))
+    recent = folder.path / "recent.json"
+    known = json.loads(recent.read_text())
+    recent.write_text(json.dumps([None, {}, "", "a\0b", "x" * 5000, str(tmp_path), *known]))
     assert folder.recent() == [tmp_path / "a.off"]
 
 
-def test_preferences_are_kept(folder: StateFolder) -> None:
+def test_preferences_are_kept(folder):
     assert folder.preferences() == {}
     folder.set_preference("theme", "dark")
     folder.set_preference("ui_scale", 1.5)
@@ -58,7 +47,7 @@ def test_preferences_are_kept(folder: StateFolder) -> None:
 @pytest.mark.parametrize(
     "content", ["", "{", "[1, 2", "null", "3", '{"a": 1}', "[" * 100_000, "[null, 3]"]
 )
-def test_damaged_files_count_as_empty(folder: StateFolder, content: str) -> None:
+def test_damaged_files_count_as_empty(folder, content):
     folder.path.mkdir(parents=True)
     for name in ("recent.json", "preferences.json"):
         (folder.path / name).write_text(content)
@@ -66,7 +55,7 @@ def test_damaged_files_count_as_empty(folder: StateFolder, content: str) -> None
     assert isinstance(folder.preferences(), dict)
 
 
-def test_a_folder_that_cannot_be_made_does_no_harm(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_does_no_harm(tmp_path):
     (tmp_path / "file").touch()
     folder = StateFolder(tmp_path / "file" / "state")
     folder.add_recent(tmp_path / "file")
@@ -74,7 +63,7 @@ def test_a_folder_that_cannot_be_made_does_no_harm(tmp_path: Path) -> None:
     assert (folder.recent(), folder.preferences()) == ([], {})
 
 
-def test_the_environment_names_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_environment_names_the_folder(monkeypatch, tmp_path):
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     assert StateFolder().path == tmp_path
     monkeypatch.delenv(VARIABLE)
@@ -82,12 +71,9 @@ def test_the_environment_names_the_folder(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="each system has its own place")
-def test_by_default_it_is_where_the_system_keeps_such_things(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.delenv(VARIABLE, raising=False)
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert StateFolder().path == tmp_path / "abfm"
-    monkeypatch.delenv("XDG_STATE_HOME")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert StateFolder().path == tmp_path / ".local" / "state" / "abfm"
+def test_by_default_it_is_where_the_system_keeps_such_things(monkeypatch, tmp_path):
+    for name in (VARIABLE, "XDG_STATE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    for name, place in (("HOME", ".local/state/abfm"), ("XDG_STATE_HOME", "abfm")):
+        monkeypatch.setenv(name, str(tmp_path))
+        assert StateFolder().path == tmp_path / place

@@ -1,7 +1,5 @@
 """Smooth pictures off the screen."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ from tests.shapes import icosphere
 GREY = (0.5, 0.5, 0.5)
 
 
-def sphere(width: int, height: int, transparent: bool, ground=(1.0, 1.0, 1.0)):
+def sphere(width, height, transparent, ground=(1.0, 1.0, 1.0)):
     """A grey ball in the middle of a picture."""
     mesh = icosphere(4)
     with canvas.canvas(width, height):

@@ -1,7 +1,5 @@
 """Pictures of documents, drawn off the screen."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,10 +1,7 @@
 """Movies, decoded again."""
 
-from __future__ import annotations
-
 import sys
 import tempfile
-from pathlib import Path
 from unittest.mock import MagicMock
 
 import av
@@ -19,7 +16,7 @@ from abfm_viewer.pictures.movies import write_movie
 SUFFIXES = [".mp4", ".gif"]
 
 
-def frames(count: int, height: int = 120, width: int = 160):
+def frames(count, height=120, width=160):
     """A wave of colours in a disc on a dark ground; the length of a white bar in the corner
     tells the number.
     """
@@ -34,7 +31,7 @@ def frames(count: int, height: int = 120, width: int = 160):
         yield frame
 
 
-def decoded(path: Path):
+def decoded(path):
     """The frames (n, H, W, 3) of a movie and its length in seconds."""
     with av.open(str(path)) as file:
         stream = file.streams.video[0]
@@ -113,7 +110,7 @@ def test_what_is_raised_on_the_way_leaves_the_older_file(suffix, error, tmp_path
     path = tmp_path / f"old{suffix}"
     path.write_bytes(b"old")
 
-    def cancel(number: int) -> None:
+    def cancel(number):
         if number == 5:
             raise error
 

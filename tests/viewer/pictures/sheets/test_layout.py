@@ -1,7 +1,5 @@
 """Where the cells of a sheet lie."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import pytest

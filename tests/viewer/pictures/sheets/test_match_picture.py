@@ -1,7 +1,5 @@
 """Pictures drawn by OpenGL off the screen."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Colour ranges of a sheet, and what it says of values that they clamp."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Sheets as pictures: frames, panels of every kind, plots and colour bars."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
