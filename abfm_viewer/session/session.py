@@ -17,9 +17,8 @@ from abfm_viewer.computing.background import Jobs, Latest, same
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.solver import ProblemSpec, Snapshot, Solver
 from abfm_viewer.document.document import Channel, Document, Identity, Side, Surface, View
-from abfm_viewer.document.history import History, Step
 from abfm_viewer.files.origin import Origin
-from abfm_viewer.session.editor import Editor
+from abfm_viewer.session.editor import Editor, Step
 from abfm_viewer.session.functions import DocumentFunctions
 from abfm_viewer.session.loading import Loading
 from abfm_viewer.session.notices import Notices, WaysOut
@@ -47,7 +46,7 @@ class Session:
         self.at_once = at_once
         self.editor = Editor(Document((Surface(mesh, name),)))
         self.functions = DocumentFunctions(self._jobs)
-        self.notices = Notices(lambda: self.editor.history.moves)
+        self.notices = Notices(lambda: self.editor.moves)
         self.loading = Loading(self._jobs, self.notices)
         self.saves = Saves(self.editor)
         self.solver = Solver()
@@ -98,11 +97,11 @@ class Session:
 
     def undo(self) -> None:
         """Take back the last step, but no run that is under way; what plays stops."""
-        self._step(self.editor.history.undo, self.editor.history.past)
+        self._step(self.editor.undo, self.editor.past)
 
     def redo(self) -> None:
         """Do again what was taken back, but end no run that is under way; what plays stops."""
-        self._step(self.editor.history.redo, self.editor.history.future)
+        self._step(self.editor.redo, self.editor.future)
 
     def _step(self, go: Callable[[], None], to: list[Step]) -> None:
         self.player.playing = False
@@ -140,12 +139,12 @@ class Session:
         for surface in document.surfaces:
             self.functions.add(surface.mesh, known)
         name = origin.path.name if origin else document.name
-        self.editor.history.change(document, f"open {name}")
+        self.editor.go_to(document, f"open {name}")
         self.saves.mark(document, origin, saved=saved)
 
     def reset_history(self) -> None:
         """Forget all steps: the present state is where the user starts."""
-        self.editor.history = History(self.document)
+        self.editor.forget_steps()
         self.saves.reset()
 
     def functions_of(self, document: Document) -> Functions:
@@ -231,7 +230,7 @@ class Session:
             self.editor.set_parameter(label=remedy.label.lower(), **remedy.parameters)
         self.match(remedy.goes_on)
         if may_start and remedy.parameters:
-            self._remedied = self.editor.history.moves
+            self._remedied = self.editor.moves
 
     def switch_flow_after_match(self) -> None:
         """Show the flow after the next match, or neither after that nor now."""
@@ -270,11 +269,11 @@ class Session:
     def _keep_what_is_needed(self) -> None:
         """Keep of other documents only what undo, unsaved work and a run that ends still need."""
         run = self._run_began if self.solver.running else self.document
-        now = (self.document.identity, run.identity, self.editor.history.moves)
+        now = (self.document.identity, run.identity, self.editor.moves)
         if same(now, self._needed):
             return
         self._needed = now
-        in_history = self.editor.history.documents
+        in_history = self.editor.documents
         self.saves.forget_all_but({document.identity for document in in_history})
         at_work = _meshes(self.document, run)
         in_reach = at_work | _meshes(*in_history, *self.saves.unsaved_documents)
@@ -322,7 +321,7 @@ class Session:
         if not (self.solver.failed or self.at_once or self.dragging):
             view = self._view_of_flow(match)
         outcome["view"] = view or self.view
-        if self._remedied == self.editor.history.moves:
+        if self._remedied == self.editor.moves:
             self.editor.amend(**outcome)
         else:
             self.editor.change("match", **outcome)

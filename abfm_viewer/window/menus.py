@@ -78,8 +78,9 @@ def _recent(ui: Ui, files: SessionFiles) -> None:
 
 
 def _edit(ui: Ui, actions: Actions) -> None:
-    session, history = actions.context.session, actions.context.session.editor.history
-    undo, redo = (actions.undo, history.undo_label), (actions.redo, history.redo_label)
+    session = actions.context.session
+    undo = (actions.undo, session.editor.undo_label)
+    redo = (actions.redo, session.editor.redo_label)
     for label, (action, what) in {"Undo": undo, "Redo": redo}.items():
         hint = f"{what}   {action.hint}" if what else action.hint
         if menu_item(ui, label, hint, enabled=bool(what)):

@@ -124,7 +124,7 @@ class Mouse:
             if reason := active_gaussian.why_fixed(session, side):
                 session.notices.say(reason)
                 return
-            session.editor.history.seal()
+            session.editor.seal()
             self._edited = side
             active_gaussian.move(session, side, hit.vertex, f"drag {side}")
         elif self._edited == side and moved:

@@ -259,7 +259,7 @@ class Window:
             self._moved_at = time.perf_counter()
         active = bool(imgui.IsAnyItemActive()) or self.mouse.dragging
         if self._active and not active:
-            self.session.editor.history.seal()
+            self.session.editor.seal()
         self._active = active
         # what is typed must be evaluated before a run follows it
         held = active and bool(imgui.IsMouseDown(0))

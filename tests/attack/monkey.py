@@ -205,13 +205,12 @@ class Monkey:
         return ", ".join(what for what, is_so in at_work.items() if what and is_so)
 
     def _undo_to(self, start):
-        session = self.gui.session
-        history = session.editor.history
-        while label := history.undo_label:
-            moves = history.moves
+        session, editor = self.gui.session, self.gui.session.editor
+        while label := editor.undo_label:
+            moves = editor.moves
             session.undo()
             self.gui.frames(1)
-            if history.moves == moves:
+            if editor.moves == moves:
                 self._fault(f"undo of {label!r} did nothing: {session.notices.latest.text}")
                 return
         if differing := differences(start, session.document):

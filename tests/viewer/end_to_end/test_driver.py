@@ -137,13 +137,13 @@ def test_a_picture_keeps_sections_and_scrolling_and_changes_nothing(gui, tmp_pat
     gui.frames(2)
     before, moves = (
         [(w.label, w.rect) for w in gui.window.ui.widgets],
-        gui.session.editor.history.moves,
+        gui.session.editor.moves,
     )
     drawn = gui.window.frames
     gui.screenshot(tmp_path / "once.png")
     assert gui.window.frames == drawn + 3
     assert [(w.label, w.rect) for w in gui.window.ui.widgets] == before
-    assert gui.session.editor.history.moves == moves
+    assert gui.session.editor.moves == moves
     gui.screenshot(tmp_path / "twice.png")
     once, twice = (
         np.asarray(Image.open(tmp_path / name), int) for name in ("once.png", "twice.png")

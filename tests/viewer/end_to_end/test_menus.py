@@ -183,7 +183,7 @@ def test_undo_goes_back_to_the_start_and_redo_to_the_end(gui):
     gui.menu("View", "Dark theme")
     end = gui.session.document
     steps = 0
-    while gui.session.editor.history.undo_label:
+    while gui.session.editor.undo_label:
         gui.menu("Edit", "Undo")
         steps += 1
     assert steps >= 5
@@ -191,7 +191,7 @@ def test_undo_goes_back_to_the_start_and_redo_to_the_end(gui):
     gui.key("esc")
     for name in ("channels", "parameters", "result", "runs", "view"):
         assert getattr(gui.session.document, name) == getattr(start, name), name
-    while gui.session.editor.history.redo_label:
+    while gui.session.editor.redo_label:
         gui.menu("Edit", "Redo")
     for name in ("channels", "parameters", "result", "runs", "view", "time"):
         assert getattr(gui.session.document, name) == getattr(end, name), name
@@ -223,7 +223,7 @@ def test_every_layout_color_map_and_scale(gui):
         width = gui.window.parts.status[2]
         left, _, right, _ = gui.window.parts.panel
         assert right - left == pytest.approx(min(380 * scale, 0.44 * width))
-    while gui.session.editor.history.undo_label:
+    while gui.session.editor.undo_label:
         gui.key("ctrl+z")
     assert gui.session.view == before
 

@@ -41,7 +41,7 @@ def test_channels_are_added_copied_weighted_swapped_and_removed(gui):
     gui.click("Remove")
     assert len(session.channels) == 1
     assert not gui.is_enabled("Remove")
-    while session.editor.history.undo_label:
+    while session.editor.undo_label:
         gui.key("ctrl+z")
     assert session.channels == (first,)
 
@@ -155,7 +155,7 @@ def test_gaussians_by_mouse(gui, side):
     gui.wheel(2, vertex=12, surface=side)
     assert bump().width > width
     settled(gui)
-    while gui.session.editor.history.undo_label:
+    while gui.session.editor.undo_label:
         gui.key("ctrl+z")
     assert gui.session.channels == before
 

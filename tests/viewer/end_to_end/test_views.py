@@ -37,7 +37,7 @@ def picture(gui, folder):
 
 
 def test_a_double_click_shows_one_surface_large_and_another_all_again(gui):
-    steps = gui.session.editor.history.moves
+    steps = gui.session.editor.moves
     gui.input.move(*middle(gui, "target"))
     gui.input.click(2)
     assert gui.window.scene.shown == ("target",)
@@ -48,7 +48,7 @@ def test_a_double_click_shows_one_surface_large_and_another_all_again(gui):
     gui.input.move(*middle(gui, "target"))
     gui.input.click(2)
     assert gui.window.scene.shown == SURFACES
-    assert gui.session.editor.history.moves == steps
+    assert gui.session.editor.moves == steps
     assert gui.session.notices.cards == ()  # an error in the frame of the click would be one
 
 
@@ -112,9 +112,9 @@ def test_axes_are_looked_from_by_menu_and_key_and_undo_returns(gui):
 
 
 def test_reset_is_a_step_and_a_drag_is_none(gui):
-    steps = gui.session.editor.history.moves
+    steps = gui.session.editor.moves
     gui.input.drag((100, 200), (130, 210))
-    assert gui.session.editor.history.moves == steps
+    assert gui.session.editor.moves == steps
     turned = gui.session.view.look
     gui.menu("View", "Reset camera")
     assert gui.session.view.look is None

@@ -101,7 +101,7 @@ def spec(gui, side="source"):
 
 
 def test_channels_of_one_kind_can_be_told_apart(gui):
-    gui.session.editor.history.change(
+    gui.session.editor.go_to(
         replace(
             gui.session.document,
             channels=(
@@ -181,7 +181,7 @@ def test_a_gaussian_is_added_and_removed_in_one_step_each(gui):
     assert (gui.session.document.side, gui.session.document.bump) == ("target", 1)
     gui.key("ctrl+z")
     assert gui.session.document.channels == before.channels
-    assert not gui.session.editor.history.undo_label
+    assert not gui.session.editor.undo_label
     gui.key("ctrl+y")
     gui.click("Remove Gaussian", within="target")
     assert gui.session.document.bump == 0
@@ -269,15 +269,15 @@ def front(gui):
 
 def test_a_drag_is_one_step_and_leaves_the_camera(gui):
     vertex, before, look = front(gui), gui.session.channels, gui.window.scene.look
-    moved = gui.session.editor.history.moves
+    moved = gui.session.editor.moves
     gui.drag_on_surface([vertex, *neighbours(vertex)[:2]], surface="target")
     assert gaussians(spec(gui, "target"))[0].vertex == (neighbours(vertex)[1],)
     assert gui.session.document.side == "target"
-    assert gui.session.editor.history.moves - moved >= 3
+    assert gui.session.editor.moves - moved >= 3
     assert gui.window.scene.look == look
     gui.key("ctrl+z")
     assert gui.session.channels == before
-    assert not gui.session.editor.history.undo_label
+    assert not gui.session.editor.undo_label
 
 
 def test_without_shift_the_same_drag_turns_the_camera(gui):

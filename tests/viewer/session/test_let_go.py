@@ -9,9 +9,9 @@ import pytest
 
 from abfm import Parameters
 from abfm_viewer.computing import evaluation
-from abfm_viewer.document import history
 from abfm_viewer.document.document import Channel
 from abfm_viewer.files.origin import Origin
+from abfm_viewer.session import editor
 from abfm_viewer.session.session import Session
 from tests.mesh_writers import off_text
 from tests.processes import children
@@ -85,7 +85,7 @@ def test_what_was_computed_from_a_mesh_goes_when_it_is_left_and_comes_again(sess
 def test_meshes_out_of_reach_are_gone_and_so_is_what_was_saved_of_them(
     session, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(history, "LONGEST", 5)
+    monkeypatch.setattr(editor, "LONGEST", 5)
     seen = weakref.WeakSet()
     for number in range(12):
         show(session, f"mesh {number}")
@@ -96,7 +96,7 @@ def test_meshes_out_of_reach_are_gone_and_so_is_what_was_saved_of_them(
 
 
 def test_unsaved_work_stays_though_undo_leads_there_no_more(session, monkeypatch):
-    monkeypatch.setattr(history, "LONGEST", 2)
+    monkeypatch.setattr(editor, "LONGEST", 2)
     found = matched(session).result
     show(session, *(f"mesh {number}" for number in range(5)))
     assert found in [left.result for left in session.saves.unsaved_documents]
@@ -106,7 +106,7 @@ def test_results_of_undo_take_a_bounded_amount_of_memory(session, monkeypatch):
     held = vars(matched(session).result).values()
     size = sum(array.nbytes for array in held if isinstance(array, np.ndarray))
     del held
-    monkeypatch.setattr(history, "LARGEST", 10 * size)
+    monkeypatch.setattr(editor, "LARGEST", 10 * size)
     before, seen = threads(), weakref.WeakSet()
     for number in range(30):
         session.editor.set_parameter(alpha=1.0 + number)
@@ -116,7 +116,7 @@ def test_results_of_undo_take_a_bounded_amount_of_memory(session, monkeypatch):
     gc.collect()
     assert len(seen) <= 10 + 3
     steps = 0
-    while session.editor.history.undo_label:
+    while session.editor.undo_label:
         session.undo()
         steps += 1
     assert steps > 10
@@ -124,7 +124,7 @@ def test_results_of_undo_take_a_bounded_amount_of_memory(session, monkeypatch):
 
 
 def test_one_step_can_be_taken_back_however_large_it_is(session, monkeypatch):
-    monkeypatch.setattr(history, "LARGEST", 0)
+    monkeypatch.setattr(editor, "LARGEST", 0)
     start = session.document
     found = matched(session).result
     session.editor.set_parameter(alpha=3.0)

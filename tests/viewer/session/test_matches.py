@@ -102,7 +102,7 @@ def test_alpha_is_followed_when_the_mouse_lets_go_and_a_gaussian_while_it_is_dra
     assert len(endless.solver.run.restarts) > 1
     endless.dragging = False
     until(lambda: endless.solver.snapshot.problem == endless.problem, endless)
-    endless.editor.history.seal()
+    endless.editor.seal()
     endless.undo()
     assert endless.active == PAIR  # one step
 
@@ -173,7 +173,7 @@ def test_the_first_remedy_of_a_far_pair_comes_closer_and_is_one_step_of_undo(mis
     finish(missed)
     assert missed.result is not result
     assert missed.result.verdict.kind in ("matched", "nearly")
-    assert missed.editor.history.undo_label == "reach further"
+    assert missed.editor.undo_label == "reach further"
     missed.undo()
     assert missed.result is result
     assert missed.parameters == before.parameters
@@ -189,20 +189,20 @@ def test_what_goes_on_starts_from_the_present_field_and_during_a_run_nothing_is_
     finish(missed)
     assert missed.result.energy_history[0, 0] == pytest.approx(history[-1, 0], rel=0.1)
     assert history[:, 0].max() > 2 * history[-1, 0]
-    assert missed.editor.history.undo_label == "match"
+    assert missed.editor.undo_label == "match"
     missed.editor.amend(parameters=ENDLESS)
     missed.match()
     missed.remedy(remedy)
     assert missed.parameters == ENDLESS
     end_run(missed)
-    assert missed.editor.history.undo_label == "match"  # no part of a step before it
+    assert missed.editor.undo_label == "match"  # no part of a step before it
 
 
 def test_a_result_is_a_step_of_its_own_if_the_user_did_something_since(missed):
     missed.remedy(missed.result.verdict.remedies[0])
     missed.editor.set_view("change the layout", layout="column")
     finish(missed)
-    assert missed.editor.history.undo_label == "match"
+    assert missed.editor.undo_label == "match"
 
 
 @pytest.fixture
@@ -218,7 +218,7 @@ def shows_flow(session):
 
 def test_the_flow_is_shown_and_played_once_from_0_to_tau(flowing):
     flowing.player.repeat, flowing.player.speed = "loop", 4.0
-    before = flowing.editor.history.undo_label
+    before = flowing.editor.undo_label
     matched(flowing)
     assert (flowing.player.playing, flowing.time) == (True, 0)
     assert flowing.view.arrows != flowing.view.streaks
@@ -226,9 +226,9 @@ def test_the_flow_is_shown_and_played_once_from_0_to_tau(flowing):
     until(lambda: times.append(flowing.time) or not flowing.player.playing, flowing)
     assert flowing.time == flowing.parameters.tau
     assert times == sorted(times)
-    assert flowing.editor.history.undo_label == "match"
+    assert flowing.editor.undo_label == "match"
     flowing.undo()
-    assert (flowing.editor.history.undo_label, flowing.result) == (before, None)
+    assert (flowing.editor.undo_label, flowing.result) == (before, None)
     assert not shows_flow(flowing)
 
 

@@ -34,7 +34,7 @@ def test_a_new_mesh_gets_functions_to_match(fresh):
     assert "chosen" in fresh.notices.latest.text
     ready(fresh)
     assert {fresh.values(side).shape for side in ("source", "target")} == {(len(SPHERE.vertices),)}
-    assert (fresh.editor.history.undo_label, fresh.saves.unsaved) == ("", False)
+    assert (fresh.editor.undo_label, fresh.saves.unsaved) == ("", False)
 
 
 def test_functions_that_cannot_be_evaluated_stand_in_the_way(session):
@@ -131,7 +131,7 @@ def test_a_masked_and_weighted_result_is_not_outdated(session):
 
 def test_parameters_are_set_together_as_one_step(session):
     session.editor.set_parameter(label="preset", tau=2.0, alpha=1.0)
-    assert session.editor.history.undo_label == "preset"
+    assert session.editor.undo_label == "preset"
     session.editor.reset_parameters()
     assert session.parameters == Parameters()
     session.undo()

@@ -148,7 +148,7 @@ def test_a_session_begins_with_any_kind_of_file_and_nothing_to_undo(desk, tmp_pa
     for name in ("m.npz", "p.abfm"):
         session = open_session(tmp_path / name)
         assert np.array_equal(session.result.velocity, load_match(tmp_path / "m.npz").velocity)
-        assert (session.editor.history.undo_label, session.saves.unsaved) == ("", False)
+        assert (session.editor.undo_label, session.saves.unsaved) == ("", False)
         assert (session.saves.path is None) == (name == "m.npz")
         session.close()
     with pytest.raises(MeshError):

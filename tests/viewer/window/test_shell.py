@@ -211,7 +211,7 @@ def test_preferences_are_kept_for_the_next_launch(state, launched):
         assert not gui.session.solver.follow
         assert not gui.session.view.flow_after_match
         assert not gui.session.saves.unsaved
-        assert gui.session.editor.history.undo_label == ""
+        assert gui.session.editor.undo_label == ""
 
 
 def test_the_look_of_an_opened_project_is_no_preference(state, tmp_path, launched):
