@@ -1,8 +1,4 @@
-"""Options of all tests, the threads that one process may have, and what is checked at the end of
-a run.
-"""
-
-from __future__ import annotations
+"""Options of all tests, the threads of one process, and what is checked at the end of a run."""
 
 import os
 

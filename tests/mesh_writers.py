@@ -14,9 +14,8 @@ def obj_text(vertices, faces):
 
 
 def off_text(vertices, faces):
-    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"] + [
-        f"{x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()
-    ]
+    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"]
+    lines += [f"{x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
     return "\n".join(lines + [f"3 {a} {b} {c}" for a, b, c in faces.tolist()]) + "\n"
 
 
@@ -32,10 +31,9 @@ def ply_bytes(vertices, faces, kind="ascii"):
         rows += [" ".join(map(str, [len(face), *face, 0.5])) for face in faces]
         return header + "\n".join(rows).encode()
     order = ">" if "big" in kind else "<"
-    body = b"".join(struct.pack(f"{order}dddB", *row, 255) for row in vertices.tolist())
-    return (
-        header + body + b"".join(struct.pack(f"{order}B{len(f)}if", len(f), *f, 0.5) for f in faces)
-    )
+    rows = [struct.pack(f"{order}dddB", *row, 255) for row in vertices.tolist()]
+    rows += [struct.pack(f"{order}B{len(f)}if", len(f), *f, 0.5) for f in faces]
+    return header + b"".join(rows)
 
 
 def gifti_bytes(vertices, faces):

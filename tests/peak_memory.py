@@ -4,8 +4,6 @@
 process that is larger it stays as it is.
 """
 
-from __future__ import annotations
-
 import contextlib
 import re
 import resource
@@ -13,20 +11,16 @@ import sys
 from pathlib import Path
 
 
-def megabytes() -> float:
-    """The most that this process has had since `forget`, or ever where the system forgets
-    nothing.
-    """
+def megabytes():
+    """The most that this process has had since `forget`, or ever where nothing is forgotten."""
     if sys.platform == "linux":
-        [kilobytes] = re.findall(
-            r"^VmHWM:\s*(\d+) kB$", Path("/proc/self/status").read_text(), re.MULTILINE
-        )
-        return int(kilobytes) / 1e3
+        status = Path("/proc/self/status").read_text()
+        return int(re.search(r"^VmHWM:\s*(\d+) kB$", status, re.MULTILINE)[1]) / 1e3
     size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return size / (1e6 if sys.platform == "darwin" else 1e3)
 
 
-def forget() -> None:
+def forget():
     """Count from now on: what was needed before does not hide what is needed next."""
     with contextlib.suppress(OSError):  # where the system has no such thing
         Path("/proc/self/clear_refs").write_text("5")

@@ -1,52 +1,43 @@
 """Generated meshes that all tests share, outward (or upward) oriented."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import numpy as np
 import trimesh
 
 from abfm.mesh import TriangleMesh
-from abfm.types import FloatArray, IntArray
 
 
-def icosphere(subdivisions: int, radius: float = 1.0) -> TriangleMesh:
+def icosphere(subdivisions, radius=1.0):
     """Sphere of 10 * 4**subdivisions + 2 vertices, nearly even triangles."""
     sphere = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
     return TriangleMesh(sphere.vertices, sphere.faces)
 
 
-def ellipsoid(subdivisions: int, a: float, b: float, c: float) -> TriangleMesh:
+def ellipsoid(subdivisions, a, b, c):
     """Icosphere scaled to the half-axes a, b, c."""
     sphere = icosphere(subdivisions)
     return TriangleMesh(sphere.vertices * [a, b, c], sphere.faces)
 
 
-def with_loose_vertex(mesh: TriangleMesh) -> TriangleMesh:
+def with_loose_vertex(mesh):
     """The mesh as from a file that has one vertex more, vertex 5, which is in no face."""
     return TriangleMesh(np.insert(mesh.vertices, 5, 9.0, axis=0), mesh.faces + (mesh.faces >= 5))
 
 
-def tetrahedron() -> TriangleMesh:
+def tetrahedron():
     """Regular tetrahedron with edge length 2 sqrt(2): the smallest closed mesh."""
     vertices = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
     return TriangleMesh(vertices, [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
 
 
-def torus(n: int, m: int, R: float = 1.0, r: float = 0.4) -> TriangleMesh:
-    """Torus about the z axis: n vertices around the axis at distance R, m around the tube of
-    radius r.
-    """
+def torus(n, m, R=1.0, r=0.4):
+    """Torus about the z axis: n vertices around it at distance R, m around the tube of radius r."""
     u, v = np.meshgrid(2 * np.pi * np.arange(n) / n, 2 * np.pi * np.arange(m) / m, indexing="ij")
     ring = R + r * np.cos(v)
     vertices = np.stack([ring * np.cos(u), ring * np.sin(u), r * np.sin(v)], axis=-1)
-    return TriangleMesh(
-        vertices.reshape(-1, 3), _grid_faces(n, m, wrap_first=True, wrap_second=True)
-    )
+    return TriangleMesh(vertices.reshape(-1, 3), _grid_faces(n, m, True, True))
 
 
-def square(n: int) -> TriangleMesh:
+def square(n):
     """Unit square in the plane z = 0, n x n smoothly uneven cells with alternating diagonals.
 
     The unevenness leaves no symmetry; for even n no face has two boundary edges. Boundary vertices
@@ -61,46 +52,37 @@ def square(n: int) -> TriangleMesh:
     return TriangleMesh(vertices, _grid_faces(n + 1, n + 1))
 
 
-def disc(n: int) -> TriangleMesh:
+def disc(n):
     """Flat unit disc in the plane z = 0: ring k of n has 6 k vertices; one boundary loop."""
     return _capped_rings(n, lambda s: (s, np.zeros_like(s)))
 
 
-def hemisphere(n: int) -> TriangleMesh:
+def hemisphere(n):
     """Upper half of the unit sphere: ring k of n has 6 k vertices; the boundary is at z = 0."""
     return _capped_rings(n, lambda s: (np.sin(np.pi / 2 * s), np.cos(np.pi / 2 * s)))
 
 
-def open_cylinder(n: int, m: int, radius: float = 1.0, height: float = 2.0) -> TriangleMesh:
-    """Cylinder about the z axis without its caps: n vertices around, m + 1 rings; two boundary
-    loops.
-    """
+def open_cylinder(n, m, radius=1.0, height=2.0):
+    """Cylinder about the z axis without its caps: n vertices around, m + 1 rings."""
     u, z = np.meshgrid(2 * np.pi * np.arange(n) / n, np.linspace(0, height, m + 1), indexing="ij")
     vertices = np.stack([radius * np.cos(u), radius * np.sin(u), z], axis=-1).reshape(-1, 3)
-    return TriangleMesh(vertices, _grid_faces(n, m + 1, wrap_first=True))
+    return TriangleMesh(vertices, _grid_faces(n, m + 1, True))
 
 
-def moebius_arrays(n: int) -> tuple[FloatArray, IntArray]:
-    """Vertices (2n, 3) and faces (2n, 3) of a Moebius strip: not orientable, so no TriangleMesh
-    exists.
-    """
+def moebius_arrays(n):
+    """Vertices (2n, 3) and faces (2n, 3) of a Moebius strip: no TriangleMesh, as not orientable."""
     u = 2 * np.pi * np.arange(n) / n
-    across = 0.3 * np.stack(
-        [np.cos(u / 2) * np.cos(u), np.cos(u / 2) * np.sin(u), np.sin(u / 2)], axis=-1
-    )
+    spokes = [np.cos(u / 2) * np.cos(u), np.cos(u / 2) * np.sin(u), np.sin(u / 2)]
+    across = 0.3 * np.stack(spokes, axis=-1)
     centre = np.stack([np.cos(u), np.sin(u), np.zeros(n)], axis=-1)
     left, right = np.arange(n), np.arange(n) + n
     next_left, next_right = np.append(left[1:], right[0]), np.append(right[1:], left[0])
-    faces = np.concatenate(
-        [
-            np.stack([left, right, next_left], axis=1),
-            np.stack([right, next_right, next_left], axis=1),
-        ]
-    )
+    halves = [left, right, next_left], [right, next_right, next_left]
+    faces = np.concatenate([np.stack(half, axis=1) for half in halves])
     return np.concatenate([centre - across, centre + across]), faces
 
 
-def _grid_faces(n: int, m: int, wrap_first: bool = False, wrap_second: bool = False) -> IntArray:
+def _grid_faces(n, m, wrap_first=False, wrap_second=False):
     """Two triangles per cell of an n x m vertex grid (vertex i * m + j), diagonals alternating."""
     i, j = np.meshgrid(
         np.arange(n if wrap_first else n - 1), np.arange(m if wrap_second else m - 1), indexing="ij"
@@ -113,30 +95,25 @@ def _grid_faces(n: int, m: int, wrap_first: bool = False, wrap_second: bool = Fa
     return np.stack([first, second], axis=-2).reshape(-1, 3)
 
 
-def _capped_rings(
-    n: int, profile: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-) -> TriangleMesh:
+def _capped_rings(n, profile):
     """Surface of revolution about the z axis: ring k has 6 k vertices at ``profile(k / n)`` =
     (distance, height).
     """
     rings = np.repeat(np.arange(1, n + 1), 6 * np.arange(1, n + 1))
-    steps = np.concatenate([np.arange(6 * k) for k in range(1, n + 1)])
-    angle = 2 * np.pi * steps / (6 * rings)
+    angle = 2 * np.pi * np.concatenate([np.arange(6 * k) for k in range(1, n + 1)]) / (6 * rings)
     distance, height = profile(rings / n)
     vertices = np.stack([distance * np.cos(angle), distance * np.sin(angle), height], axis=-1)
-    apex = np.stack(
-        [np.atleast_1d(value) for value in (0.0, 0.0, profile(np.zeros(1))[1][0])], axis=-1
-    )
+    apex = [[0.0, 0.0, profile(np.zeros(1))[1][0]]]
     faces = []
     for k in range(1, n + 1):
-        start, inner_start = 1 + 3 * k * (k - 1), 1 + 3 * (k - 1) * (k - 2)
+        start, inside = 1 + 3 * k * (k - 1), 1 + 3 * (k - 1) * (k - 2)
         for sector in range(6):
             for step in range(k):
                 outer = [start + (sector * k + step + s) % (6 * k) for s in (0, 1)]
-                inner = [
-                    inner_start + (sector * (k - 1) + step + s) % (6 * (k - 1)) if k > 1 else 0
-                    for s in (-1, 0)
-                ]
+                inner = [0, 0]
+                if k > 1:
+                    place = sector * (k - 1) + step
+                    inner = [inside + (place + s) % (6 * (k - 1)) for s in (-1, 0)]
                 faces.append([outer[0], outer[1], inner[1]])
                 if step > 0:
                     faces.append([outer[0], inner[1], inner[0]])

@@ -1,7 +1,5 @@
 """The distribution, the start script, and what importing may not do."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -21,7 +19,7 @@ OF_THE_APP = ("av", "matplotlib", "PIL", "platformdirs", "polyscope", "polyscope
 PACKAGES = (ROOT / "core" / "abfm", ROOT / "abfm_viewer")
 
 
-def environment_without(*names: str) -> dict[str, str]:
+def environment_without(*names):
     return {name: value for name, value in os.environ.items() if name not in names}
 
 
@@ -30,9 +28,7 @@ NO_SCREEN = environment_without("DISPLAY", "WAYLAND_DISPLAY")
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """The wheel that is built from the source distribution, as others do who pack or install
-    abfm.
-    """
+    """The wheel that is built from the source distribution, as others do."""
     folder = tmp_path_factory.mktemp("built")
     source = folder / "source"
     left_out = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "dist")
@@ -57,8 +53,8 @@ def test_the_wheel_holds_both_packages_and_every_asset(wheel):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Run programs of an environment with the wheel, that borrows the libraries, but not abfm,
-    from the one that runs the tests; without those of the app, if that is wanted.
+    """Run programs of an environment with the wheel, which borrows the libraries of the one that
+    runs the tests; without those of the app, if that is wanted.
     """
     folder = tmp_path_factory.mktemp("installed")
     home = folder / "environment"
@@ -72,7 +68,7 @@ def installed(wheel, tmp_path_factory):
     (packages / "without_app.pth").write_text("import without_app")
     alone = environment_without("PYTHONPATH", "DISPLAY", "WAYLAND_DISPLAY")
 
-    def run_installed(program: str, *words: object, app: bool = True):
+    def run_installed(program, *words, app=True):
         environment = alone if app else alone | {"WITHOUT_APP": "yes"}
         return run(home / "bin" / program, *words, cwd=folder, env=environment)
 
@@ -162,25 +158,23 @@ def test_what_cannot_draw_says_so_in_one_line(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]
 
 
-def test_the_app_refuses_settings_that_numba_does_not_take():
+@pytest.mark.parametrize(
+    ("environment", "words"),
+    [
+        (os.environ | {"NUMBA_NUM_THREADS": "0"}, "abfm-viewer: numba does not take"),
+        (NO_SCREEN, "abfm-viewer: no screen"),
+    ],
+)
+def test_the_app_says_in_a_line_why_it_does_not_start(environment, words):
     code = "import sys; from abfm_viewer.app import main; sys.exit(main([]))"
-    done = python(code, env=os.environ | {"NUMBA_NUM_THREADS": "0"})
+    done = python(code, env=environment)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert done.stderr.startswith("abfm-viewer: numba does not take")
-
-
-def test_the_app_without_a_screen_says_what_to_do():
-    code = "import sys; from abfm_viewer.app import main; sys.exit(main([]))"
-    done = python(code, env=NO_SCREEN)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert done.stderr.startswith("abfm-viewer: no screen")
+    assert done.stderr.startswith(words)
 
 
 @pytest.fixture
 def house(tmp_path):
-    """A folder with a blank in its name that holds `run` and an environment that looks
-    installed.
-    """
+    """A folder with a blank in its name, with `run` and an environment that looks installed."""
     house = tmp_path / "my house"
     programs = house / ".venv" / "bin"
     programs.mkdir(parents=True)
@@ -193,13 +187,13 @@ def house(tmp_path):
     return house
 
 
-def program(path: Path, command: str) -> None:
+def program(path, command):
     """A shell script that may be run."""
     path.write_text(f"#!/bin/sh\n{command}\n")
     path.chmod(stat.S_IRWXU)
 
 
-def stamp_installed(house: Path) -> None:
+def stamp_installed(house):
     """Make `run` believe that the project was installed as its pyproject.toml says."""
     for name in ("installed-app", "installed-test"):
         (house / ".venv" / name).write_text(f"{house}\n{(house / 'pyproject.toml').read_text()}")
@@ -238,9 +232,7 @@ def test_run_installs_and_tests_the_oldest_versions_on_request(house):
 
 
 def test_run_test_reports_every_check_that_failed(house):
-    """The copy has neither code nor settings for import-linter: some checks fail, and all of
-    them run.
-    """
+    """The copy has neither code nor settings for import-linter: some fail, and all of them run."""
     (house / "pyproject.toml").write_text("[tool.mypy]\nfiles = ['missing']\n")
     stamp_installed(house)
     shutil.copy(Path(sys.executable).parent / "lint-imports", house / ".venv" / "bin")
@@ -253,9 +245,7 @@ def test_run_test_reports_every_check_that_failed(house):
 
 @pytest.fixture
 def bare_machine(house, tmp_path):
-    """An environment in which only a few programs are there, and Python and sudo do as if all
-    went well.
-    """
+    """An environment with only a few programs, where Python and sudo do as if all went well."""
     programs = tmp_path / "programs"
     programs.mkdir()
     for name in ("bash", "sh", "cat", "dirname", "env", "id", "touch", "chmod"):
@@ -267,10 +257,8 @@ def bare_machine(house, tmp_path):
 
 
 def test_run_test_installs_what_a_window_without_a_screen_needs(house, bare_machine, tmp_path):
-    install = " && ".join(
-        f'touch "{path}" && chmod +x "{path}"'
-        for path in (bare_machine / "Xvfb", bare_machine / "xdotool")
-    )
+    both = " ".join(f'"{bare_machine / name}"' for name in ("Xvfb", "xdotool"))
+    install = f"touch {both} && chmod +x {both}"
     program(bare_machine / "apt-get", f'echo "$@" >>"{tmp_path}/asked"; {install}')
     for _ in range(2):
         assert run(house / "run", "test", env={"PATH": str(bare_machine)}).returncode == 0

@@ -1,7 +1,5 @@
 """What the README says is so."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import fields
@@ -22,10 +20,9 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 
 
-def table(heading: str) -> list[list[str]]:
+def table(heading):
     """Cells of the first table below a heading, without its two first lines."""
     rows = re.search(rf"\n## {heading}\n.*?((?:\n\|[^\n]*)+)", README, re.DOTALL)
-    assert rows is not None
     lines = rows[1].strip().splitlines()[2:]
     return [
         [cell.strip().strip("`") for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines
@@ -35,7 +32,7 @@ def table(heading: str) -> list[list[str]]:
 def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     [example] = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    names: dict[str, object] = {}
+    names = {}
     exec(example, names)
     assert capsys.readouterr().out.startswith("mismatch 0.0")
     assert names["halfway"].shape == (6475,)
@@ -44,18 +41,11 @@ def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
 
 
 def test_every_parameter_is_in_the_table_with_its_symbol_and_default():
-    rows = [(name, symbol, default) for name, symbol, _, default in table("Parameters")]
-    wanted = [
-        (
-            f.name,
-            f.metadata["symbol"],
-            f.default if isinstance(f.default, str) else f"{f.default:g}",
-        )
-        for f in fields(Parameters)
-    ]
-    assert [
-        (name, symbol, f"{float(d):g}" if d[0].isdigit() else d) for name, symbol, d in rows
-    ] == wanted
+    def plain(default):
+        return f"{float(default):g}" if str(default)[0].isdigit() else default
+
+    rows = [(name, symbol, plain(default)) for name, symbol, _, default in table("Parameters")]
+    assert rows == [(f.name, f.metadata["symbol"], plain(f.default)) for f in fields(Parameters)]
 
 
 def test_every_family_is_in_the_table_with_a_working_example(tmp_path, monkeypatch):
@@ -88,19 +78,15 @@ def test_pictures_and_linked_files_are_there():
 
 def test_every_figure_has_a_page_with_its_picture_and_a_row_in_the_list():
     figures = ROOT / "docs/figures"
-    for figure in FIGURES:
-        assert f"../images/figure-{figure:02}.png" in (
-            figures / f"figure-{figure:02}.md"
-        ).read_text("utf-8")
-        assert f"(figure-{figure:02}.md)" in (figures / "README.md").read_text("utf-8")
+    listed = (figures / "README.md").read_text("utf-8")
+    for name in (f"figure-{figure:02}" for figure in FIGURES):
+        assert f"../images/{name}.png" in (figures / f"{name}.md").read_text("utf-8")
+        assert f"({name}.md)" in listed
 
 
 def test_what_makes_the_energy_the_papers_is_listed():
-    said = [
-        part
-        for part in README.split("\n\n")
-        if "the paper's energy and course" in part.replace("\n", " ").lower()
-    ]
+    words = "the paper's energy and course"
+    said = [part for part in README.split("\n\n") if words in part.replace("\n", " ").lower()]
     assert len(said) == 2
     for part in said:
         assert [name for name in PAPER if f"`{name}" not in part] == []
@@ -115,7 +101,7 @@ def test_names_of_the_library_in_the_pages_exist():
     assert len(names) > 20
     for name in names:
         found, *parts = name.split(".")
-        value: object = import_module(found)
+        value = import_module(found)
         for part in parts:
             found += f".{part}"
             value = getattr(value, part) if hasattr(value, part) else import_module(found)
