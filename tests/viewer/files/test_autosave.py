@@ -8,8 +8,8 @@ import time
 from dataclasses import replace
 
 import pytest
-from abfm.io.atomic import temporary_file
 
+from abfm.io.atomic import temporary_file
 from abfm_viewer.document.document import Channel, Document, Surface
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.files.project import load_project
